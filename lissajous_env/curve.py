@@ -1,0 +1,67 @@
+"""The Lissajous curve on the device: position, derivatives and the local projection of a point onto it.
+
+Here gamma [rad] is the parameter of the curve; the phase theta of a robot that coordinates by (1) gives
+gamma = alpha theta (Lemma 2).
+"""
+
+import warp as wp
+
+from lissajous_env.scenario import Curve
+from lissajous_env.structs import struct_of
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+CurveStruct = struct_of(Curve)
+
+TWO_PI = wp.constant(6.283185307179586)
+
+
+@wp.func
+def wrap_positive(angle: float) -> float:
+    """Wrap an angle to [0, 2 pi) [rad]."""
+    wrapped = angle - TWO_PI * wp.floor(angle / TWO_PI)
+    return wp.where(wrapped >= TWO_PI, 0.0, wrapped)
+
+
+@wp.func
+def wrap(angle: float) -> float:
+    """Wrap an angle to [-pi, pi] [rad]."""
+    return angle - TWO_PI * wp.floor(angle / TWO_PI + 0.5)
+
+
+@wp.func
+def point(curve: CurveStruct, gamma: float) -> wp.vec3:
+    """r = (A cos(a gamma), B sin(b gamma), C sin(c gamma)) [m], equations (3) and (10)."""
+    return wp.vec3(
+        curve.half_width * wp.cos(float(curve.a) * gamma),
+        curve.half_height * wp.sin(float(curve.b) * gamma),
+        curve.half_depth * wp.sin(float(curve.c) * gamma),
+    )
+
+
+@wp.func
+def point2(curve: CurveStruct, gamma: float) -> wp.vec2:
+    """r = (A cos(a gamma), B sin(b gamma)) [m], equation (3)."""
+    return wp.vec2(
+        curve.half_width * wp.cos(float(curve.a) * gamma), curve.half_height * wp.sin(float(curve.b) * gamma)
+    )
+
+
+@wp.func
+def tangent2(curve: CurveStruct, gamma: float) -> wp.vec2:
+    """r' = (-A a sin(a gamma), B b cos(b gamma)) [m/rad]."""
+    a = float(curve.a)
+    b = float(curve.b)
+    return wp.vec2(-curve.half_width * a * wp.sin(a * gamma), curve.half_height * b * wp.cos(b * gamma))
+
+
+@wp.func
+def project(curve: CurveStruct, position: wp.vec2, gamma: float, largest_step: float) -> float:
+    """Move gamma by one Gauss-Newton step towards the nearest point: gamma + clip(r'.(q - r) / ||r'||^2).
+
+    The curve crosses itself, so the nearest point of the whole curve may lie on another branch; a robot carries its
+    gamma and only ever corrects it locally.
+    """
+    tangent = tangent2(curve, gamma)
+    lag = wp.dot(tangent, position - point2(curve, gamma)) / wp.dot(tangent, tangent)
+    return gamma + wp.clamp(lag, -largest_step, largest_step)

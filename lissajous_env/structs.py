@@ -1,0 +1,39 @@
+"""Kernel-side structs, generated from the dataclasses so that each name is declared once."""
+
+import dataclasses
+import types
+import typing
+from typing import Any
+
+import warp as wp
+
+_KERNEL_TYPE = {float: wp.float32, int: wp.int32, bool: wp.int32}
+
+
+def struct_of(dataclass: type) -> Any:
+    """Make the `wp.struct` that holds the numeric fields (float, int, bool, each also `| None`) of a dataclass."""
+    fields = {name: _KERNEL_TYPE[kind] for name, kind in _numeric_fields(dataclass)}
+    name = f"{dataclass.__name__}Struct"
+    # A struct is told apart by module and name, both of which must survive pickling and a second process.
+    body = {"__annotations__": fields, "__module__": dataclass.__module__, "__qualname__": name}
+    return wp.struct(type(name, (), body))
+
+
+def to_struct(struct: Any, value: Any) -> Any:
+    """Copy the numeric fields of a dataclass instance into a new instance of its struct."""
+    filled = struct()
+    for name, _ in _numeric_fields(type(value)):
+        setattr(filled, name, getattr(value, name))
+    return filled
+
+
+def _numeric_fields(dataclass: type) -> list[tuple[str, type]]:
+    hints = typing.get_type_hints(dataclass)
+    kinds = [(field.name, _without_none(hints[field.name])) for field in dataclasses.fields(dataclass)]
+    return [(name, kind) for name, kind in kinds if kind in _KERNEL_TYPE]
+
+
+def _without_none(hint: Any) -> Any:
+    if isinstance(hint, types.UnionType):
+        return next(kind for kind in typing.get_args(hint) if kind is not type(None))
+    return hint
