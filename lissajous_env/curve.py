@@ -8,6 +8,7 @@ import warp as wp
 
 from lissajous_env.scenario import Curve
 from lissajous_env.structs import struct_of
+from lissajous_env.trig import cos_sin
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -30,21 +31,18 @@ def wrap(angle: float) -> float:
 
 
 @wp.func
-def point(curve: CurveStruct, gamma: float) -> wp.vec3:
-    """r = (A cos(a gamma), B sin(b gamma), C sin(c gamma)) [m], equations (3) and (10)."""
-    return wp.vec3(
-        curve.half_width * wp.cos(float(curve.a) * gamma),
-        curve.half_height * wp.sin(float(curve.b) * gamma),
-        curve.half_depth * wp.sin(float(curve.c) * gamma),
-    )
+def point2(curve: CurveStruct, gamma: float) -> wp.vec2:
+    """r = (A cos(a gamma), B sin(b gamma)) [m], equation (3)."""
+    across = cos_sin(float(curve.a) * gamma)
+    up = cos_sin(float(curve.b) * gamma)
+    return wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
 
 
 @wp.func
-def point2(curve: CurveStruct, gamma: float) -> wp.vec2:
-    """r = (A cos(a gamma), B sin(b gamma)) [m], equation (3)."""
-    return wp.vec2(
-        curve.half_width * wp.cos(float(curve.a) * gamma), curve.half_height * wp.sin(float(curve.b) * gamma)
-    )
+def point(curve: CurveStruct, gamma: float) -> wp.vec3:
+    """r = (A cos(a gamma), B sin(b gamma), C sin(c gamma)) [m], equations (3) and (10)."""
+    plane = point2(curve, gamma)
+    return wp.vec3(plane[0], plane[1], curve.half_depth * cos_sin(float(curve.c) * gamma)[1])
 
 
 @wp.func
@@ -52,7 +50,7 @@ def tangent2(curve: CurveStruct, gamma: float) -> wp.vec2:
     """r' = (-A a sin(a gamma), B b cos(b gamma)) [m/rad]."""
     a = float(curve.a)
     b = float(curve.b)
-    return wp.vec2(-curve.half_width * a * wp.sin(a * gamma), curve.half_height * b * wp.cos(b * gamma))
+    return wp.vec2(-curve.half_width * a * cos_sin(a * gamma)[1], curve.half_height * b * cos_sin(b * gamma)[0])
 
 
 @wp.func
@@ -62,6 +60,9 @@ def project(curve: CurveStruct, position: wp.vec2, gamma: float, largest_step: f
     The curve crosses itself, so the nearest point of the whole curve may lie on another branch; a robot carries its
     gamma and only ever corrects it locally.
     """
-    tangent = tangent2(curve, gamma)
-    lag = wp.dot(tangent, position - point2(curve, gamma)) / wp.dot(tangent, tangent)
+    across = cos_sin(float(curve.a) * gamma)
+    up = cos_sin(float(curve.b) * gamma)
+    nearest = wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
+    tangent = wp.vec2(-curve.half_width * float(curve.a) * across[1], curve.half_height * float(curve.b) * up[0])
+    lag = wp.dot(tangent, position - nearest) / wp.dot(tangent, tangent)
     return gamma + wp.clamp(lag, -largest_step, largest_step)

@@ -135,7 +135,7 @@ def scenario(name: str | Scenario, **overrides: Any) -> Scenario:
         part, dot, field = key.partition(".")
         if part not in PARTS:
             raise ValueError(f"override must name one of {', '.join(PARTS)}, got {key!r}{_nearest(part, PARTS)}")
-        if isinstance(value, PARTS[part]):
+        if not dot and isinstance(value, PARTS[part]):
             base = dataclasses.replace(base, **{part: value})
             continue
         if not dot and not isinstance(value, Mapping):

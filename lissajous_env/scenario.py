@@ -24,6 +24,7 @@ from lissajous_env.fields import (
     positive,
     positive_or_infinite,
     rows,
+    spread,
     whole,
     within,
 )
@@ -207,9 +208,9 @@ class Noise(Checked):
     """Standard deviation of a measured heading [rad]."""
     speed: float = non_negative(0.0, "m/s")
     """Standard deviation of a measured speed [m/s]."""
-    wheelbase_spread: float = within(0.0, -1e-12, 0.3)
+    wheelbase_spread: float = spread(0.0, below=0.3)
     """Relative standard deviation of the wheelbase between robots."""
-    drive_spread: float = within(0.0, -1e-12, 0.3)
+    drive_spread: float = spread(0.0, below=0.3)
     """Relative standard deviation of the motor's drive between robots."""
     message_loss: float = fraction(0.0)
     """Probability that a message to a ring neighbour is lost."""
@@ -227,9 +228,12 @@ class Task(Checked):
     """Control step [s]."""
     substeps: int = whole(2, at_least=1, at_most=64)
     """Integration steps in a control step."""
-    grid: tuple[int, int] | None = rows((36, 16), "must be (columns, rows), each from 1 to 4096, or None", lambda n: (
-        isinstance(n, int) and 1 <= n <= 4096
-    ))
+    grid: tuple[int, int] | None = rows(
+        (36, 16),
+        "must be (columns, rows), each from 1 to 4096, or None",
+        lambda n: isinstance(n, int) and 1 <= n <= 4096,
+        optional=True,
+    )
     """Columns and rows of the coverage grid; None leaves coverage and idleness out."""
     on_collision: str = choice("count", "count", "stop", "remove")
     """What a collision does to the two robots: nothing but count, stops them for good, or removes (terminates) them."""
@@ -247,7 +251,7 @@ class Task(Checked):
     def _check_together(self) -> None:
         self._require(self.duration >= self.step, "duration", f"must be at least one step of {self.step} s")
         self._require(self.grid is None or len(self.grid) == 2, "grid", "must be (columns, rows) or None")
-        self._require(self.steps <= 2**20, "duration", f"must be at most {2**20} steps")
+        self._require(self.duration <= self.step * 2**20, "duration", f"must be at most {2**20} steps")
 
     @property
     def steps(self) -> int:
@@ -274,6 +278,9 @@ class Scenario:
     task: Task = Task()
 
     def __post_init__(self) -> None:
+        for name, part in PARTS.items():
+            if not isinstance(getattr(self, name), part):
+                raise ValueError(f"{name} must be a {part.__name__}, got {getattr(self, name)!r}")
         n = self.num_robots
         named = [
             ("formation.ring", self.formation.ring or ()),
@@ -291,6 +298,9 @@ class Scenario:
             raise ValueError(f"faults.lost must be at most the {n} robots, got {self.faults.lost}")
         if self.curve.half_depth > 0 and self.robot.kind == "car":
             raise ValueError(f"curve.half_depth must be 0 for cars [m], got {self.curve.half_depth}")
+        if self.targets.arrival_rate * self.task.duration > 1_000_000:
+            rate = self.targets.arrival_rate
+            raise ValueError(f"targets.arrival_rate must bring at most 1,000,000 targets an episode [1/s], got {rate}")
 
     @cached_property
     def num_robots(self) -> int:

@@ -1,0 +1,184 @@
+"""Speed and optimality of the MPCC against CasADi + IPOPT on the same problems: `python benchmarks/mpcc.py --states 500`.
+
+Two sets of problems, each started from the same guess on both sides: states met in closed loop on the paper's experiment
+(guess: the last solution shifted by a stage) and random states near its curve (guess: straight on at the speed wanted).
+"""
+
+import argparse
+import os
+import time
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from baselines.mpcc import Mpcc, MpccParameters
+from lissajous_env import theory
+from lissajous_env.scenario import Curve, Robot
+
+RING = (0, 1, 4, 2, 3)
+PHASE_RATE = 0.3
+
+
+@dataclass
+class Problems:
+    """States (n, 5), wanted phase rates (n,) and guesses (n, M, 2)."""
+
+    state: np.ndarray
+    phase_rate: np.ndarray
+    guess: np.ndarray
+
+    def __getitem__(self, rows) -> "Problems":
+        return Problems(self.state[rows], self.phase_rate[rows], self.guess[rows])
+
+
+class Ipopt:
+    """Problem (11)-(15) once more, in float64 by CasADi, with the states as variables (multiple shooting)."""
+
+    def __init__(self, curve: Curve, p: MpccParameters):
+        self.curve, self.p = curve, p
+        M = p.stages
+        X, U = ca.SX.sym("X", 5, M + 1), ca.SX.sym("U", 2, M)
+        start, rate = ca.SX.sym("start", 5), ca.SX.sym("rate")
+        cost = sum(self._state_cost(X[:, i], rate) for i in range(M + 1))
+        cost += p.weight_steering * ca.sumsqr(U[0, :]) + p.weight_throttle * ca.sumsqr(U[1, :])
+        gaps = [X[:, 0] - start] + [X[:, i + 1] - self._advance(X[:, i], U[:, i]) for i in range(M)]
+        nlp = {"x": ca.vertcat(ca.vec(X), ca.vec(U)), "f": cost, "g": ca.vertcat(*gaps), "p": ca.vertcat(start, rate)}
+        quiet = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-9, "ipopt.max_iter": 500}
+        self.solver = ca.nlpsol("mpcc", "ipopt", nlp, quiet)
+        z, u = ca.SX.sym("z", 5), ca.SX.sym("u", 2)
+        self.advance = ca.Function("advance", [z, u], [self._advance(z, u)])
+        self.total = ca.Function("total", [X, U, rate], [cost])
+        free, low, high = np.full(5 * (M + 1), np.inf), (-p.steering_max, p.throttle_min), (p.steering_max, p.throttle_max)
+        self.bounds = {"lbx": np.r_[-free, np.tile(low, M)], "ubx": np.r_[free, np.tile(high, M)], "lbg": 0, "ubg": 0}
+
+    def _curve(self, gamma):
+        c = self.curve
+        r = ca.vertcat(c.half_width * ca.cos(c.a * gamma), c.half_height * ca.sin(c.b * gamma))
+        d = ca.vertcat(-c.half_width * c.a * ca.sin(c.a * gamma), c.half_height * c.b * ca.cos(c.b * gamma))
+        return r, d, ca.sqrt(ca.sumsqr(d))
+
+    def _rates(self, z, u):
+        p = self.p
+        return ca.vertcat(
+            z[3] * ca.cos(z[2]),
+            z[3] * ca.sin(z[2]),
+            z[3] * ca.tan(u[0]) / p.wheelbase,
+            -p.drag * z[3] + p.drive * u[1] - p.offset,
+            z[3] / self._curve(z[4])[2],
+        )
+
+    def _advance(self, z, u):
+        h = self.p.step
+        k1 = self._rates(z, u)
+        k2 = self._rates(z + h / 2 * k1, u)
+        k3 = self._rates(z + h / 2 * k2, u)
+        k4 = self._rates(z + h * k3, u)
+        return z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+    def _state_cost(self, z, rate):
+        r, d, speed = self._curve(z[4])
+        off, t = z[:2] - r, d / speed
+        lag, lateral = t[0] * off[0] + t[1] * off[1], t[0] * off[1] - t[1] * off[0]
+        return (rate - z[3] / speed) ** 2 + self.p.weight_lag * lag**2 + self.p.weight_lateral * lateral**2
+
+    def rollout(self, state, control):
+        """Trajectory (M + 1, 5) of the model from one state under controls (M, 2)."""
+        path = [np.asarray(state, float)]
+        for u in control:
+            path.append(np.array(self.advance(path[-1], u)).ravel())
+        return np.array(path)
+
+    def cost(self, state, phase_rate, control) -> float:
+        """(11a) of controls (M, 2), in float64."""
+        return float(self.total(self.rollout(state, control).T, np.asarray(control, float).T, phase_rate))
+
+    def solve(self, state, phase_rate, guess):
+        """Cost and controls (M, 2) that IPOPT finds from the guess."""
+        p = self.p
+        low, high = (-p.steering_max, p.throttle_min), (p.steering_max, p.throttle_max)
+        x0 = np.r_[self.rollout(state, guess).ravel(), np.ravel(guess)]
+        found = self.solver(x0=x0, p=np.r_[state, phase_rate], **self.bounds)
+        control = np.array(found["x"]).ravel()[5 * (p.stages + 1) :].reshape(p.stages, 2)
+        return self.cost(state, phase_rate, np.clip(control, low, high)), control
+
+
+def plant_step(robot: Robot, z: np.ndarray, u: np.ndarray, h: float) -> np.ndarray:
+    """Drive the cars (n, 4) on by h under (n, 2) controls: the plant, with its dead zone and no reversing."""
+    push = np.where(u[:, 1] > robot.dead_zone, robot.drive * u[:, 1] - robot.offset, 0.0)
+
+    def rates(z):
+        v = np.maximum(z[:, 3], 0)
+        return np.stack(
+            [v * np.cos(z[:, 2]), v * np.sin(z[:, 2]), v * np.tan(u[:, 0]) / robot.wheelbase, push - robot.drag * v], axis=1
+        )
+
+    k1 = rates(z)
+    k2 = rates(z + h / 2 * k1)
+    k3 = rates(z + h / 2 * k2)
+    k4 = rates(z + h * k3)
+    moved = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    moved[:, 3] = np.maximum(moved[:, 3], 0)
+    return moved
+
+
+def tangent(curve: Curve, gamma: np.ndarray) -> np.ndarray:
+    """r'(gamma), (n, 2) [m/rad]."""
+    return np.stack(
+        [
+            -curve.half_width * curve.a * np.sin(curve.a * gamma),
+            curve.half_height * curve.b * np.cos(curve.b * gamma),
+        ],
+        axis=1,
+    )
+
+
+def closed_loop(mpcc: Mpcc, curve: Curve, steps: int, rng: np.random.Generator, kick: float = 0.0):
+    """Run the experiment of Section VII with our solver; returns the problems met and the time per warm solve [s]."""
+    robot, n, h = Robot(), len(RING), mpcc.parameters.step
+    phase = theory.equilibrium_phases(n, 2, RING)
+    d = tangent(curve, phase)
+    z = np.c_[theory.curve_point(curve, phase), np.arctan2(d[:, 1], d[:, 0]), PHASE_RATE * np.hypot(d[:, 0], d[:, 1])]
+    before, after = np.empty(n, int), np.empty(n, int)
+    before[list(RING)], after[list(RING)] = np.roll(RING, 1), np.roll(RING, -1)
+    states, rates, guesses, warm = [], [], [], []
+    for step in range(steps):
+        rate = PHASE_RATE - np.sin(phase[before] - phase) - np.sin(phase[after] - phase)
+        state = np.c_[z, np.mod(phase, 2 * np.pi)]
+        guess = mpcc.control.numpy()
+        states.append(state)
+        rates.append(rate)
+        guesses.append(np.concatenate([guess[:, 1:], guess[:, -1:]], axis=1))
+        mpcc.state.assign(state.astype(np.float32))
+        mpcc.phase_rate.assign(rate.astype(np.float32))
+        begin = time.perf_counter()
+        mpcc.launch()
+        warm.append((time.perf_counter() - begin) / n)
+        control = mpcc.control.numpy()[:, 0]
+        if kick > 0:
+            z = z + rng.normal(0, kick, z.shape)
+        for _ in range(2):
+            z = plant_step(robot, z, control, h / 2)
+            d = tangent(curve, phase)
+            off = z[:, :2] - theory.curve_point(curve, phase)
+            phase = phase + np.clip((d * off).sum(1) / (d * d).sum(1), -0.05, 0.05)
+    skip = slice(1, None)
+    problems = Problems(np.concatenate(states[skip]), np.concatenate(rates[skip]), np.concatenate(guesses[skip]))
+    return problems, np.array(warm[skip])
+
+
+def random_problems(count: int, curve: Curve, p: MpccParameters, rng: np.random.Generator) -> Problems:
+    """States near the curve, with a guess of straight on at the speed wanted."""
+    gamma = rng.uniform(0, 2 * np.pi, count)
+    d = tangent(curve, gamma)
+    speed = np.hypot(d[:, 0], d[:, 1])
+    state = np.c_[
+        theory.curve_point(curve, gamma) + rng.normal(0, 0.1, (count, 2)),
+        np.arctan2(d[:, 1], d[:, 0]) + rng.normal(0, 0.3, count),
+        PHASE_RATE * speed * rng.uniform(0.5, 1.5, count),
+        gamma,
+    ]
+    rate = rng.uniform(0.1, 0.6, count)
+    guess = np.zeros((count, p.stages, 2))
+    guess[:, :, 1] = np.clip((p.drag * rate * speed + p.offset) / p.drive, p.throttle_min, p.throttle_max)[:, None]
+    return Problems(state, rate, guess)

@@ -1,0 +1,50 @@
+"""The reward and its terms, and the flags that end an episode."""
+
+import warp as wp
+
+from lissajous_env.collision import take_consequence
+from lissajous_env.scenario import Task
+from lissajous_env.state import IDLE, Clock, Robots, Step, Tally
+from lissajous_env.structs import struct_of
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+TaskStruct = struct_of(Task)
+
+TERMS = ("detection", "waiting", "collision", "idleness", "effort")
+
+
+@wp.kernel
+def give_reward(
+    first: int, lanes: int, task: TaskStruct, steps: int, cells_total: int, on_collision: int, clock: Clock,
+    robots: Robots, step_out: Step, tally: Tally,
+):
+    """Reward each robot for the latest step: the weighted sum of the terms in `TERMS`."""
+    tid, lane = wp.tid()
+    w = first + tid
+    n = robots.status.shape[1]
+    if clock.stage[w] == IDLE:
+        for i in range(lane, n, lanes):
+            for term in range(5):
+                step_out.terms[w, i, term] = 0.0
+            step_out.reward[w, i] = 0.0
+        return
+    waiting = task.reward_waiting * float(step_out.waiting[w]) * task.step
+    idleness = task.reward_idleness * float(step_out.idle_ended[w]) * task.step / float(wp.max(cells_total, 1))
+    over = clock.step[w] >= steps
+    for i in range(lane, n, lanes):
+        # A robot that a collision removed in an earlier step has no part in what the team earns after it.
+        part = wp.where(step_out.terminated[w, i], 0.0, 1.0)
+        detection = task.reward_detection * float(step_out.detections[w, i])
+        collision = task.reward_collision * float(step_out.collisions[w, i])
+        effort = part * task.reward_effort * step_out.effort[w, i]
+        step_out.terms[w, i, 0] = detection
+        step_out.terms[w, i, 1] = part * waiting
+        step_out.terms[w, i, 2] = collision
+        step_out.terms[w, i, 3] = part * idleness
+        step_out.terms[w, i, 4] = effort
+        reward = detection + part * waiting + collision + part * idleness + effort
+        step_out.reward[w, i] = reward
+        tally.returns[w, i] += reward
+        take_consequence(w, i, on_collision, robots, step_out)
+        step_out.truncated[w, i] = over

@@ -1,0 +1,236 @@
+"""Robots that move: points on the curve, and cars by the kinematic bicycle (12) with a motor."""
+
+import warp as wp
+
+from lissajous_env import draws
+from lissajous_env.curve import CurveStruct, point, point2, project, tangent2, wrap, wrap_positive
+from lissajous_env.faults import FaultsStruct, update_status
+from lissajous_env.scenario import Formation, Noise, Robot
+from lissajous_env.state import NOWHERE, REMOVED, RUNNING, WORKING, Clock, Links, Robots, Step
+from lissajous_env.structs import struct_of
+from lissajous_env.trig import cos_sin
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+RobotStruct = struct_of(Robot)
+FormationStruct = struct_of(Formation)
+NoiseStruct = struct_of(Noise)
+
+LARGEST_CORRECTION = wp.constant(0.05)
+"""Limit of one correction of a car's parameter on the curve [rad]: it may slide along its branch, not jump."""
+
+
+@wp.func
+def motor_push(robot: RobotStruct, drive: float, throttle: float) -> float:
+    """Acceleration by the motor, alpha tau - beta above the dead zone [m/s^2], equation (12).
+
+    Differs from the paper: it knows no dead zone; the authors' plant has one, in which the car coasts.
+    """
+    return wp.where(throttle > robot.dead_zone, drive * throttle - robot.offset, 0.0)
+
+
+@wp.func
+def car_rate(robot: RobotStruct, state: wp.vec4, curvature: float, push: float) -> wp.vec4:
+    """(x, y, heading, v)' = (v cos heading, v sin heading, v tan(delta) / l, -c v + push), equation (12).
+
+    `curvature` is tan(delta) / l [1/m]. The yaw rate is limited by grip to a_lat / v; a car does not reverse.
+    """
+    speed = wp.max(state[3], 0.0)
+    grip = robot.lateral_acceleration_max / wp.max(speed, 1.0e-6)
+    yaw_rate = wp.clamp(speed * curvature, -grip, grip)
+    ahead = cos_sin(state[2])
+    return wp.vec4(speed * ahead[0], speed * ahead[1], yaw_rate, push - robot.drag * speed)
+
+
+@wp.func
+def car_step(robot: RobotStruct, state: wp.vec4, curvature: float, push: float, h: float) -> wp.vec4:
+    """One step of the classical fourth-order Runge-Kutta method over h [s]."""
+    k1 = car_rate(robot, state, curvature, push)
+    k2 = car_rate(robot, state + 0.5 * h * k1, curvature, push)
+    k3 = car_rate(robot, state + 0.5 * h * k2, curvature, push)
+    k4 = car_rate(robot, state + h * k3, curvature, push)
+    moved = state + (h / 6.0) * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return wp.vec4(moved[0], moved[1], moved[2], wp.max(moved[3], 0.0))
+
+
+@wp.func
+def measure(
+    w: int, i: int, now: int, key: int, curve: CurveStruct, alpha: float, noise: NoiseStruct, robots: Robots,
+    links: Links,
+):
+    """Take robot i's measurement of itself, send it on the ring, and point its sensor."""
+    position = robots.position[w, i]
+    senses = robots.status[w, i] == WORKING
+    robots.sensor[w, i] = wp.vec2(wp.where(senses, position[0], NOWHERE), wp.where(senses, position[1], NOWHERE))
+    pose = wp.vec4(position[0], position[1], robots.heading[w, i], robots.speed[w, i])
+    phase = robots.phase[w, i]
+    if noise.position > 0.0 or noise.heading > 0.0 or noise.speed > 0.0:
+        draw = draws.stream(key, i, draws.MEASURE)
+        pose[0] += noise.position * wp.randn(draw)
+        pose[1] += noise.position * wp.randn(draw)
+        pose[2] += noise.heading * wp.randn(draw)
+        pose[3] += noise.speed * wp.randn(draw)
+        gamma = alpha * phase
+        seen = project(curve, wp.vec2(pose[0], pose[1]), gamma, LARGEST_CORRECTION)
+        phase = wrap_positive(phase + (seen - gamma) / alpha)
+    robots.measured[w, i] = pose
+    robots.measured_phase[w, i] = phase
+    slot = now % links.sent.shape[2]
+    links.sent[w, i, slot] = wp.vec3(phase, pose[0], pose[1])
+    links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
+
+
+@wp.func
+def commanded(w: int, i: int, key: int, noise: NoiseStruct, action: wp.array3d(dtype=float), clock: Clock) -> wp.vec2:
+    """Action of robot i in [-1, 1], with actuator noise; zero, and the world flagged, where it is not finite."""
+    command = wp.vec2(action[w, i, 0], action[w, i, action.shape[2] - 1])
+    if not (wp.isfinite(command[0]) and wp.isfinite(command[1])):
+        clock.invalid[w] = 1
+        command = wp.vec2(0.0, 0.0)
+    if noise.actuator > 0.0:
+        draw = draws.stream(key, i, draws.ACTUATOR)
+        command += noise.actuator * wp.vec2(wp.randn(draw), wp.randn(draw))
+    return wp.vec2(wp.clamp(command[0], -1.0, 1.0), wp.clamp(command[1], -1.0, 1.0))
+
+
+@wp.func
+def clear_step(w: int, i: int, command: wp.vec2, step_out: Step):
+    """Zero the step's counters before the other stages add to them."""
+    step_out.detections[w, i] = 0
+    step_out.collisions[w, i] = 0
+    step_out.effort[w, i] = 0.5 * wp.dot(command, command)
+    if i == 0:
+        step_out.in_sight[w] = 0
+        step_out.waiting[w] = 0
+        step_out.idle_ended[w] = 0
+
+
+@wp.func
+def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float, robots: Robots):
+    """Put a robot where its phase says, heading along the curve at phase rate `rate` [rad/s]."""
+    gamma = alpha * robots.phase[w, i]
+    tangent = tangent2(curve, gamma) * (alpha * rate)
+    robots.position[w, i] = point(curve, gamma)
+    robots.speed[w, i] = wp.length(tangent)
+    if rate != 0.0:
+        robots.heading[w, i] = wp.atan2(tangent[1], tangent[0])
+
+
+@wp.kernel
+def reset_robots(
+    first: int, curve: CurveStruct, formation: FormationStruct, robot: RobotStruct, noise: NoiseStruct,
+    start_kind: int, equilibrium: wp.array(dtype=float), displaced: wp.array(dtype=float),
+    clock: Clock, robots: Robots, links: Links, step_out: Step,
+):
+    """Place the robots on the curve at its speed, and draw each car's own constants."""
+    tid, i = wp.tid()
+    w = first + tid
+    if clock.fresh[w] == 0:
+        return
+    key = draws.step_key(clock.seed[w], 0)
+    alpha = float(formation.alpha)
+    phase = equilibrium[i] + displaced[i]
+    if start_kind == 1:  # the same turn for every robot
+        turn = draws.stream(key, -1, draws.START)
+        phase += 6.2831853 * wp.randf(turn)
+    draw = draws.stream(key, i, draws.START)
+    if start_kind == 2:
+        phase = 6.2831853 * wp.randf(draw)
+    phase += formation.start_noise * wp.randn(draw)
+    robots.phase[w, i] = wrap_positive(phase)
+    robots.status[w, i] = wp.where(robots.removed_at[w, i] < 1, REMOVED, WORKING)
+    robots.resumed_at[w, i] = -1
+    place_on_curve(w, i, formation.phase_rate / alpha, curve, alpha, robots)
+    body = draws.stream(key, i, draws.BODY)
+    # A spread is clipped at three deviations, so that no car has a wheelbase of zero.
+    robots.wheelbase[w, i] = robot.wheelbase * (1.0 + noise.wheelbase_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
+    robots.drive[w, i] = robot.drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
+    for s in range(robots.track.shape[2]):
+        robots.track[w, i, s] = robots.position[w, i]
+    for slot in range(links.sending.shape[2]):
+        links.sending[w, i, slot] = 0
+    for side in range(2):
+        links.heard_at[w, i, side] = -1
+    clear_step(w, i, wp.vec2(0.0, 0.0), step_out)
+    measure(w, i, 0, key, curve, alpha, noise, robots, links)
+
+
+@wp.kernel
+def move_points(
+    first: int, lanes: int, curve: CurveStruct, formation: FormationStruct, robot: RobotStruct, noise: NoiseStruct,
+    faults: FaultsStruct, step: float, schedule: wp.array2d(dtype=int), action: wp.array3d(dtype=float),
+    clock: Clock, robots: Robots, links: Links, step_out: Step,
+):
+    """Move robots of kind `curve`: the phase goes on at the commanded rate, the robot stays on the curve."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.stage[w] != RUNNING:
+        return
+    now = clock.step[w] + 1
+    key = draws.step_key(clock.seed[w], now)
+    alpha = float(formation.alpha)
+    substeps = robots.track.shape[2] - 1
+    for i in range(lane, robots.status.shape[1], lanes):
+        command = commanded(w, i, key, noise, action, clock)
+        clear_step(w, i, command, step_out)
+        status = update_status(w, i, now, key, step, faults, schedule, robots)
+        rate = wp.where(status == WORKING, command[0] * robot.phase_rate_max, 0.0)
+        start = robots.phase[w, i]
+        robots.track[w, i, 0] = robots.position[w, i]
+        for s in range(1, substeps):
+            robots.track[w, i, s] = point(curve, alpha * (start + rate * step * float(s) / float(substeps)))
+        robots.phase[w, i] = wrap_positive(start + rate * step)
+        place_on_curve(w, i, rate, curve, alpha, robots)
+        robots.track[w, i, substeps] = robots.position[w, i]
+        measure(w, i, now, key, curve, alpha, noise, robots, links)
+
+
+@wp.kernel
+def move_cars(
+    first: int, lanes: int, curve: CurveStruct, formation: FormationStruct, robot: RobotStruct, noise: NoiseStruct,
+    faults: FaultsStruct, step: float, schedule: wp.array2d(dtype=int), action: wp.array3d(dtype=float),
+    clock: Clock, robots: Robots, links: Links, step_out: Step,
+):
+    """Move cars: steering and throttle are held over the step; the phase follows the car along its branch."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.stage[w] != RUNNING:
+        return
+    now = clock.step[w] + 1
+    key = draws.step_key(clock.seed[w], now)
+    alpha = float(formation.alpha)
+    substeps = robots.track.shape[2] - 1
+    for i in range(lane, robots.status.shape[1], lanes):
+        command = commanded(w, i, key, noise, action, clock)
+        clear_step(w, i, command, step_out)
+        status = update_status(w, i, now, key, step, faults, schedule, robots)
+        position = robots.position[w, i]
+        robots.track[w, i, 0] = position
+        if status != WORKING:
+            robots.speed[w, i] = 0.0
+            for s in range(substeps):
+                robots.track[w, i, s + 1] = position
+        else:
+            throttle = robot.throttle_min + 0.5 * (command[1] + 1.0) * (robot.throttle_max - robot.throttle_min)
+            steering = cos_sin(command[0] * robot.steering_max)
+            curvature = steering[1] / (steering[0] * robots.wheelbase[w, i])
+            push = motor_push(robot, robots.drive[w, i], throttle)
+            car = wp.vec4(position[0], position[1], robots.heading[w, i], robots.speed[w, i])
+            for s in range(substeps):
+                car = car_step(robot, car, curvature, push, step / float(substeps))
+                robots.track[w, i, s + 1] = wp.vec3(car[0], car[1], 0.0)
+            robots.position[w, i] = wp.vec3(car[0], car[1], 0.0)
+            robots.heading[w, i] = wrap(car[2])
+            robots.speed[w, i] = car[3]
+            # Two corrections settle the parameter but in the tightest turns, where their limit bounds the slide.
+            start = alpha * robots.phase[w, i]
+            gamma = project(curve, wp.vec2(car[0], car[1]), start, LARGEST_CORRECTION)
+            gamma = project(curve, wp.vec2(car[0], car[1]), gamma, LARGEST_CORRECTION)
+            robots.phase[w, i] = wrap_positive(robots.phase[w, i] + (gamma - start) / alpha)
+        measure(w, i, now, key, curve, alpha, noise, robots, links)
+
+
+@wp.func
+def lateral_error(curve: CurveStruct, gamma: float, position: wp.vec3) -> float:
+    """Distance of a robot from the curve at its own parameter [m]."""
+    return wp.length(wp.vec2(position[0], position[1]) - point2(curve, gamma))
