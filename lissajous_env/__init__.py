@@ -1,6 +1,36 @@
 """Multi-robot persistent monitoring and target detection on Lissajous curves, for PettingZoo and Gymnasium."""
 
-from lissajous_env.library import scenario, scenarios
-from lissajous_env.scenario import Scenario
+import gymnasium as _gymnasium
+import pettingzoo as _pettingzoo
 
-__all__ = ["Scenario", "scenario", "scenarios"]
+from lissajous_env.evaluation import evaluate
+from lissajous_env.gymnasium_env import LissajousEnv, LissajousVectorEnv, vector_env
+from lissajous_env.library import scenario, scenarios
+from lissajous_env.pettingzoo_env import LissajousParallelEnv, env, parallel_env
+from lissajous_env.scenario import Scenario
+from lissajous_env.simulation import Simulation
+
+__all__ = [
+    "LissajousEnv",
+    "LissajousParallelEnv",
+    "LissajousVectorEnv",
+    "Scenario",
+    "Simulation",
+    "env",
+    "evaluate",
+    "parallel_env",
+    "scenario",
+    "scenarios",
+    "vector_env",
+]
+
+for _name in scenarios():
+    _id, _settings = f"lissajous/{_name}-v0", {"scenario": _name}
+    _gymnasium.register(
+        id=_id,
+        entry_point="lissajous_env.gymnasium_env:LissajousEnv",
+        vector_entry_point="lissajous_env.gymnasium_env:LissajousVectorEnv",
+        kwargs=_settings,
+    )
+    _pettingzoo.register("parallel", _id, "lissajous_env.pettingzoo_env:parallel_env", kwargs=_settings)
+    _pettingzoo.register("aec", _id, "lissajous_env.pettingzoo_env:env", kwargs=_settings)

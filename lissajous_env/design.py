@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from lissajous_env import geometry, theory
@@ -131,7 +132,7 @@ def recommendation(candidates: list[Candidate]) -> str:
     first = candidates[0]
     if first.feasible:
         fewest = min((each for each in candidates if each.feasible), key=lambda each: each.num_robots)
-        words = f"Take {_in_words(first)}: every target is found within {first.detection_time_bound:.2f} s"
+        words = f"Take {_in_words(first)}: every target is found T_max = {first.detection_time_bound:.2f} s"
         if fewest.num_robots < first.num_robots:
             words += f" (as few as {fewest.num_robots} robots work, in {fewest.detection_time_bound:.2f} s)"
         return f"{words}. {_call(first)}"
@@ -207,7 +208,7 @@ def _feasible_table(title: str, candidates: list[Candidate]) -> Table:
     headers = ["N", "a", "b", "p", "alpha", "T_max\n[s]", "r below (6)\n[m]", "r_s above (7)\n[m]", "r_s from (8)\n[m]"]
     headers += ["margin", "top speed\n[m/s]"]
     for header in headers:
-        table.add_column(header, justify="right")
+        table.add_column(escape(header), justify="right")
     if candidates[0].tight_share is not None:
         table.add_column("arc too\ntight", justify="right")
     for each in candidates:
@@ -224,7 +225,7 @@ def _feasible_table(title: str, candidates: list[Candidate]) -> Table:
 def _infeasible_table(title: str, candidates: list[Candidate]) -> Table:
     table = Table(title=title, title_justify="left")
     for header in ("N", "a", "b", "T_max\n[s]"):
-        table.add_column(header, justify="right")
+        table.add_column(escape(header), justify="right")
     table.add_column("why not")
     for each in candidates:
         row = [str(number) for number in (each.num_robots, each.curve.a, each.curve.b)]

@@ -24,8 +24,8 @@ def as_device(device: Any) -> Any:
 
 @contextlib.contextmanager
 def compile_quietly() -> Iterator[None]:
-    """Keep Warp from printing its banner and a line for each module that it loads."""
+    """Keep Warp from printing its banner, that there is no CUDA driver, and a line for each module that it loads."""
     level = wp.config.log_level
-    wp.config.log_level = max(level, wp.LOG_WARNING)
+    wp.config.log_level = max(level, wp.LOG_ERROR)
     yield
     wp.config.log_level = level

@@ -114,13 +114,16 @@ def measured_coverage_radius(curve: Curve, precision: float = 1e-4) -> float:
     moves, so a cell of a grid is done with once its centre's distance plus half of its diagonal is at most the largest
     distance found, give or take `precision` times the half diagonal of the rectangle; all other cells are divided.
     """
-    half_cell = np.array([curve.half_width, curve.half_height])
-    tolerance = precision * math.hypot(*half_cell)
+    half_extent = np.array([curve.half_width, curve.half_height])
+    tolerance = precision * math.hypot(*half_extent)
     # A chord of length s hides s^2 / 8 d of the distance d; d is about the width of a mesh of the curve.
     mesh = math.hypot(curve.half_width / curve.b, curve.half_height / curve.a)
     gamma = np.linspace(0, 2 * np.pi, int(4 * curve_length(curve) / math.sqrt(tolerance * mesh)))
     tree = KDTree(theory.curve_point(curve, gamma))
-    centres, found = np.zeros((1, 2)), 0.0
+    cells = np.ceil(half_extent / half_extent.min()).astype(int)  # about square, or long cells are never decided
+    half_cell = half_extent / cells
+    columns, rows = np.indices(cells).reshape(2, -1)
+    centres, found = half_cell * (2 * np.stack([columns, rows], axis=-1) + 1) - half_extent, 0.0
     quarters = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
     while len(centres):
         distances = tree.query(centres)[0]

@@ -21,8 +21,8 @@ One row per robot of float32, in this order (R = `sensing.robots_seen`, T = `sen
 | 20 + 5 R + 3 k| present          | k-th nearest target in the sensing disc, k < T                        | [0, 1]   |
 | ... 1, 2      | x, y             | its place less one's own [sensing radius]                             | [-1, 1]  |
 
-A target that leaves when it is detected is seen in the step of its detection. The row of a removed robot is zero; a
-stuck robot senses nothing, but hears. Directions are those of the rectangle, not of the robot.
+A target that leaves when it is detected is seen in the step of its detection. A stuck robot senses nothing, but hears;
+of a removed robot, entries 0 to 6 keep what they were. Directions are those of the rectangle, not of the robot.
 """
 
 from typing import NamedTuple
@@ -158,11 +158,10 @@ def far(value: float) -> float:
 
 
 @wp.func
-def observe_self_and_ring(
-    w: int, i: int, now: int, key: int, curve: CurveStruct, noise: NoiseStruct, scales: Scales,
-    neighbours: wp.array2d(dtype=int), robots: Robots, links: Links, observation_out: wp.array3d(dtype=float),
+def observe_self(
+    w: int, i: int, curve: CurveStruct, scales: Scales, robots: Robots, observation_out: wp.array3d(dtype=float)
 ):
-    """Fill entries 0 to 19."""
+    """Fill entries 0 to 7."""
     own = robots.measured[w, i]
     phase = robots.measured_phase[w, i]
     ahead = cos_sin(own[2])
@@ -175,13 +174,21 @@ def observe_self_and_ring(
     observation_out[w, i, 5] = turn[0]
     observation_out[w, i, 6] = turn[1]
     observation_out[w, i, 7] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
+
+
+@wp.func
+def observe_ring(
+    w: int, i: int, now: int, key: int, curve: CurveStruct, noise: NoiseStruct, scales: Scales,
+    neighbours: wp.array2d(dtype=int), robots: Robots, links: Links, observation_out: wp.array3d(dtype=float),
+):
+    """Fill entries 8 to 19."""
+    own = robots.measured[w, i]
+    phase = robots.measured_phase[w, i]
     for side in range(2):
         hear(w, i, side, now, key, neighbours, noise, links)
         start = OWN + LINK * side
         heard_at = links.heard_at[w, i, side]
-        if heard_at < 0:
-            clear(w, i, start, start + LINK, observation_out)
-        else:
+        if heard_at >= 0:
             message = links.heard[w, i, side]
             lead = cos_sin(message[0] - phase)
             observation_out[w, i, start] = 1.0
@@ -225,13 +232,12 @@ def observe(
         if begin == 1:
             for k in range(size):
                 final_out[w, i, k] = observation_out[w, i, k]
-        if robots.status[w, i] == REMOVED:
-            clear(w, i, 0, size, observation_out)
-        else:
-            observe_self_and_ring(w, i, now, key, curve, noise, scales, neighbours, robots, links, observation_out)
-            clear(w, i, OWN + 2 * LINK, size, observation_out)
-            if scales.robots_seen > 0 and robots.status[w, i] == WORKING:
-                observe_robots(w, i, scales, robots, observation_out)
+        observe_self(w, i, curve, scales, robots, observation_out)
+        clear(w, i, OWN, size, observation_out)
+        if robots.status[w, i] != REMOVED:
+            observe_ring(w, i, now, key, curve, noise, scales, neighbours, robots, links, observation_out)
+        if scales.robots_seen > 0 and robots.status[w, i] == WORKING:
+            observe_robots(w, i, scales, robots, observation_out)
     if scales.targets_seen > 0 and step_in.in_sight[w] > 0:
         start = OWN + 2 * LINK + ROBOT * scales.robots_seen
         for t in range(rogues.in_sight.shape[1]):

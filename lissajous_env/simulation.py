@@ -84,6 +84,7 @@ class Simulation:
         self.threads = threads or os.cpu_count() or 1
         self.layout: Layout = layout(self.scenario)
         self.reward_term_names = TERMS
+        self.speed_scale = speed_scale(self.scenario)
         self._allocate()
         with compile_quietly():
             self._record()
@@ -288,7 +289,7 @@ class Simulation:
 
     def _groups(self) -> dict[str, Any]:
         structs = (self.clock, self.robots, self.links, self.rogues, self.cells, self.latest, self.tally)
-        arrays = {f"{type(s).__name__}.{name}": getattr(s, name) for s in structs for name in s._cls.vars}
+        arrays = {f"{s._cls.key}.{name}": getattr(s, name) for s in structs for name in s._cls.vars}
         return arrays | {"observation": self.observation, "final_observation": self.final_observation}
 
     def __getstate__(self) -> dict[str, Any]:
