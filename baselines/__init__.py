@@ -1,1 +1,19 @@
 """Policies to compare against: the paper's method, its rivals, and what a person would try first."""
+
+from functools import partial
+
+from baselines.coordinated import OnCurve, WithMpcc
+from baselines.kuramoto import Kuramoto
+from baselines.open_loop import OpenLoop
+from baselines.patrol import RandomWaypoint, Still, Sweep
+from baselines.policy import Policy, make, names, register
+
+__all__ = ["Policy", "make", "names", "register"]
+
+register("kuramoto", "curve", partial(OnCurve, Kuramoto))
+register("open-loop", "curve", partial(OnCurve, OpenLoop))
+register("kuramoto-mpcc", "car", partial(WithMpcc, Kuramoto))
+register("open-loop-mpcc", "car", partial(WithMpcc, OpenLoop))
+register("sweep", "car", Sweep)
+register("random", None, RandomWaypoint)
+register("still", None, Still)

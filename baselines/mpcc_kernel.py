@@ -12,9 +12,11 @@ the problems of a row are neighbours on CUDA.
 import warp as wp
 
 from baselines.mpcc_model import (
+    Frame,
     MpccStruct,
     Speeds,
     Stage,
+    Table,
     advance,
     clip,
     control_cost,
@@ -27,7 +29,14 @@ from baselines.mpcc_model import (
 )
 from lissajous_env.curve import CurveStruct, point2
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+# Fused multiply-adds shorten the chains of dependent operations by a tenth.
+wp.set_module_options(
+    {
+        "enable_backward": False,
+        "max_unroll": 1,
+        "cpu_compiler_flags": f"{wp.config.cpu_compiler_flags or ''} -ffp-contract=fast".strip(),
+    }
+)
 
 COLD, SHIFT, KEEP = wp.constant(0), wp.constant(1), wp.constant(2)
 """What to start a problem from: along the curve, the last control shifted by a stage, the control as it stands."""
@@ -62,137 +71,200 @@ def along_curve(p: MpccStruct, curve: CurveStruct, state: vec5, rate: float, pha
     return clip(p, wp.vec2(steering, throttle))
 
 
+@wp.struct
+class Quadratic:
+    """A quadratic function of the state, s.z + z.V z / 2; of the symmetric V each row from its diagonal on."""
+
+    s: vec5
+    x: vec5
+    y: wp.vec4
+    heading: wp.vec3
+    speed: wp.vec2
+    gamma: float
+
+
 @wp.func
-def transposed(s: Stage, drag: float, v: vec5) -> vec5:
+def times(q: Quadratic, u: vec5) -> vec5:
+    """V u."""
+    return vec5(
+        q.x[0] * u[0] + q.x[1] * u[1] + q.x[2] * u[2] + q.x[3] * u[3] + q.x[4] * u[4],
+        q.x[1] * u[0] + q.y[0] * u[1] + q.y[1] * u[2] + q.y[2] * u[3] + q.y[3] * u[4],
+        q.x[2] * u[0] + q.y[1] * u[1] + q.heading[0] * u[2] + q.heading[1] * u[3] + q.heading[2] * u[4],
+        q.x[3] * u[0] + q.y[2] * u[1] + q.heading[1] * u[2] + q.speed[0] * u[3] + q.speed[1] * u[4],
+        q.x[4] * u[0] + q.y[3] * u[1] + q.heading[2] * u[2] + q.speed[1] * u[3] + q.gamma * u[4],
+    )
+
+
+@wp.func
+def times3(q: Quadratic, u: wp.vec3) -> vec5:
+    """V (u, 0, 0)."""
+    return vec5(
+        q.x[0] * u[0] + q.x[1] * u[1] + q.x[2] * u[2],
+        q.x[1] * u[0] + q.y[0] * u[1] + q.y[1] * u[2],
+        q.x[2] * u[0] + q.y[1] * u[1] + q.heading[0] * u[2],
+        q.x[3] * u[0] + q.y[2] * u[1] + q.heading[1] * u[2],
+        q.x[4] * u[0] + q.y[3] * u[1] + q.heading[2] * u[2],
+    )
+
+
+@wp.func
+def transposed(stage: Stage, v: vec5) -> vec5:
     """A^T v, where A is the stage's derivative by its state."""
-    return vec5(v[0], v[1], wp.dot(s.by_heading, v), wp.dot(s.by_speed, v), s.by_gamma * v[4])
+    h = stage.by_heading
+    return vec5(v[0], v[1], h[0] * v[0] + h[1] * v[1] + v[2], wp.dot(stage.by_speed, v), stage.by_gamma * v[4])
+
+
+@wp.func
+def pulled_back(q: Quadratic, stage: Stage) -> Quadratic:
+    """The same function of the stage's start: A^T s and A^T V A."""
+    h = stage.by_heading
+    by_heading = times3(q, wp.vec3(h[0], h[1], 1.0))
+    by_speed = transposed(stage, times(q, stage.by_speed))
+    g = stage.by_gamma
+    r = Quadratic()
+    r.s = transposed(stage, q.s)
+    r.x = vec5(q.x[0], q.x[1], by_heading[0], by_speed[0], g * q.x[4])
+    r.y = wp.vec4(q.y[0], by_heading[1], by_speed[1], g * q.y[3])
+    r.heading = wp.vec3(h[0] * by_heading[0] + h[1] * by_heading[1] + by_heading[2], by_speed[2], g * by_heading[4])
+    r.speed = wp.vec2(by_speed[3], by_speed[4])
+    r.gamma = g * g * q.gamma
+    return r
+
+
+@wp.func
+def add_outer(q: Quadratic, u: vec5, w: vec5) -> Quadratic:
+    """V + u w^T, where u w^T is one term of a symmetric sum."""
+    r = Quadratic()
+    r.s = q.s
+    r.x = q.x + u[0] * w
+    r.y = q.y + u[1] * wp.vec4(w[1], w[2], w[3], w[4])
+    r.heading = q.heading + u[2] * wp.vec3(w[2], w[3], w[4])
+    r.speed = q.speed + u[3] * wp.vec2(w[3], w[4])
+    r.gamma = q.gamma + u[4] * w[4]
+    return r
+
+
+@wp.func
+def add_state_cost(p: MpccStruct, frame: Frame, state: vec5, errors: wp.vec3, q: Quadratic) -> Quadratic:
+    """Add the gradient and the Gauss-Newton Hessian of `state_cost`."""
+    t = frame.tangent
+    # e_rate by speed and gamma; lag and lateral error by x, y and gamma
+    rate_v = -frame.inverse
+    rate_g = -state[3] * frame.slope
+    lag_g = frame.turn * errors[2] - 1.0 / frame.inverse
+    lat_g = -frame.turn * errors[1]
+    wr = 2.0 * errors[0]
+    wlag = 2.0 * p.weight_lag
+    wlat = 2.0 * p.weight_lateral
+    lag = wlag * errors[1]
+    lat = wlat * errors[2]
+    r = Quadratic()
+    r.s = q.s + vec5(
+        lag * t[0] - lat * t[1], lag * t[1] + lat * t[0], 0.0, wr * rate_v, wr * rate_g + lag * lag_g + lat * lat_g
+    )
+    r.x = q.x + vec5(
+        wlag * t[0] * t[0] + wlat * t[1] * t[1],
+        (wlag - wlat) * t[0] * t[1],
+        0.0,
+        0.0,
+        wlag * lag_g * t[0] - wlat * lat_g * t[1],
+    )
+    r.y = q.y + wp.vec4(
+        wlag * t[1] * t[1] + wlat * t[0] * t[0], 0.0, 0.0, wlag * lag_g * t[1] + wlat * lat_g * t[0]
+    )
+    r.heading = q.heading
+    r.speed = q.speed + 2.0 * rate_v * wp.vec2(rate_v, rate_g)
+    r.gamma = q.gamma + 2.0 * rate_g * rate_g + wlag * lag_g * lag_g + wlat * lat_g * lat_g
+    return r
 
 
 @wp.func
 def box_step(h11: float, h12: float, h22: float, g: wp.vec2, low: wp.vec2, high: wp.vec2) -> wp.vec2:
-    """Minimise g.u + u.H u / 2 over low <= u <= high: the interior point, or else the best of the four edges."""
-    det = h11 * h22 - h12 * h12
-    best = wp.vec2((h12 * g[1] - h22 * g[0]) / det, (h12 * g[0] - h11 * g[1]) / det)
-    if best[0] < low[0] or best[0] > high[0] or best[1] < low[1] or best[1] > high[1]:
-        value = float(WORST)
-        for edge in range(4):
-            u = wp.vec2(0.0, 0.0)
-            if edge < 2:
-                u0 = wp.where(edge == 0, low[0], high[0])
-                u = wp.vec2(u0, wp.clamp(-(g[1] + h12 * u0) / h22, low[1], high[1]))
-            else:
-                u1 = wp.where(edge == 2, low[1], high[1])
-                u = wp.vec2(wp.clamp(-(g[0] + h12 * u1) / h11, low[0], high[0]), u1)
-            q = wp.dot(g, u) + 0.5 * (h11 * u[0] * u[0] + 2.0 * h12 * u[0] * u[1] + h22 * u[1] * u[1])
-            if q < value:
-                value = q
-                best = u
-    return best
+    """Minimise g.u + u.H u / 2 over low <= u <= high.
+
+    A bound that the free minimum violates is active at the bounded one: of two such, the better edge is taken.
+    """
+    inverse = 1.0 / (h11 * h22 - h12 * h12)
+    free = wp.vec2((h12 * g[1] - h22 * g[0]) * inverse, (h12 * g[0] - h11 * g[1]) * inverse)
+    held = wp.vec2(wp.clamp(free[0], low[0], high[0]), wp.clamp(free[1], low[1], high[1]))
+    if held[0] == free[0] and held[1] == free[1]:
+        return free
+    on0 = wp.vec2(held[0], wp.clamp(-(g[1] + h12 * held[0]) / h22, low[1], high[1]))
+    on1 = wp.vec2(wp.clamp(-(g[0] + h12 * held[1]) / h11, low[0], high[0]), held[1])
+    q0 = wp.dot(g, on0) + 0.5 * (h11 * on0[0] * on0[0] + h22 * on0[1] * on0[1]) + h12 * on0[0] * on0[1]
+    q1 = wp.dot(g, on1) + 0.5 * (h11 * on1[0] * on1[0] + h22 * on1[1] * on1[1]) + h12 * on1[0] * on1[1]
+    take0 = held[0] != free[0] and (held[1] == free[1] or q0 <= q1)
+    return wp.where(take0, on0, on1)
 
 
 @wp.func
 def backward(
-    p: MpccStruct, rk: Speeds, curve: CurveStruct, phase_rate: float, damping: float, slot: int, k: int, scratch: Scratch
+    p: MpccStruct, rk: Speeds, curve: CurveStruct, table: Table, phase_rate: float, damping: float, slot: int, k: int, scratch: Scratch
 ) -> float:
     """Sweep from the last stage to the first; writes changes and gains, returns the expected fall of the cost."""
     M = p.stages
     expected = float(0.0)
-    # value function's gradient and Hessian, by columns
-    s = vec5()
-    c0 = vec5()
-    c1 = vec5()
-    c2 = vec5()
-    c3 = vec5()
-    c4 = vec5()
-    for back in range(M + 1):
-        i = M - back
+    end = scratch.state[slot * (M + 1) + M, k]
+    last = frame_at(curve, end[4])
+    value = add_state_cost(p, last, end, errors_at(last, end, phase_rate), Quadratic())
+    for back in range(M):
+        i = M - 1 - back
         z = scratch.state[slot * (M + 1) + i, k]
+        u = scratch.control[slot * M + i, k]
         frame = frame_at(curve, z[4])
-        if back > 0:
-            u = scratch.control[slot * M + i, k]
-            stage = linearise(p, rk, curve, z, u, frame)
-            # Q-function: V A and V B by columns, then A^T and B^T from the left
-            a2 = c0 * stage.by_heading[0] + c1 * stage.by_heading[1] + c2
-            a3 = (
-                c0 * stage.by_speed[0] + c1 * stage.by_speed[1] + c2 * stage.by_speed[2]
-                + c3 * stage.by_speed[3] + c4 * stage.by_speed[4]
-            )
-            b0 = c0 * stage.by_steering[0] + c1 * stage.by_steering[1] + c2 * stage.by_steering[2]
-            b1 = (
-                c0 * stage.by_throttle[0] + c1 * stage.by_throttle[1] + c2 * stage.by_throttle[2]
-                + c3 * stage.by_throttle[3] + c4 * stage.by_throttle[4]
-            )
-            h11 = wp.dot(stage.by_steering, b0) + 2.0 * p.weight_steering
-            h12 = wp.dot(stage.by_steering, b1)
-            h22 = wp.dot(stage.by_throttle, b1) + 2.0 * p.weight_throttle
-            g = wp.vec2(
-                wp.dot(stage.by_steering, s) + 2.0 * p.weight_steering * u[0],
-                wp.dot(stage.by_throttle, s) + 2.0 * p.weight_throttle * u[1],
-            )
-            q0 = transposed(stage, p.drag, b0)
-            q1 = transposed(stage, p.drag, b1)
-            s = transposed(stage, p.drag, s)
-            n4 = transposed(stage, p.drag, c4 * stage.by_gamma)
-            c0 = transposed(stage, p.drag, c0)
-            c1 = transposed(stage, p.drag, c1)
-            c2 = transposed(stage, p.drag, a2)
-            c3 = transposed(stage, p.drag, a3)
-            c4 = n4
+        stage = linearise(p, rk, table, z, u)
+        b0 = times3(value, stage.by_steering)
+        b1 = times(value, stage.by_throttle)
+        d = stage.by_steering
+        h11 = d[0] * b0[0] + d[1] * b0[1] + d[2] * b0[2] + 2.0 * p.weight_steering
+        h12 = d[0] * b1[0] + d[1] * b1[1] + d[2] * b1[2]
+        h22 = wp.dot(stage.by_throttle, b1) + 2.0 * p.weight_throttle
+        g = wp.vec2(
+            d[0] * value.s[0] + d[1] * value.s[1] + d[2] * value.s[2] + 2.0 * p.weight_steering * u[0],
+            wp.dot(stage.by_throttle, value.s) + 2.0 * p.weight_throttle * u[1],
+        )
+        q0 = transposed(stage, b0)
+        q1 = transposed(stage, b1)
 
-            d11 = h11 * (1.0 + damping)
-            d22 = h22 * (1.0 + damping)
-            low = wp.vec2(-p.steering_max, p.throttle_min) - u
-            high = wp.vec2(p.steering_max, p.throttle_max) - u
-            du = box_step(d11, h12, d22, g, low, high)
-            free0 = du[0] > low[0] and du[0] < high[0]
-            free1 = du[1] > low[1] and du[1] < high[1]
-            k0 = vec5()
-            k1 = vec5()
-            if free0 and free1:
-                det = d11 * d22 - h12 * h12
-                k0 = (q1 * h12 - q0 * d22) / det
-                k1 = (q0 * h12 - q1 * d11) / det
-            elif free0:
-                k0 = -q0 / d11
-            elif free1:
-                k1 = -q1 / d22
-            scratch.change[i, k] = du
-            scratch.gain[2 * i, k] = k0
-            scratch.gain[2 * i + 1, k] = k1
+        e11 = damping * h11
+        e22 = damping * h22
+        d11 = h11 + e11
+        d22 = h22 + e22
+        low = wp.vec2(-p.steering_max, p.throttle_min) - u
+        high = wp.vec2(p.steering_max, p.throttle_max) - u
+        du = box_step(d11, h12, d22, g, low, high)
+        free0 = du[0] > low[0] and du[0] < high[0]
+        free1 = du[1] > low[1] and du[1] < high[1]
+        # gains of the inputs that stay off their bounds
+        c11 = wp.where(free0, 1.0 / d11, 0.0)
+        c22 = wp.where(free1, 1.0 / d22, 0.0)
+        c12 = float(0.0)
+        if free0 and free1:
+            inverse = 1.0 / (d11 * d22 - h12 * h12)
+            c11 = d22 * inverse
+            c22 = d11 * inverse
+            c12 = -h12 * inverse
+        k0 = -(q0 * c11 + q1 * c12)
+        k1 = -(q0 * c12 + q1 * c22)
+        scratch.change[i, k] = du
+        scratch.gain[2 * i, k] = k0
+        scratch.gain[2 * i + 1, k] = k1
 
-            # V = Q + K^T H du + K^T g + Qux^T du, and likewise for the Hessian
-            r = wp.vec2(h11 * du[0] + h12 * du[1] + g[0], h12 * du[0] + h22 * du[1] + g[1])
-            s = s + k0 * r[0] + k1 * r[1] + q0 * du[0] + q1 * du[1]
-            t0 = k0 * h11 + k1 * h12 + q0
-            t1 = k0 * h12 + k1 * h22 + q1
-            c0 = c0 + k0 * t0[0] + k1 * t1[0] + q0 * k0[0] + q1 * k1[0]
-            c1 = c1 + k0 * t0[1] + k1 * t1[1] + q0 * k0[1] + q1 * k1[1]
-            c2 = c2 + k0 * t0[2] + k1 * t1[2] + q0 * k0[2] + q1 * k1[2]
-            c3 = c3 + k0 * t0[3] + k1 * t1[3] + q0 * k0[3] + q1 * k1[3]
-            c4 = c4 + k0 * t0[4] + k1 * t1[4] + q0 * k0[4] + q1 * k1[4]
-            expected -= wp.dot(g, du) + 0.5 * wp.dot(r - g, du)
-
-        # the state's own cost: gradient and Gauss-Newton Hessian of its three squares
-        e = errors_at(frame, z, phase_rate)
-        t = frame.tangent
-        inverse = 1.0 / frame.rate
-        j = vec5(0.0, 0.0, 0.0, -inverse, z[3] * frame.stretch * inverse * inverse)
-        lag = vec5(t[0], t[1], 0.0, 0.0, frame.turn * e[2] - frame.rate)
-        lat = vec5(-t[1], t[0], 0.0, 0.0, -frame.turn * e[1])
-        wj = j * 2.0
-        wlag = lag * (2.0 * p.weight_lag)
-        wlat = lat * (2.0 * p.weight_lateral)
-        s = s + wj * e[0] + wlag * e[1] + wlat * e[2]
-        c0 = c0 + wlag * lag[0] + wlat * lat[0]
-        c1 = c1 + wlag * lag[1] + wlat * lat[1]
-        c3 = c3 + wj * j[3]
-        c4 = c4 + wj * j[4] + wlag * lag[4] + wlat * lat[4]
+        # V = Q + K^T H K + K^T Qux + Qux^T K, where (H + E) K = -Qux on the free inputs and K = 0 on the others;
+        # likewise for the gradient
+        q0 -= e11 * k0
+        q1 -= e22 * k1
+        value = pulled_back(value, stage)
+        value.s = value.s + q0 * du[0] + q1 * du[1]
+        value = add_outer(add_outer(value, q0, k0), q1, k1)
+        value = add_state_cost(p, frame, z, errors_at(frame, z, phase_rate), value)
+        expected -= wp.dot(g, du) + 0.5 * (h11 * du[0] * du[0] + h22 * du[1] * du[1]) + h12 * du[0] * du[1]
     return expected
 
 
 @wp.func
 def forward(
-    p: MpccStruct, rk: Speeds, curve: CurveStruct, phase_rate: float, length: float, slot: int, k: int, scratch: Scratch
+    p: MpccStruct, rk: Speeds, curve: CurveStruct, table: Table, phase_rate: float, length: float, slot: int, k: int, scratch: Scratch
 ) -> float:
     """Roll out u + length * change + gain (z - old z) into the other slot; returns the cost (11a)."""
     M = p.stages
@@ -208,14 +280,14 @@ def forward(
         scratch.state[other * (M + 1) + i, k] = z
         scratch.control[other * M + i, k] = u
         cost += state_cost(p, errors_at(frame, z, phase_rate)) + control_cost(p, u)
-        z = advance(p, rk, curve, z, u, frame.rate)
+        z = advance(p, rk, table, z, u)
     scratch.state[other * (M + 1) + M, k] = z
     return cost + state_cost(p, errors_at(frame_at(curve, z[4]), z, phase_rate))
 
 
 @wp.func
 def lay_out(
-    p: MpccStruct, rk: Speeds, curve: CurveStruct, start: vec5, phase_rate: float, ahead: float, k: int, scratch: Scratch
+    p: MpccStruct, rk: Speeds, curve: CurveStruct, table: Table, start: vec5, phase_rate: float, ahead: float, k: int, scratch: Scratch
 ) -> float:
     """Roll a first trajectory into slot 0: the controls that stand there, or where `ahead` > 0 along the curve."""
     M = p.stages
@@ -225,11 +297,11 @@ def lay_out(
         frame = frame_at(curve, z[4])
         u = clip(p, scratch.control[i, k])
         if ahead > 0.0:
-            u = along_curve(p, curve, z, frame.rate, phase_rate, ahead)
+            u = along_curve(p, curve, z, 1.0 / frame.inverse, phase_rate, ahead)
         scratch.state[i, k] = z
         scratch.control[i, k] = u
         cost += state_cost(p, errors_at(frame, z, phase_rate)) + control_cost(p, u)
-        z = advance(p, rk, curve, z, u, frame.rate)
+        z = advance(p, rk, table, z, u)
     scratch.state[M, k] = z
     return cost + state_cost(p, errors_at(frame_at(curve, z[4]), z, phase_rate))
 
@@ -238,6 +310,7 @@ def lay_out(
 def solve(
     p: MpccStruct,
     curve: CurveStruct,
+    table: Table,
     first: int,
     state: wp.array2d(dtype=float),
     phase_rate: wp.array(dtype=float),
@@ -285,21 +358,21 @@ def solve(
                 scratch.control[i, k] = wp.vec2(
                     wp.where(i < 5, side, wp.where(attempt < 6, 0.0, -side)), (p.offset + p.drag * start[3]) / p.drive
                 )
-        cost = lay_out(p, rk, curve, start, rate, ahead, k, scratch)
+        cost = lay_out(p, rk, curve, table, start, rate, ahead, k, scratch)
         slot = int(0)
         damping = float(0.0)
         iteration = int(0)
         going = bool(wp.isfinite(cost))
         while going:
             iteration += 1
-            expected = backward(p, rk, curve, rate, damping, slot, k, scratch)
+            expected = backward(p, rk, curve, table, rate, damping, slot, k, scratch)
             length = float(1.0)
             tried = float(WORST)
             fall = float(0.0)
-            searching = bool(expected > 1.0e-7 * cost)
+            searching = bool(expected > 0.3 * p.tolerance * cost)
             accepted = bool(False)
             while searching:
-                tried = forward(p, rk, curve, rate, length, slot, k, scratch)
+                tried = forward(p, rk, curve, table, rate, length, slot, k, scratch)
                 fall = cost - tried
                 accepted = fall > 0.01 * length * expected
                 length *= 0.5

@@ -8,11 +8,13 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import warp as wp
 
-from lissajous_env.curve import CurveStruct, point2, tangent2
+from lissajous_env import theory
+from lissajous_env.curve import CurveStruct
 from lissajous_env.fields import Checked, finite, non_negative, positive, whole, within
-from lissajous_env.scenario import Robot
+from lissajous_env.scenario import Curve, Robot
 from lissajous_env.structs import struct_of
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
@@ -91,13 +93,43 @@ class Speeds:
 
 
 @wp.struct
+class Table:
+    """1 / ||r'(gamma)|| as cubic pieces over equal cells of gamma; their number is a power of two, `last` + 1.
+
+    The Runge-Kutta stages of gamma wait for one another, and a piece is there sooner than sines, a root and a quotient.
+    """
+
+    pieces: wp.array(dtype=wp.vec4)
+    per_radian: float
+    last: int
+
+
+def tabulate(curve: Curve, device: Any) -> Any:
+    """Fit the pieces to value and slope at both ends of each cell; they are exact to float32."""
+    count = 512 << (max(curve.a, curve.b) - 1).bit_length()
+    width = 2 * math.pi / count
+    gamma = width * np.arange(count + 1)
+    speed = theory.curve_speed(curve, gamma)
+    # d||r'|| / d gamma = r'.r'' / ||r'||
+    A2, B2 = (curve.half_width * curve.a) ** 2, (curve.half_height * curve.b) ** 2
+    dot = A2 * curve.a * np.sin(2 * curve.a * gamma) / 2 - B2 * curve.b * np.sin(2 * curve.b * gamma) / 2
+    f, d = 1 / speed, -width * dot / speed**3
+    rise = f[1:] - f[:-1]
+    pieces = np.stack([f[:-1], d[:-1], 3 * rise - 2 * d[:-1] - d[1:], d[:-1] + d[1:] - 2 * rise], axis=1)
+    table = Table()
+    table.pieces = wp.array(pieces.astype(np.float32), dtype=wp.vec4, device=device)
+    table.per_radian, table.last = count / (2 * math.pi), count - 1
+    return table
+
+
+@wp.struct
 class Frame:
-    """The curve at one gamma: r, its unit tangent, ||r'||, d||r'|| / d gamma, d(direction of r') / d gamma."""
+    """The curve at one gamma: r, its unit tangent, 1 / ||r'||, that one's slope, d(direction of r') / d gamma."""
 
     point: wp.vec2
     tangent: wp.vec2
-    rate: float
-    stretch: float
+    inverse: float
+    slope: float
     turn: float
 
 
@@ -105,13 +137,14 @@ class Frame:
 class Stage:
     """Derivatives of a stage's end by its start's heading, speed and gamma, and by steering and throttle.
 
-    By x and y they are unit vectors; by gamma only gamma's own, `by_gamma`, is not zero.
+    By x and y they are unit vectors. Left out is what is constant: by heading, the heading has 1 and speed and gamma
+    have 0; by gamma only gamma itself is not 0; by steering, speed and gamma have 0.
     """
 
-    by_heading: vec5
+    by_heading: wp.vec2
     by_speed: vec5
     by_gamma: float
-    by_steering: vec5
+    by_steering: wp.vec3
     by_throttle: vec5
 
 
@@ -142,10 +175,10 @@ def frame_at(curve: CurveStruct, gamma: float) -> Frame:
     second = wp.vec2(-curve.half_width * a * a * cos_a, -curve.half_height * b * b * sin_b)
     f = Frame()
     f.point = wp.vec2(curve.half_width * cos_a, curve.half_height * sin_b)
-    f.rate = wp.length(first)
-    f.tangent = first / f.rate
-    f.stretch = wp.dot(f.tangent, second)
-    f.turn = (f.tangent[0] * second[1] - f.tangent[1] * second[0]) / f.rate
+    f.inverse = 1.0 / wp.length(first)
+    f.tangent = first * f.inverse
+    f.slope = -wp.dot(f.tangent, second) * f.inverse * f.inverse
+    f.turn = (f.tangent[0] * second[1] - f.tangent[1] * second[0]) * f.inverse
     return f
 
 
@@ -154,7 +187,7 @@ def errors_at(frame: Frame, state: vec5, phase_rate: float) -> wp.vec3:
     """Error of the phase rate, gamma' - v / ||r'|| of (15), lag error and lateral error (left of the curve above 0)."""
     off = wp.vec2(state[0], state[1]) - frame.point
     t = frame.tangent
-    return wp.vec3(phase_rate - state[3] / frame.rate, wp.dot(t, off), t[0] * off[1] - t[1] * off[0])
+    return wp.vec3(phase_rate - state[3] * frame.inverse, wp.dot(t, off), t[0] * off[1] - t[1] * off[0])
 
 
 @wp.func
@@ -178,9 +211,22 @@ def clip(p: MpccStruct, control: wp.vec2) -> wp.vec2:
 
 
 @wp.func
-def inverse_rate(curve: CurveStruct, gamma: float) -> float:
-    """1 / ||r'(gamma)|| [rad/m]."""
-    return 1.0 / wp.length(tangent2(curve, gamma))
+def phase_per_metre(table: Table, x: float) -> float:
+    """1 / ||r'|| [rad/m] at gamma = x cells."""
+    cell = wp.floor(x)
+    t = x - cell
+    c = table.pieces[int(cell) & table.last]
+    return (c[0] + c[1] * t) + (t * t) * (c[2] + c[3] * t)
+
+
+@wp.func
+def phase_per_metre_slope(table: Table, x: float) -> wp.vec2:
+    """1 / ||r'|| [rad/m] and its derivative by gamma [1/m] at gamma = x cells."""
+    cell = wp.floor(x)
+    t = x - cell
+    c = table.pieces[int(cell) & table.last]
+    value = (c[0] + c[1] * t) + (t * t) * (c[2] + c[3] * t)
+    return wp.vec2(value, (c[1] + t * (2.0 * c[2] + 3.0 * c[3] * t)) * table.per_radian)
 
 
 @wp.func
@@ -191,9 +237,7 @@ def travels(p: MpccStruct, speeds: wp.vec4) -> wp.vec4:
 
 
 @wp.func
-def advance(
-    p: MpccStruct, rk: Speeds, curve: CurveStruct, state: vec5, control: wp.vec2, frame_rate: float
-) -> vec5:
+def advance(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.vec2) -> vec5:
     """One Runge-Kutta step of (12), gamma' = v / ||r'(gamma)|| by (14) as its last row.
 
     The model is smooth: nothing keeps v from passing below 0, which full braking can do by up to 0.13 m/s.
@@ -206,29 +250,32 @@ def advance(
     cos = wp.vec4(wp.cos(e), wp.cos(e + heading[1]), wp.cos(e + heading[2]), wp.cos(e + heading[3]))
     sin = wp.vec4(wp.sin(e), wp.sin(e + heading[1]), wp.sin(e + heading[2]), wp.sin(e + heading[3]))
     wv = wp.cw_mul(rk.weight, v)
-    half = 0.5 * p.step
-    g1 = v[0] / frame_rate
-    g2 = v[1] * inverse_rate(curve, state[4] + half * g1)
-    g3 = v[2] * inverse_rate(curve, state[4] + half * g2)
-    g4 = v[3] * inverse_rate(curve, state[4] + p.step * g3)
+    # gamma is summed in cells of the table, which spares a product in each link of the chain
+    x = state[4] * table.per_radian
+    full = v * (p.step * table.per_radian)
+    half = 0.5 * full
+    g1 = phase_per_metre(table, x)
+    g2 = phase_per_metre(table, x + half[0] * g1)
+    g3 = phase_per_metre(table, x + half[1] * g2)
+    g4 = phase_per_metre(table, x + full[2] * g3)
     return vec5(
         state[0] + wp.dot(wv, cos),
         state[1] + wp.dot(wv, sin),
         e + turned,
         state[3] + push * p.step - p.drag * wp.dot(rk.weight, v),
-        state[4] + wp.dot(rk.weight, wp.vec4(g1, g2, g3, g4)),
+        state[4] + wp.dot(wv, wp.vec4(g1, g2, g3, g4)),
     )
 
 
 @wp.func
-def rate_by(v: float, frame: Frame, from_speed: float, from_push: float, by: wp.vec3) -> wp.vec3:
+def rate_by(v: float, inverse: wp.vec2, from_speed: float, from_push: float, by: wp.vec3) -> wp.vec3:
     """Derivative of v / ||r'(gamma)|| by the start's gamma, speed and push, where `by` is that of gamma."""
-    inverse = 1.0 / frame.rate
-    return wp.vec3(0.0, from_speed, from_push) * inverse - by * (v * frame.stretch * inverse * inverse)
+    along = v * inverse[1]
+    return wp.vec3(along * by[0], along * by[1] + from_speed * inverse[0], along * by[2] + from_push * inverse[0])
 
 
 @wp.func
-def linearise(p: MpccStruct, rk: Speeds, curve: CurveStruct, state: vec5, control: wp.vec2, frame: Frame) -> Stage:
+def linearise(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.vec2) -> Stage:
     """Differentiate `advance`, stage by stage of its Runge-Kutta step."""
     push = p.drive * control[1] - p.offset
     v = rk.from_speed * state[3] + rk.from_push * push
@@ -254,31 +301,38 @@ def linearise(p: MpccStruct, rk: Speeds, curve: CurveStruct, state: vec5, contro
     # gamma: the chain through the four stages, each by (gamma, speed, push) of the start
     half = 0.5 * p.step
     own = wp.vec3(1.0, 0.0, 0.0)
-    d1 = rate_by(v[0], frame, 1.0, 0.0, own)
-    f2 = frame_at(curve, state[4] + half * v[0] / frame.rate)
-    d2 = rate_by(v[1], f2, rk.from_speed[1], rk.from_push[1], own + half * d1)
-    f3 = frame_at(curve, state[4] + half * v[1] / f2.rate)
-    d3 = rate_by(v[2], f3, rk.from_speed[2], rk.from_push[2], own + half * d2)
-    f4 = frame_at(curve, state[4] + p.step * v[2] / f3.rate)
-    d4 = rate_by(v[3], f4, rk.from_speed[3], rk.from_push[3], own + p.step * d3)
+    x = state[4] * table.per_radian
+    cells = v * (half * table.per_radian)
+    m1 = phase_per_metre_slope(table, x)
+    d1 = rate_by(v[0], m1, 1.0, 0.0, own)
+    m2 = phase_per_metre_slope(table, x + cells[0] * m1[0])
+    d2 = rate_by(v[1], m2, rk.from_speed[1], rk.from_push[1], own + half * d1)
+    m3 = phase_per_metre_slope(table, x + cells[1] * m2[0])
+    d3 = rate_by(v[2], m3, rk.from_speed[2], rk.from_push[2], own + half * d2)
+    m4 = phase_per_metre_slope(table, x + 2.0 * cells[2] * m3[0])
+    d4 = rate_by(v[3], m4, rk.from_speed[3], rk.from_push[3], own + p.step * d3)
     gamma_by = own + w[0] * d1 + w[1] * d2 + w[2] * d3 + w[3] * d4
 
+    sum_s = ws[0] + ws[1] + ws[2] + ws[3]
+    sum_f = wf[0] + wf[1] + wf[2] + wf[3]
     s = Stage()
-    s.by_heading = vec5(-(wv_sin[0] + wv_sin[1] + wv_sin[2] + wv_sin[3]), wv_cos[0] + wv_cos[1] + wv_cos[2] + wv_cos[3], 1.0, 0.0, 0.0)
+    s.by_heading = wp.vec2(
+        -(wv_sin[0] + wv_sin[1] + wv_sin[2] + wv_sin[3]), wv_cos[0] + wv_cos[1] + wv_cos[2] + wv_cos[3]
+    )
     s.by_speed = vec5(
         wp.dot(ws, cos) - wp.dot(wv_sin, travel_s),
         wp.dot(ws, sin) + wp.dot(wv_cos, travel_s),
-        curvature * (ws[0] + ws[1] + ws[2] + ws[3]),
-        1.0 - p.drag * (ws[0] + ws[1] + ws[2] + ws[3]),
+        curvature * sum_s,
+        1.0 - p.drag * sum_s,
         gamma_by[1],
     )
     s.by_gamma = gamma_by[0]
-    s.by_steering = by_steering * vec5(-wp.dot(wv_sin, travel), wp.dot(wv_cos, travel), wp.dot(w, v), 0.0, 0.0)
+    s.by_steering = by_steering * wp.vec3(-wp.dot(wv_sin, travel), wp.dot(wv_cos, travel), wp.dot(w, v))
     s.by_throttle = p.drive * vec5(
         wp.dot(wf, cos) - wp.dot(wv_sin, travel_f),
         wp.dot(wf, sin) + wp.dot(wv_cos, travel_f),
-        curvature * (wf[0] + wf[1] + wf[2] + wf[3]),
-        p.step - p.drag * (wf[0] + wf[1] + wf[2] + wf[3]),
+        curvature * sum_f,
+        p.step - p.drag * sum_f,
         gamma_by[2],
     )
     return s

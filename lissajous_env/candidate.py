@@ -22,8 +22,10 @@ class Candidate:
     """r_i of the robots asked about [m]."""
     sensor_radius: float
     """r_s of the sensors asked about [m]."""
-    turning_radius: float | None
-    """Tightest circle of the cars asked about [m]; None for robots that turn on the spot."""
+    wheelbase: float | None
+    """l of the cars asked about [m]; None for robots that turn on the spot."""
+    steering_max: float
+    """Largest steering angle of these cars [rad]."""
     p: int
     """p of the least clustered stable equilibrium (2)."""
     alpha: int
@@ -101,6 +103,7 @@ class Candidate:
     @property
     def overrides(self) -> dict[str, Any]:
         """Overrides that turn the scenario `experiment` into this design, without its faults."""
+        car = {"robot.wheelbase": self.wheelbase, "robot.steering_max": self.steering_max}
         return {
             "curve.half_width": self.curve.half_width,
             "curve.half_height": self.curve.half_height,
@@ -110,7 +113,8 @@ class Candidate:
             "formation.p": self.p,
             "formation.alpha": self.alpha,
             "formation.ring": None,
-            "robot.kind": "curve" if self.turning_radius is None else "car",
+            "robot.kind": "curve" if self.wheelbase is None else "car",
+            **({} if self.wheelbase is None else car),
             "robot.radius": self.robot_radius,
             "sensing.radius": self.sensor_radius,
             "faults.schedule": (),

@@ -1,0 +1,46 @@
+"""What a robot reads from its observation row, for the classical policies."""
+
+import warp as wp
+
+from lissajous_env.curve import CurveStruct
+from lissajous_env.observation import LINK, OWN
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+
+@wp.func
+def own_position(w: int, i: int, curve: CurveStruct, observation: wp.array3d(dtype=float)) -> wp.vec2:
+    """Measured x, y [m]."""
+    return wp.vec2(observation[w, i, 0] * curve.half_width, observation[w, i, 1] * curve.half_height)
+
+
+@wp.func
+def own_heading(w: int, i: int, observation: wp.array3d(dtype=float)) -> float:
+    """Measured heading [rad]."""
+    return wp.atan2(observation[w, i, 3], observation[w, i, 2])
+
+
+@wp.func
+def own_phase(w: int, i: int, observation: wp.array3d(dtype=float)) -> float:
+    """Measured phase theta in [-pi, pi] [rad]."""
+    return wp.atan2(observation[w, i, 6], observation[w, i, 5])
+
+
+@wp.func
+def own_works(w: int, i: int, observation: wp.array3d(dtype=float)) -> bool:
+    """Whether the robot itself works."""
+    return observation[w, i, 7] > 0.5
+
+
+@wp.func
+def sine_ahead(w: int, i: int, side: int, rate: float, observation: wp.array3d(dtype=float)) -> float:
+    """sin(theta_j - theta_i) of a ring neighbour, its phase carried on at `rate` [rad/s] since it was sent.
+
+    Zero for a neighbour that was never heard, or not within the last second.
+    """
+    start = OWN + LINK * side
+    age = observation[w, i, start + 1]
+    if observation[w, i, start] < 0.5 or age >= 1.0:
+        return 0.0
+    ahead = rate * age
+    return observation[w, i, start + 3] * wp.cos(ahead) + observation[w, i, start + 2] * wp.sin(ahead)

@@ -1,0 +1,115 @@
+"""What a policy is, and the registry of the classical ones.
+
+A policy sees the observation and nothing else: what the action of a robot uses is that robot's own row, its own memory
+and the scenario. So any of them could run on a robot, and classical and learned ones are compared fairly.
+"""
+
+import difflib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env import scenario as make_scenario
+from lissajous_env.device import as_device, compile_quietly
+from lissajous_env.observation import Scales, layout
+from lissajous_env.scenario import Scenario
+from lissajous_env.simulation import speed_scale
+
+
+class Policy:
+    """Base of the classical policies: a batch of W worlds of N robots of one scenario, on one device.
+
+    A subclass writes `self.action` (W, N, action_size) in `_decide`, which is called with the observation as a Warp
+    array, and forgets its memory of some worlds in `_forget`.
+    """
+
+    kind: str | None = None
+    """Kind of robot that the policy drives; None drives any."""
+
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"):
+        self.scenario = make_scenario(scenario).resolve()
+        self.num_worlds, self.num_robots = num_worlds, self.scenario.num_robots
+        self.device = as_device(device)
+        self.name = type(self).__name__
+        self.shape = (num_worlds, self.num_robots)
+        self.observation_shape = (*self.shape, layout(self.scenario).size)
+        self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
+
+    def reset(self, worlds: Any = None) -> None:
+        """Forget what was kept of some worlds ((W,) mask or indices), or of all."""
+        mask = np.zeros(self.num_worlds, dtype=bool)
+        mask[slice(None) if worlds is None else worlds] = True
+        self._forget(mask)
+
+    def act(self, observation: Any) -> Any:
+        """Actions (W, N, action_size) in [-1, 1] for observations (W, N, D).
+
+        Takes a NumPy array, torch tensor or Warp array and returns the like; a Warp array that is returned is the
+        policy's own and changes with the next call.
+
+        Raises:
+            ValueError: the observation has another shape.
+        """
+        if tuple(observation.shape) != self.observation_shape:
+            raise ValueError(f"observation must have shape {self.observation_shape}, got {tuple(observation.shape)}")
+        with compile_quietly():
+            if isinstance(observation, wp.array):
+                self._decide(observation)
+                return self.action
+            if isinstance(observation, np.ndarray):
+                self._decide(wp.array(observation, dtype=wp.float32, device=self.device))
+                return self.action.numpy().copy()
+            self._decide(wp.from_torch(observation.detach().float().contiguous()))
+            return wp.to_torch(self.action).clone()
+
+    def _decide(self, observation: wp.array) -> None:
+        raise NotImplementedError
+
+    def _forget(self, mask: np.ndarray) -> None:
+        """Forget the memory of the worlds in a mask (W,)."""
+
+    def _scales(self) -> Scales:
+        scales = Scales()
+        scales.speed = speed_scale(self.scenario)
+        scales.radius = self.scenario.sensing.radius
+        scales.step = self.scenario.task.step
+        scales.robots_seen, scales.targets_seen = self.scenario.sensing.robots_seen, self.scenario.sensing.targets_seen
+        return scales
+
+
+_REGISTRY: dict[str, Callable[..., Policy]] = {}
+_KIND: dict[str, str | None] = {}
+
+
+def register(name: str, kind: str | None, factory: Callable[..., Policy]) -> None:
+    """Add a policy: `factory(scenario, num_worlds, device)` makes it, for robots of `kind` (None: of any)."""
+    _REGISTRY[name], _KIND[name] = factory, kind
+
+
+def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
+    """Names of the policies; with a scenario, of those that drive its robots."""
+    if scenario is None:
+        return tuple(_REGISTRY)
+    kind = make_scenario(scenario).robot.kind
+    return tuple(name for name, drives in _KIND.items() if drives in (None, kind))
+
+
+def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+    """Make a policy by name.
+
+    Raises:
+        ValueError: an unknown name (the message offers the nearest), or a policy for another kind of robot.
+    """
+    made = make_scenario(scenario)
+    if name not in _REGISTRY:
+        nearest = difflib.get_close_matches(str(name), _REGISTRY, n=1, cutoff=0.0)[0]
+        raise ValueError(f"policy must be one of {', '.join(_REGISTRY)}, got {name!r}; did you mean {nearest}?")
+    if name not in names(made):
+        raise ValueError(
+            f"policy for {made.name} must drive robots of kind {made.robot.kind} ({', '.join(names(made))}), got {name}"
+        )
+    policy = _REGISTRY[name](made, num_worlds, device)
+    policy.name = name
+    return policy

@@ -1,0 +1,329 @@
+"""Scenarios: every field refuses what its rule forbids, overrides find their field, numbers do not change unnoticed."""
+
+import dataclasses
+import inspect
+import json
+import math
+import re
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import lissajous_env
+from lissajous_env import theory
+from lissajous_env.scenario import (
+    PARTS,
+    Curve,
+    Faults,
+    Formation,
+    Noise,
+    Robot,
+    Scenario,
+    Sensing,
+    Targets,
+    Task,
+)
+
+# Digests of all numbers of the scenarios that ship: a line that differs is a number that changed.
+DIGESTS = {
+    "ideal": "1faa36902e4168e5",
+    "perturbation": "51c7fea3dd1b2872",
+    "failure": "9ccd22f4e11dcb70",
+    "experiment": "c34ade27d97697cc",
+    "experiment-printed": "4467eba9eae3532b",
+    "intruders": "d160e5403c0365a2",
+    "rough": "c99f1a75d78e95b4",
+    "swarm": "e862d9d37b90dd5a",
+}
+
+KINDS: dict[str, Any] = dict(PARTS)
+FIELDS = [(part, field) for part, kind in PARTS.items() for field in dataclasses.fields(kind)]
+FIELD_NAMES = [f"{part}.{field.name}" for part, field in FIELDS]
+
+# What no field takes, whatever its rule: also values that are easily mistaken for a number.
+WRONG_FOR_ALL = [math.nan, -math.inf, "nonsense", object(), 1j, b"1", {"a": 1}, np.array([1.0, np.nan]), (0.5, "x")]
+BAD_ROWS = {
+    "formation.ring": [(0, -1), (0, 1.5), ("0", "1"), 5, [[0], [1]]],
+    "formation.displaced": [(0, 0.25), ((0, math.nan),), ((-1, 0.1),), ((0.5, 0.1),), ((0,),), None],
+    "faults.schedule": [
+        (0, 1.0, 2.0),
+        ((0, 2.0, 1.0),),
+        ((0, -1.0, 2.0),),
+        ((0, math.nan, 2.0),),
+        ((-1, 1.0, 2.0),),
+        None,
+    ],
+    "faults.removed": [(0, 5.0), ((0, -1.0),), ((0, math.inf),), ((0.5, 1.0),), None],
+    "task.grid": [(0, 16), (36, 4097), (36.5, 16), (36,), (1, 2, 3), 36],
+}
+
+
+def bad_values(name, rule):
+    """Out-of-range values for a rule as it is printed: the rule's own words are the oracle."""
+    if name in BAD_ROWS:
+        return BAD_ROWS[name]
+    at_least = re.search(r"at least (\d+)", rule)
+    if "whole number" in rule:
+        low = int(at_least[1])  # type: ignore[index]
+        most = re.search(r"at most (\d+)", rule)
+        bad = [low - 1, low + 0.5, float(low), True, -(10**400)]
+        return bad + ([int(most[1]) + 1] if most else []) + ([2, 10] if "odd" in rule else [])
+    if "positive or infinite" in rule:
+        return [0, 0.0, -1, False]
+    if "positive" in rule:
+        return [0, -1e-9, -1, math.inf, True, 10**400]
+    if "between" in rule:
+        low, high = (float(number) for number in re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", rule)[:2])
+        return [math.nextafter(low, -9), high + 1e-4, math.inf, True] + ([low] if "excluded" in rule else [])
+    if at_least:
+        below = re.search(r"below (\d+(?:\.\d+)?)", rule)
+        return [-1e-12, -1, math.inf, False, 10**400] + ([float(below[1])] if below else [])
+    if "finite" in rule:
+        return [math.inf, True, 10**400]
+    if "one of" in rule:
+        return ["", rule.split()[-1].upper(), 1, ["car"], True]
+    if "True or False" in rule:
+        return [0, 1, "True", np.array([True, False])]
+    raise AssertionError(f"a rule that this test does not know: {rule}")
+
+
+@pytest.mark.parametrize(("part", "field"), FIELDS, ids=FIELD_NAMES)
+def test_every_field_refuses_what_its_rule_forbids(part, field):
+    assert "rule" in field.metadata, "every field declares its rule"
+    name = f"{part}.{field.name}"
+    for value in bad_values(name, field.metadata["rule"]) + WRONG_FOR_ALL:
+        with pytest.raises(ValueError) as refused:
+            KINDS[part](**{field.name: value})
+        message = str(refused.value)
+        if name == "task.grid" and isinstance(value, tuple) and len(value) != 2 and "x" not in value:
+            assert message.startswith("task.grid must be (columns, rows) or None, got ")
+        else:
+            assert message == f"{name} {field.metadata['rule']}, got {value!r}"
+
+
+@pytest.mark.parametrize(("part", "field"), FIELDS, ids=FIELD_NAMES)
+def test_none_is_only_for_fields_that_are_derived_or_switched_off(part, field):
+    # Oracle: the annotation says which.
+    if "None" in str(field.type):
+        assert getattr(KINDS[part](**{field.name: None}), field.name) is None
+    else:
+        with pytest.raises(ValueError, match=rf"^{part}\.{field.name} must .*, got None$"):
+            KINDS[part](**{field.name: None})
+
+
+@pytest.mark.parametrize(("part", "field"), FIELDS, ids=FIELD_NAMES)
+def test_every_field_says_its_unit_where_it_has_one(part, field):
+    # Oracle: the docstring's unit on the line after the field is the unit of the rule.
+    source = re.search(rf'    {field.name}: .*?"""(.*?)"""', inspect.getsource(PARTS[part]), re.DOTALL)
+    assert source is not None, "a field without a docstring"
+    unit = re.search(r"\[(.*?)\]$", field.metadata["rule"])
+    if unit is not None:
+        assert f"[{unit[1]}]" in source[1] or (unit[1] == "1/s" and "per second" in source[1])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Curve(a=3, b=6), "curve.b must share no factor with a = 3, got 6"),
+        (lambda: Robot(throttle_max=0.05), "robot.throttle_max must be above throttle_min, got 0.05"),
+        (lambda: Robot(drive=1.0), "robot.throttle_max must be able to move the car: drive tau > offset, got 0.25"),
+        (lambda: Targets(wandering=0.6, fleeing=0.5), "targets.fleeing must leave drifting + wandering + fleeing at 1"),
+        (lambda: Task(duration=0.05), "task.duration must be at least one step of 0.1 s, got 0.05"),
+        (lambda: Task(duration=1e308, step=1e-10), "task.duration must be at most 1048576 steps, got 1e+308"),
+        (lambda: Scenario(formation=Formation(ring=(0, 1, 2))), "formation.ring must hold each of the 5 robots once"),
+        (lambda: Scenario(formation=Formation(ring=(0, 1, 2, 3, 3))), "formation.ring must hold each of the 5 robots"),
+        (lambda: Scenario(formation=Formation(ring=(0, 1, 2, 3, 5))), "formation.ring must name robots 0 to 4, got"),
+        (lambda: Scenario(formation=Formation(displaced=((5, 0.1),))), "formation.displaced must name robots 0 to 4"),
+        (
+            lambda: Scenario(faults=Faults(schedule=((7, 1.0, 2.0),))),
+            "faults.schedule must name robots 0 to 4, got (7,)",
+        ),
+        (lambda: Scenario(faults=Faults(removed=((5, 1.0),))), "faults.removed must name robots 0 to 4, got (5,)"),
+        (lambda: Scenario(faults=Faults(lost=6)), "faults.lost must be at most the 5 robots, got 6"),
+        (lambda: Scenario(curve=Curve(half_depth=1.0)), "curve.half_depth must be 0 for cars [m], got 1.0"),
+        (lambda: Scenario(targets=Targets(arrival_rate=1e308)), "targets.arrival_rate must bring at most 1,000,000"),
+        (lambda: Scenario(robot=None), "robot must be a Robot, got None"),  # type: ignore[arg-type]
+        (lambda: Scenario(noise=Task()), "noise must be a Noise, got Task("),  # type: ignore[arg-type]
+    ],
+)
+def test_rules_that_join_fields(make, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        make()
+
+
+def test_numbers_of_any_make_become_plain_ones():
+    # Oracle: the same scenario made of Python's own numbers, by equality, hash and digest.
+    plain = lissajous_env.scenario("ideal", **{"curve.half_width": 6.0, "curve.a": 7, "task.grid": (3, 4)})
+    for whole, number in [(np.int64, np.float32), (np.int8, Decimal), (int, int)]:
+        other = lissajous_env.scenario(
+            "ideal", **{"curve.half_width": number(6), "curve.a": whole(7), "task.grid": [whole(3), whole(4)]}
+        )
+        assert other == plain
+        assert hash(other) == hash(plain)
+        assert other.digest() == plain.digest()
+        assert type(other.curve.half_width) is float
+        assert type(other.curve.a) is int
+    assert Formation(ring=np.arange(3)).ring == (0, 1, 2)  # type: ignore[arg-type]
+
+
+# Overrides.
+
+
+def test_overrides_dotted_and_nested_are_the_same():
+    dotted = lissajous_env.scenario("ideal", **{"curve.a": 11, "curve.b": 4, "task.duration": 20})
+    nested = lissajous_env.scenario("ideal", curve={"a": 11, "b": 4}, task={"duration": 20.0})
+    whole = lissajous_env.scenario("ideal", curve=Curve(5.0, 5.0, 11, 4), **{"task.duration": 20})
+    assert dotted == nested == whole
+    assert dotted.digest() == nested.digest()
+    assert (dotted.curve.a, dotted.curve.b, dotted.curve.half_width, dotted.task.duration) == (11, 4, 5.0, 20.0)
+    assert dotted.targets == lissajous_env.scenario("ideal").targets
+    assert lissajous_env.scenario(
+        lissajous_env.scenario("ideal"), **{"curve.a": 11, "curve.b": 4, "task.duration": 20}
+    ) == (dotted)
+
+
+def test_overrides_that_only_hold_together_are_checked_together():
+    # Oracle: (3, 2) to (1, 6) has to pass (3, 6), which share a factor, if b is set first.
+    for order in (["curve.a", "curve.b"], ["curve.b", "curve.a"]):
+        both = {"curve.a": 1, "curve.b": 6}
+        assert lissajous_env.scenario("intruders", **{name: both[name] for name in order}).num_robots == 7
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"curv.a": 3}, "override must name one of curve, formation, .*, got 'curv.a'; did you mean curve?"),
+        ({"wheels": 3}, "override must name one of .*, got 'wheels'; did you mean "),
+        (
+            {"curve.halfwidth": 3},
+            r"override must name a field of curve \(.*\), got curve.halfwidth; did you mean half_width",
+        ),
+        ({"robot": {"radios": 3}}, r"override must name a field of robot .*, got robot.radios; did you mean radius\?"),
+        ({"curve.": 3}, "override must name a field of curve .*, got curve."),
+        ({"curve": 3}, "override curve must be a mapping or a Curve, got 3"),
+        ({"curve": Task()}, "override curve must be a mapping or a Curve, got Task"),
+        ({"curve.a": Curve()}, "curve.a must be an odd whole number of at least 1, got Curve"),
+        ({"curve.a": 4}, "curve.a must be an odd whole number of at least 1, got 4"),
+    ],
+)
+def test_bad_overrides(overrides, message):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        lissajous_env.scenario("experiment", **overrides)
+
+
+def test_unknown_scenario_offers_the_nearest():
+    with pytest.raises(
+        ValueError, match=r"^scenario must be one of ideal, .*, got 'experimnt'; did you mean experiment\?"
+    ):
+        lissajous_env.scenario("experimnt")
+
+
+# What ships.
+
+
+def test_digests_of_what_ships():
+    assert {name: lissajous_env.scenario(name).digest() for name in lissajous_env.scenarios()} == DIGESTS
+
+
+@pytest.mark.parametrize("name", lissajous_env.scenarios())
+def test_resolve_fills_everything_in_once(name):
+    scenario = lissajous_env.scenario(name)
+    resolved = scenario.resolve()
+    assert resolved.resolve() == resolved
+    assert resolved.resolve().digest() == resolved.digest()
+    nothing = {f"{part}.{field}" for part in PARTS for field, v in resolved.to_dict()[part].items() if v is None}
+    assert nothing <= {"task.grid"}
+    for derived in ("num_robots", "p", "alpha", "clusters", "ring", "detection_time_bound", "target_capacity"):
+        assert getattr(resolved, derived) == getattr(scenario, derived)
+    assert np.array_equal(resolved.neighbours, scenario.neighbours)
+    assert np.array_equal(resolved.equilibrium, scenario.equilibrium)
+    assert json.loads(json.dumps(resolved.to_dict()))["name"] == name
+
+
+def test_digest_is_of_the_numbers_alone():
+    base = Scenario()
+    assert Scenario(name="other", description="words").digest() == base.digest()
+    assert dataclasses.replace(base, task=Task(duration=60)).digest() == base.digest()
+    seen = {base.digest(), base.resolve().digest()}
+    for part, field, value in [
+        ("curve", "half_width", 1.8000001),
+        ("formation", "start", "random"),
+        ("sensing", "radius", 1.0),
+        ("faults", "schedule", ((0, 1.0, 2.0),)),
+        ("noise", "message_loss", 0.1),
+        ("targets", "leave", False),
+        ("task", "grid", None),
+    ]:
+        digest = lissajous_env.scenario(base, **{f"{part}.{field}": value}).digest()
+        assert digest not in seen
+        seen.add(digest)
+
+
+@pytest.mark.parametrize("name", lissajous_env.scenarios())
+def test_what_ships_is_a_formation_that_works(name):
+    # Oracle: Theorem 1, Lemma 1, the alpha rule, (6) and (8).
+    scenario = lissajous_env.scenario(name)
+    n = scenario.num_robots
+    assert n == scenario.curve.a + scenario.curve.b
+    assert n < 4 * scenario.p < 3 * n
+    assert scenario.clusters == 1
+    assert theory.ring_lies_on_ellipse(scenario.curve, n, scenario.p, scenario.alpha)
+    assert scenario.robot.radius < scenario.robot_radius_bound
+    if name != "intruders":  # its sensor is too short for (8) on purpose
+        assert scenario.resolve().sensing.radius == pytest.approx(scenario.detection_radius)
+
+
+def test_ring_of_the_experiment_is_the_printed_one():
+    # Oracle: Section VII, R_1 = {2, 4}, R_2 = {1, 5}, R_3 = {4, 5}, R_4 = {1, 3}, R_5 = {2, 3}.
+    neighbours = lissajous_env.scenario("experiment").neighbours + 1
+    assert [set(pair) for pair in neighbours.tolist()] == [{2, 4}, {1, 5}, {4, 5}, {1, 3}, {2, 3}]
+
+
+def test_intruders_take_the_top_speed_on_the_fastest_stretch():
+    # Oracle: omega = 2 m/s / max ||r'|| = 0.118 rad/s by dense sampling; steady speed of the throttle limit 2 m/s.
+    scenario = lissajous_env.scenario("intruders")
+    speed = theory.curve_speed(scenario.curve, np.linspace(0, 2 * np.pi, 100_001))
+    assert scenario.formation.phase_rate == pytest.approx(2 / speed.max(), abs=5e-4)
+    assert round(2 / speed.max(), 3) == scenario.formation.phase_rate
+    assert scenario.robot.speed_max == pytest.approx(2, abs=1e-4)
+
+
+def test_steady_speed_of_the_printed_constants_cannot_drive_the_curve():
+    # Oracle: 2.9 m/s at the smallest throttle by hand, against 1.69 m/s on the fastest stretch.
+    robot = lissajous_env.scenario("experiment-printed").robot
+    slowest = (robot.drive * robot.throttle_min - robot.offset) / robot.drag
+    assert slowest == pytest.approx(2.915, abs=5e-3)
+
+
+def test_few_robots():
+    alone = Scenario(robot=Robot(count=1))
+    assert alone.neighbours.tolist() == [[-1, -1]]
+    assert alone.resolve().sensing.radius == pytest.approx(math.hypot(1.8, 0.8))
+    pair = Scenario(curve=Curve(a=1, b=1))
+    assert pair.neighbours.tolist() == [[1, -1], [0, -1]]
+    assert pair.p == 1
+
+
+@settings(deadline=None)
+@given(st.integers(3, 40))
+def test_ring_neighbours_know_each_other(n):
+    neighbours = Scenario(robot=Robot(kind="curve", count=n)).neighbours
+    for robot in range(n):
+        for other in neighbours[robot]:
+            assert robot in neighbours[other]
+
+
+def test_capacity_leaves_six_deviations():
+    assert Scenario(targets=Targets(count=3)).target_capacity == 3
+    scenario = Scenario(targets=Targets(count=3, arrival_rate=0.5), task=Task(duration=72))
+    assert scenario.target_capacity == 3 + 36 + 36
+
+
+def test_parts_are_frozen():
+    for part in (Curve(), Formation(), Robot(), Sensing(), Targets(), Faults(), Noise(), Task(), Scenario()):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(part, dataclasses.fields(part)[0].name, 1)
