@@ -5,19 +5,16 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.observed import own_heading, own_position
+from baselines.loop import cruising_speed, patrol_loop
+from baselines.observed import own_heading, own_phase, own_position
 from baselines.policy import Policy
 from lissajous_env import draws
-from lissajous_env.curve import CurveStruct, wrap
+from lissajous_env.curve import CurveStruct, point2, wrap
 from lissajous_env.robot import RobotStruct
 from lissajous_env.scenario import Scenario
 from lissajous_env.structs import to_struct
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
-
-_CRUISE = 0.85
-"""Share of the top speed at which a patrol goes, so that a car which fell behind can catch up."""
-
 
 @wp.func
 def drive_towards(
@@ -38,37 +35,74 @@ def drive_towards(
     )
 
 
-@wp.kernel
-def follow_loop(
-    curve: CurveStruct, robot: RobotStruct, loop: wp.array(dtype=wp.vec2), cruise: float, spacing: float,
-    lookahead: float, step: float, steps: wp.array(dtype=int), observation: wp.array3d(dtype=float),
-    action_out: wp.array3d(dtype=float),
-):
-    """Chase robot i's place in the file, which goes around the loop at cruising speed [m/s]."""
-    w, i = wp.tid()
-    n = observation.shape[1]
-    place = cruise * step * float(steps[w]) / spacing + float(i * loop.shape[0]) / float(n)
-    goal = loop[int(place + lookahead / spacing) % loop.shape[0]]
-    position = own_position(w, i, curve, observation)
-    speed = observation[w, i, 4] * robot_speed_max(robot)
-    # At cruising speed the goal stays `lookahead` away: further, and the car speeds up.
-    wanted = cruise * wp.length(goal - position) / lookahead
-    action = drive_towards(robot, position, own_heading(w, i, observation), speed, goal, wanted)
-    action_out[w, i, 0] = action[0]
-    action_out[w, i, 1] = action[1]
-
-
 @wp.func
 def robot_speed_max(robot: RobotStruct) -> float:
     """Steady speed of a car at full throttle [m/s]."""
     return (robot.drive * robot.throttle_max - robot.offset) / robot.drag
 
 
+@wp.func
+def nearest_on_loop(loop: wp.array(dtype=wp.vec2), place: wp.vec2) -> int:
+    """Index of the loop's point nearest to a place."""
+    nearest = int(0)
+    least = float(1.0e30)
+    for k in range(loop.shape[0]):
+        square = wp.length_sq(loop[k] - place)
+        if square < least:
+            least = square
+            nearest = k
+    return nearest
+
+
+@wp.func
+def slot_of(
+    i: int, phase: float, curve: CurveStruct, alpha: float, equilibrium: wp.array(dtype=float),
+    loop: wp.array(dtype=wp.vec2),
+) -> float:
+    """Index on the loop where robot i's place in the file begins.
+
+    The file keeps the order in which the formation's places, known from the robot's own phase, lie along the loop.
+    """
+    n = equilibrium.shape[0]
+    size = loop.shape[0]
+    own = nearest_on_loop(loop, point2(curve, alpha * phase))
+    rank = int(0)
+    total = int(0)
+    for j in range(n):
+        other = nearest_on_loop(loop, point2(curve, alpha * (phase + equilibrium[j] - equilibrium[i])))
+        total += other
+        if other < own or (other == own and j < i):
+            rank += 1
+    middle = float(total) / float(n) - 0.5 * float(size) * float(n - 1) / float(n)
+    return middle + float(rank * size) / float(n)
+
+
 @wp.kernel
-def count_steps(steps: wp.array(dtype=int)):
-    """Let each world's own clock go on."""
-    w = wp.tid()
-    steps[w] = steps[w] + 1
+def follow_loop(
+    curve: CurveStruct, robot: RobotStruct, alpha: float, equilibrium: wp.array(dtype=float),
+    loop: wp.array(dtype=wp.vec2), cruise: float, spacing: float, lookahead: float, step: float,
+    memory: wp.array2d(dtype=wp.vec2), observation: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float),
+):
+    """Chase robot i's place in the file, which goes around the loop at cruising speed [m/s].
+
+    A robot's memory is where its place began (an index on the loop) and, plus one, the steps since then.
+    """
+    w, i = wp.tid()
+    size = loop.shape[0]
+    known = memory[w, i]
+    if known[1] == 0.0:
+        slot = slot_of(i, own_phase(w, i, observation), curve, alpha, equilibrium, loop)
+        known = wp.vec2(slot, 1.0)
+    place = known[0] + (cruise * step * (known[1] - 1.0) + lookahead) / spacing
+    memory[w, i] = wp.vec2(known[0], known[1] + 1.0)
+    goal = loop[((int(wp.floor(place)) % size) + size) % size]
+    position = own_position(w, i, curve, observation)
+    speed = observation[w, i, 4] * robot_speed_max(robot)
+    # At cruising speed the goal stays `lookahead` away; a car that is further from it speeds up.
+    wanted = cruise * wp.length(goal - position) / lookahead
+    action = drive_towards(robot, position, own_heading(w, i, observation), speed, goal, wanted)
+    action_out[w, i, 0] = action[0]
+    action_out[w, i, 1] = action[1]
 
 
 @wp.func
@@ -117,20 +151,20 @@ class Sweep(Policy):
         loop = patrol_loop(self.scenario)
         length = float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum())
         self._curve, self._robot = to_struct(CurveStruct, self.scenario.curve), to_struct(RobotStruct, robot)
+        self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._cruise = cruising_speed(self.scenario)
         self._spacing = length / len(loop)
         self._lookahead = max(4 * robot.wheelbase, 0.3 * self._cruise)
-        self._steps = wp.zeros(num_worlds, dtype=wp.int32, device=self.device)
+        self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
     def _forget(self, mask: np.ndarray) -> None:
-        self._steps.assign(np.where(mask, 0, self._steps.numpy()).astype(np.int32))
+        self._memory.assign(np.where(mask[:, None, None], 0.0, self._memory.numpy()).astype(np.float32))
 
     def _decide(self, observation: wp.array) -> None:
-        inputs = [self._curve, self._robot, self._loop, self._cruise, self._spacing, self._lookahead,
-                  self.scenario.task.step, self._steps, observation]  # fmt: skip
+        inputs = [self._curve, self._robot, float(self.scenario.alpha), self._equilibrium, self._loop, self._cruise,
+                  self._spacing, self._lookahead, self.scenario.task.step, self._memory, observation]  # fmt: skip
         wp.launch(follow_loop, self.shape, inputs, outputs=[self.action], device=self.device)
-        wp.launch(count_steps, self.num_worlds, [self._steps], device=self.device)
 
 
 class RandomWaypoint(Policy):
@@ -160,36 +194,3 @@ class Still(Policy):
 
     def _decide(self, observation: wp.array) -> None:
         """Leave the action as it is."""
-
-
-def cruising_speed(scenario: Scenario) -> float:
-    """Speed of a patrol [m/s]: below the top speed, and no faster than the formation's mean on the same task."""
-    return _CRUISE * min(scenario.robot.speed_max, 2.0)
-
-
-def patrol_loop(scenario: Scenario, points: int = 2048) -> np.ndarray:
-    """(points, 2) evenly spaced points of the loop that `Sweep` goes around [m], corners rounded by the lookahead.
-
-    Along the boundary, so far inside that the disc still reaches it, where targets enter at the boundary or two lanes
-    would already cover the rectangle; else lanes two sensing radii apart, with the way back along one side.
-    """
-    curve, radius = scenario.curve, scenario.resolve().sensing.radius
-    A, B = curve.half_width, curve.half_height
-    inset = min(0.7 * radius, 0.45 * min(A, B))
-    lanes = 2 * int(np.ceil((B - inset) / (2 * radius)) + 1)
-    if scenario.targets.entry == "boundary" or B <= 2 * inset:
-        corners = [(-A + inset, -B + inset), (A - inset, -B + inset), (A - inset, B - inset), (-A + inset, B - inset)]
-    else:
-        corners = []
-        near, far = -A + 3 * inset, A - inset
-        for k, y in enumerate(np.linspace(-B + inset, B - inset, lanes)):
-            corners += [(near, y), (far, y)] if k % 2 == 0 else [(far, y), (near, y)]
-        corners += [(-A + inset, B - inset), (-A + inset, -B + inset)]
-    return _resampled(np.array(corners), points)
-
-
-def _resampled(corners: np.ndarray, points: int) -> np.ndarray:
-    closed = np.vstack([corners, corners[:1]])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    at = np.linspace(0.0, along[-1], points, endpoint=False)
-    return np.column_stack([np.interp(at, along, closed[:, 0]), np.interp(at, along, closed[:, 1])])

@@ -36,6 +36,8 @@ COLUMNS = (
 
 RECOVERED = wp.constant(0.05)
 """Deviation from the equilibrium below which a formation has recovered [rad]."""
+STAYS = 1.0
+"""Time for which the deviation must have stayed below it at the end of the episode [s]."""
 
 
 @wp.func
@@ -158,7 +160,7 @@ def score_rows(simulation: "Simulation", worlds: np.ndarray) -> list[dict[str, A
         open_gaps = now - sensed_at[w]
         has_grid, fault_end = scenario.task.grid is not None, int(host["fault_end"][w])
         squares = idle_squares[w].sum() + np.sum(open_gaps.astype(np.int64) ** 2)
-        recovered = fault_end >= 0 and host["off_at"][w] < now
+        recovered = fault_end >= 0 and (now - host["off_at"][w]) * step >= STAYS
         rows.append({
             "scenario": scenario.name,
             "seed": int(seed_of[w]),

@@ -155,6 +155,28 @@ def test_rules_that_join_fields(make, message):
         make()
 
 
+@pytest.mark.parametrize(
+    ("part", "field", "largest", "too_large"),
+    [
+        ("robot", "count", 1024, 1025),
+        ("robot", "steering_max", 1.57, math.pi / 2),
+        ("sensing", "targets_seen", 32, 33),
+        ("targets", "count", 1_000_000, 1_000_001),
+        ("noise", "wheelbase_spread", 0.299, 0.3),
+        ("noise", "drive_spread", 0.299, 0.3),
+        ("noise", "message_loss", 1, 1.001),
+        ("task", "substeps", 64, 65),
+        ("task", "grid", (4096, 4096), (4096, 4097)),
+        ("task", "duration", 0.1 * 2**20, 0.1 * 2**20 + 1),
+    ],
+)
+def test_limits(part, field, largest, too_large):
+    # Oracle: the limits themselves, written out, where the test above reads them from the rule.
+    assert getattr(KINDS[part](**{field: largest}), field) == largest
+    with pytest.raises(ValueError, match=rf"^{part}\.{field} must "):
+        KINDS[part](**{field: too_large})
+
+
 def test_numbers_of_any_make_become_plain_ones():
     # Oracle: the same scenario made of Python's own numbers, by equality, hash and digest.
     plain = lissajous_env.scenario("ideal", **{"curve.half_width": 6.0, "curve.a": 7, "task.grid": (3, 4)})
