@@ -1,38 +1,184 @@
-"""Draft host side."""
+"""The paper's model predictive contouring controller, problem (11)-(15), for a batch of cars at once.
 
-from typing import NamedTuple, Any
+State X = x, y, heading, v, gamma; control delta, tau; M stages of length h; f one Runge-Kutta step of (12) over h with
+gamma' = v / ||r'(gamma)|| by (14) as the last row:
+
+    minimise   sum_{k=0..M}    (phase_rate - v_k / ||r'(gamma_k)||)^2 + q_lag e_lag(X_k)^2 + q_lat e_lat(X_k)^2
+             + sum_{k=0..M-1}  q_3 tau_k^2 + q_4 delta_k^2                                                        (11a)
+    subject to X_{k+1} = f(X_k, delta_k, tau_k), X_0 given, |delta_k| <= steering_max, throttle_min <= tau_k <= throttle_max
+
+The errors are those of (x, y) against r(gamma), along and across the tangent there; heading and gamma run on without
+wrapping, and nothing is projected on the curve, which crosses itself. The model is smooth and may predict a speed
+slightly below 0 (down to -0.13 m/s at the smallest throttle), where the plant would stand.
+
+Differs from the paper: gamma stands for the arc length s, as the same model and without inverting (14).
+"""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any, NamedTuple
+
 import numpy as np
 import warp as wp
 
 from baselines import mpcc_kernel
-from baselines.mpcc_kernel import COLD, KEEP, SHIFT, Scratch
-from baselines.mpcc_model import MpccParameters, MpccStruct, vec5, tabulate
+from baselines.mpcc_kernel import EARLY, KEEP, Scratch
+from baselines.mpcc_model import MpccParameters, MpccStruct, tabulate, vec5
 from lissajous_env.curve import CurveStruct
+from lissajous_env.device import as_device, compile_quietly
+from lissajous_env.scenario import Curve
 from lissajous_env.structs import to_struct
 
+__all__ = ["Mpcc", "MpccParameters", "Solution"]
+
+SMALLEST_SHARE = 64
+"""Problems that a further thread must have to be worth its hand-over."""
+
+
 class Solution(NamedTuple):
+    """What `Mpcc.solve` returns: NumPy arrays of its own where NumPy came in, else the solver's Warp arrays."""
+
     control: Any
+    """(K, M, 2) steering [rad] and throttle."""
     trajectory: Any
+    """(K, M + 1, 5) predicted x, y [m], heading [rad], speed [m/s], gamma [rad]."""
     cost: Any
+    """(K,) value of (11a); 3e38 where the solve failed."""
     iterations: Any
+    """(K,) iterations, summed over the starts."""
     failed: Any
+    """(K,) 1 where the state or every start's cost was not finite: the control brakes straight on, else 0."""
+
 
 class Mpcc:
-    def __init__(self, curve, parameters=MpccParameters(), batch=1, device="cpu"):
-        self.parameters=parameters; self.batch=batch; self.device=device
-        M=parameters.stages
-        def rows(n,dtype):
-            return wp.zeros((batch,n),dtype=dtype,device=device).transpose()
-        s=Scratch(); s.state=rows(2*(M+1),vec5); s.control=rows(2*M,wp.vec2); s.change=rows(M,wp.vec2); s.gain=rows(2*M,vec5)
-        self.scratch=s
-        z=lambda shape,dt=float: wp.zeros(shape,dtype=dt,device=device)
-        self.state=z((batch,5)); self.phase_rate=z(batch); self.begin=z(batch,int)
-        self.control=z((batch,M,2)); self.trajectory=z((batch,M+1,5)); self.cost=z(batch); self.iterations=z(batch,int); self.failed=z(batch,int); self.failures=z(batch,int)
-        self._launch=wp.launch(mpcc_kernel.solve,dim=batch,device=device,inputs=[to_struct(MpccStruct,parameters),to_struct(CurveStruct,curve),tabulate(curve,device),0,self.state,self.phase_rate,s,self.begin,self.control,self.trajectory,self.cost,self.iterations,self.failed,self.failures],record_cmd=True)
-    def launch(self): self._launch.launch()
-    def solve(self,state,phase_rate,guess=None):
-        self.state.assign(np.asarray(state,np.float32)); self.phase_rate.assign(np.asarray(phase_rate,np.float32))
+    """K problems (11)-(15) on one device, each warm-started from its last solution.
+
+    `solve` is the convenient way. In a control loop write to the Warp arrays `state` (K, 5) and `phase_rate` (K,),
+    call `launch()`, and read `control` (K, M, 2), `trajectory` (K, M + 1, 5), `cost`, `iterations`, `failed` and
+    `failures` (K,), all on the device; nothing passes through the host.
+
+    A failed solve brakes (steering 0, smallest throttle), is counted in `failures`, and the next one starts afresh.
+    """
+
+    def __init__(self, curve: Curve, parameters: MpccParameters | None = None, batch: int = 1, device: Any = "cpu"):
+        if batch < 1:
+            raise ValueError(f"batch must be at least 1, got {batch}")
+        self.curve = curve
+        self.parameters = parameters or MpccParameters()
+        self.batch = batch
+        self.device = as_device(device)
+        M = self.parameters.stages
+        self.state = self._zeros((batch, 5))
+        self.phase_rate = self._zeros((batch,))
+        self.control = self._zeros((batch, M, 2))
+        self.trajectory = self._zeros((batch, M + 1, 5))
+        self.cost = self._zeros((batch,))
+        self.iterations = self._zeros((batch,), wp.int32)
+        self.failed = self._zeros((batch,), wp.int32)
+        self.failures = self._zeros((batch,), wp.int32)
+        self._begin = self._zeros((batch,), wp.int32)
+        self._launches = self._record()
+
+    def solve(self, state: Any, phase_rate: Any, guess: Any = None) -> Solution:
+        """Solve all K problems.
+
+        Args:
+            state: (K, 5) x, y [m], heading [rad], speed [m/s], gamma [rad]; NumPy, torch or Warp.
+            phase_rate: (K,) wanted rate of gamma [rad/s].
+            guess: (K, M, 2) controls to start from; None shifts the last solution by a stage, or on the first call
+                and after a failure starts along the curve.
+        """
+        M = self.parameters.stages
+        self._take("state", state, self.state)
+        self._take("phase_rate", phase_rate, self.phase_rate)
         if guess is not None:
-            self.control.assign(np.asarray(guess,np.float32)); self.begin.fill_(KEEP)
+            self._take("guess", guess, self.control, (self.batch, M, 2))
+            self._begin.fill_(KEEP)
         self.launch()
-        return Solution(*(getattr(self,n).numpy().copy() for n in Solution._fields))
+        results = (self.control, self.trajectory, self.cost, self.iterations, self.failed)
+        if _is_on_host(state):
+            return Solution(*(array.numpy().copy() for array in results))
+        return Solution(*results)
+
+    def launch(self) -> None:
+        """Solve for what stands in `state` and `phase_rate`; on a CPU, large batches are split over the cores."""
+        first, *others = self._launches
+        # A launch releases the interpreter's lock; this thread takes the first share itself.
+        waiting = [_pool().submit(launch.launch) for launch in others]
+        first.launch()
+        for future in waiting:
+            future.result()
+
+    def reset(self, mask: Any = None) -> None:
+        """Forget the warm starts and failures of the problems in `mask`, (K,) booleans; None is all of them."""
+        if mask is None:
+            self._begin.fill_(EARLY)
+            self.failures.zero_()
+            return
+        chosen = mask.numpy() if isinstance(mask, wp.array) else np.asarray(mask)
+        if chosen.shape != (self.batch,):
+            raise ValueError(f"mask must have shape {(self.batch,)}, got {chosen.shape}")
+        for array, value in ((self._begin, EARLY), (self.failures, 0)):
+            array.assign(np.where(chosen, value, array.numpy()).astype(np.int32))
+
+    def _zeros(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> Any:
+        return wp.zeros(shape, dtype=dtype, device=self.device)
+
+    def _scratch(self) -> Any:
+        M = self.parameters.stages
+        scratch: Any = Scratch()
+        for name, rows, dtype in (
+            ("state", 2 * (M + 1), vec5),
+            ("control", 2 * M, wp.vec2),
+            ("change", M, wp.vec2),
+            ("gain", 2 * M, vec5),
+        ):
+            # A CPU thread wants its own rows side by side, the threads of a GPU the same row of all.
+            cpu = self.device.is_cpu
+            array = self._zeros((self.batch, rows) if cpu else (rows, self.batch), dtype)
+            setattr(scratch, name, array.transpose() if cpu else array)
+        return scratch
+
+    def _record(self) -> list[Any]:
+        p, curve = to_struct(MpccStruct, self.parameters), to_struct(CurveStruct, self.curve)
+        table, scratch = tabulate(self.curve, self.device), self._scratch()
+        shares = min(os.cpu_count() or 1, max(self.batch // SMALLEST_SHARE, 1)) if self.device.is_cpu else 1
+        ends = [self.batch * share // shares for share in range(shares + 1)]
+        outputs = [self.control, self.trajectory, self.cost, self.iterations, self.failed, self.failures]
+        with compile_quietly():
+            return [
+                wp.launch(
+                    mpcc_kernel.solve,
+                    dim=high - low,
+                    inputs=[p, curve, table, low, self.state, self.phase_rate, scratch, self._begin],
+                    outputs=outputs,
+                    device=self.device,
+                    record_cmd=True,
+                )
+                for low, high in zip(ends[:-1], ends[1:], strict=True)
+            ]
+
+    def _take(self, name: str, value: Any, target: Any, shape: tuple[int, ...] | None = None) -> None:
+        shape = shape or tuple(target.shape)
+        if type(value).__module__.partition(".")[0] == "torch":
+            value = wp.from_torch(value.detach().float().contiguous())
+        elif not isinstance(value, wp.array):
+            # float64 beyond the range of float32 becomes infinite, and the problem fails
+            with np.errstate(over="ignore"):
+                value = np.ascontiguousarray(value, dtype=np.float32)
+        if tuple(value.shape) != shape:
+            raise ValueError(f"{name} must have shape {shape}, got {tuple(value.shape)}")
+        if isinstance(value, wp.array):
+            wp.copy(target, value)
+        else:
+            target.assign(value)
+
+
+def _is_on_host(value: Any) -> bool:
+    return not isinstance(value, wp.array) and type(value).__module__.partition(".")[0] != "torch"
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max((os.cpu_count() or 1) - 1, 1), thread_name_prefix="mpcc")

@@ -23,6 +23,7 @@ from baselines.mpcc_model import (
     errors_at,
     frame_at,
     linearise,
+    phase_per_metre,
     speeds_of,
     state_cost,
     vec5,
@@ -38,8 +39,15 @@ wp.set_module_options(
     }
 )
 
-COLD, SHIFT, KEEP = wp.constant(0), wp.constant(1), wp.constant(2)
-"""What to start a problem from: along the curve, the last control shifted by a stage, the control as it stands."""
+EARLY, SHIFT, KEEP, CLOSE = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
+"""What a start is laid from: along the curve braking early, the last control shifted by a stage, the control as it
+stands, close along the curve."""
+
+PROBE = wp.constant(0.13)
+"""Share of the throttle's range by which `probe` opens it."""
+
+PROBE_MARGIN = wp.constant(1.1)
+"""A probe is followed where its cost is below this many times the best."""
 
 WORST = wp.constant(3.0e38)
 """Cost reported where there is no solution: finite, and above every other."""
@@ -53,22 +61,6 @@ class Scratch:
     control: wp.array2d(dtype=wp.vec2)
     change: wp.array2d(dtype=wp.vec2)
     gain: wp.array2d(dtype=vec5)
-
-
-@wp.func
-def along_curve(p: MpccStruct, curve: CurveStruct, state: vec5, rate: float, phase_rate: float, ahead: float) -> wp.vec2:
-    """Pure pursuit of the curve's point `ahead` [rad] past gamma, at the wanted rate."""
-    to = point2(curve, state[4] + ahead) - wp.vec2(state[0], state[1])
-    cos = wp.cos(state[2])
-    sin = wp.sin(state[2])
-    left = cos * to[1] - sin * to[0]
-    front = cos * to[0] + sin * to[1]
-    curvature = 2.0 * left / wp.max(wp.dot(to, to), 1.0e-4)
-    # A point behind is reached by the tightest turn.
-    steering = wp.where(front > 0.0, wp.atan(p.wheelbase * curvature), wp.sign(left) * p.steering_max)
-    wanted = phase_rate * rate
-    throttle = (p.offset + p.drag * state[3] + (wanted - state[3]) / (2.0 * p.step)) / p.drive
-    return clip(p, wp.vec2(steering, throttle))
 
 
 @wp.struct
@@ -169,9 +161,7 @@ def add_state_cost(p: MpccStruct, frame: Frame, state: vec5, errors: wp.vec3, q:
         0.0,
         wlag * lag_g * t[0] - wlat * lat_g * t[1],
     )
-    r.y = q.y + wp.vec4(
-        wlag * t[1] * t[1] + wlat * t[0] * t[0], 0.0, 0.0, wlag * lag_g * t[1] + wlat * lat_g * t[0]
-    )
+    r.y = q.y + wp.vec4(wlag * t[1] * t[1] + wlat * t[0] * t[0], 0.0, 0.0, wlag * lag_g * t[1] + wlat * lat_g * t[0])
     r.heading = q.heading
     r.speed = q.speed + 2.0 * rate_v * wp.vec2(rate_v, rate_g)
     r.gamma = q.gamma + 2.0 * rate_g * rate_g + wlag * lag_g * lag_g + wlat * lat_g * lat_g
@@ -199,7 +189,15 @@ def box_step(h11: float, h12: float, h22: float, g: wp.vec2, low: wp.vec2, high:
 
 @wp.func
 def backward(
-    p: MpccStruct, rk: Speeds, curve: CurveStruct, table: Table, phase_rate: float, damping: float, slot: int, k: int, scratch: Scratch
+    p: MpccStruct,
+    rk: Speeds,
+    curve: CurveStruct,
+    table: Table,
+    phase_rate: float,
+    damping: float,
+    slot: int,
+    k: int,
+    scratch: Scratch,
 ) -> float:
     """Sweep from the last stage to the first; writes changes and gains, returns the expected fall of the cost."""
     M = p.stages
@@ -264,7 +262,15 @@ def backward(
 
 @wp.func
 def forward(
-    p: MpccStruct, rk: Speeds, curve: CurveStruct, table: Table, phase_rate: float, length: float, slot: int, k: int, scratch: Scratch
+    p: MpccStruct,
+    rk: Speeds,
+    curve: CurveStruct,
+    table: Table,
+    phase_rate: float,
+    length: float,
+    slot: int,
+    k: int,
+    scratch: Scratch,
 ) -> float:
     """Roll out u + length * change + gain (z - old z) into the other slot; returns the cost (11a)."""
     M = p.stages
@@ -286,24 +292,122 @@ def forward(
 
 
 @wp.func
+def along_curve(
+    p: MpccStruct, curve: CurveStruct, table: Table, state: vec5, phase_rate: float, early: bool
+) -> wp.vec2:
+    """Pure pursuit of a point of the curve ahead, throttled to the speed wanted there.
+
+    `early` slows down ahead of the turns, else the car keeps close to the curve at the full rate. Both look ahead by
+    a fraction of an oscillation.
+    """
+    oscillation = 1.0 / float(wp.max(curve.a, curve.b))
+    ahead = wp.where(early, 0.9, 0.24) * oscillation
+    lead = wp.where(early, 0.3, 0.0) * oscillation
+    pace = wp.where(early, 0.6, 1.0) * phase_rate
+    to = point2(curve, state[4] + ahead) - wp.vec2(state[0], state[1])
+    cos = wp.cos(state[2])
+    sin = wp.sin(state[2])
+    left = cos * to[1] - sin * to[0]
+    front = cos * to[0] + sin * to[1]
+    # A point behind is reached by the tightest turn.
+    pursuit = wp.atan(2.0 * p.wheelbase * left / wp.max(wp.dot(to, to), 1.0e-4))
+    steering = wp.where(front > 0.0, pursuit, wp.sign(left) * p.steering_max)
+    wanted = pace / phase_per_metre(table, (state[4] + lead) * table.per_radian)
+    throttle = (p.offset + p.drag * state[3] + (wanted - state[3]) / (2.0 * p.step)) / p.drive
+    return clip(p, wp.vec2(steering, throttle))
+
+
+@wp.func
 def lay_out(
-    p: MpccStruct, rk: Speeds, curve: CurveStruct, table: Table, start: vec5, phase_rate: float, ahead: float, k: int, scratch: Scratch
+    p: MpccStruct,
+    rk: Speeds,
+    curve: CurveStruct,
+    table: Table,
+    start: vec5,
+    phase_rate: float,
+    kind: int,
+    k: int,
+    scratch: Scratch,
+    control: wp.array3d(dtype=float),
 ) -> float:
-    """Roll a first trajectory into slot 0: the controls that stand there, or where `ahead` > 0 along the curve."""
+    """Roll a first trajectory into slot 0, from a guess in `control` or along the curve; returns its cost."""
     M = p.stages
     cost = float(0.0)
     z = start
     for i in range(M):
         frame = frame_at(curve, z[4])
-        u = clip(p, scratch.control[i, k])
-        if ahead > 0.0:
-            u = along_curve(p, curve, z, 1.0 / frame.inverse, phase_rate, ahead)
+        u = wp.vec2(0.0, 0.0)
+        if kind == SHIFT or kind == KEEP:
+            j = wp.where(kind == SHIFT, wp.min(i + 1, M - 1), i)
+            u = clip(p, wp.vec2(control[k, j, 0], control[k, j, 1]))
+        else:
+            u = along_curve(p, curve, table, z, phase_rate, kind == EARLY)
         scratch.state[i, k] = z
         scratch.control[i, k] = u
         cost += state_cost(p, errors_at(frame, z, phase_rate)) + control_cost(p, u)
         z = advance(p, rk, table, z, u)
     scratch.state[M, k] = z
     return cost + state_cost(p, errors_at(frame_at(curve, z[4]), z, phase_rate))
+
+
+@wp.func
+def probe(
+    p: MpccStruct, rk: Speeds, curve: CurveStruct, table: Table, phase_rate: float, slot: int, k: int, scratch: Scratch
+) -> float:
+    """Open the first throttle a little and let the gains answer, into the other slot; returns the cost.
+
+    A car that coasts towards a tight turn can be in an optimum of its own at the throttle's lower bound, next to a
+    better one a little off it.
+    """
+    for i in range(p.stages):
+        scratch.change[i, k] = wp.vec2(0.0, 0.0)
+    scratch.change[0, k] = wp.vec2(0.0, PROBE * (p.throttle_max - p.throttle_min))
+    return forward(p, rk, curve, table, phase_rate, 1.0, slot, k, scratch)
+
+
+@wp.func
+def descend(
+    p: MpccStruct,
+    rk: Speeds,
+    curve: CurveStruct,
+    table: Table,
+    phase_rate: float,
+    first_cost: float,
+    first_slot: int,
+    best: float,
+    k: int,
+    scratch: Scratch,
+):
+    """Iterate to convergence; returns cost, slot and iterations. Gives up what will not come below `best`."""
+    cost = first_cost
+    slot = first_slot
+    damping = float(0.0)
+    iteration = int(0)
+    going = bool(wp.isfinite(cost))
+    while going:
+        iteration += 1
+        expected = backward(p, rk, curve, table, phase_rate, damping, slot, k, scratch)
+        length = float(1.0)
+        tried = float(WORST)
+        accepted = bool(False)
+        searching = bool(expected > 0.3 * p.tolerance * cost)
+        while searching:
+            tried = forward(p, rk, curve, table, phase_rate, length, slot, k, scratch)
+            accepted = cost - tried > 0.01 * length * expected
+            length *= 0.5
+            searching = not accepted and length > 0.04
+        if accepted:
+            going = cost - tried > p.tolerance * tried
+            slot = 1 - slot
+            cost = tried
+            if length > 0.4:
+                damping = wp.where(damping > 1.0e-3, 0.2 * damping, 0.0)
+        else:
+            damping = wp.max(4.0 * damping, 1.0e-2)
+            going = expected > p.tolerance * cost and damping < 1.0e4
+        hopeless = iteration > 1 and cost - expected > best
+        going = going and not hopeless and iteration < p.max_iterations
+    return cost, slot, iteration
 
 
 @wp.kernel
@@ -323,84 +427,72 @@ def solve(
     failed_out: wp.array(dtype=int),
     failures_out: wp.array(dtype=int),
 ):
-    """Solve problem `first` + thread from each of its starts and keep the best."""
+    """Solve problem `first` + thread from up to three starts and keep the best."""
     k = first + wp.tid()
     M = p.stages
     rk = speeds_of(p)
     rate = phase_rate[k]
     start = vec5(state[k, 0], state[k, 1], state[k, 2], state[k, 3], state[k, 4])
     sane = wp.isfinite(rate)
-    for i in range(5):
-        sane = sane and wp.isfinite(start[i])
+    for j in range(5):
+        sane = sane and wp.isfinite(start[j])
 
     best = float(WORST)
-    total = int(0)
-    source = begin[k]
-    attempt = int(0)
-    if source == COLD:
-        attempt = int(1)
-    attempts = wp.where(sane, p.starts, 0)
-    while attempt < attempts:
-        if attempt == 0:
-            for i in range(M):
-                from_stage = wp.where(source == SHIFT, wp.min(i + 1, M - 1), i)
-                scratch.control[i, k] = wp.vec2(control_out[k, from_stage, 0], control_out[k, from_stage, 1])
-        ahead = float(0.0)
-        if attempt == 1:
-            ahead = 0.15
-        if attempt == 2:
-            ahead = 0.3
-        if attempt == 3:
-            ahead = 0.07
-        if attempt > 3:
-            side = wp.where(attempt % 2 == 0, 1.0, -1.0) * p.steering_max
-            for i in range(M):
-                scratch.control[i, k] = wp.vec2(
-                    wp.where(i < 5, side, wp.where(attempt < 6, 0.0, -side)), (p.offset + p.drag * start[3]) / p.drive
-                )
-        cost = lay_out(p, rk, curve, table, start, rate, ahead, k, scratch)
-        slot = int(0)
-        damping = float(0.0)
-        iteration = int(0)
-        going = bool(wp.isfinite(cost))
-        while going:
-            iteration += 1
-            expected = backward(p, rk, curve, table, rate, damping, slot, k, scratch)
-            length = float(1.0)
-            tried = float(WORST)
-            fall = float(0.0)
-            searching = bool(expected > 0.3 * p.tolerance * cost)
-            accepted = bool(False)
-            while searching:
-                tried = forward(p, rk, curve, table, rate, length, slot, k, scratch)
-                fall = cost - tried
-                accepted = fall > 0.01 * length * expected
-                length *= 0.5
-                searching = not accepted and length > 0.04
-            if accepted:
-                slot = 1 - slot
-                cost = tried
-                if length > 0.4:
-                    damping = wp.where(damping > 1.0e-3, damping * 0.2, 0.0)
-                going = fall > p.tolerance * cost
+    iterations = int(0)
+    if sane:
+        kind = begin[k]
+        poor = p.poor * float(M + 1) * rate * rate
+        limit = poor
+        if kind == SHIFT:
+            # A warm start that does about as well as the last solution has not left its optimum.
+            limit = wp.max(poor, 2.0 * cost_out[k])
+        cost = lay_out(p, rk, curve, table, start, rate, kind, k, scratch, control_out)
+        if kind != EARLY and not cost < limit:
+            early = lay_out(p, rk, curve, table, start, rate, EARLY, k, scratch, control_out)
+            if early < cost:
+                kind = EARLY
+                cost = early
             else:
-                damping = wp.max(4.0 * damping, 1.0e-2)
-                going = expected > p.tolerance * cost and damping < 1.0e4
-            going = going and iteration < p.max_iterations
-        total += iteration
-        if cost < best:
-            best = cost
-            for i in range(M):
-                u = scratch.control[slot * M + i, k]
-                control_out[k, i, 0] = u[0]
-                control_out[k, i, 1] = u[1]
-            for i in range(M + 1):
-                z = scratch.state[slot * (M + 1) + i, k]
-                for j in range(5):
-                    trajectory_out[k, i, j] = z[j]
-        attempt += 1
+                cost = lay_out(p, rk, curve, table, start, rate, kind, k, scratch, control_out)
+        slot = int(0)
+        for attempt in range(3):
+            worth = bool(attempt == 0)
+            if attempt == 1 and best < WORST:
+                u = scratch.control[slot * M, k]
+                if u[1] <= p.throttle_min and best > 0.5 * poor:
+                    cost = probe(p, rk, curve, table, rate, slot, k, scratch)
+                    slot = 1 - slot
+                    worth = cost < PROBE_MARGIN * best
+            if attempt == 2 and not best < limit:
+                cost = lay_out(
+                    p, rk, curve, table, start, rate, wp.where(kind == EARLY, CLOSE, EARLY), k, scratch, control_out
+                )
+                slot = 0
+                worth = True
+            if worth:
+                cost, slot, count = descend(p, rk, curve, table, rate, cost, slot, best, k, scratch)
+                iterations += count
+                if cost < best:
+                    best = cost
+                    for i in range(M):
+                        u = scratch.control[slot * M + i, k]
+                        control_out[k, i, 0] = u[0]
+                        control_out[k, i, 1] = u[1]
+                    for i in range(M + 1):
+                        z = scratch.state[slot * (M + 1) + i, k]
+                        for j in range(5):
+                            trajectory_out[k, i, j] = z[j]
 
     cost_out[k] = best
-    iterations_out[k] = total
-    begin[k] = SHIFT
-    failed_out[k] = 0
+    iterations_out[k] = iterations
+    failed = not best < WORST
+    begin[k] = wp.where(failed, EARLY, SHIFT)
+    failed_out[k] = wp.where(failed, 1, 0)
+    if failed:
+        failures_out[k] = failures_out[k] + 1
+        for i in range(M):
+            control_out[k, i, 0] = 0.0
+            control_out[k, i, 1] = p.throttle_min
+        for i in range(M + 1):
+            for j in range(5):
+                trajectory_out[k, i, j] = wp.where(wp.isfinite(start[j]), start[j], 0.0)

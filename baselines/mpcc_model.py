@@ -16,6 +16,7 @@ from lissajous_env.curve import CurveStruct
 from lissajous_env.fields import Checked, finite, non_negative, positive, whole, within
 from lissajous_env.scenario import Curve, Robot
 from lissajous_env.structs import struct_of
+from lissajous_env.trig import cos_sin
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -55,10 +56,13 @@ class MpccParameters(Checked):
     """Largest throttle."""
     max_iterations: int = whole(100, at_least=1, at_most=10_000)
     """Iterations after which a start is given up."""
-    starts: int = whole(2, at_least=1)
-    """Starts."""
-    tolerance: float = positive(1e-5)
+    tolerance: float = positive(5e-5)
     """A start has converged when an iteration lowers its cost by less than this fraction."""
+    poor: float = non_negative(0.05)
+    """A cost above this fraction of (M + 1) phase_rate^2, the cost of standing still, is tried from another start too.
+
+    Only there has the problem several optima: before the tight turns, which a car can pass early or late.
+    """
 
     def _check_together(self) -> None:
         self._require(self.throttle_max > self.throttle_min, "throttle_max", "must be above throttle_min")
@@ -167,14 +171,12 @@ def frame_at(curve: CurveStruct, gamma: float) -> Frame:
     """Evaluate the curve and how its tangent stretches and turns."""
     a = float(curve.a)
     b = float(curve.b)
-    sin_a = wp.sin(a * gamma)
-    cos_a = wp.cos(a * gamma)
-    sin_b = wp.sin(b * gamma)
-    cos_b = wp.cos(b * gamma)
-    first = wp.vec2(-curve.half_width * a * sin_a, curve.half_height * b * cos_b)
-    second = wp.vec2(-curve.half_width * a * a * cos_a, -curve.half_height * b * b * sin_b)
+    across = cos_sin(a * gamma)
+    up = cos_sin(b * gamma)
+    first = wp.vec2(-curve.half_width * a * across[1], curve.half_height * b * up[0])
+    second = wp.vec2(-curve.half_width * a * a * across[0], -curve.half_height * b * b * up[1])
     f = Frame()
-    f.point = wp.vec2(curve.half_width * cos_a, curve.half_height * sin_b)
+    f.point = wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
     f.inverse = 1.0 / wp.length(first)
     f.tangent = first * f.inverse
     f.slope = -wp.dot(f.tangent, second) * f.inverse * f.inverse
@@ -237,6 +239,16 @@ def travels(p: MpccStruct, speeds: wp.vec4) -> wp.vec4:
 
 
 @wp.func
+def cos_sin_4(heading: float, turned: wp.vec4):
+    """Cosines and sines of the heading at the four Runge-Kutta stages."""
+    d1 = cos_sin(heading)
+    d2 = cos_sin(heading + turned[1])
+    d3 = cos_sin(heading + turned[2])
+    d4 = cos_sin(heading + turned[3])
+    return wp.vec4(d1[0], d2[0], d3[0], d4[0]), wp.vec4(d1[1], d2[1], d3[1], d4[1])
+
+
+@wp.func
 def advance(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.vec2) -> vec5:
     """One Runge-Kutta step of (12), gamma' = v / ||r'(gamma)|| by (14) as its last row.
 
@@ -244,11 +256,9 @@ def advance(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.ve
     """
     push = p.drive * control[1] - p.offset
     v = rk.from_speed * state[3] + rk.from_push * push
-    heading = travels(p, v) * (wp.tan(control[0]) / p.wheelbase)
-    turned = wp.dot(rk.weight, v) * (wp.tan(control[0]) / p.wheelbase)
-    e = state[2]
-    cos = wp.vec4(wp.cos(e), wp.cos(e + heading[1]), wp.cos(e + heading[2]), wp.cos(e + heading[3]))
-    sin = wp.vec4(wp.sin(e), wp.sin(e + heading[1]), wp.sin(e + heading[2]), wp.sin(e + heading[3]))
+    curvature = wp.tan(control[0]) / p.wheelbase
+    turned = wp.dot(rk.weight, v) * curvature
+    cos, sin = cos_sin_4(state[2], travels(p, v) * curvature)
     wv = wp.cw_mul(rk.weight, v)
     # gamma is summed in cells of the table, which spares a product in each link of the chain
     x = state[4] * table.per_radian
@@ -261,7 +271,7 @@ def advance(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.ve
     return vec5(
         state[0] + wp.dot(wv, cos),
         state[1] + wp.dot(wv, sin),
-        e + turned,
+        state[2] + turned,
         state[3] + push * p.step - p.drag * wp.dot(rk.weight, v),
         state[4] + wp.dot(wv, wp.vec4(g1, g2, g3, g4)),
     )
@@ -284,13 +294,7 @@ def linearise(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.
     curvature = tangent / p.wheelbase
     by_steering = (1.0 + tangent * tangent) / p.wheelbase
     travel = travels(p, v)
-    e = state[2]
-    cos = wp.vec4(
-        wp.cos(e), wp.cos(e + curvature * travel[1]), wp.cos(e + curvature * travel[2]), wp.cos(e + curvature * travel[3])
-    )
-    sin = wp.vec4(
-        wp.sin(e), wp.sin(e + curvature * travel[1]), wp.sin(e + curvature * travel[2]), wp.sin(e + curvature * travel[3])
-    )
+    cos, sin = cos_sin_4(state[2], curvature * travel)
     wv_cos = wp.cw_mul(wp.cw_mul(w, v), cos)
     wv_sin = wp.cw_mul(wp.cw_mul(w, v), sin)
     ws = wp.cw_mul(w, rk.from_speed)

@@ -18,10 +18,11 @@ ON_COLLISION = {"count": 0, "stop": 1, "remove": 2}
 
 @wp.func
 def closest_approach(before: wp.vec3, after: wp.vec3) -> float:
-    """Smallest length of before + t (after - before), t in [0, 1] [m]: two robots on straight ways between instants."""
+    """Smallest squared length of before + t (after - before), t in [0, 1] [m^2]: two robots on straight ways."""
     moved = after - before
     t = wp.clamp(-wp.dot(before, moved) / wp.max(wp.dot(moved, moved), 1.0e-12), 0.0, 1.0)
-    return wp.length(before + t * moved)
+    nearest = before + t * moved
+    return wp.dot(nearest, nearest)
 
 
 @wp.kernel
@@ -46,16 +47,17 @@ def find_collisions(
                         least = wp.min(least, closest_approach(before, after))
                         before = after
                     nearest = wp.min(nearest, least)
-                    if least < touch:
+                    if least < touch * touch:
                         wp.atomic_add(tally.contact_steps, w, 1)
                         if tally.contact[w, i, j] == 0:
                             tally.contact[w, i, j] = 1
                             wp.atomic_add(tally.collisions, w, 1)
                             wp.atomic_add(step_out.collisions, w, i, 1)
                             wp.atomic_add(step_out.collisions, w, j, 1)
-                    if wp.length(before) > PARTED * touch:
+                    if wp.dot(before, before) > PARTED * PARTED * touch * touch:
                         tally.contact[w, i, j] = 0
-    wp.atomic_min(tally.min_separation, w, nearest)
+    if nearest < 1.0e30:
+        wp.atomic_min(tally.min_separation, w, wp.sqrt(nearest))
 
 
 @wp.func

@@ -15,19 +15,20 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 CurveStruct = struct_of(Curve)
 
 TWO_PI = wp.constant(6.283185307179586)
+_PER_TURN = wp.constant(0.15915494309189535)
 
 
 @wp.func
 def wrap_positive(angle: float) -> float:
     """Wrap an angle to [0, 2 pi) [rad]."""
-    wrapped = angle - TWO_PI * wp.floor(angle / TWO_PI)
-    return wp.where(wrapped >= TWO_PI, 0.0, wrapped)
+    wrapped = angle - TWO_PI * wp.floor(angle * _PER_TURN)
+    return wp.where(wrapped >= TWO_PI or wrapped < 0.0, 0.0, wrapped)
 
 
 @wp.func
 def wrap(angle: float) -> float:
     """Wrap an angle to [-pi, pi] [rad]."""
-    return angle - TWO_PI * wp.floor(angle / TWO_PI + 0.5)
+    return angle - TWO_PI * wp.floor(angle * _PER_TURN + 0.5)
 
 
 @wp.func
@@ -55,14 +56,20 @@ def tangent2(curve: CurveStruct, gamma: float) -> wp.vec2:
 
 @wp.func
 def project(curve: CurveStruct, position: wp.vec2, gamma: float, largest_step: float) -> float:
-    """Move gamma by one Gauss-Newton step towards the nearest point: gamma + clip(r'.(q - r) / ||r'||^2).
+    """Move gamma by one Newton step towards the nearest point, where r'.(q - r) = 0, by at most `largest_step` [rad].
 
     The curve crosses itself, so the nearest point of the whole curve may lie on another branch; a robot carries its
-    gamma and only ever corrects it locally.
+    gamma and only ever corrects it locally. Beyond half of the radius of curvature the step is that of Gauss-Newton,
+    doubled: there the second derivative vanishes and the nearest point is about to jump.
     """
-    across = cos_sin(float(curve.a) * gamma)
-    up = cos_sin(float(curve.b) * gamma)
+    a = float(curve.a)
+    b = float(curve.b)
+    across = cos_sin(a * gamma)
+    up = cos_sin(b * gamma)
     nearest = wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
-    tangent = wp.vec2(-curve.half_width * float(curve.a) * across[1], curve.half_height * float(curve.b) * up[0])
-    lag = wp.dot(tangent, position - nearest) / wp.dot(tangent, tangent)
+    tangent = wp.vec2(-curve.half_width * a * across[1], curve.half_height * b * up[0])
+    bend = wp.vec2(-a * a * nearest[0], -b * b * nearest[1])
+    away = position - nearest
+    square = wp.dot(tangent, tangent)
+    lag = wp.dot(tangent, away) / wp.max(square - wp.dot(bend, away), 0.5 * square)
     return gamma + wp.clamp(lag, -largest_step, largest_step)

@@ -28,6 +28,12 @@ def step_key(seed: int, step: int) -> int:
 
 
 @wp.func
+def uniform(key: int, entity: int, purpose: int) -> float:
+    """One draw from [0, 1): the hash that would seed a stream, taken as the number itself."""
+    return float(wp.rand_init(key, entity * _PURPOSES + purpose) >> wp.uint32(8)) * 5.9604645e-08
+
+
+@wp.func
 def stream(key: int, entity: int, purpose: int) -> wp.uint32:
     """State of the generator for one entity's draws of one purpose in the step of the key."""
     return wp.rand_init(key, entity * _PURPOSES + purpose)

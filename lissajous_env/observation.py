@@ -93,22 +93,22 @@ class Scales:
 @wp.func
 def hear(
     w: int, i: int, side: int, now: int, key: int, neighbours: wp.array2d(dtype=int), noise: NoiseStruct, links: Links
-):
-    """Take the neighbour's message that arrives now, unless it is lost."""
+) -> int:
+    """Take the neighbour's message that arrives now, unless it is lost; returns when the last one heard was sent."""
     j = neighbours[i, side]
+    heard_at = links.heard_at[w, i, side]
     delay = links.sent.shape[2] - 1
     sent_at = now - delay
     if j < 0 or sent_at < 0:
-        return
+        return heard_at
     slot = sent_at % (delay + 1)
     if links.sending[w, j, slot] == 0:
-        return
-    if noise.message_loss > 0.0:
-        draw = draws.stream(key, 2 * i + side, draws.MESSAGE)
-        if wp.randf(draw) < noise.message_loss:
-            return
+        return heard_at
+    if noise.message_loss > 0.0 and draws.uniform(key, 2 * i + side, draws.MESSAGE) < noise.message_loss:
+        return heard_at
     links.heard[w, i, side] = links.sent[w, j, slot]
     links.heard_at[w, i, side] = sent_at
+    return sent_at
 
 
 @wp.func
@@ -116,6 +116,16 @@ def clear(w: int, i: int, start: int, stop: int, observation_out: wp.array3d(dty
     """Zero a range of a row."""
     for k in range(start, stop):
         observation_out[w, i, k] = 0.0
+
+
+@wp.func
+def empty(w: int, i: int, start: int, width: int, room: int, observation_out: wp.array3d(dtype=float)):
+    """Zero the entries of a list that are in use: those before the first that is not present."""
+    for place in range(room):
+        entry = start + place * width
+        if observation_out[w, i, entry] == 0.0:
+            break
+        clear(w, i, entry, entry + width, observation_out)
 
 
 @wp.func
@@ -185,10 +195,11 @@ def observe_ring(
     own = robots.measured[w, i]
     phase = robots.measured_phase[w, i]
     for side in range(2):
-        hear(w, i, side, now, key, neighbours, noise, links)
         start = OWN + LINK * side
-        heard_at = links.heard_at[w, i, side]
-        if heard_at >= 0:
+        heard_at = hear(w, i, side, now, key, neighbours, noise, links)
+        if heard_at < 0 or robots.status[w, i] == REMOVED:
+            clear(w, i, start, start + LINK, observation_out)
+        else:
             message = links.heard[w, i, side]
             lead = cos_sin(message[0] - phase)
             observation_out[w, i, start] = 1.0
@@ -233,9 +244,9 @@ def observe(
             for k in range(size):
                 final_out[w, i, k] = observation_out[w, i, k]
         observe_self(w, i, curve, scales, robots, observation_out)
-        clear(w, i, OWN, size, observation_out)
-        if robots.status[w, i] != REMOVED:
-            observe_ring(w, i, now, key, curve, noise, scales, neighbours, robots, links, observation_out)
+        observe_ring(w, i, now, key, curve, noise, scales, neighbours, robots, links, observation_out)
+        empty(w, i, OWN + 2 * LINK, ROBOT, scales.robots_seen, observation_out)
+        empty(w, i, OWN + 2 * LINK + ROBOT * scales.robots_seen, TARGET, scales.targets_seen, observation_out)
         if scales.robots_seen > 0 and robots.status[w, i] == WORKING:
             observe_robots(w, i, scales, robots, observation_out)
     if scales.targets_seen > 0 and step_in.in_sight[w] > 0:

@@ -16,8 +16,8 @@ RobotStruct = struct_of(Robot)
 FormationStruct = struct_of(Formation)
 NoiseStruct = struct_of(Noise)
 
-LARGEST_CORRECTION = wp.constant(0.05)
-"""Limit of one correction of a car's parameter on the curve [rad]: it may slide along its branch, not jump."""
+LARGEST_CORRECTION = wp.constant(0.1)
+"""Limit of a correction of a car's parameter on the curve [rad]: it may slide along its branch, not jump."""
 
 
 @wp.func
@@ -36,8 +36,9 @@ def car_rate(robot: RobotStruct, state: wp.vec4, curvature: float, push: float) 
     `curvature` is tan(delta) / l [1/m]. The yaw rate is limited by grip to a_lat / v; a car does not reverse.
     """
     speed = wp.max(state[3], 0.0)
-    grip = robot.lateral_acceleration_max / wp.max(speed, 1.0e-6)
-    yaw_rate = wp.clamp(speed * curvature, -grip, grip)
+    yaw_rate = speed * curvature
+    if speed * wp.abs(yaw_rate) > robot.lateral_acceleration_max:
+        yaw_rate = wp.sign(yaw_rate) * robot.lateral_acceleration_max / speed
     ahead = cos_sin(state[2])
     return wp.vec4(speed * ahead[0], speed * ahead[1], yaw_rate, push - robot.drag * speed)
 
@@ -222,10 +223,8 @@ def move_cars(
             robots.position[w, i] = wp.vec3(car[0], car[1], 0.0)
             robots.heading[w, i] = wrap(car[2])
             robots.speed[w, i] = car[3]
-            # Two corrections settle the parameter but in the tightest turns, where their limit bounds the slide.
             start = alpha * robots.phase[w, i]
             gamma = project(curve, wp.vec2(car[0], car[1]), start, LARGEST_CORRECTION)
-            gamma = project(curve, wp.vec2(car[0], car[1]), gamma, LARGEST_CORRECTION)
             robots.phase[w, i] = wrap_positive(robots.phase[w, i] + (gamma - start) / alpha)
         measure(w, i, now, key, curve, alpha, noise, robots, links)
 

@@ -27,8 +27,8 @@ from lissajous_env.targets import TargetsStruct, move_targets, reset_arrivals, r
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 _START = {"equilibrium": 0, "rotated": 1, "random": 2}
-_BLOCK = 512
-"""Worlds that go through all stages of a step together on a CPU thread: about as many as its cache holds."""
+_BLOCK = 256
+"""Worlds below which a CPU thread of its own costs more than it saves."""
 
 
 @wp.kernel
@@ -176,13 +176,11 @@ class Simulation:
         self.invalid = self.clock.invalid
 
     def _record(self) -> None:
-        """Record the launches of a reset and of a step, once for each block of worlds."""
+        """Record the launches of a reset and of a step, once for each thread's block of worlds."""
         blocks = [(0, self.num_worlds)]
         if self.device.is_cpu:
-            # Each thread gets the same number of blocks, so that none waits for another at the end of a step.
             workers = min(self.threads, -(-self.num_worlds // _BLOCK))
-            count = workers * -(-self.num_worlds // (_BLOCK * workers))
-            edges = np.linspace(0, self.num_worlds, count + 1).astype(int)
+            edges = np.linspace(0, self.num_worlds, workers + 1).astype(int)
             blocks = [(int(low), int(high)) for low, high in zip(edges[:-1], edges[1:], strict=True)]
         constants = _Constants(self.scenario, self.device)
         self._beginnings = [self._recorded(self._begin_recipe(constants), *block) for block in blocks]
@@ -248,14 +246,9 @@ class Simulation:
         ]
 
     def _run(self, blocks: list[list]) -> None:
-        if len(blocks) == 1:
-            _launch_all(blocks)
-            return
-        workers = min(self.threads, len(blocks))
-        shares = [blocks[k::workers] for k in range(workers)]
-        # The launches release the interpreter's lock; this thread takes the first share itself.
-        waiting = [_pool(self.threads).submit(_launch_all, share) for share in shares[1:]]
-        _launch_all(shares[0])
+        # The launches release the interpreter's lock; this thread takes the first block itself.
+        waiting = [_pool(self.threads).submit(_launch_all, block) for block in blocks[1:]]
+        _launch_all(blocks[0])
         for future in waiting:
             future.result()
 
@@ -362,10 +355,9 @@ def _checked_seeds(seeds: Any, count: int) -> np.ndarray:
     return array.astype(np.int32)
 
 
-def _launch_all(blocks: Sequence[list]) -> None:
-    for block in blocks:
-        for launch in block:
-            launch.launch()
+def _launch_all(block: Sequence[wp.Launch]) -> None:
+    for launch in block:
+        launch.launch()
 
 
 @lru_cache(maxsize=None)

@@ -127,14 +127,12 @@ def bounce(place: wp.vec2, heading: float, curve: CurveStruct) -> wp.vec3:
 
 @wp.func
 def move_target(
-    w: int, t: int, key: int, motion: int, step: float, curve: CurveStruct, targets: TargetsStruct, robots: Robots,
-    rogues: Rogues,
+    w: int, t: int, key: int, motion: int, place: wp.vec2, nearest: wp.vec2, step: float, curve: CurveStruct,
+    targets: TargetsStruct, robots: Robots, rogues: Rogues,
 ) -> wp.vec2:
-    """Move one target over a step [s] and return its new place [m]."""
-    place = rogues.position[w, t]
+    """Move one target over a step [s] and return its new place [m]; `nearest` is of `nearest_sensor`."""
     heading = rogues.heading[w, t]
     if motion == FLEEING:
-        nearest = nearest_sensor(w, place, robots)
         if nearest[1] < targets.flee_radius * targets.flee_radius:
             away = place - robots.sensor[w, int(nearest[0])]
             # A wall turns the flight along itself; it does not send the target back to the robot.
@@ -147,9 +145,8 @@ def move_target(
             rogues.heading[w, t] = wp.atan2(away[1], away[0])
             return fled
     if motion != DRIFTING:
-        draw = draws.stream(key, t, draws.WANDER)
         # A uniform draw of this deviation: its sum over a second is normal, at a third of the cost.
-        heading += targets.turn_rate * wp.sqrt(3.0 * step) * (2.0 * wp.randf(draw) - 1.0)
+        heading += targets.turn_rate * wp.sqrt(3.0 * step) * (2.0 * draws.uniform(key, t, draws.WANDER) - 1.0)
     moved = bounce(place + targets.speed * step * cos_sin(heading), heading, curve)
     rogues.heading[w, t] = moved[2]
     rogues.position[w, t] = wp.vec2(moved[0], moved[1])
@@ -168,6 +165,7 @@ def move_targets(
         return
     now = clock.step[w] + 1 - begin
     key = draws.step_key(clock.seed[w], now)
+    reach = sensing_radius + step * wp.max(targets.speed, targets.flee_speed)
     waiting = int(0)
     sighted = int(0)
     for t in range(lane, rogues.stage.shape[1], lanes):
@@ -178,9 +176,12 @@ def move_targets(
         elif stage != GONE and rogues.appears_at[w, t] <= now:
             place = rogues.position[w, t]
             motion = rogues.motion[w, t]
-            if stage != HIDDEN and motion != STILL:
-                place = move_target(w, t, key, motion, step, curve, targets, robots, rogues)
             nearest = nearest_sensor(w, place, robots)
+            if stage != HIDDEN and motion != STILL:
+                place = move_target(w, t, key, motion, place, nearest, step, curve, targets, robots, rogues)
+                # A target that was far from every sensor cannot have come into one's reach in this step.
+                if nearest[1] < reach * reach:
+                    nearest = nearest_sensor(w, place, robots)
             seen = wp.where(nearest[1] < sensing_radius * sensing_radius, 1, 0)
             sighted += seen
             rogues.in_sight[w, t] = seen

@@ -1,0 +1,6 @@
+"""`python -m lissajous_env` is the command `lissajous`."""
+
+from lissajous_env.cli import main
+
+if __name__ == "__main__":
+    main()

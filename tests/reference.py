@@ -1,0 +1,526 @@
+"""The world once more: one world in float64, plain loops, written from the documented model and not from the kernels.
+
+The oracle of the simulation. What is random is left out: the phases and the targets with which an episode begins are
+given, and wandering targets are only followed with `targets.turn_rate` 0, which makes them go straight on.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+STILL, DRIFTING, WANDERING, FLEEING = range(4)
+PROJECTION_LIMIT = 0.1
+"""Largest correction of a car's curve parameter in a control step [rad]."""
+PARTED = 1.05
+"""Distance over the sum of the radii, above which a collision is over."""
+RECOVERED = 0.05
+"""Deviation from the equilibrium below which a formation has recovered [rad]."""
+
+
+def wrapped(angle: float) -> float:
+    """The same angle in (-pi, pi] [rad]."""
+    return math.remainder(angle, 2 * math.pi)
+
+
+def curve_point(curve, gamma: float) -> np.ndarray:
+    """Equation (10), which is (3) where C = 0 [m]."""
+    return np.array(
+        [
+            curve.half_width * math.cos(curve.a * gamma),
+            curve.half_height * math.sin(curve.b * gamma),
+            curve.half_depth * math.sin(curve.c * gamma),
+        ]
+    )
+
+
+def curve_tangent(curve, gamma: float) -> np.ndarray:
+    """Derivative of (3) with respect to its parameter [m/rad]."""
+    return np.array(
+        [
+            -curve.half_width * curve.a * math.sin(curve.a * gamma),
+            curve.half_height * curve.b * math.cos(curve.b * gamma),
+        ]
+    )
+
+
+def projection(curve, place: np.ndarray, gamma: float) -> float:
+    """Newton's step for r'.(q - r) = 0 [rad], limited; where the curve bends much, twice that of Gauss and Newton."""
+    tangent, away = curve_tangent(curve, gamma), place - curve_point(curve, gamma)[:2]
+    second = np.array(
+        [
+            -curve.half_width * curve.a**2 * math.cos(curve.a * gamma),
+            -curve.half_height * curve.b**2 * math.sin(curve.b * gamma),
+        ]
+    )
+    slope = tangent @ tangent - second @ away
+    lag = float(tangent @ away / max(slope, tangent @ tangent / 2))
+    return min(max(lag, -PROJECTION_LIMIT), PROJECTION_LIMIT)
+
+
+def motor_acceleration(robot, throttle: float) -> float:
+    """Drive less offset, and nothing in the dead zone [m/s^2]."""
+    return robot.drive * throttle - robot.offset if throttle > robot.dead_zone else 0.0
+
+
+def car_rates(robot, state: np.ndarray, steering: float, throttle: float) -> np.ndarray:
+    """Right side of (12) for [x, y, heading, speed], with the limit of grip on the yaw rate."""
+    _, _, heading, speed = state
+    speed = max(speed, 0.0)
+    yaw_rate = speed * math.tan(steering) / robot.wheelbase
+    if speed > 0:
+        most = robot.lateral_acceleration_max / speed
+        yaw_rate = min(max(yaw_rate, -most), most)
+    acceleration = motor_acceleration(robot, throttle) - robot.drag * speed
+    return np.array([speed * math.cos(heading), speed * math.sin(heading), yaw_rate, acceleration])
+
+
+def car_runge_kutta(robot, state: np.ndarray, steering: float, throttle: float, h: float) -> np.ndarray:
+    """One step of the classical Runge-Kutta method; the car does not reverse."""
+    first = car_rates(robot, state, steering, throttle)
+    second = car_rates(robot, state + h / 2 * first, steering, throttle)
+    third = car_rates(robot, state + h / 2 * second, steering, throttle)
+    fourth = car_rates(robot, state + h * third, steering, throttle)
+    after = state + h * (first + 2 * second + 2 * third + fourth) / 6
+    after[3] = max(after[3], 0.0)
+    return after
+
+
+def closest_approach(before: np.ndarray, after: np.ndarray) -> float:
+    """Shortest distance of the origin from the straight way between two offsets [m]."""
+    way = after - before
+    length = float(np.linalg.norm(way))
+    if length == 0:
+        return float(np.linalg.norm(before))
+    along = min(max(-float(before @ way) / length, 0.0), length)
+    return float(np.linalg.norm(before + along * way / length))
+
+
+@dataclass
+class Car:
+    """One robot: its truth, and its way through the latest step."""
+
+    position: np.ndarray
+    heading: float
+    speed: float
+    phase: float
+    way: list = field(default_factory=list)
+    stopped: bool = False
+    """Whether a collision stopped it for good."""
+    crashed: bool = False
+    """Whether a collision removed it."""
+
+
+@dataclass
+class Target:
+    """One target slot."""
+
+    position: np.ndarray
+    heading: float
+    motion: int
+    appears_at: int
+    found_at: int | None = None
+    finder: int | None = None
+    in_sight: bool = False
+
+
+class World:
+    """One world of a scenario, stepped by `step(action)`; `targets` are (position, heading, motion, appears_at)."""
+
+    def __init__(self, scenario, phases, targets):
+        self.scenario = scenario = scenario.resolve()
+        self.alpha = scenario.formation.alpha
+        self.n = scenario.num_robots
+        task = scenario.task
+        self.dt, self.now = task.step, 0
+        self.equilibrium = [0.0] * self.n
+        for place, robot in enumerate(scenario.formation.ring):
+            self.equilibrium[robot] = 2 * math.pi * scenario.formation.p * place / self.n
+        self.robots = [self._placed(phase) for phase in phases]
+        self.targets = [Target(np.array(place, float), heading, motion, at) for place, heading, motion, at in targets]
+        self.delay = round(scenario.noise.message_delay / task.step)
+        self.sent: list[list] = []
+        self.heard = [[None, None] for _ in range(self.n)]
+        self.touching: set[tuple[int, int]] = set()
+        self.collisions = self.contact_steps = 0
+        self.least_distance = math.inf
+        self.new_collisions = [0] * self.n
+        self.detections = [0] * self.n
+        self.ended_idleness = 0
+        self.lateral_sum = self.lateral_max = self.spacing_max = 0.0
+        self.deviations: list[float] = []
+        self.returns = np.zeros(self.n)
+        self.terms = np.zeros((self.n, 5))
+        columns, rows = task.grid or (0, 0)
+        self.centres = [
+            (x, y)
+            for y in (np.arange(rows) + 0.5) * 2 * scenario.curve.half_height / max(rows, 1) - scenario.curve.half_height
+            for x in (np.arange(columns) + 0.5) * 2 * scenario.curve.half_width / max(columns, 1)
+            - scenario.curve.half_width
+        ]
+        self.visits = [[0] for _ in self.centres]
+        self.sensed_by = [set() for _ in self.centres]
+        self.covered_at = self.covered_each_at = None
+        self.speed_unit = self._speed_unit()
+        self._sense(begin=True)
+        self._tally(begin=True)
+        self._send()
+        self._hear()
+
+    def _placed(self, phase: float) -> Car:
+        rate = self.scenario.formation.phase_rate
+        gamma = self.alpha * phase
+        tangent = curve_tangent(self.scenario.curve, gamma) * rate
+        heading = math.atan2(tangent[1], tangent[0])
+        return Car(curve_point(self.scenario.curve, gamma), heading, float(np.linalg.norm(tangent)), phase)
+
+    # Who works.
+
+    def removed(self, i: int) -> bool:
+        """Whether robot i is gone, by the schedule or by a collision."""
+        times = [round(time / self.dt) for robot, time in self.scenario.faults.removed if robot == i]
+        return self.robots[i].crashed or any(at < max(self.now, 1) for at in times)
+
+    def stuck(self, i: int) -> bool:
+        """Whether robot i stands still in the step that ends now."""
+        rows = [(a, b) for robot, a, b in self.scenario.faults.schedule if robot == i]
+        faulty = any(round(a / self.dt) < self.now <= b / self.dt + 1e-6 for a, b in rows)
+        return not self.removed(i) and (faulty or self.robots[i].stopped)
+
+    def works(self, i: int) -> bool:
+        """Whether robot i moves and senses."""
+        return not self.removed(i) and not self.stuck(i)
+
+    # A step.
+
+    @property
+    def over(self) -> bool:
+        """Whether the time is over or collisions removed every robot."""
+        return self.now >= self.scenario.task.steps or all(robot.crashed for robot in self.robots)
+
+    def step(self, action: np.ndarray) -> None:
+        """Move robots, find collisions, move and sense targets, cover cells, score, reward, hear messages.
+
+        What a collision does to a robot begins after it has sensed and sent in the step of the collision.
+        """
+        if self.over:
+            self.terms[:] = 0
+            return
+        self.now += 1
+        command = np.clip(np.asarray(action, dtype=float), -1, 1)
+        self.at_work = [self.works(i) for i in range(self.n)]
+        for i in range(self.n):
+            self._move(i, command[i])
+        self._send()
+        self._collide()
+        self._sense(begin=False)
+        self._tally(begin=False)
+        self._reward(command)
+        self._consequences()
+        self._hear()
+
+    def _move(self, i: int, command: np.ndarray) -> None:
+        car, curve, robot, substeps = self.robots[i], self.scenario.curve, self.scenario.robot, self.scenario.task.substeps
+        car.way = [car.position.copy()]
+        if robot.kind == "curve":
+            rate = float(command[0]) * robot.phase_rate_max if self.at_work[i] else 0.0
+            for s in range(1, substeps + 1):
+                passed = car.phase + rate * self.dt * s / substeps
+                car.way.append(curve_point(curve, self.alpha * passed))
+            car.phase += rate * self.dt
+            tangent = curve_tangent(curve, self.alpha * car.phase) * self.alpha * rate
+            car.speed = float(np.linalg.norm(tangent))
+            if rate != 0:
+                car.heading = math.atan2(tangent[1], tangent[0])
+        elif self.at_work[i]:
+            steering = float(command[0]) * robot.steering_max
+            throttle = robot.throttle_min + (float(command[1]) + 1) / 2 * (robot.throttle_max - robot.throttle_min)
+            state = np.array([car.position[0], car.position[1], car.heading, car.speed])
+            for _ in range(substeps):
+                state = car_runge_kutta(robot, state, steering, throttle, self.dt / substeps)
+                car.way.append(np.array([state[0], state[1], 0.0]))
+            car.heading, car.speed = float(state[2]), float(state[3])
+            car.phase += projection(curve, state[:2], self.alpha * car.phase) / self.alpha
+        else:
+            car.speed = 0.0
+            car.way += [car.position] * substeps
+        car.position = car.way[-1]
+
+    def _collide(self) -> None:
+        touch = 2 * self.scenario.robot.radius
+        self.new_collisions = [0] * self.n
+        for i in range(self.n):
+            for j in range(i + 1, self.n):
+                if self.removed(i) or self.removed(j):
+                    continue
+                offsets = [a - b for a, b in zip(self.robots[i].way, self.robots[j].way, strict=True)]
+                least = min(closest_approach(a, b) for a, b in zip(offsets[:-1], offsets[1:], strict=True))
+                self.least_distance = min(self.least_distance, least)
+                if least < touch:
+                    self.contact_steps += 1
+                    if (i, j) not in self.touching:
+                        self.touching.add((i, j))
+                        self.collisions += 1
+                        self.new_collisions[i] += 1
+                        self.new_collisions[j] += 1
+                if np.linalg.norm(offsets[-1]) > PARTED * touch:
+                    self.touching.discard((i, j))
+
+    def _consequences(self) -> None:
+        for car, collisions in zip(self.robots, self.new_collisions, strict=True):
+            if collisions and self.scenario.task.on_collision == "stop":
+                car.stopped = True
+            if collisions and self.scenario.task.on_collision == "remove":
+                car.crashed = True
+
+    def _sensors(self) -> dict[int, np.ndarray]:
+        """Places of the robots that sense."""
+        return {i: self.robots[i].position[:2] for i in range(self.n) if self.works(i)}
+
+    def _sense(self, begin: bool) -> None:
+        sensors, radius = self._sensors(), self.scenario.sensing.radius
+        self.detections = [0] * self.n
+        for target in self.targets:
+            target.in_sight = False
+            gone = self.scenario.targets.leave and target.found_at is not None
+            if target.appears_at > self.now or gone:
+                continue
+            if target.appears_at < self.now:
+                self._move_target(target, sensors)
+            distances = {i: float(np.linalg.norm(place - target.position)) for i, place in sensors.items()}
+            target.in_sight = any(distance < radius for distance in distances.values())
+            if target.in_sight and target.found_at is None:
+                target.found_at = self.now
+                target.finder = min(distances, key=distances.__getitem__)
+                self.detections[target.finder] += 1
+        self.ended_idleness = 0
+        for k, (x, y) in enumerate(self.centres):
+            sensing = [i for i, place in sensors.items() if math.hypot(place[0] - x, place[1] - y) < radius]
+            self.sensed_by[k].update(sensing)
+            if sensing:
+                self.ended_idleness += self.now - self.visits[k][-1]
+                self.visits[k].append(self.now)
+        if self.centres:
+            if self.covered_at is None and all(self.sensed_by):
+                self.covered_at = self.now
+            if self.covered_each_at is None and all(len(robots) == self.n for robots in self.sensed_by):
+                self.covered_each_at = self.now
+
+    def _move_target(self, target: Target, sensors: dict[int, np.ndarray]) -> None:
+        curve, rules = self.scenario.curve, self.scenario.targets
+        half = np.array([curve.half_width, curve.half_height])
+        if target.motion == STILL:
+            return
+        if target.motion == FLEEING and sensors:
+            nearest = min(sensors.values(), key=lambda place: float(np.linalg.norm(place - target.position)))
+            away = target.position - nearest
+            distance = float(np.linalg.norm(away))
+            if distance < rules.flee_radius:
+                fled = target.position + rules.flee_speed * self.dt * away / distance
+                target.position = np.clip(fled, -half, half)
+                target.heading = math.atan2(away[1], away[0])
+                return
+        if target.motion != DRIFTING and rules.turn_rate > 0:
+            raise ValueError("the reference does not follow random turns")
+        x, y = target.position + rules.speed * self.dt * np.array([math.cos(target.heading), math.sin(target.heading)])
+        if abs(x) > curve.half_width:
+            x = math.copysign(2 * curve.half_width, x) - x
+            target.heading = math.pi - target.heading
+        if abs(y) > curve.half_height:
+            y = math.copysign(2 * curve.half_height, y) - y
+            target.heading = -target.heading
+        target.position = np.array([x, y])
+
+    # Score and reward.
+
+    def _tally(self, begin: bool) -> None:
+        here = [i for i in range(self.n) if not self.removed(i)]
+        curve = self.scenario.curve
+        errors = []
+        for i in here:
+            on_curve = curve_point(curve, self.alpha * self.robots[i].phase)
+            errors.append(math.dist(on_curve[:2], self.robots[i].position[:2]))
+        self.lateral_max = max([self.lateral_max, *errors])
+        if not begin and here:
+            self.lateral_sum += sum(errors) / len(here)
+        for i in here:
+            for j in self.scenario.neighbours[i]:
+                if j in here:
+                    self.spacing_max = max(self.spacing_max, math.dist(self.robots[i].position, self.robots[j].position))
+        offsets = [self.robots[i].phase - self.equilibrium[i] for i in here]
+        turn = math.atan2(sum(math.sin(o) for o in offsets), sum(math.cos(o) for o in offsets))
+        self.deviations.append(max([abs(wrapped(o - turn)) for o in offsets], default=0.0))
+
+    def _reward(self, command: np.ndarray) -> None:
+        task = self.scenario.task
+        waiting = sum(t.appears_at <= self.now and t.found_at is None for t in self.targets)
+        for i in range(self.n):
+            crashed = self.robots[i].crashed
+            ended = self.ended_idleness * self.dt / max(len(self.centres), 1)
+            self.terms[i] = [
+                task.reward_detection * self.detections[i],
+                0.0 if crashed else task.reward_waiting * waiting * self.dt,
+                task.reward_collision * self.new_collisions[i],
+                0.0 if crashed else task.reward_idleness * ended,
+                0.0 if crashed else task.reward_effort * float(np.mean(command[i] ** 2)),
+            ]
+        self.returns += self.terms.sum(axis=1)
+
+    def score(self) -> dict[str, float]:
+        """Columns of the score up to now, but names and seed."""
+        dt, now = self.dt, self.now
+        there = [t for t in self.targets if t.appears_at <= now]
+        times = [((now if t.found_at is None else t.found_at) - t.appears_at) * dt for t in there]
+        bound = 2 * math.pi / self.scenario.formation.phase_rate / (self.n / self.scenario.clusters)
+        in_bound = [t.found_at is not None and time <= bound + 1e-9 for t, time in zip(there, times, strict=True)]
+        gaps = [np.diff([*visits, now]) for visits in self.visits]
+        places = max(self.n / self.scenario.clusters, 2)
+        corner = math.hypot(self.scenario.curve.half_width, self.scenario.curve.half_height)
+        nan = math.nan
+        return {
+            "targets": len(there),
+            "detected_fraction": np.mean([t.found_at is not None for t in there]) if there else nan,
+            "detection_time_mean": np.mean(times) if there else nan,
+            "detection_time_p95": np.percentile(times, 95) if there else nan,
+            "detection_time_max": max(times) if there else nan,
+            "detected_within_bound": np.mean(in_bound) if there else nan,
+            "collisions": self.collisions,
+            "contact_time": self.contact_steps * dt,
+            "min_separation": self.least_distance if math.isfinite(self.least_distance) else nan,
+            "coverage_time": nan if self.covered_at is None else self.covered_at * dt,
+            "coverage_time_each": nan if self.covered_each_at is None else self.covered_each_at * dt,
+            # A cell's idleness grows from 0 in each gap, so it is on average the sum of half squares over the time.
+            "idleness_mean": float(np.mean([(g**2).sum() / 2 / now * dt for g in gaps])) if gaps else nan,
+            "idleness_max": max(g.max() for g in gaps) * dt if gaps else nan,
+            "lateral_error_mean": self.lateral_sum / now,
+            "lateral_error_max": self.lateral_max,
+            "spacing_factor": self.spacing_max / (2 * math.sin(math.pi / places) * corner),
+            "phase_error": max(self.deviations),
+            "recovery_time": self._recovery_time(),
+            "return_mean": self.returns.mean(),
+        }
+
+    def _recovery_time(self) -> float:
+        ends = [
+            round(end / self.dt)
+            for robot, start, end in self.scenario.faults.schedule
+            if end / self.dt < self.now and not any(r == robot and t <= end for r, t in self.scenario.faults.removed)
+        ]
+        if not ends or any(self.stuck(i) for i in range(self.n)) or self.deviations[-1] >= RECOVERED:
+            return math.nan
+        recovered = self.now
+        while recovered > max(ends) and self.deviations[recovered - 1] < RECOVERED:
+            recovered -= 1
+        return (recovered - max(ends)) * self.dt
+
+    # Observation.
+
+    def _send(self) -> None:
+        messages = [None if self.removed(i) else (r.phase, *r.position[:2]) for i, r in enumerate(self.robots)]
+        self.sent.append(messages)
+
+    def _hear(self) -> None:
+        if self.now < self.delay:
+            return
+        for i in range(self.n):
+            for side, j in enumerate(self.scenario.neighbours[i]):
+                message = self.sent[self.now - self.delay][j] if j >= 0 else None
+                if message is not None:
+                    self.heard[i][side] = (self.now - self.delay, message)
+
+    def observation(self) -> np.ndarray:
+        """(N, D) rows, as the table in `lissajous_env.observation`."""
+        return np.array([self._row(i) for i in range(self.n)])
+
+    def _speed_unit(self) -> float:
+        robot, curve = self.scenario.robot, self.scenario.curve
+        if robot.kind == "car":
+            return (robot.drive * robot.throttle_max - robot.offset) / robot.drag
+        speeds = [float(np.linalg.norm(curve_tangent(curve, gamma))) for gamma in np.linspace(0, 2 * math.pi, 20001)]
+        return max(speeds) * self.scenario.formation.phase_rate
+
+    def _row(self, i: int) -> list[float]:
+        scenario, own = self.scenario, self.robots[i]
+        width, height = scenario.curve.half_width, scenario.curve.half_height
+        sensing, unit = scenario.sensing, self.speed_unit
+
+        def far(value):
+            return min(max(value, -4.0), 4.0)
+
+        row = [far(own.position[0] / width), far(own.position[1] / height)]
+        row += [math.cos(own.heading), math.sin(own.heading), far(own.speed / unit)]
+        row += [math.cos(own.phase), math.sin(own.phase), float(self.works(i))]
+        for heard in self.heard[i]:
+            if heard is None or self.removed(i):
+                row += [0.0] * 6
+                continue
+            at, (phase, x, y) = heard
+            row += [1.0, min((self.now - at) * self.dt, 1.0)]
+            row += [math.cos(phase - own.phase), math.sin(phase - own.phase)]
+            row += [far((x - own.position[0]) / (2 * width)), far((y - own.position[1]) / (2 * height))]
+        robots, targets = [], []
+        if self.works(i):
+            robots = [r for j, r in enumerate(self.robots) if j != i and not self.removed(j)]
+            targets = [t for t in self.targets if t.in_sight]
+        row += self._nearest(own, robots, sensing.robots_seen, unit)
+        row += self._nearest(own, targets, sensing.targets_seen, None)
+        return row
+
+    def _nearest(self, own: Car, others: list, room: int, unit: float | None) -> list[float]:
+        radius, width = self.scenario.sensing.radius, 3 if unit is None else 5
+        offsets = [(other.position[:2] - own.position[:2], other) for other in others]
+        near = sorted((pair for pair in offsets if np.linalg.norm(pair[0]) < radius), key=lambda p: np.linalg.norm(p[0]))
+        row: list[float] = []
+        for offset, other in near[:room]:
+            row += [1.0, *(offset / radius)]
+            if unit is not None:
+                relative = (self._velocity(other) - self._velocity(own)) / (2 * unit)
+                row += list(np.clip(relative, -1, 1))
+        return row + [0.0] * (width * room - len(row))
+
+    @staticmethod
+    def _velocity(robot: Car) -> np.ndarray:
+        return robot.speed * np.array([math.cos(robot.heading), math.sin(robot.heading)])
+
+
+def world_like(simulation, world: int = 0) -> World:
+    """The reference of one world of a simulation, begun with the phases and targets of its episode."""
+    rogues = simulation.rogues
+    targets = zip(
+        rogues.position.numpy()[world].astype(float),
+        rogues.heading.numpy()[world].astype(float),
+        rogues.motion.numpy()[world].tolist(),
+        rogues.appears_at.numpy()[world].tolist(),
+        strict=True,
+    )
+    return World(simulation.scenario, simulation.robots.phase.numpy()[world].astype(float), list(targets))
+
+
+def smooth_actions(shape: tuple[int, int], steps: int, seed: int, low: float = -1.0, high: float = 1.0) -> np.ndarray:
+    """(steps, *shape) actions that change smoothly: three sines of random rates for each, mostly in [low, high]."""
+    draw = np.random.default_rng(seed)
+    rates, turns = draw.uniform(0.02, 0.3, (2, 3, *shape)) * np.array([1, 20])[:, None, None, None]
+    times = np.arange(steps)[:, None, None, None]
+    waves = np.sin(rates * times + turns).sum(axis=1) / 2
+    return ((low + high) / 2 + (high - low) / 2 * waves).astype(np.float32)
+
+
+def pursuit(world: World, ahead: float, speed: float) -> np.ndarray:
+    """(N, 2) actions that drive each car towards the point of the curve `ahead` of it [m], at a speed [m/s].
+
+    Keeps cars near the curve, where the point of the curve that is nearest to a car is well defined.
+    """
+    robot, rows = world.scenario.robot, []
+    for car in world.robots:
+        gamma = world.alpha * car.phase
+        aim = curve_point(world.scenario.curve, gamma)[:2]
+        while np.linalg.norm(aim - car.position[:2]) < ahead:
+            gamma += 0.01
+            aim = curve_point(world.scenario.curve, gamma)[:2]
+        way = aim - car.position[:2]
+        angle = math.atan2(way[1], way[0]) - car.heading
+        steering = math.atan2(2 * robot.wheelbase * math.sin(angle), float(np.linalg.norm(way)))
+        throttle = (robot.drag * speed + robot.offset) / robot.drive + 0.03 * (speed - car.speed)
+        span = robot.throttle_max - robot.throttle_min
+        rows.append([steering / robot.steering_max, 2 * (throttle - robot.throttle_min) / span - 1])
+    return np.array(rows)
