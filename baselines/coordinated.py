@@ -27,9 +27,7 @@ class Coordinator(Protocol):
 
 
 @wp.kernel
-def follow_as_point(
-    robot: RobotStruct, phase_rate: wp.array2d(dtype=float), action_out: wp.array3d(dtype=float)
-):
+def follow_as_point(robot: RobotStruct, phase_rate: wp.array2d(dtype=float), action_out: wp.array3d(dtype=float)):
     """Action of a point on the curve: its phase rate over the largest."""
     w, i = wp.tid()
     action_out[w, i, 0] = wp.clamp(phase_rate[w, i] / robot.phase_rate_max, -1.0, 1.0)
@@ -37,8 +35,13 @@ def follow_as_point(
 
 @wp.kernel
 def read_cars(
-    curve: CurveStruct, alpha: float, speed_scale: float, observation: wp.array3d(dtype=float),
-    phase_rate: wp.array2d(dtype=float), state_out: wp.array2d(dtype=float), rate_out: wp.array(dtype=float),
+    curve: CurveStruct,
+    alpha: float,
+    speed_scale: float,
+    observation: wp.array3d(dtype=float),
+    phase_rate: wp.array2d(dtype=float),
+    state_out: wp.array2d(dtype=float),
+    rate_out: wp.array(dtype=float),
 ):
     """Write the state x, y, heading, speed, gamma of each car and its wanted gamma' = alpha theta'."""
     w, i = wp.tid()
@@ -99,9 +102,7 @@ class WithMpcc(Policy):
         self.coordinator.coordinate(observation)
         alpha = float(self.scenario.alpha)
         inputs = [self._curve, alpha, self._speed_scale, observation, self.coordinator.phase_rate]
-        wp.launch(
-            read_cars, self.shape, inputs, outputs=[self.mpcc.state, self.mpcc.phase_rate], device=self.device
-        )
+        wp.launch(read_cars, self.shape, inputs, outputs=[self.mpcc.state, self.mpcc.phase_rate], device=self.device)
         self.mpcc.launch()
         inputs = [self._robot, self.mpcc.control]
         wp.launch(scale_controls, self.shape, inputs, outputs=[self.action], device=self.device)

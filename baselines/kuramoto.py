@@ -11,7 +11,9 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 
 @wp.kernel
-def kuramoto(rate: float, coupling: float, observation: wp.array3d(dtype=float), phase_rate_out: wp.array2d(dtype=float)):
+def kuramoto(
+    rate: float, coupling: float, observation: wp.array3d(dtype=float), phase_rate_out: wp.array2d(dtype=float)
+):
     """theta_i' = omega / alpha - K sum_j sin(theta_j - theta_i), equation (1), for robot i of world w."""
     w, i = wp.tid()
     pull = sine_ahead(w, i, 0, rate, observation) + sine_ahead(w, i, 1, rate, observation)

@@ -14,7 +14,7 @@ _ROOM = 1.15
 
 
 def cruising_speed(scenario: Scenario) -> float:
-    """Speed of a patrol [m/s]: below the cars' top speed, and below the formation's at the fastest part of the curve."""
+    """Speed of a patrol [m/s]: below the cars' top speed, and below the formation's where the curve is fastest."""
     lap = np.linspace(0, 2 * math.pi, 4096)
     formation = scenario.formation.phase_rate * theory.curve_speed(scenario.curve, lap).max()
     return _CRUISE * min(scenario.robot.speed_max, formation)
@@ -65,8 +65,7 @@ def _rounded(corners: np.ndarray, radius: float) -> np.ndarray:
         start, stop = at + cut * u - centre, at + cut * v - centre
         turn = math.atan2(start[0] * stop[1] - start[1] * stop[0], start @ stop)
         for t in np.linspace(0, turn, 16):
-            path.append(centre + [math.cos(t) * start[0] - math.sin(t) * start[1],
-                                  math.sin(t) * start[0] + math.cos(t) * start[1]])  # fmt: skip
+            path.append(centre + math.cos(t) * start + math.sin(t) * np.array([-start[1], start[0]]))
     return np.array(path)
 
 

@@ -5,7 +5,7 @@ gamma' = v / ||r'(gamma)|| by (14) as the last row:
 
     minimise   sum_{k=0..M}    (phase_rate - v_k / ||r'(gamma_k)||)^2 + q_lag e_lag(X_k)^2 + q_lat e_lat(X_k)^2
              + sum_{k=0..M-1}  q_3 tau_k^2 + q_4 delta_k^2                                                        (11a)
-    subject to X_{k+1} = f(X_k, delta_k, tau_k), X_0 given, |delta_k| <= steering_max, throttle_min <= tau_k <= throttle_max
+    subject to X_{k+1} = f(X_k, delta_k, tau_k), X_0 given, delta_k and tau_k in their bounds (11c)
 
 The errors are those of (x, y) against r(gamma), along and across the tangent there; heading and gamma run on without
 wrapping, and nothing is projected on the curve, which crosses itself. The model is smooth and may predict a speed
@@ -17,6 +17,7 @@ Differs from the paper: gamma stands for the arc length s, as the same model and
 import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,14 +57,24 @@ class Mpcc:
 
     `solve` is the convenient way. In a control loop write to the Warp arrays `state` (K, 5) and `phase_rate` (K,),
     call `launch()`, and read `control` (K, M, 2), `trajectory` (K, M + 1, 5), `cost`, `iterations`, `failed` and
-    `failures` (K,), all on the device; nothing passes through the host.
+    `failures` (K,), all on the device; nothing passes through the host. `threads` (all cores) bounds those of a CPU.
 
     A failed solve brakes (steering 0, smallest throttle), is counted in `failures`, and the next one starts afresh.
     """
 
-    def __init__(self, curve: Curve, parameters: MpccParameters | None = None, batch: int = 1, device: Any = "cpu"):
+    def __init__(
+        self,
+        curve: Curve,
+        parameters: MpccParameters | None = None,
+        batch: int = 1,
+        device: Any = "cpu",
+        threads: int | None = None,
+    ):
         if batch < 1:
             raise ValueError(f"batch must be at least 1, got {batch}")
+        if threads is not None and threads < 1:
+            raise ValueError(f"threads must be at least 1, got {threads}")
+        self.threads = threads or os.cpu_count() or 1
         self.curve = curve
         self.parameters = parameters or MpccParameters()
         self.batch = batch
@@ -105,7 +116,7 @@ class Mpcc:
         """Solve for what stands in `state` and `phase_rate`; on a CPU, large batches are split over the cores."""
         first, *others = self._launches
         # A launch releases the interpreter's lock; this thread takes the first share itself.
-        waiting = [_pool().submit(launch.launch) for launch in others]
+        waiting = [_pool(self.threads).submit(launch.launch) for launch in others]
         first.launch()
         for future in waiting:
             future.result()
@@ -143,7 +154,7 @@ class Mpcc:
     def _record(self) -> list[Any]:
         p, curve = to_struct(MpccStruct, self.parameters), to_struct(CurveStruct, self.curve)
         table, scratch = tabulate(self.curve, self.device), self._scratch()
-        shares = min(os.cpu_count() or 1, max(self.batch // SMALLEST_SHARE, 1)) if self.device.is_cpu else 1
+        shares = min(self.threads, max(self.batch // SMALLEST_SHARE, 1)) if self.device.is_cpu else 1
         ends = [self.batch * share // shares for share in range(shares + 1)]
         outputs = [self.control, self.trajectory, self.cost, self.iterations, self.failed, self.failures]
         with compile_quietly():
@@ -156,7 +167,7 @@ class Mpcc:
                     device=self.device,
                     record_cmd=True,
                 )
-                for low, high in zip(ends[:-1], ends[1:], strict=True)
+                for low, high in pairwise(ends)
             ]
 
     def _take(self, name: str, value: Any, target: Any, shape: tuple[int, ...] | None = None) -> None:
@@ -180,5 +191,5 @@ def _is_on_host(value: Any) -> bool:
 
 
 @cache
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max((os.cpu_count() or 1) - 1, 1), thread_name_prefix="mpcc")
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max(threads - 1, 1), thread_name_prefix="mpcc")

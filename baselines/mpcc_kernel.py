@@ -9,6 +9,11 @@ Scratch arrays are indexed [row, problem]; the host lays them out so that a prob
 the problems of a row are neighbours on CUDA.
 """
 
+# Warp reads these types and casts, not Python: `float(0.0)` declares a variable that a loop changes.
+# ruff: noqa: UP018, RUF046, SIM109
+# pyright: reportInvalidTypeForm=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
+# pyright: reportIndexIssue=false, reportAttributeAccessIssue=false, reportReturnType=false
+
 import warp as wp
 
 from baselines.mpcc_model import (
@@ -29,6 +34,7 @@ from baselines.mpcc_model import (
     vec5,
 )
 from lissajous_env.curve import CurveStruct, point2
+from lissajous_env.trig import cos_sin
 
 # Fused multiply-adds shorten the chains of dependent operations by a tenth.
 wp.set_module_options(
@@ -305,10 +311,9 @@ def along_curve(
     lead = wp.where(early, 0.3, 0.0) * oscillation
     pace = wp.where(early, 0.6, 1.0) * phase_rate
     to = point2(curve, state[4] + ahead) - wp.vec2(state[0], state[1])
-    cos = wp.cos(state[2])
-    sin = wp.sin(state[2])
-    left = cos * to[1] - sin * to[0]
-    front = cos * to[0] + sin * to[1]
+    facing = cos_sin(state[2])
+    left = facing[0] * to[1] - facing[1] * to[0]
+    front = wp.dot(facing, to)
     # A point behind is reached by the tightest turn.
     pursuit = wp.atan(2.0 * p.wheelbase * left / wp.max(wp.dot(to, to), 1.0e-4))
     steering = wp.where(front > 0.0, pursuit, wp.sign(left) * p.steering_max)
@@ -326,11 +331,12 @@ def lay_out(
     start: vec5,
     phase_rate: float,
     kind: int,
+    slot: int,
     k: int,
     scratch: Scratch,
     control: wp.array3d(dtype=float),
 ) -> float:
-    """Roll a first trajectory into slot 0, from a guess in `control` or along the curve; returns its cost."""
+    """Roll a first trajectory into a slot, from a guess in `control` or along the curve; returns its cost."""
     M = p.stages
     cost = float(0.0)
     z = start
@@ -342,11 +348,11 @@ def lay_out(
             u = clip(p, wp.vec2(control[k, j, 0], control[k, j, 1]))
         else:
             u = along_curve(p, curve, table, z, phase_rate, kind == EARLY)
-        scratch.state[i, k] = z
-        scratch.control[i, k] = u
+        scratch.state[slot * (M + 1) + i, k] = z
+        scratch.control[slot * M + i, k] = u
         cost += state_cost(p, errors_at(frame, z, phase_rate)) + control_cost(p, u)
         z = advance(p, rk, table, z, u)
-    scratch.state[M, k] = z
+    scratch.state[slot * (M + 1) + M, k] = z
     return cost + state_cost(p, errors_at(frame_at(curve, z[4]), z, phase_rate))
 
 
@@ -446,15 +452,19 @@ def solve(
         if kind == SHIFT:
             # A warm start that does about as well as the last solution has not left its optimum.
             limit = wp.max(poor, 2.0 * cost_out[k])
-        cost = lay_out(p, rk, curve, table, start, rate, kind, k, scratch, control_out)
-        if kind != EARLY and not cost < limit:
-            early = lay_out(p, rk, curve, table, start, rate, EARLY, k, scratch, control_out)
-            if early < cost:
-                kind = EARLY
-                cost = early
-            else:
-                cost = lay_out(p, rk, curve, table, start, rate, kind, k, scratch, control_out)
+        # the guess, and where that is poor the better of it and the start along the curve
+        cost = float(WORST)
         slot = int(0)
+        laid = kind
+        for side in range(2):
+            if side == 0 or (kind != EARLY and not cost < limit):
+                start_cost = lay_out(
+                    p, rk, curve, table, start, rate, wp.where(side == 0, kind, EARLY), side, k, scratch, control_out
+                )
+                if not cost <= start_cost:
+                    cost = start_cost
+                    slot = side
+                    laid = wp.where(side == 0, kind, EARLY)
         for attempt in range(3):
             worth = bool(attempt == 0)
             if attempt == 1 and best < WORST:
@@ -465,7 +475,7 @@ def solve(
                     worth = cost < PROBE_MARGIN * best
             if attempt == 2 and not best < limit:
                 cost = lay_out(
-                    p, rk, curve, table, start, rate, wp.where(kind == EARLY, CLOSE, EARLY), k, scratch, control_out
+                    p, rk, curve, table, start, rate, wp.where(laid == EARLY, CLOSE, EARLY), 0, k, scratch, control_out
                 )
                 slot = 0
                 worth = True

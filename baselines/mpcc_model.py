@@ -3,6 +3,11 @@
 A state is x, y [m], heading [rad], speed v [m/s], gamma [rad], a control is steering delta [rad], throttle tau.
 """
 
+# Warp reads these types and casts, not Python: `float(0.0)` declares a variable that a loop changes.
+# ruff: noqa: UP018, RUF046, SIM109
+# pyright: reportInvalidTypeForm=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
+# pyright: reportIndexIssue=false, reportAttributeAccessIssue=false, reportReturnType=false
+
 import dataclasses
 import math
 from dataclasses import dataclass
@@ -56,7 +61,7 @@ class MpccParameters(Checked):
     """Largest throttle."""
     max_iterations: int = whole(100, at_least=1, at_most=10_000)
     """Iterations after which a start is given up."""
-    tolerance: float = positive(5e-5)
+    tolerance: float = positive(1e-4)
     """A start has converged when an iteration lowers its cost by less than this fraction."""
     poor: float = non_negative(0.05)
     """A cost above this fraction of (M + 1) phase_rate^2, the cost of standing still, is tried from another start too.
@@ -256,7 +261,8 @@ def advance(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.ve
     """
     push = p.drive * control[1] - p.offset
     v = rk.from_speed * state[3] + rk.from_push * push
-    curvature = wp.tan(control[0]) / p.wheelbase
+    steer = cos_sin(control[0])
+    curvature = steer[1] / (steer[0] * p.wheelbase)
     turned = wp.dot(rk.weight, v) * curvature
     cos, sin = cos_sin_4(state[2], travels(p, v) * curvature)
     wv = wp.cw_mul(rk.weight, v)
@@ -290,9 +296,10 @@ def linearise(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.
     push = p.drive * control[1] - p.offset
     v = rk.from_speed * state[3] + rk.from_push * push
     w = rk.weight
-    tangent = wp.tan(control[0])
-    curvature = tangent / p.wheelbase
-    by_steering = (1.0 + tangent * tangent) / p.wheelbase
+    steer = cos_sin(control[0])
+    secant = 1.0 / steer[0]
+    curvature = steer[1] * secant / p.wheelbase
+    by_steering = secant * secant / p.wheelbase
     travel = travels(p, v)
     cos, sin = cos_sin_4(state[2], curvature * travel)
     wv_cos = wp.cw_mul(wp.cw_mul(w, v), cos)

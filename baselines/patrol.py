@@ -16,6 +16,7 @@ from lissajous_env.structs import to_struct
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
+
 @wp.func
 def drive_towards(
     robot: RobotStruct, position: wp.vec2, heading: float, speed: float, goal: wp.vec2, wanted_speed: float
@@ -56,7 +57,11 @@ def nearest_on_loop(loop: wp.array(dtype=wp.vec2), place: wp.vec2) -> int:
 
 @wp.func
 def slot_of(
-    i: int, phase: float, curve: CurveStruct, alpha: float, equilibrium: wp.array(dtype=float),
+    i: int,
+    phase: float,
+    curve: CurveStruct,
+    alpha: float,
+    equilibrium: wp.array(dtype=float),
     loop: wp.array(dtype=wp.vec2),
 ) -> float:
     """Index on the loop where robot i's place in the file begins.
@@ -79,9 +84,18 @@ def slot_of(
 
 @wp.kernel
 def follow_loop(
-    curve: CurveStruct, robot: RobotStruct, alpha: float, equilibrium: wp.array(dtype=float),
-    loop: wp.array(dtype=wp.vec2), cruise: float, spacing: float, lookahead: float, step: float,
-    memory: wp.array2d(dtype=wp.vec2), observation: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float),
+    curve: CurveStruct,
+    robot: RobotStruct,
+    alpha: float,
+    equilibrium: wp.array(dtype=float),
+    loop: wp.array(dtype=wp.vec2),
+    cruise: float,
+    spacing: float,
+    lookahead: float,
+    step: float,
+    memory: wp.array2d(dtype=wp.vec2),
+    observation: wp.array3d(dtype=float),
+    action_out: wp.array3d(dtype=float),
 ):
     """Chase robot i's place in the file, which goes around the loop at cruising speed [m/s].
 
@@ -115,8 +129,12 @@ def row_key(w: int, i: int, observation: wp.array3d(dtype=float)) -> int:
 
 @wp.kernel
 def wander(
-    curve: CurveStruct, robot: RobotStruct, phase_rate: int, goals: wp.array2d(dtype=wp.vec3),
-    observation: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float),
+    curve: CurveStruct,
+    robot: RobotStruct,
+    phase_rate: int,
+    goals: wp.array2d(dtype=wp.vec3),
+    observation: wp.array3d(dtype=float),
+    action_out: wp.array3d(dtype=float),
 ):
     """Drive to a random place in the rectangle and, there, choose the next; points take random phase rates."""
     w, i = wp.tid()
@@ -125,7 +143,9 @@ def wander(
     away = wp.vec2(goal[0], goal[1]) - position
     if phase_rate == 1 or goal[2] == 0.0 or wp.length(away) < 4.0 * robot.wheelbase:
         draw = draws.stream(row_key(w, i, observation), i, draws.WANDER)
-        goal = wp.vec3((2.0 * wp.randf(draw) - 1.0) * curve.half_width, (2.0 * wp.randf(draw) - 1.0) * curve.half_height, 1.0)
+        goal = wp.vec3(
+            (2.0 * wp.randf(draw) - 1.0) * curve.half_width, (2.0 * wp.randf(draw) - 1.0) * curve.half_height, 1.0
+        )
         goals[w, i] = goal
     if phase_rate == 1:
         action_out[w, i, 0] = goal[0] / curve.half_width

@@ -1,11 +1,11 @@
-"""Speed and optimality of the MPCC against CasADi + IPOPT on the same problems: `python benchmarks/mpcc.py --states 500`.
+"""Speed and optimality of the MPCC against CasADi + IPOPT on the same problems: `python benchmarks/mpcc.py`.
 
-Two sets of problems, each started from the same guess on both sides: states met in closed loop on the paper's experiment
-(guess: the last solution shifted by a stage) and random states near its curve (guess: straight on at the speed wanted).
+Two sets of problems, started from the same guess on both sides: states met in closed loop on the paper's experiment
+(guess: the last solution shifted by a stage) and random states near its curve (guess: straight on at the speed wanted
+at the start). All on one thread; `--states 30` makes it short.
 """
 
 import argparse
-import os
 import time
 from dataclasses import dataclass
 
@@ -44,12 +44,22 @@ class Ipopt:
         cost += p.weight_steering * ca.sumsqr(U[0, :]) + p.weight_throttle * ca.sumsqr(U[1, :])
         gaps = [X[:, 0] - start] + [X[:, i + 1] - self._advance(X[:, i], U[:, i]) for i in range(M)]
         nlp = {"x": ca.vertcat(ca.vec(X), ca.vec(U)), "f": cost, "g": ca.vertcat(*gaps), "p": ca.vertcat(start, rate)}
-        quiet = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-9, "ipopt.max_iter": 500}
+        quiet = {
+            "print_time": False,
+            "ipopt.print_level": 0,
+            "ipopt.sb": "yes",
+            "ipopt.tol": 1e-9,
+            "ipopt.max_iter": 500,
+        }
         self.solver = ca.nlpsol("mpcc", "ipopt", nlp, quiet)
         z, u = ca.SX.sym("z", 5), ca.SX.sym("u", 2)
         self.advance = ca.Function("advance", [z, u], [self._advance(z, u)])
         self.total = ca.Function("total", [X, U, rate], [cost])
-        free, low, high = np.full(5 * (M + 1), np.inf), (-p.steering_max, p.throttle_min), (p.steering_max, p.throttle_max)
+        free, low, high = (
+            np.full(5 * (M + 1), np.inf),
+            (-p.steering_max, p.throttle_min),
+            (p.steering_max, p.throttle_max),
+        )
         self.bounds = {"lbx": np.r_[-free, np.tile(low, M)], "ubx": np.r_[free, np.tile(high, M)], "lbg": 0, "ubg": 0}
 
     def _curve(self, gamma):
@@ -110,7 +120,8 @@ def plant_step(robot: Robot, z: np.ndarray, u: np.ndarray, h: float) -> np.ndarr
     def rates(z):
         v = np.maximum(z[:, 3], 0)
         return np.stack(
-            [v * np.cos(z[:, 2]), v * np.sin(z[:, 2]), v * np.tan(u[:, 0]) / robot.wheelbase, push - robot.drag * v], axis=1
+            [v * np.cos(z[:, 2]), v * np.sin(z[:, 2]), v * np.tan(u[:, 0]) / robot.wheelbase, push - robot.drag * v],
+            axis=1,
         )
 
     k1 = rates(z)
@@ -133,7 +144,7 @@ def tangent(curve: Curve, gamma: np.ndarray) -> np.ndarray:
     )
 
 
-def closed_loop(mpcc: Mpcc, curve: Curve, steps: int, rng: np.random.Generator, kick: float = 0.0):
+def closed_loop(mpcc: Mpcc, curve: Curve, steps: int):
     """Run the experiment of Section VII with our solver; returns the problems met and the time per warm solve [s]."""
     robot, n, h = Robot(), len(RING), mpcc.parameters.step
     phase = theory.equilibrium_phases(n, 2, RING)
@@ -142,7 +153,7 @@ def closed_loop(mpcc: Mpcc, curve: Curve, steps: int, rng: np.random.Generator, 
     before, after = np.empty(n, int), np.empty(n, int)
     before[list(RING)], after[list(RING)] = np.roll(RING, 1), np.roll(RING, -1)
     states, rates, guesses, warm = [], [], [], []
-    for step in range(steps):
+    for _ in range(steps):
         rate = PHASE_RATE - np.sin(phase[before] - phase) - np.sin(phase[after] - phase)
         state = np.c_[z, np.mod(phase, 2 * np.pi)]
         guess = mpcc.control.numpy()
@@ -155,8 +166,6 @@ def closed_loop(mpcc: Mpcc, curve: Curve, steps: int, rng: np.random.Generator, 
         mpcc.launch()
         warm.append((time.perf_counter() - begin) / n)
         control = mpcc.control.numpy()[:, 0]
-        if kick > 0:
-            z = z + rng.normal(0, kick, z.shape)
         for _ in range(2):
             z = plant_step(robot, z, control, h / 2)
             d = tangent(curve, phase)
@@ -182,3 +191,61 @@ def random_problems(count: int, curve: Curve, p: MpccParameters, rng: np.random.
     guess = np.zeros((count, p.stages, 2))
     guess[:, :, 1] = np.clip((p.drag * rate * speed + p.offset) / p.drive, p.throttle_min, p.throttle_max)[:, None]
     return Problems(state, rate, guess)
+
+
+def timed(mpcc: Mpcc, problems: Problems, guess: bool, repeats: int = 5):
+    """Solve a set; returns the solution and the shortest time per problem [s]."""
+    times = []
+    for _ in range(repeats):
+        mpcc.reset()
+        begin = time.perf_counter()
+        solution = mpcc.solve(problems.state, problems.phase_rate, problems.guess if guess else None)
+        times.append((time.perf_counter() - begin) / len(problems.phase_rate))
+    return solution, min(times)
+
+
+def compare(name: str, problems: Problems, curve: Curve, p: MpccParameters, ipopt: Ipopt) -> None:
+    """Print our side and IPOPT's on one set."""
+    count = len(problems.phase_rate)
+    mpcc = Mpcc(curve, p, batch=count, threads=1)
+    _, cold = timed(mpcc, problems, guess=False)
+    solution, guessed = timed(mpcc, problems, guess=True)
+    times, costs = [], []
+    for k in range(count):
+        begin = time.perf_counter()
+        costs.append(ipopt.solve(problems.state[k], problems.phase_rate[k], problems.guess[k])[0])
+        times.append(time.perf_counter() - begin)
+    ours = np.array(
+        [ipopt.cost(problems.state[k], problems.phase_rate[k], solution.control[k].astype(float)) for k in range(count)]
+    )
+    excess = ours / np.array(costs) - 1
+    print(f"{name}: {count} states")
+    print(f"  solve            {guessed * 1e6:8.1f} us from the guess, {cold * 1e6:.1f} us without one")
+    print(f"  IPOPT            {np.median(times) * 1e3:8.2f} ms, {np.median(times) / guessed:.0f} times as long")
+    print(f"  excess cost      {np.median(excess):8.1e} median, {np.percentile(excess, 99):.2e} 99th percentile")
+    close, closer = 100 * np.mean(excess <= 0.01), 100 * np.mean(excess <= 0.001)
+    print(f"  within 1 %       {close:8.2f} % of the states, {closer:.1f} % within 0.1 %")
+    print(f"  better by 1 %    {100 * np.mean(excess < -0.01):8.2f} %")
+    print(f"  NaN, failures    {np.isnan(solution.control).any(axis=(1, 2)).sum():8d}, {int(solution.failed.sum())}")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--states", type=int, default=500, help="problems in each set")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    rng = np.random.default_rng(options.seed)
+    curve, p = Curve(), MpccParameters()
+    ipopt = Ipopt(curve, p)
+
+    steps = max(600, -(-options.states // len(RING)) + 1)
+    runs = [closed_loop(Mpcc(curve, p, len(RING), threads=1), curve, steps) for _ in range(3)]
+    met, warm = runs[0][0], np.min([run[1] for run in runs], axis=0)
+    print(f"warm solve in closed loop {warm.mean() * 1e6:.1f} us mean, {np.median(warm) * 1e6:.1f} us median")
+    met = met[rng.permutation(len(met.phase_rate))[: options.states]]
+    compare("closed loop", met, curve, p, ipopt)
+    compare("random", random_problems(options.states, curve, p, rng), curve, p, ipopt)
+
+
+if __name__ == "__main__":
+    main()

@@ -3,7 +3,7 @@
 import warp as wp
 
 from lissajous_env.robot import RobotStruct
-from lissajous_env.state import NEVER, REMOVED, RUNNING, STUCK, Clock, Robots, Step, Tally
+from lissajous_env.state import NEVER, NOWHERE, REMOVED, RUNNING, STUCK, Clock, Robots, Step, Tally
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -64,6 +64,8 @@ def find_collisions(
 def take_consequence(w: int, i: int, on_collision: int, robots: Robots, step_out: Step):
     """Stop or remove a robot that collided in the latest step."""
     if step_out.collisions[w, i] > 0:
+        if on_collision != COUNT:
+            robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
         if on_collision == STOP:
             robots.status[w, i] = STUCK
             robots.stuck_until[w, i] = NEVER

@@ -33,4 +33,6 @@ def scenarios() -> None:
         )
     console = Console()
     console.print(table)
-    console.print("\n[dim]N robots; r_s: sensing radius; T_max = (2 pi / omega) / (N / kappa), bound on detection.[/dim]")
+    console.print(
+        "\n[dim]N robots; r_s: sensing radius; T_max = (2 pi / omega) / (N / kappa), bound on detection.[/dim]"
+    )

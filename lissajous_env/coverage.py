@@ -37,8 +37,16 @@ def reset_cells(first: int, clock: Clock, cells: Cells):
 
 @wp.kernel
 def cover(
-    first: int, lanes: int, begin: int, curve: CurveStruct, sensing_radius: float, clock: Clock, robots: Robots,
-    cells: Cells, step_out: Step, tally: Tally,
+    first: int,
+    lanes: int,
+    begin: int,
+    curve: CurveStruct,
+    sensing_radius: float,
+    clock: Clock,
+    robots: Robots,
+    cells: Cells,
+    step_out: Step,
+    tally: Tally,
 ):
     """Mark the cells that are sensed now, row by row: a robot's disc meets a row in one run of columns."""
     tid, lane = wp.tid()

@@ -16,13 +16,23 @@ CurveStruct = struct_of(Curve)
 
 TWO_PI = wp.constant(6.283185307179586)
 _PER_TURN = wp.constant(0.15915494309189535)
+_TURN = wp.constant(wp.float64(6.283185307179586))
 
 
 @wp.func
-def wrap_positive(angle: float) -> float:
-    """Wrap an angle to [0, 2 pi) [rad]."""
-    wrapped = angle - TWO_PI * wp.floor(angle * _PER_TURN)
-    return wp.where(wrapped >= TWO_PI or wrapped < 0.0, 0.0, wrapped)
+def wrap_phase(phase: wp.float64) -> wp.float64:
+    """Wrap a phase to [0, 2 pi) [rad]."""
+    wrapped = phase - _TURN * wp.floor(phase / _TURN)
+    return wp.where(wrapped >= _TURN or wrapped < wp.float64(0.0), wp.float64(0.0), wrapped)
+
+
+@wp.func
+def curve_parameter(alpha: float, phase: wp.float64) -> float:
+    """Gamma = alpha theta (Lemma 2), wrapped to one turn [rad].
+
+    A phase is of double precision: alpha a, which is 4947 in `swarm`, multiplies its last bit.
+    """
+    return float(wrap_phase(wp.float64(alpha) * phase))
 
 
 @wp.func

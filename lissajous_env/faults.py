@@ -20,7 +20,13 @@ def chance(rate: float, time: float) -> float:
 
 @wp.func
 def update_status(
-    w: int, i: int, now: int, key: int, step: float, faults: FaultsStruct, schedule: wp.array2d(dtype=int),
+    w: int,
+    i: int,
+    now: int,
+    key: int,
+    step: float,
+    faults: FaultsStruct,
+    schedule: wp.array2d(dtype=int),
     robots: Robots,
 ) -> int:
     """Return and store the status of robot i for the step that ends at `now`."""

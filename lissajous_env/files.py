@@ -95,7 +95,7 @@ class Journal:
                 break
             self.entries.append(entry)
             intact += len(line) + 1
-        self._file = open(self.path, "ab")  # noqa: SIM115: closed by close()
+        self._file = open(self.path, "ab")  # noqa: SIM115 - closed by close()
         if intact < len(data):
             self._file.truncate(intact)
             os.fsync(self._file.fileno())

@@ -137,9 +137,7 @@ class LissajousEnv(gymnasium.Env):
 
     metadata = LissajousParallelEnv.metadata
 
-    def __init__(
-        self, scenario: str | Scenario = "experiment", render_mode: str | None = None, **settings: Any
-    ):
+    def __init__(self, scenario: str | Scenario = "experiment", render_mode: str | None = None, **settings: Any):
         self.parallel = LissajousParallelEnv(scenario, render_mode, **settings)
         self.render_mode = render_mode
         self.scenario = self.parallel.scenario
@@ -150,7 +148,7 @@ class LissajousEnv(gymnasium.Env):
         """Begin an episode."""
         super().reset(seed=seed)
         observations, infos = self.parallel.reset(seed, options)
-        return self._team(observations), self._info({agent: 0.0 for agent in observations}, infos)
+        return self._observed(), self._info(dict.fromkeys(observations, 0.0), infos)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Take one control step with the actions of all robots, (N, action_size) or, discrete, (N,)."""
@@ -158,13 +156,13 @@ class LissajousEnv(gymnasium.Env):
             raise ValueError(f"action must have a row for each of {self.scenario.num_robots} robots, got {action!r}")
         rows = dict(zip(self.parallel.possible_agents, action, strict=True))
         live = {agent: rows[agent] for agent in self.parallel.agents}
-        observations, rewards, terminated, truncated, infos = self.parallel.step(live)
+        _, rewards, _, _, infos = self.parallel.step(live)
         info = self._info(rewards, infos)
         over = not self.parallel.agents
-        cut = over and any(truncated.values())
+        terminated = bool(self.parallel.simulation.terminated.numpy().all())
         if over:
             info["score"] = self.parallel.score()
-        return self._team(observations), float(info["reward"].mean()), over and not cut, cut, info
+        return self._observed(), float(info["reward"].mean()), terminated, over and not terminated, info
 
     def render(self) -> Any:
         """Draw the world, as `LissajousParallelEnv.render`."""
@@ -174,9 +172,8 @@ class LissajousEnv(gymnasium.Env):
         """Close the window, if there is one."""
         self.parallel.close()
 
-    def _team(self, observations: dict[str, np.ndarray]) -> np.ndarray:
-        blank = np.zeros(self.parallel.simulation.layout.size, dtype=np.float32)
-        return np.stack([observations.get(agent, blank) for agent in self.parallel.possible_agents])
+    def _observed(self) -> np.ndarray:
+        return self.parallel.simulation.observation.numpy()[0].copy()
 
     def _info(self, rewards: dict[str, float], infos: dict[str, dict]) -> dict[str, Any]:
         agents = self.parallel.possible_agents

@@ -23,11 +23,11 @@ _EXPERIMENT_RING = (0, 1, 4, 2, 3)
 
 _EXPERIMENT = Scenario(
     name="experiment",
-    description="Section VII: five cars on curve (16); robots 1 and 5 stop from 25 s to 35 s (Fig. 7 and 8).",
+    description="Section VII: five cars on curve (16); robots 1 and 5 stop from 30 s to 40 s (Fig. 7 and 8).",
     curve=Curve(half_width=1.8, half_height=0.8, a=3, b=2),
     formation=Formation(phase_rate=0.3, coupling=1.0, p=2, ring=_EXPERIMENT_RING, start_noise=0.02),
     robot=Robot(kind="car", radius=0.125, model_offset=3.804),
-    faults=Faults(schedule=((0, 25.0, 35.0), (4, 25.0, 35.0))),
+    faults=Faults(schedule=((0, 30.0, 40.0), (4, 30.0, 40.0))),
     task=Task(duration=60.0),
 )
 
@@ -38,13 +38,17 @@ _INTRUDERS = Scenario(
     # omega = 2 m/s / max ||r'||: the fastest stretch of the curve takes the car's top speed.
     formation=Formation(phase_rate=0.118, start="rotated", start_noise=0.02),
     # The throttle limit makes the steady top speed 2 m/s: (36.81 tau - 3.681) / 0.945 = 2.
-    robot=Robot(
-        kind="car", radius=0.125, throttle_max=0.151345, lateral_acceleration_max=4.0, model_offset=3.804
-    ),
+    robot=Robot(kind="car", radius=0.125, throttle_max=0.151345, lateral_acceleration_max=4.0, model_offset=3.804),
     sensing=Sensing(radius=0.5),
     targets=Targets(
-        count=0, arrival_rate=0.5, entry="boundary", wandering=0.5, fleeing=0.5,
-        speed=0.15, flee_radius=0.9, flee_speed=0.6,
+        count=0,
+        arrival_rate=0.5,
+        entry="boundary",
+        wandering=0.5,
+        fleeing=0.5,
+        speed=0.15,
+        flee_radius=0.9,
+        flee_speed=0.6,
     ),
     task=Task(duration=60.0),
 )
@@ -92,8 +96,14 @@ _SCENARIOS = (
         formation=dataclasses.replace(_EXPERIMENT.formation, start="rotated", start_noise=0.1),
         faults=Faults(rate=0.01, mean_duration=5.0, lost=1),
         noise=Noise(
-            actuator=0.05, position=0.01, heading=0.02, speed=0.02, wheelbase_spread=0.05, drive_spread=0.02,
-            message_loss=0.1, message_delay=0.1,
+            actuator=0.05,
+            position=0.01,
+            heading=0.02,
+            speed=0.02,
+            wheelbase_spread=0.05,
+            drive_spread=0.02,
+            message_loss=0.1,
+            message_delay=0.1,
         ),
     ),
     Scenario(

@@ -188,8 +188,17 @@ def observe_self(
 
 @wp.func
 def observe_ring(
-    w: int, i: int, now: int, key: int, curve: CurveStruct, noise: NoiseStruct, scales: Scales,
-    neighbours: wp.array2d(dtype=int), robots: Robots, links: Links, observation_out: wp.array3d(dtype=float),
+    w: int,
+    i: int,
+    now: int,
+    key: int,
+    curve: CurveStruct,
+    noise: NoiseStruct,
+    scales: Scales,
+    neighbours: wp.array2d(dtype=int),
+    robots: Robots,
+    links: Links,
+    observation_out: wp.array3d(dtype=float),
 ):
     """Fill entries 8 to 19."""
     own = robots.measured[w, i]
@@ -226,9 +235,20 @@ def observe_robots(w: int, i: int, scales: Scales, robots: Robots, observation_o
 
 @wp.kernel
 def observe(
-    first: int, lanes: int, begin: int, curve: CurveStruct, noise: NoiseStruct, scales: Scales,
-    neighbours: wp.array2d(dtype=int), clock: Clock, robots: Robots, links: Links, rogues: Rogues, step_in: Step,
-    observation_out: wp.array3d(dtype=float), final_out: wp.array3d(dtype=float),
+    first: int,
+    lanes: int,
+    begin: int,
+    curve: CurveStruct,
+    noise: NoiseStruct,
+    scales: Scales,
+    neighbours: wp.array2d(dtype=int),
+    clock: Clock,
+    robots: Robots,
+    links: Links,
+    rogues: Rogues,
+    step_in: Step,
+    observation_out: wp.array3d(dtype=float),
+    final_out: wp.array3d(dtype=float),
 ):
     """Fill the row of each robot; where the world begins anew, keep the row it ended with."""
     tid, lane = wp.tid()

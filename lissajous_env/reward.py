@@ -16,8 +16,16 @@ TERMS = ("detection", "waiting", "collision", "idleness", "effort")
 
 @wp.kernel
 def give_reward(
-    first: int, lanes: int, task: TaskStruct, steps: int, cells_total: int, on_collision: int, clock: Clock,
-    robots: Robots, step_out: Step, tally: Tally,
+    first: int,
+    lanes: int,
+    task: TaskStruct,
+    steps: int,
+    cells_total: int,
+    on_collision: int,
+    clock: Clock,
+    robots: Robots,
+    step_out: Step,
+    tally: Tally,
 ):
     """Reward each robot for the latest step: the weighted sum of the terms in `TERMS`."""
     tid, lane = wp.tid()

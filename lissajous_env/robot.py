@@ -3,7 +3,7 @@
 import warp as wp
 
 from lissajous_env import draws
-from lissajous_env.curve import CurveStruct, point, point2, project, tangent2, wrap, wrap_positive
+from lissajous_env.curve import CurveStruct, curve_parameter, point, point2, project, tangent2, wrap, wrap_phase
 from lissajous_env.faults import FaultsStruct, update_status
 from lissajous_env.scenario import Formation, Noise, Robot
 from lissajous_env.state import NOWHERE, REMOVED, RUNNING, WORKING, Clock, Links, Robots, Step
@@ -56,7 +56,14 @@ def car_step(robot: RobotStruct, state: wp.vec4, curvature: float, push: float, 
 
 @wp.func
 def measure(
-    w: int, i: int, now: int, key: int, curve: CurveStruct, alpha: float, noise: NoiseStruct, robots: Robots,
+    w: int,
+    i: int,
+    now: int,
+    key: int,
+    curve: CurveStruct,
+    alpha: float,
+    noise: NoiseStruct,
+    robots: Robots,
     links: Links,
 ):
     """Take robot i's measurement of itself, send it on the ring, and point its sensor."""
@@ -71,13 +78,13 @@ def measure(
         pose[1] += noise.position * wp.randn(draw)
         pose[2] += noise.heading * wp.randn(draw)
         pose[3] += noise.speed * wp.randn(draw)
-        gamma = alpha * phase
+        gamma = curve_parameter(alpha, phase)
         seen = project(curve, wp.vec2(pose[0], pose[1]), gamma, LARGEST_CORRECTION)
-        phase = wrap_positive(phase + (seen - gamma) / alpha)
+        phase = wrap_phase(phase + wp.float64((seen - gamma) / alpha))
     robots.measured[w, i] = pose
-    robots.measured_phase[w, i] = phase
+    robots.measured_phase[w, i] = float(phase)
     slot = now % links.sent.shape[2]
-    links.sent[w, i, slot] = wp.vec3(phase, pose[0], pose[1])
+    links.sent[w, i, slot] = wp.vec3(float(phase), pose[0], pose[1])
     links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
 
 
@@ -109,7 +116,7 @@ def clear_step(w: int, i: int, command: wp.vec2, step_out: Step):
 @wp.func
 def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float, robots: Robots):
     """Put a robot where its phase says, heading along the curve at phase rate `rate` [rad/s]."""
-    gamma = alpha * robots.phase[w, i]
+    gamma = curve_parameter(alpha, robots.phase[w, i])
     tangent = tangent2(curve, gamma) * (alpha * rate)
     robots.position[w, i] = point(curve, gamma)
     robots.speed[w, i] = wp.length(tangent)
@@ -119,9 +126,18 @@ def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float
 
 @wp.kernel
 def reset_robots(
-    first: int, curve: CurveStruct, formation: FormationStruct, robot: RobotStruct, noise: NoiseStruct,
-    start_kind: int, equilibrium: wp.array(dtype=float), displaced: wp.array(dtype=float),
-    clock: Clock, robots: Robots, links: Links, step_out: Step,
+    first: int,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    robot: RobotStruct,
+    noise: NoiseStruct,
+    start_kind: int,
+    equilibrium: wp.array(dtype=wp.float64),
+    displaced: wp.array(dtype=float),
+    clock: Clock,
+    robots: Robots,
+    links: Links,
+    step_out: Step,
 ):
     """Place the robots on the curve at its speed, and draw each car's own constants."""
     tid, i = wp.tid()
@@ -130,15 +146,15 @@ def reset_robots(
         return
     key = draws.step_key(clock.seed[w], 0)
     alpha = float(formation.alpha)
-    phase = equilibrium[i] + displaced[i]
+    phase = equilibrium[i] + wp.float64(displaced[i])
     if start_kind == 1:  # the same turn for every robot
         turn = draws.stream(key, -1, draws.START)
-        phase += 6.2831853 * wp.randf(turn)
+        phase += wp.float64(6.2831853 * wp.randf(turn))
     draw = draws.stream(key, i, draws.START)
     if start_kind == 2:
-        phase = 6.2831853 * wp.randf(draw)
-    phase += formation.start_noise * wp.randn(draw)
-    robots.phase[w, i] = wrap_positive(phase)
+        phase = wp.float64(6.2831853 * wp.randf(draw))
+    phase += wp.float64(formation.start_noise * wp.randn(draw))
+    robots.phase[w, i] = wrap_phase(phase)
     robots.status[w, i] = wp.where(robots.removed_at[w, i] < 1, REMOVED, WORKING)
     robots.resumed_at[w, i] = -1
     place_on_curve(w, i, formation.phase_rate / alpha, curve, alpha, robots)
@@ -158,9 +174,20 @@ def reset_robots(
 
 @wp.kernel
 def move_points(
-    first: int, lanes: int, curve: CurveStruct, formation: FormationStruct, robot: RobotStruct, noise: NoiseStruct,
-    faults: FaultsStruct, step: float, schedule: wp.array2d(dtype=int), action: wp.array3d(dtype=float),
-    clock: Clock, robots: Robots, links: Links, step_out: Step,
+    first: int,
+    lanes: int,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    robot: RobotStruct,
+    noise: NoiseStruct,
+    faults: FaultsStruct,
+    step: float,
+    schedule: wp.array2d(dtype=int),
+    action: wp.array3d(dtype=float),
+    clock: Clock,
+    robots: Robots,
+    links: Links,
+    step_out: Step,
 ):
     """Move robots of kind `curve`: the phase goes on at the commanded rate, the robot stays on the curve."""
     tid, lane = wp.tid()
@@ -179,8 +206,9 @@ def move_points(
         start = robots.phase[w, i]
         robots.track[w, i, 0] = robots.position[w, i]
         for s in range(1, substeps):
-            robots.track[w, i, s] = point(curve, alpha * (start + rate * step * float(s) / float(substeps)))
-        robots.phase[w, i] = wrap_positive(start + rate * step)
+            passed = start + wp.float64(rate * step * float(s) / float(substeps))
+            robots.track[w, i, s] = point(curve, curve_parameter(alpha, passed))
+        robots.phase[w, i] = wrap_phase(start + wp.float64(rate * step))
         place_on_curve(w, i, rate, curve, alpha, robots)
         robots.track[w, i, substeps] = robots.position[w, i]
         measure(w, i, now, key, curve, alpha, noise, robots, links)
@@ -188,9 +216,20 @@ def move_points(
 
 @wp.kernel
 def move_cars(
-    first: int, lanes: int, curve: CurveStruct, formation: FormationStruct, robot: RobotStruct, noise: NoiseStruct,
-    faults: FaultsStruct, step: float, schedule: wp.array2d(dtype=int), action: wp.array3d(dtype=float),
-    clock: Clock, robots: Robots, links: Links, step_out: Step,
+    first: int,
+    lanes: int,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    robot: RobotStruct,
+    noise: NoiseStruct,
+    faults: FaultsStruct,
+    step: float,
+    schedule: wp.array2d(dtype=int),
+    action: wp.array3d(dtype=float),
+    clock: Clock,
+    robots: Robots,
+    links: Links,
+    step_out: Step,
 ):
     """Move cars: steering and throttle are held over the step; the phase follows the car along its branch."""
     tid, lane = wp.tid()
@@ -223,9 +262,9 @@ def move_cars(
             robots.position[w, i] = wp.vec3(car[0], car[1], 0.0)
             robots.heading[w, i] = wrap(car[2])
             robots.speed[w, i] = car[3]
-            start = alpha * robots.phase[w, i]
+            start = curve_parameter(alpha, robots.phase[w, i])
             gamma = project(curve, wp.vec2(car[0], car[1]), start, LARGEST_CORRECTION)
-            robots.phase[w, i] = wrap_positive(robots.phase[w, i] + (gamma - start) / alpha)
+            robots.phase[w, i] = wrap_phase(robots.phase[w, i] + wp.float64((gamma - start) / alpha))
         measure(w, i, now, key, curve, alpha, noise, robots, links)
 
 

@@ -1,6 +1,6 @@
 """A scenario: what is fixed during an episode, as frozen dataclasses that are checked once, at construction.
 
-Units are SI, angles radians. Fields whose default is None are derived from the others; `Scenario.resolve` fills them in.
+Units are SI, angles radians. Fields that are None by default are derived from others; `Scenario.resolve` fills them in.
 """
 
 import dataclasses
@@ -40,7 +40,7 @@ def _is_robot_and_number(entry) -> bool:
 
 @dataclass(frozen=True)
 class Curve(Checked):
-    """The Lissajous curve (3), or (10) where `half_depth` is above zero, and with it the rectangle [-A, A] x [-B, B]."""
+    """The Lissajous curve (3), or (10) where `half_depth` is above 0, and with it the rectangle [-A, A] x [-B, B]."""
 
     half_width: float = positive(1.8, "m")
     """A, half of the rectangle's width [m]."""
@@ -198,7 +198,7 @@ class Faults(Checked):
 
 @dataclass(frozen=True)
 class Noise(Checked):
-    """Disturbances. Standard deviations are of independent normal draws in each step, spreads of one draw an episode."""
+    """Disturbances. Standard deviations are of independent normal draws in each step, spreads of one in an episode."""
 
     actuator: float = non_negative(0.0)
     """Standard deviation added to each component of the action, in units of the action's range [-1, 1]."""
@@ -368,7 +368,7 @@ class Scenario:
 
     @cached_property
     def target_capacity(self) -> int:
-        """Most targets of one episode: those of the start, and arrivals up to six standard deviations above the mean."""
+        """Most targets of one episode: those of the start, and arrivals up to six deviations above the mean."""
         mean = self.targets.arrival_rate * self.task.duration
         arrivals = math.ceil(mean + 6 * math.sqrt(mean))
         return self.targets.count + arrivals
@@ -384,9 +384,7 @@ class Scenario:
         if rate_max is None:
             rate_max = self.formation.phase_rate / self.alpha + 2 * self.formation.coupling
         offset = self.robot.offset if self.robot.model_offset is None else self.robot.model_offset
-        robot = dataclasses.replace(
-            self.robot, count=self.num_robots, phase_rate_max=rate_max, model_offset=offset
-        )
+        robot = dataclasses.replace(self.robot, count=self.num_robots, phase_rate_max=rate_max, model_offset=offset)
         formation = dataclasses.replace(self.formation, p=self.p, alpha=self.alpha, ring=self.ring)
         radius = self.detection_radius if self.sensing.radius is None else self.sensing.radius
         sensing = dataclasses.replace(self.sensing, radius=radius)

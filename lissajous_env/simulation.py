@@ -3,13 +3,14 @@
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from lissajous_env import draws, theory
+from lissajous_env import theory
 from lissajous_env.collision import ON_COLLISION, find_collisions
 from lissajous_env.coverage import cover, reset_cells
 from lissajous_env.curve import CurveStruct
@@ -19,31 +20,15 @@ from lissajous_env.observation import Layout, Scales, layout, observe
 from lissajous_env.reward import TERMS, TaskStruct, give_reward
 from lissajous_env.robot import FormationStruct, NoiseStruct, RobotStruct, move_cars, move_points, reset_robots
 from lissajous_env.scenario import Scenario
-from lissajous_env.score import keep_score, reset_tally, score_rows
-from lissajous_env.state import IDLE, RUNNING, Cells, Clock, Links, Robots, Rogues, Step, Tally, allocate
+from lissajous_env.score import score_rows
+from lissajous_env.state import RUNNING, Cells, Clock, Links, Robots, Rogues, Step, Tally, allocate
 from lissajous_env.structs import to_struct
+from lissajous_env.tally import keep_score, reset_clock, reset_tally
 from lissajous_env.targets import TargetsStruct, move_targets, reset_arrivals, reset_targets
-
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 _START = {"equilibrium": 0, "rotated": 1, "random": 2}
 _BLOCK = 256
 """Worlds below which a CPU thread of its own costs more than it saves."""
-
-
-@wp.kernel
-def reset_clock(first: int, seeds: wp.array(dtype=int), clock: Clock):
-    """Start an episode with the given seed or, where it is negative, with one drawn from the seed before."""
-    w = first + wp.tid()
-    if clock.fresh[w] == 0:
-        return
-    seed = seeds[w]
-    if seed < 0:
-        seed = int(draws.stream(draws.step_key(clock.seed[w], 0), 0, draws.EPISODE) >> wp.uint32(1))
-    clock.seed[w] = seed
-    clock.step[w] = 0
-    clock.stage[w] = RUNNING
-    clock.invalid[w] = 0
 
 
 class Simulation:
@@ -181,7 +166,7 @@ class Simulation:
         if self.device.is_cpu:
             workers = min(self.threads, -(-self.num_worlds // _BLOCK))
             edges = np.linspace(0, self.num_worlds, workers + 1).astype(int)
-            blocks = [(int(low), int(high)) for low, high in zip(edges[:-1], edges[1:], strict=True)]
+            blocks = [(int(low), int(high)) for low, high in pairwise(edges)]
         constants = _Constants(self.scenario, self.device)
         self._beginnings = [self._recorded(self._begin_recipe(constants), *block) for block in blocks]
         self._steps = [self._recorded(self._step_recipe(constants), *block) for block in blocks]
@@ -224,8 +209,8 @@ class Simulation:
             (move_targets, slots, [*slots, begin, of.curve, of.targets, of.step, of.scales.radius, clock, robots,
                                    self.rogues, latest]),
             *([covering] if of.cells_total > 0 else []),
-            (keep_score, (), [begin, of.curve, of.formation, of.steps, of.cells_total, of.equilibrium, of.neighbours,
-                              clock, robots, latest, tally]),
+            (keep_score, (), [begin, of.curve, of.formation, of.steps, of.cells_total, of.on_collision, of.equilibrium,
+                              of.neighbours, clock, robots, latest, tally]),
         ]  # fmt: skip
 
     def _observing(self, of: "_Constants", begin: int) -> tuple:
@@ -235,7 +220,7 @@ class Simulation:
         return observe, lanes, [*lanes, *inputs]
 
     def _lanes(self, entities: int) -> tuple[int]:
-        """Threads of a world: one for each entity on a GPU; on a CPU one that loops over them, which saves its setup."""
+        """Threads of a world: on a GPU one for each entity; on a CPU one that loops over them, to save its setup."""
         return (1,) if self.device.is_cpu else (max(entities, 1),)
 
     def _recorded(self, recipe: list[tuple], low: int, high: int) -> list:
@@ -257,7 +242,7 @@ class Simulation:
             np.copyto(self.action.numpy(), action, casting="same_kind")
             return
         if type(action).__module__.partition(".")[0] == "torch":
-            action = wp.from_torch(action.detach().float().contiguous())
+            action = wp.from_torch(action.detach().float().contiguous())  # type: ignore[union-attr]
         elif not isinstance(action, wp.array):
             action = np.asarray(action, dtype=np.float32)
         if tuple(action.shape) != self.action_shape:
@@ -276,7 +261,7 @@ class Simulation:
                 raise ValueError(f"worlds must be a mask of shape ({self.num_worlds},), got shape {chosen.shape}")
             return np.flatnonzero(chosen)
         chosen = np.atleast_1d(chosen).astype(np.int64)
-        if chosen.size and not (0 <= chosen.min() and chosen.max() < self.num_worlds):
+        if chosen.size and not (chosen.min() >= 0 and chosen.max() < self.num_worlds):
             raise ValueError(f"worlds must be from 0 to {self.num_worlds - 1}, got {worlds!r}")
         return chosen
 
@@ -317,7 +302,7 @@ class _Constants:
         for robot, angle in scenario.formation.displaced:
             displaced[robot] += angle
         schedule = np.array(schedule_steps(scenario.faults, task.step), dtype=np.int32).reshape(-1, 3)
-        self.equilibrium = wp.array(scenario.equilibrium, dtype=wp.float32, device=device)
+        self.equilibrium = wp.array(scenario.equilibrium, dtype=wp.float64, device=device)
         self.displaced = wp.array(displaced, dtype=wp.float32, device=device)
         self.removals = wp.array(removal_steps(scenario.faults, n, task.step), dtype=wp.int32, device=device)
         self.schedule = wp.array(schedule, dtype=wp.int32, device=device, ndim=2)
@@ -360,9 +345,6 @@ def _launch_all(block: Sequence[wp.Launch]) -> None:
         launch.launch()
 
 
-@lru_cache(maxsize=None)
+@cache
 def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max(threads - 1, 1), thread_name_prefix="lissajous")
-
-
-__all__ = ["IDLE", "Simulation", "fold_seed", "speed_scale"]

@@ -54,7 +54,9 @@ def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
 
 
 @wp.kernel
-def reset_targets(first: int, curve: CurveStruct, targets: TargetsStruct, at_boundary: int, clock: Clock, rogues: Rogues):
+def reset_targets(
+    first: int, curve: CurveStruct, targets: TargetsStruct, at_boundary: int, clock: Clock, rogues: Rogues
+):
     """Draw place, heading and motion of every slot; those of the start appear at step 0."""
     tid, t = wp.tid()
     w = first + tid
@@ -127,23 +129,31 @@ def bounce(place: wp.vec2, heading: float, curve: CurveStruct) -> wp.vec3:
 
 @wp.func
 def move_target(
-    w: int, t: int, key: int, motion: int, place: wp.vec2, nearest: wp.vec2, step: float, curve: CurveStruct,
-    targets: TargetsStruct, robots: Robots, rogues: Rogues,
+    w: int,
+    t: int,
+    key: int,
+    motion: int,
+    place: wp.vec2,
+    nearest: wp.vec2,
+    step: float,
+    curve: CurveStruct,
+    targets: TargetsStruct,
+    robots: Robots,
+    rogues: Rogues,
 ) -> wp.vec2:
     """Move one target over a step [s] and return its new place [m]; `nearest` is of `nearest_sensor`."""
     heading = rogues.heading[w, t]
-    if motion == FLEEING:
-        if nearest[1] < targets.flee_radius * targets.flee_radius:
-            away = place - robots.sensor[w, int(nearest[0])]
-            # A wall turns the flight along itself; it does not send the target back to the robot.
-            fled = place + targets.flee_speed * step * wp.normalize(away)
-            fled = wp.vec2(
-                wp.clamp(fled[0], -curve.half_width, curve.half_width),
-                wp.clamp(fled[1], -curve.half_height, curve.half_height),
-            )
-            rogues.position[w, t] = fled
-            rogues.heading[w, t] = wp.atan2(away[1], away[0])
-            return fled
+    if motion == FLEEING and nearest[1] < targets.flee_radius * targets.flee_radius:
+        away = place - robots.sensor[w, int(nearest[0])]
+        # A wall turns the flight along itself; it does not send the target back to the robot.
+        fled = place + targets.flee_speed * step * wp.normalize(away)
+        fled = wp.vec2(
+            wp.clamp(fled[0], -curve.half_width, curve.half_width),
+            wp.clamp(fled[1], -curve.half_height, curve.half_height),
+        )
+        rogues.position[w, t] = fled
+        rogues.heading[w, t] = wp.atan2(away[1], away[0])
+        return fled
     if motion != DRIFTING:
         # A uniform draw of this deviation: its sum over a second is normal, at a third of the cost.
         heading += targets.turn_rate * wp.sqrt(3.0 * step) * (2.0 * draws.uniform(key, t, draws.WANDER) - 1.0)
@@ -155,8 +165,17 @@ def move_target(
 
 @wp.kernel
 def move_targets(
-    first: int, lanes: int, begin: int, curve: CurveStruct, targets: TargetsStruct, step: float,
-    sensing_radius: float, clock: Clock, robots: Robots, rogues: Rogues, step_out: Step,
+    first: int,
+    lanes: int,
+    begin: int,
+    curve: CurveStruct,
+    targets: TargetsStruct,
+    step: float,
+    sensing_radius: float,
+    clock: Clock,
+    robots: Robots,
+    rogues: Rogues,
+    step_out: Step,
 ):
     """Let targets appear, move and be sensed; with `begin` set, at the start of an episode, nothing moves."""
     tid, lane = wp.tid()

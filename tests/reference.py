@@ -162,6 +162,8 @@ class World:
         self.sensed_by = [set() for _ in self.centres]
         self.covered_at = self.covered_each_at = None
         self.speed_unit = self._speed_unit()
+        self.at_work = [self.works(i) for i in range(self.n)]
+        self.resumed_at: int | None = None
         self._sense(begin=True)
         self._tally(begin=True)
         self._send()
@@ -208,7 +210,10 @@ class World:
             return
         self.now += 1
         command = np.clip(np.asarray(action, dtype=float), -1, 1)
+        stood = [not works for works in self.at_work]
         self.at_work = [self.works(i) for i in range(self.n)]
+        if any(stood[i] and self.at_work[i] for i in range(self.n)):
+            self.resumed_at = self.now - 1
         for i in range(self.n):
             self._move(i, command[i])
         self._send()
@@ -401,17 +406,13 @@ class World:
         }
 
     def _recovery_time(self) -> float:
-        ends = [
-            round(end / self.dt)
-            for robot, start, end in self.scenario.faults.schedule
-            if end / self.dt < self.now and not any(r == robot and t <= end for r, t in self.scenario.faults.removed)
-        ]
-        if not ends or any(self.stuck(i) for i in range(self.n)) or self.deviations[-1] >= RECOVERED:
+        faulty = any(self.stuck(i) for i in range(self.n))
+        if self.resumed_at is None or faulty or self.deviations[-1] >= RECOVERED:
             return math.nan
         recovered = self.now
-        while recovered > max(ends) and self.deviations[recovered - 1] < RECOVERED:
+        while recovered > self.resumed_at and self.deviations[recovered - 1] < RECOVERED:
             recovered -= 1
-        return (recovered - max(ends)) * self.dt
+        return (recovered - self.resumed_at) * self.dt
 
     # Observation.
 

@@ -1,0 +1,230 @@
+"""The benchmark: any policies on any scenarios, the same seeds for all; it can be killed and goes on where it stopped.
+
+`episodes.jsonl` is the source of truth: a batch of episodes is on the disk before the next begins. All other files are
+made from it at the end.
+"""
+
+import importlib
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+
+from baselines import policy as registry
+from baselines import report, stored
+from baselines.progress import Progress
+from lissajous_env import scenario as make_scenario
+from lissajous_env.device import as_device
+from lissajous_env.evaluation import ActingPolicy, episodes
+from lissajous_env.files import locked, remove_leftovers
+from lissajous_env.scenario import Scenario
+
+Factory = Callable[[Scenario, int, Any], ActingPolicy]
+"""Makes a policy: `factory(scenario, num_worlds, device)`."""
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """What is played, and where the results go."""
+
+    scenarios: tuple[str, ...] = ("ideal", "failure", "experiment", "intruders", "rough")
+    """Scenarios to play."""
+    policies: tuple[str, ...] = ()
+    """Policies to play, each where it drives the robots; without any, all of them. `module:factory` is your own."""
+    episodes: int = 16
+    """Episodes of each policy on each scenario."""
+    seed: int = 0
+    """Seed of episode 0; episode k has seed + k, for every policy."""
+    batch: int = 16
+    """Episodes that are played, and written, together; changes no result."""
+    device: str = "cpu"
+    """cpu, cuda or cuda:k."""
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("results/benchmark")
+    """Folder of the results. A second call with the same settings goes on there; more episodes extend it."""
+    overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
+    """Fields changed in every scenario, as {"task.duration": 30.0}."""
+
+    def check(self) -> None:
+        """Raise ValueError for a value that a rule forbids."""
+        for name in ("episodes", "batch"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if not 0 <= self.seed <= 2**31 - self.episodes:
+            raise ValueError(f"seed must be from 0 to 2147483647, that of the last episode too, got {self.seed}")
+        for name in ("scenarios", "policies"):
+            if len(set(getattr(self, name))) < len(getattr(self, name)):
+                raise ValueError(f"{name} must name each one once, got {', '.join(getattr(self, name))}")
+        if not self.scenarios:
+            raise ValueError("scenarios must name at least one")
+        as_device(self.device)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A policy on a scenario."""
+
+    scenario: Scenario
+    policy: str
+    factory: Factory = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A policy that raised on a scenario."""
+
+    scenario: str
+    policy: str
+    error: str
+    traceback: str = field(repr=False)
+
+
+@dataclass
+class Outcome:
+    """What a benchmark came to."""
+
+    settings: Benchmark
+    cells: list[Cell]
+    rows: list[dict[str, Any]]
+    """Score rows, by scenario, policy and episode."""
+    failures: list[Failure]
+    elapsed: float
+    """Time that it took, this call alone [s]."""
+
+
+def run(
+    settings: Benchmark | None = None,
+    policies: Mapping[str, Factory | ActingPolicy] | None = None,
+    scenarios: Iterable[Scenario] | None = None,
+    console: Console | None = None,
+) -> list[dict[str, Any]]:
+    """Play a benchmark, print its tables, write its files; return its score rows.
+
+    Args:
+        settings: What to play.
+        policies: Further policies by name, each a `factory(scenario, num_worlds, device)` or a policy that was made for
+            the one scenario; played on every scenario. Only the names are kept with the results.
+        scenarios: Scenarios instead of the named ones.
+        console: Where to print; `Console(quiet=True)` prints nothing.
+
+    Raises:
+        ValueError: settings that cannot be played, or a folder that holds the results of others.
+    """
+    return measure(settings or Benchmark(), policies, scenarios, console).rows
+
+
+def measure(
+    settings: Benchmark,
+    policies: Mapping[str, Factory | ActingPolicy] | None = None,
+    scenarios: Iterable[Scenario] | None = None,
+    console: Console | None = None,
+) -> Outcome:
+    """Do the same as `run`, and tell which policies failed as well."""
+    cells = plan(settings, policies, scenarios)
+    console = console or Console()
+    folder = stored.make_folder(settings.out)
+    started = time.monotonic()
+    with locked(folder):
+        remove_leftovers(folder)
+        stored.keep_settings(folder, settings, cells)
+        with stored.open_episodes(folder, settings, cells) as kept:
+            failures = _play_all(settings, cells, kept, console)
+            rows = kept.in_order(cells)
+        outcome = Outcome(settings, cells, rows, failures, time.monotonic() - started)
+        report.write_files(folder, outcome)
+    report.print_tables(console, outcome)
+    return outcome
+
+
+def plan(
+    settings: Benchmark,
+    policies: Mapping[str, Factory | ActingPolicy] | None = None,
+    scenarios: Iterable[Scenario] | None = None,
+) -> list[Cell]:
+    """Check the settings and list what is to be played.
+
+    Raises:
+        ValueError: a value that a rule forbids, an unknown name, or a policy or scenario that has no partner.
+    """
+    settings.check()
+    own = {name: _as_factory(policy) for name, policy in (policies or {}).items()}
+    own |= {name: _imported(name) for name in settings.policies if ":" in name}
+    named = [name for name in settings.policies if name not in own]
+    cells = []
+    for each in settings.scenarios if scenarios is None else scenarios:
+        made = make_scenario(each, **settings.overrides)
+        fitting = registry.names(made)
+        if not settings.policies and not own:
+            named = list(fitting)
+        chosen = [name for name in named if name in fitting]
+        cells += [Cell(made, name, _registered(name)) for name in chosen]
+        cells += [Cell(made, name, factory) for name, factory in own.items()]
+        if not chosen and not own:
+            kind = f"robots of kind {made.robot.kind}"
+            raise ValueError(f"policies must hold one for {made.name}, which has {kind}; got {', '.join(named)}")
+    idle = set(named) - {cell.policy for cell in cells}
+    for name in sorted(idle):
+        registry.make(name, cells[0].scenario)  # says what is wrong with it
+    return cells
+
+
+def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Any = None) -> Iterator[list[dict[str, Any]]]:
+    """Play some episodes of a cell, given by number, and yield the score rows of each batch."""
+    # The size of a batch never depends on what is left to do: a policy may round otherwise in another batch.
+    worlds = min(settings.batch, settings.episodes)
+    policy = cell.factory(cell.scenario, worlds, settings.device)
+    numbers_left = iter(numbers)
+    seeds = [settings.seed + number for number in numbers]
+    for batch in episodes(policy, cell.scenario, seeds, settings.device, on_step):
+        yield [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
+
+
+def _play_all(settings: Benchmark, cells: list[Cell], kept: stored.Episodes, console: Console) -> list[Failure]:
+    left = {(cell.scenario.name, cell.policy): kept.missing(cell) for cell in cells}
+    failures = []
+    with Progress(console, [(cell, left[cell.scenario.name, cell.policy]) for cell in cells]) as progress:
+        for cell in cells:
+            numbers = left[cell.scenario.name, cell.policy]
+            if not numbers:
+                continue
+            progress.begin(cell)
+            batches = play(cell, settings, numbers, progress.step)
+            while True:
+                try:
+                    batch = next(batches, None)
+                except Exception as error:
+                    failures.append(_failure(cell, error))
+                    break
+                if batch is None:
+                    break
+                kept.add(batch)
+                progress.finished(len(batch))
+            progress.end(failed=bool(failures) and failures[-1].policy == cell.policy)
+    return failures
+
+
+def _failure(cell: Cell, error: Exception) -> Failure:
+    words = f"{type(error).__name__}: {error}"
+    return Failure(cell.scenario.name, cell.policy, words, "".join(traceback.format_exception(error)))
+
+
+def _registered(name: str) -> Factory:
+    return lambda scenario, num_worlds, device: registry.make(name, scenario, num_worlds, device)
+
+
+def _as_factory(policy: Any) -> Factory:
+    return (lambda *_: policy) if hasattr(policy, "act") and hasattr(policy, "num_worlds") else policy
+
+
+def _imported(name: str) -> Factory:
+    module, _, attribute = name.partition(":")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(
+            f"policy must be one of {', '.join(registry.names())} or module:factory, got {name!r}; {error}"
+        ) from error

@@ -1,0 +1,82 @@
+"""Commands that put policies to work: benchmark, evaluate, run."""
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.markup import escape
+
+from baselines.benchmark import Benchmark, measure, plan, play
+from baselines.progress import Progress
+from lissajous_env.cli import Overrides, parse_overrides
+
+_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+
+
+def benchmark(settings: tyro.conf.OmitArgPrefixes[Benchmark], overrides: Overrides = ()) -> int:
+    """Play policies on scenarios, compare them, and write episodes, statistics and pictures.
+
+    Killed at any moment, it goes on where it stopped when it is called again with the same --out.
+
+    Args:
+        settings: What is played, and where the results go.
+        overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
+    """
+    settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
+    try:
+        outcome = measure(settings)
+    except KeyboardInterrupt:
+        words = f"finished episodes are kept in {settings.out}, the same command goes on from there"
+        raise KeyboardInterrupt(words) from None
+    return 1 if outcome.failures else 0
+
+
+def evaluate(
+    policy: tyro.conf.Positional[str],
+    scenarios: tyro.conf.Positional[tuple[str, ...]],
+    episodes: int = 64,
+    seed: int = 0,
+    batch: int = 16,
+    device: str = "cpu",
+    out: _Out = None,
+    overrides: Overrides = (),
+) -> None:
+    """Play one policy on scenarios and print the statistics of every score.
+
+    Args:
+        policy: name of the policy, or module:factory.
+        scenarios: names of the scenarios.
+        episodes: episodes on each scenario.
+        seed: seed of episode 0; episode k has seed + k.
+        batch: episodes that are played together.
+        device: cpu, cuda or cuda:k.
+        out: also write the score rows to this CSV file.
+        overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
+    """
+    from baselines import report
+
+    changed = parse_overrides(overrides)
+    settings = Benchmark(scenarios, (policy,), episodes, seed, batch, device, overrides=changed)
+    cells = plan(settings)
+    console = Console()
+    rows = []
+    numbers = list(range(episodes))
+    with Progress(console, [(cell, numbers) for cell in cells]) as progress:
+        for cell in cells:
+            progress.begin(cell)
+            for finished in play(cell, settings, numbers, progress.step):
+                rows += finished
+                progress.finished(len(finished))
+            progress.end()
+    for name, policies in report.statistics(rows).items():
+        report.print_scores(console, f"[b]{escape(policy)}[/b] on [b]{escape(name)}[/b]", policies[policy])
+    if out is not None:
+        report.write_csv(out, rows)
+        console.print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
+
+
+def run(scenario: tyro.conf.Positional[str], policy: tyro.conf.Positional[str]) -> None:
+    """Play one episode: in a window, or to a GIF, a PNG contact sheet or a recording."""
+    del scenario, policy

@@ -1,0 +1,124 @@
+"""How fast the environment steps, beside what a user would pick instead, both sides in one run.
+
+    pip install ".[bench]" && python benchmarks/throughput.py
+
+Sides: `ParallelEnv.step` against mpe2 `simple_spread_v3` with 5 agents, and the batch against VMAS `discovery` with
+5 agents and 20 targets. Figures are medians over rounds in which the sides take turns.
+"""
+
+import argparse
+import os
+import platform
+import resource
+import statistics
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+import lissajous_env
+
+ROBOTS, TARGETS = 5, 20
+# Targets that stay when they are detected, half of them wandering and half fleeing, so that no step is an easy one.
+SETTINGS = {"targets.count": TARGETS, "targets.arrival_rate": 0.0, "targets.leave": False}
+
+
+def microseconds(step: Callable[[], object], calls: int) -> float:
+    """Mean time of a call."""
+    begin = time.perf_counter()
+    for _ in range(calls):
+        step()
+    return (time.perf_counter() - begin) / calls * 1e6
+
+
+def medians(sides: dict[str, tuple[Callable[[], object], int]], rounds: int = 7) -> dict[str, float]:
+    """Median time of a call of each side [us]; the sides take turns, so that a slow moment hits them alike."""
+    for step, _ in sides.values():
+        step()
+    times: dict[str, list[float]] = {name: [] for name in sides}
+    for _ in range(rounds):
+        for name, (step, calls) in sides.items():
+            times[name].append(microseconds(step, calls))
+    return {name: statistics.median(values) for name, values in times.items()}
+
+
+def ours_single(scenario: str) -> Callable[[], object]:
+    env = lissajous_env.parallel_env(scenario, **SETTINGS)
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    actions = {agent: rng.uniform(-0.3, 0.3, 2).astype(np.float32) for agent in env.agents}
+
+    def step() -> None:
+        env.step(actions)
+        if not env.agents:
+            env.reset()
+
+    return step
+
+
+def mpe2_single() -> Callable[[], object]:
+    from mpe2 import simple_spread_v3
+
+    env = simple_spread_v3.parallel_env(N=ROBOTS, max_cycles=10**9)
+    env.reset(seed=0)
+    actions = {agent: env.action_space(agent).sample() for agent in env.agents}
+    return lambda: env.step(actions)
+
+
+def ours_batch(scenario: str, worlds: int, threads: int, grid: tuple[int, int] | None) -> Callable[[], object]:
+    made = lissajous_env.scenario(scenario, **SETTINGS, **{"task.grid": grid, "task.duration": 10_000.0})
+    simulation = lissajous_env.Simulation(made, num_worlds=worlds, threads=threads)
+    actions = np.random.default_rng(0).uniform(-0.3, 0.3, simulation.action_shape).astype(np.float32)
+    return lambda: simulation.step(actions)
+
+
+def vmas_batch(worlds: int) -> Callable[[], object]:
+    import torch
+    import vmas
+
+    torch.set_grad_enabled(False)
+    env = vmas.make_env("discovery", num_envs=worlds, n_agents=ROBOTS, n_targets=TARGETS, device="cpu", seed=0)
+    env.reset()
+    actions = [torch.rand(worlds, 2) * 2 - 1 for _ in range(ROBOTS)]
+    return lambda: env.step(actions)
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--worlds", type=int, default=4096)
+    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--without-rivals", action="store_true", help="leave out mpe2 and VMAS")
+    given = parser.parse_args()
+    print(f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores, {given.threads} threads")
+
+    sides = {name: (ours_single(name), 500) for name in ("experiment", "intruders")}
+    if not given.without_rivals:
+        sides["mpe2 simple_spread"] = (mpe2_single(), 200)
+    single = medians(sides, given.rounds)
+    print(f"\nParallelEnv.step, {ROBOTS} cars, {TARGETS} moving targets, coverage grid on [us]")
+    for name, value in single.items():
+        print(f"  {name:22s} {value:8.1f}")
+    if not given.without_rivals:
+        rival = single["mpe2 simple_spread"]
+        print("  times faster:          " + ", ".join(f"{name} {rival / single[name]:.1f}" for name in list(sides)[:2]))
+
+    batch = {}
+    for name in ("experiment", "intruders"):
+        batch[f"{name}, no grid"] = (ours_batch(name, given.worlds, given.threads, None), 20)
+        batch[f"{name}, 36 x 16 grid"] = (ours_batch(name, given.worlds, given.threads, (36, 16)), 20)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    if not given.without_rivals:
+        batch["VMAS discovery"] = (vmas_batch(given.worlds), 1)
+    rates = {name: given.worlds / value for name, value in medians(batch, given.rounds).items()}
+    print(f"\nBatch of {given.worlds} worlds [million steps of a world per second]")
+    for name, value in rates.items():
+        ratio = "" if given.without_rivals else f"  {value / rates['VMAS discovery']:6.1f} times VMAS"
+        print(f"  {name:28s} {value:8.3f}{ratio}")
+    print(f"\nPeak memory of this process with four batches of {given.worlds} worlds: {peak:.0f} MB")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,141 @@
+"""The clock of each world, and the sums over its episode from which the score is made."""
+
+import warp as wp
+
+from lissajous_env import draws
+from lissajous_env.collision import REMOVE
+from lissajous_env.curve import CurveStruct, curve_parameter, wrap
+from lissajous_env.robot import FormationStruct, lateral_error
+from lissajous_env.state import ENDED, IDLE, NEVER, REMOVED, RUNNING, STUCK, Clock, Robots, Step, Tally
+from lissajous_env.trig import cos_sin
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+RECOVERED = wp.constant(0.05)
+"""Deviation from the equilibrium below which a formation has recovered [rad]."""
+
+
+@wp.kernel
+def reset_clock(first: int, seeds: wp.array(dtype=int), clock: Clock):
+    """Start an episode with the given seed or, where it is negative, with one drawn from the seed before."""
+    w = first + wp.tid()
+    if clock.fresh[w] == 0:
+        return
+    seed = seeds[w]
+    if seed < 0:
+        seed = int(draws.stream(draws.step_key(clock.seed[w], 0), 0, draws.EPISODE) >> wp.uint32(1))
+    clock.seed[w] = seed
+    clock.step[w] = 0
+    clock.stage[w] = RUNNING
+    clock.invalid[w] = 0
+
+
+@wp.func
+def formation_error(w: int, equilibrium: wp.array(dtype=wp.float64), robots: Robots) -> float:
+    """max_i |wrap(phase_i - equilibrium_i - theta_0)| over robots that are there [rad], theta_0 by circular mean."""
+    unit = wp.vec2(0.0, 0.0)
+    n = robots.status.shape[1]
+    for i in range(n):
+        if robots.status[w, i] != REMOVED:
+            unit += cos_sin(float(robots.phase[w, i] - equilibrium[i]))
+    turn = wp.atan2(unit[1], unit[0])
+    error = float(0.0)
+    for i in range(n):
+        if robots.status[w, i] != REMOVED:
+            error = wp.max(error, wp.abs(wrap(float(robots.phase[w, i] - equilibrium[i]) - turn)))
+    return error
+
+
+@wp.kernel
+def reset_tally(first: int, clock: Clock, robots: Robots, step_out: Step, tally: Tally):
+    """Start the score of a new episode."""
+    w = first + wp.tid()
+    if clock.fresh[w] == 0:
+        return
+    for i in range(robots.status.shape[1]):
+        for j in range(robots.status.shape[1]):
+            tally.contact[w, i, j] = 0
+        tally.returns[w, i] = 0.0
+        step_out.terminated[w, i] = False
+        step_out.truncated[w, i] = False
+    tally.collisions[w] = 0
+    tally.contact_steps[w] = 0
+    tally.min_separation[w] = 1.0e30
+    tally.covered[w] = 0
+    tally.covered_each[w] = 0
+    tally.covered_at[w] = NEVER
+    tally.covered_each_at[w] = NEVER
+    tally.lateral_sum[w] = 0.0
+    tally.lateral_max[w] = 0.0
+    tally.spacing_max[w] = 0.0
+    tally.phase_error_max[w] = 0.0
+    tally.off_at[w] = -1
+    tally.fault_end[w] = -1
+
+
+@wp.kernel
+def keep_score(
+    first: int,
+    begin: int,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    steps: int,
+    cells_total: int,
+    on_collision: int,
+    equilibrium: wp.array(dtype=wp.float64),
+    neighbours: wp.array2d(dtype=int),
+    clock: Clock,
+    robots: Robots,
+    step_out: Step,
+    tally: Tally,
+):
+    """Add the latest step to the score, and let the clock go on."""
+    w = first + wp.tid()
+    if begin == 1 and clock.fresh[w] == 0:
+        return
+    if begin == 0 and clock.stage[w] != RUNNING:
+        clock.stage[w] = IDLE
+        return
+    now = clock.step[w] + 1 - begin
+    n = robots.status.shape[1]
+    there = int(0)
+    running = int(0)
+    stuck = int(0)
+    fault_end = int(-1)
+    lateral = float(0.0)
+    spacing = float(0.0)
+    for i in range(n):
+        # What collisions of this step do to the robots is stored when they are rewarded, which comes after the score.
+        removed_now = on_collision == REMOVE and step_out.collisions[w, i] > 0
+        if not (removed_now or step_out.terminated[w, i]):
+            running += 1
+        status = robots.status[w, i]
+        fault_end = wp.max(fault_end, robots.resumed_at[w, i])
+        if status == STUCK:
+            stuck += 1
+        if status != REMOVED:
+            there += 1
+            gamma = curve_parameter(float(formation.alpha), robots.phase[w, i])
+            error = lateral_error(curve, gamma, robots.position[w, i])
+            lateral += error
+            tally.lateral_max[w] = wp.max(tally.lateral_max[w], error)
+            for side in range(2):
+                j = neighbours[i, side]
+                if j > i and robots.status[w, j] != REMOVED:
+                    spacing = wp.max(spacing, wp.length(robots.position[w, i] - robots.position[w, j]))
+    tally.fault_end[w] = wp.where(stuck == 0, fault_end, -1)
+    tally.spacing_max[w] = wp.max(tally.spacing_max[w], spacing)
+    if begin == 0:
+        tally.lateral_sum[w] += lateral / float(wp.max(there, 1))
+    deviation = formation_error(w, equilibrium, robots)
+    tally.phase_error[w] = deviation
+    tally.phase_error_max[w] = wp.max(tally.phase_error_max[w], deviation)
+    if deviation >= RECOVERED:
+        tally.off_at[w] = now
+    if cells_total > 0:
+        if tally.covered_at[w] == NEVER and tally.covered[w] == cells_total:
+            tally.covered_at[w] = now
+        if tally.covered_each_at[w] == NEVER and tally.covered_each[w] == n * cells_total:
+            tally.covered_each_at[w] = now
+    clock.step[w] = now
+    clock.stage[w] = wp.where(now >= steps or running == 0, ENDED, RUNNING)
