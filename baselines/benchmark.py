@@ -61,7 +61,6 @@ class Benchmark:
                 raise ValueError(f"{name} must name each one once, got {', '.join(getattr(self, name))}")
         if not self.scenarios:
             raise ValueError("scenarios must name at least one")
-        as_device(self.device)
 
 
 @dataclass(frozen=True)
@@ -95,6 +94,11 @@ class Outcome:
     elapsed: float
     """Time that it took, this call alone [s]."""
 
+    @property
+    def scenarios(self) -> dict[str, Scenario]:
+        """The scenarios that were played, by name."""
+        return {cell.scenario.name: cell.scenario for cell in self.cells}
+
 
 def run(
     settings: Benchmark | None = None,
@@ -125,7 +129,7 @@ def measure(
 ) -> Outcome:
     """Do the same as `run`, and tell which policies failed as well."""
     cells = plan(settings, policies, scenarios)
-    console = console or Console()
+    console = console or report.wide_console()
     folder = stored.make_folder(settings.out)
     started = time.monotonic()
     with locked(folder):
@@ -169,6 +173,7 @@ def plan(
     idle = set(named) - {cell.policy for cell in cells}
     for name in sorted(idle):
         registry.make(name, cells[0].scenario)  # says what is wrong with it
+    as_device(settings.device)
     return cells
 
 
@@ -208,7 +213,7 @@ def _play_all(settings: Benchmark, cells: list[Cell], kept: stored.Episodes, con
 
 
 def _failure(cell: Cell, error: Exception) -> Failure:
-    words = f"{type(error).__name__}: {error}"
+    words = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
     return Failure(cell.scenario.name, cell.policy, words, "".join(traceback.format_exception(error)))
 
 

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 from rich.markup import escape
 
 from baselines.benchmark import Benchmark, measure, plan, play
@@ -60,7 +59,7 @@ def evaluate(
     changed = parse_overrides(overrides)
     settings = Benchmark(scenarios, (policy,), episodes, seed, batch, device, overrides=changed)
     cells = plan(settings)
-    console = Console()
+    console = report.wide_console()
     rows = []
     numbers = list(range(episodes))
     with Progress(console, [(cell, numbers) for cell in cells]) as progress:

@@ -8,12 +8,13 @@ import warp as wp
 from baselines.mpcc import Mpcc, MpccParameters
 from baselines.observed import own_heading, own_phase, own_position
 from baselines.policy import Policy
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import CurveStruct
 from lissajous_env.robot import RobotStruct
 from lissajous_env.scenario import Scenario
 from lissajous_env.structs import to_struct
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 
 class Coordinator(Protocol):

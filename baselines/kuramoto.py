@@ -5,9 +5,10 @@ from typing import Any
 import warp as wp
 
 from baselines.observed import sine_ahead
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.scenario import Scenario
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 
 @wp.kernel

@@ -25,7 +25,8 @@ import warp as wp
 
 from baselines import mpcc_kernel
 from baselines.mpcc_kernel import EARLY, KEEP, Scratch
-from baselines.mpcc_model import MpccParameters, MpccStruct, tabulate, vec5
+from baselines.mpcc_model import MpccStruct, tabulate, vec5
+from baselines.mpcc_parameters import MpccParameters
 from lissajous_env.curve import CurveStruct
 from lissajous_env.device import as_device, compile_quietly
 from lissajous_env.scenario import Curve
@@ -122,16 +123,14 @@ class Mpcc:
             future.result()
 
     def reset(self, mask: Any = None) -> None:
-        """Forget the warm starts and failures of the problems in `mask`, (K,) booleans; None is all of them."""
+        """Forget the warm starts of the problems in `mask`, (K,) booleans; None is all of them."""
         if mask is None:
             self._begin.fill_(EARLY)
-            self.failures.zero_()
             return
         chosen = mask.numpy() if isinstance(mask, wp.array) else np.asarray(mask)
         if chosen.shape != (self.batch,):
             raise ValueError(f"mask must have shape {(self.batch,)}, got {chosen.shape}")
-        for array, value in ((self._begin, EARLY), (self.failures, 0)):
-            array.assign(np.where(chosen, value, array.numpy()).astype(np.int32))
+        self._begin.assign(np.where(chosen, EARLY, self._begin.numpy()).astype(np.int32))
 
     def _zeros(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> Any:
         return wp.zeros(shape, dtype=dtype, device=self.device)
@@ -177,7 +176,7 @@ class Mpcc:
         elif not isinstance(value, wp.array):
             # float64 beyond the range of float32 becomes infinite, and the problem fails
             with np.errstate(over="ignore"):
-                value = np.ascontiguousarray(value, dtype=np.float32)
+                value = np.asarray(value, dtype=np.float32, order="C")
         if tuple(value.shape) != shape:
             raise ValueError(f"{name} must have shape {shape}, got {tuple(value.shape)}")
         if isinstance(value, wp.array):

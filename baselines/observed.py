@@ -2,10 +2,11 @@
 
 import warp as wp
 
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import CurveStruct
 from lissajous_env.observation import LINK, OWN
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 
 @wp.func

@@ -9,12 +9,13 @@ from baselines.loop import cruising_speed, patrol_loop
 from baselines.observed import own_heading, own_phase, own_position
 from baselines.policy import Policy
 from lissajous_env import draws
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import CurveStruct, point2, wrap
 from lissajous_env.robot import RobotStruct
 from lissajous_env.scenario import Scenario
 from lissajous_env.structs import to_struct
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 
 @wp.func

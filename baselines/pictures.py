@@ -42,7 +42,7 @@ _COLOURS = (
     "#6A3D9A",
     "#8C564B",
 )
-_PANEL = 3.3
+_PANEL = 3.5
 """Width of a panel [inch]."""
 
 
@@ -68,9 +68,11 @@ def draw(
         axes.set_xlabel("collisions per episode")
 
     def distribution(axes: Axes, name: str) -> None:
-        for policy in cells[name]:
-            values = [r["detection_time_mean"] for r in rows if r["scenario"] == name and r["policy"] == policy]
-            _steps(axes, values, colour[policy], policy)
+        times_of = {policy: [] for policy in cells[name]}
+        for row in rows:
+            if row["scenario"] == name:
+                times_of[row["policy"]].append(row["detection_time_mean"])
+        _steps(axes, times_of, colour)
         _mark_bound(axes, scenarios[name])
         axes.set_xlabel("mean detection time [s]")
         axes.set_ylabel("share of episodes at or below")
@@ -96,7 +98,10 @@ def _panels(names: list[str], title: str, fill: Callable[[Axes, str], None], leg
         entries = {
             label: line for axes in figure.axes for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
         }
-        figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=min(len(entries), 6))
+        columns = min(len(entries), int(figure.get_figwidth() / 1.55))
+        shown = figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
+        for line in shown.get_lines():
+            line.set_linewidth(3)
     else:
         figure.supxlabel("point: interquartile mean; bar: 95 % bootstrap interval", fontsize=8.5, color="#555555")
     file = io.BytesIO()
@@ -113,7 +118,7 @@ def _points(axes: Axes, of: dict[str, Statistics], colour: dict[str, str], many:
         axes.plot(
             [values.low, values.high], [place, place], color=colour[policy], lw=5, alpha=0.35, solid_capstyle="butt"
         )
-        axes.plot([values.iqm], [place], "o", color=colour[policy], ms=6)
+        axes.plot([values.iqm], [place], "o", color=colour[policy], ms=6, clip_on=False, zorder=3)
     axes.set_yticks(range(len(of)), list(of))
     axes.set_ylim(len(of) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0)
@@ -126,23 +131,27 @@ def _points(axes: Axes, of: dict[str, Statistics], colour: dict[str, str], many:
         axes.set_xticks(ticks, [str(tick) for tick in ticks])
         axes.minorticks_off()
     else:
-        axes.set_xlim(left=0)
+        largest = max((values.iqm for values in of.values() if values.n_finite), default=0)
+        axes.set_xlim(0, None if largest else 0.1)
 
 
-def _steps(axes: Axes, values: Sequence[float], colour: str, label: str) -> None:
-    ordered = np.sort([value for value in values if np.isfinite(value)])
-    share = np.arange(1, len(ordered) + 1) / max(len(values), 1)
-    axes.step([0, *ordered], [0, *share], where="post", color=colour, lw=1.8, label=label)
+def _steps(axes: Axes, values: dict[str, list[float]], colour: dict[str, str]) -> None:
+    """Share of the episodes at or below each value; later curves are thinner, so that equal ones all show."""
+    largest = max((v for of in values.values() for v in of if np.isfinite(v)), default=0) or 0.1
+    for k, (policy, of) in enumerate(values.items()):
+        ordered = np.sort([value for value in of if np.isfinite(value)])
+        share = np.arange(1, len(ordered) + 1) / len(of)
+        ends = share[-1:] if len(share) else [0]
+        line = {"color": colour[policy], "lw": max(4.5 - 0.8 * k, 1.2), "label": policy}
+        axes.step([0, *ordered, 1.05 * largest], [0, *share, *ends], where="post", **line)
     axes.set_ylim(0, 1.03)
-    axes.set_xlim(left=0)
+    axes.set_xlim(0, 1.05 * largest)
 
 
 def _mark_bound(axes: Axes, scenario: Scenario) -> None:
-    """A dashed line at T_max, where the scale reaches it."""
+    """Draw a dashed line at T_max, where the scale reaches it."""
     bound = scenario.detection_time_bound
-    if bound <= axes.get_xlim()[1] * 1.3:
-        axes.axvline(bound, color="#444444", lw=1, ls="--")
-        axes.annotate(
-            "T_max", (bound, 1), xycoords=("data", "axes fraction"), xytext=(3, -2), textcoords="offset points",
-            va="top", fontsize=8, color="#444444",
-        )  # fmt: skip
+    if bound <= axes.get_xlim()[1]:
+        axes.axvline(bound, color="#444444", lw=1, ls="--", zorder=1)
+        place = {"xycoords": ("data", "axes fraction"), "xytext": (3, 3), "textcoords": "offset points"}
+        axes.annotate("$T_{max}$", (bound, 0), ha="left", va="bottom", fontsize=8.5, color="#444444", **place)

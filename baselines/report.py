@@ -7,13 +7,12 @@ import os
 import platform
 import shlex
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
@@ -23,7 +22,7 @@ from baselines.statistics import Statistics, summarize
 from baselines.stored import NUMBER_COLUMNS, as_settings, plain
 from lissajous_env.device import as_device
 from lissajous_env.files import write_atomically
-from lissajous_env.scenario import Scenario
+from lissajous_env.scenario import Faults, Scenario
 from lissajous_env.score import COLUMNS
 
 if TYPE_CHECKING:
@@ -46,8 +45,8 @@ SHOWN = (
     Shown("collisions", "colli-\nsions", -1),
     Shown("min_separation", "least\ndistance \\[m]", 1),
     Shown("detection_time_p95", "detection\np95 \\[s]", -1),
-    Shown("recovery_time", "recovery\n\\[s]", -1),
     Shown("spacing_factor", "spacing\nfactor", -1),
+    Shown("recovery_time", "recovery\n\\[s]", -1),
     Shown("idleness_mean", "idleness\nmean \\[s]", -1),
 )
 """Main columns, the most important first: a narrow terminal leaves out the last."""
@@ -78,45 +77,53 @@ def statistics(rows: Iterable[dict[str, Any]]) -> Cells:
     }
 
 
-def overall(rows: Sequence[dict[str, Any]], scenarios: Iterable[Scenario]) -> Cells:
-    """Statistics over several scenarios, stratified by scenario, by the scenarios that policies have in common."""
-    bound = {scenario.name: scenario.detection_time_bound for scenario in scenarios}
-    rows = [row | {"time_over_bound": row["detection_time_mean"] / bound[row["scenario"]]} for row in rows]
-    played: dict[str, dict[str, list[dict[str, Any]]]] = {}
-    for row in rows:
-        played.setdefault(row["policy"], {}).setdefault(row["scenario"], []).append(row)
+def overall(rows: Sequence[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> Cells:
+    """Statistics over all scenarios of a kind of robot, stratified by scenario, of the policies that played them all."""
     cells: Cells = {}
-    groups = list(dict.fromkeys(tuple(by_scenario) for by_scenario in played.values() if len(by_scenario) > 1))
-    for group in groups:
-        # A policy that played further scenarios as well takes part with those of the group.
-        members = {policy: by for policy, by in played.items() if set(group) <= set(by)}
-        if len(members) > 1:
+    for kind in dict.fromkeys(scenario.robot.kind for scenario in scenarios.values()):
+        group = [name for name, scenario in scenarios.items() if scenario.robot.kind == kind]
+        strata: dict[str, dict[str, list[dict[str, Any]]]] = {}
+        for row in rows:
+            if row["scenario"] in group:
+                bound = scenarios[row["scenario"]].detection_time_bound
+                scaled = row | {"time_over_bound": row["detection_time_mean"] / bound}
+                strata.setdefault(row["policy"], {}).setdefault(row["scenario"], []).append(scaled)
+        complete = {policy: list(by.values()) for policy, by in strata.items() if len(by) == len(group)}
+        if len(group) > 1 and complete:
             cells[", ".join(group)] = {
-                policy: {each.column: summarize(*[[r[each.column] for r in by[s]] for s in group]) for each in _OVERALL}
-                for policy, by in members.items()
+                policy: {of.column: summarize(*[[row[of.column] for row in each] for each in by]) for of in _OVERALL}
+                for policy, by in complete.items()
             }
     return cells
 
 
+def wide_console() -> Console:
+    """Console as wide as the terminal, or 120 columns where the output goes to a file."""
+    console = Console()
+    return console if console.is_terminal or "COLUMNS" in os.environ else Console(width=120)
+
+
 def print_tables(console: Console, outcome: "Outcome") -> None:
-    """Print a table for each scenario, one over all scenarios, and what failed."""
-    cells = statistics(outcome.rows)
-    failed = {(each.scenario, each.policy): each.error for each in outcome.failures}
-    scenarios = {cell.scenario.name: cell.scenario for cell in outcome.cells}
+    """Print a table for each scenario, one over all scenarios of a kind of robot, and what failed."""
+    cells, scenarios = statistics(outcome.rows), outcome.scenarios
     for name, scenario in scenarios.items():
         title = f"[b]{escape(name)}[/b]  N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s"
-        errors = {policy: error for (of, policy), error in failed.items() if of == name}
-        console.print(_table(title, cells.get(name, {}), SHOWN, console.width, errors))
-    for names, policies in overall(outcome.rows, scenarios.values()).items():
-        console.print(_table(f"[b]over {escape(names)}[/b]", policies, _OVERALL, console.width, {}))
+        errors = {failure.policy: failure.error for failure in outcome.failures if failure.scenario == name}
+        # Without a fault there is nothing to recover from.
+        shown = [each for each in SHOWN if each.column != "recovery_time" or scenario.faults != Faults()]
+        console.print(_table(console, title, cells.get(name, {}), shown, errors), "")
+    for names, policies in overall(outcome.rows, scenarios).items():
+        console.print(_table(console, f"[b]over {escape(names)}[/b]", policies, _OVERALL), "")
     words = (
-        f"Interquartile mean over {outcome.settings.episodes} episodes, its 95 % bootstrap interval below; * best; "
-        f"{_DASH} and (k/n): k of n episodes had a number."
+        f"Interquartile mean over {outcome.settings.episodes} episodes, below it the 95 % bootstrap interval; "
+        f"* best; (k/n): k of n episodes had a number."
     )
     console.print(words, style="dim", highlight=False)
     for failure in outcome.failures:
         words = f"{failure.policy} failed on {failure.scenario}: {failure.error}"
         console.print(words, style="bold red", markup=False, highlight=False)
+    if outcome.failures:
+        console.print("Tracebacks are in summary.json.", style="red", highlight=False)
     where = f"{len(outcome.rows)} episodes in {outcome.settings.out} (episodes.csv, summary.json, pictures)"
     console.print(f"{where}, {outcome.elapsed:.1f} s", markup=False, highlight=False, soft_wrap=True)
 
@@ -149,9 +156,7 @@ def write_files(folder: Path, outcome: "Outcome") -> None:
     from baselines import pictures
 
     write_csv(folder / "episodes.csv", outcome.rows)
-    scenarios = {cell.scenario.name: cell.scenario for cell in outcome.cells}
-    settings = outcome.settings
-    cells = statistics(outcome.rows)
+    settings, cells = outcome.settings, statistics(outcome.rows)
     summary = {
         "machine": machine(settings.device),
         "versions": versions(),
@@ -164,12 +169,12 @@ def write_files(folder: Path, outcome: "Outcome") -> None:
         },
         "overall": {
             names: {p: {c: asdict(of) for c, of in cs.items()} for p, cs in ps.items()}
-            for names, ps in overall(outcome.rows, scenarios.values()).items()
+            for names, ps in overall(outcome.rows, outcome.scenarios).items()
         },
         "failures": [asdict(failure) for failure in outcome.failures],
     }
     write_atomically(folder / "summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
-    for name, data in pictures.draw(outcome.rows, cells, scenarios).items():
+    for name, data in pictures.draw(outcome.rows, cells, outcome.scenarios).items():
         write_atomically(folder / name, data)
 
 
@@ -212,43 +217,53 @@ def _cpu_model() -> str:
 
 
 def _table(
-    title: str, policies: dict[str, dict[str, Statistics]], shown: Sequence[Shown], width: int, errors: dict[str, str]
+    console: Console,
+    title: str,
+    policies: dict[str, dict[str, Statistics]],
+    shown: Sequence[Shown],
+    errors: dict[str, str] | None = None,
 ) -> Table:
+    """Table with a row for each policy and as many columns as the terminal has room for."""
+    errors = errors or {}
     table = _plain_table(title)
-    names = [*policies, *(name for name in errors if name not in policies)]
     table.add_column("policy", style="cyan", no_wrap=True)
-    room = width - max(len(name) for name in names) - 2
-    columns = shown[: max(room // 14, 1)]
-    for each in columns:
+    for each in shown:
         table.add_column(each.title, justify="right", no_wrap=True)
-    best = {each.column: _best([of[each.column] for of in policies.values()], each.better) for each in columns}
-    for name in names:
+    best = [_best([of[each.column] for of in policies.values()], each.better) for each in shown]
+    for name, of in policies.items():
+        cells = [_cell(of[each.column], mark) for each, mark in zip(shown, best, strict=True)]
+        label = f"{escape(name)}\n[red]failed[/red]" if name in errors else escape(name)
+        table.add_row(label, *cells)
+    for name in errors:
         if name not in policies:
             table.add_row(escape(name), "[red]failed[/red]")
-            continue
-        cells = [_cell(policies[name][each.column], best[each.column]) for each in columns]
-        table.add_row(escape(name), *cells)
+    if (
+        len(shown) > 1
+        and table.__rich_measure__(console, console.options.update(max_width=1000)).maximum > console.width
+    ):
+        return _table(console, title, policies, shown[:-1], errors)
     return table
 
 
 def _plain_table(title: str) -> Table:
-    return Table(
-        title=title, title_justify="left", title_style="", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False
-    )
+    style = {"title_justify": "left", "title_style": "", "box": box.SIMPLE_HEAD, "pad_edge": False, "show_edge": False}
+    return Table(title=title, **style)
 
 
-def _best(candidates: list[Statistics], better: int) -> float:
-    """Best interquartile mean among the policies with most episodes that have a number; NaN for none."""
+def _best(candidates: list[Statistics], better: int) -> str:
+    """Best interquartile mean, as shown, of the policies with most episodes that have a number; none if all agree."""
     most = max((of.n_finite / of.n for of in candidates), default=0)
     values = [of.iqm for of in candidates if of.n_finite / of.n == most]
-    return better * max(better * value for value in values) if most and better else np.nan
+    if not most or not better or len({_number(of.iqm) for of in candidates}) == 1:
+        return ""
+    return _number(better * max(better * value for value in values))
 
 
-def _cell(of: Statistics, best: float) -> str:
+def _cell(of: Statistics, best: str) -> str:
     if not of.n_finite:
         return f"{_DASH}\n[dim](0/{of.n})[/dim]"
     value = _number(of.iqm)
-    value = f"[bold green]{value}*[/]" if value == _number(best) else f"{value} "
+    value = f"[bold green]{value}*[/]" if value == best else f"{value} "
     counted = "" if of.n_finite == of.n else f" ({of.n_finite}/{of.n})"
     return f"{value}\n[dim]{_interval(of)}{counted} [/dim]".rstrip()
 
@@ -259,15 +274,9 @@ def _interval(of: Statistics) -> str:
 
 
 def _number(value: float) -> str:
-    """Three significant digits, without an exponent where it can be; an em dash for NaN."""
+    """Three significant digits, but no more than three decimals; an em dash for NaN."""
     if value != value:
         return _DASH
-    if value == 0 or (float(value).is_integer() and abs(value) < 1e6):
+    if float(value).is_integer() or abs(value) >= 100:
         return f"{value:.0f}"
-    return (
-        f"{value:#.3g}".rstrip(".")
-        if 1e-3 <= abs(value) < 1000
-        else f"{value:.0f}"
-        if abs(value) >= 1000
-        else f"{value:.1g}"
-    )
+    return f"{value:#.3g}" if abs(value) >= 0.9995 else f"{value:.3f}"

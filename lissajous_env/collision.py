@@ -2,10 +2,11 @@
 
 import warp as wp
 
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.robot import RobotStruct
 from lissajous_env.state import NEVER, NOWHERE, REMOVED, RUNNING, STUCK, Clock, Robots, Step, Tally
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 PARTED = wp.constant(1.05)
 """A collision is over when the distance is above this many times the sum of the radii."""

@@ -6,23 +6,25 @@ gamma = alpha theta (Lemma 2).
 
 import warp as wp
 
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.scenario import Curve
 from lissajous_env.structs import struct_of
 from lissajous_env.trig import cos_sin
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 CurveStruct = struct_of(Curve)
 
 TWO_PI = wp.constant(6.283185307179586)
 _PER_TURN = wp.constant(0.15915494309189535)
 _TURN = wp.constant(wp.float64(6.283185307179586))
+_TURNS = wp.constant(wp.float64(0.15915494309189535))
 
 
 @wp.func
 def wrap_phase(phase: wp.float64) -> wp.float64:
     """Wrap a phase to [0, 2 pi) [rad]."""
-    wrapped = phase - _TURN * wp.floor(phase / _TURN)
+    wrapped = phase - _TURN * wp.floor(phase * _TURNS)
     return wp.where(wrapped >= _TURN or wrapped < wp.float64(0.0), wp.float64(0.0), wrapped)
 
 

@@ -5,7 +5,9 @@ So world k is the same world in any batch, at any place in it, on any number of 
 
 import warp as wp
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+from lissajous_env.compilation import OPTIONS
+
+wp.set_module_options(OPTIONS)
 
 START = wp.constant(0)
 BODY = wp.constant(1)

@@ -3,11 +3,12 @@
 import warp as wp
 
 from lissajous_env import draws
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.scenario import Faults
 from lissajous_env.state import NEVER, REMOVED, STUCK, WORKING, Clock, Robots
 from lissajous_env.structs import struct_of
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 FaultsStruct = struct_of(Faults)
 

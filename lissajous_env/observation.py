@@ -31,6 +31,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env import draws
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import CurveStruct
 from lissajous_env.robot import NoiseStruct
 from lissajous_env.scenario import Scenario
@@ -38,7 +39,7 @@ from lissajous_env.state import IDLE, REMOVED, WORKING, Clock, Links, Robots, Ro
 from lissajous_env.targets import planar
 from lissajous_env.trig import cos_sin
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 OWN = wp.constant(8)
 LINK = wp.constant(6)

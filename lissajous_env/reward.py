@@ -3,11 +3,12 @@
 import warp as wp
 
 from lissajous_env.collision import take_consequence
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.scenario import Task
 from lissajous_env.state import IDLE, Clock, Robots, Step, Tally
 from lissajous_env.structs import struct_of
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 TaskStruct = struct_of(Task)
 

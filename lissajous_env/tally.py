@@ -4,12 +4,13 @@ import warp as wp
 
 from lissajous_env import draws
 from lissajous_env.collision import REMOVE
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import CurveStruct, curve_parameter, wrap
 from lissajous_env.robot import FormationStruct, lateral_error
 from lissajous_env.state import ENDED, IDLE, NEVER, REMOVED, RUNNING, STUCK, Clock, Robots, Step, Tally
 from lissajous_env.trig import cos_sin
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 RECOVERED = wp.constant(0.05)
 """Deviation from the equilibrium below which a formation has recovered [rad]."""
@@ -103,6 +104,7 @@ def keep_score(
     stuck = int(0)
     fault_end = int(-1)
     lateral = float(0.0)
+    lateral_max = float(0.0)
     spacing = float(0.0)
     for i in range(n):
         # What collisions of this step do to the robots is stored when they are rewarded, which comes after the score.
@@ -118,13 +120,14 @@ def keep_score(
             gamma = curve_parameter(float(formation.alpha), robots.phase[w, i])
             error = lateral_error(curve, gamma, robots.position[w, i])
             lateral += error
-            tally.lateral_max[w] = wp.max(tally.lateral_max[w], error)
+            lateral_max = wp.max(lateral_max, error)
             for side in range(2):
                 j = neighbours[i, side]
                 if j > i and robots.status[w, j] != REMOVED:
-                    spacing = wp.max(spacing, wp.length(robots.position[w, i] - robots.position[w, j]))
+                    spacing = wp.max(spacing, wp.length_sq(robots.position[w, i] - robots.position[w, j]))
     tally.fault_end[w] = wp.where(stuck == 0, fault_end, -1)
-    tally.spacing_max[w] = wp.max(tally.spacing_max[w], spacing)
+    tally.lateral_max[w] = wp.max(tally.lateral_max[w], lateral_max)
+    tally.spacing_max[w] = wp.max(tally.spacing_max[w], wp.sqrt(spacing))
     if begin == 0:
         tally.lateral_sum[w] += lateral / float(wp.max(there, 1))
     deviation = formation_error(w, equilibrium, robots)

@@ -3,6 +3,7 @@
 import warp as wp
 
 from lissajous_env import draws
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import CurveStruct, wrap
 from lissajous_env.scenario import Targets
 from lissajous_env.state import (
@@ -20,7 +21,7 @@ from lissajous_env.state import (
 from lissajous_env.structs import struct_of
 from lissajous_env.trig import cos_sin
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 TargetsStruct = struct_of(Targets)
 

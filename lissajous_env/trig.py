@@ -6,7 +6,9 @@ depend on the library's version.
 
 import warp as wp
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+from lissajous_env.compilation import OPTIONS
+
+wp.set_module_options(OPTIONS)
 
 _TWO_OVER_PI = wp.constant(0.636619772367581)
 # pi / 2 in three parts of few bits, so that q times each part is exact and angles up to 10^4 rad keep full accuracy.

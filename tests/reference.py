@@ -4,6 +4,7 @@ The oracle of the simulation. What is random is left out: the phases and the tar
 given, and wandering targets are only followed with `targets.turn_rate` 0, which makes them go straight on.
 """
 
+import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -154,7 +155,8 @@ class World:
         columns, rows = task.grid or (0, 0)
         self.centres = [
             (x, y)
-            for y in (np.arange(rows) + 0.5) * 2 * scenario.curve.half_height / max(rows, 1) - scenario.curve.half_height
+            for y in (np.arange(rows) + 0.5) * 2 * scenario.curve.half_height / max(rows, 1)
+            - scenario.curve.half_height
             for x in (np.arange(columns) + 0.5) * 2 * scenario.curve.half_width / max(columns, 1)
             - scenario.curve.half_width
         ]
@@ -225,7 +227,12 @@ class World:
         self._hear()
 
     def _move(self, i: int, command: np.ndarray) -> None:
-        car, curve, robot, substeps = self.robots[i], self.scenario.curve, self.scenario.robot, self.scenario.task.substeps
+        car, curve, robot, substeps = (
+            self.robots[i],
+            self.scenario.curve,
+            self.scenario.robot,
+            self.scenario.task.substeps,
+        )
         car.way = [car.position.copy()]
         if robot.kind == "curve":
             rate = float(command[0]) * robot.phase_rate_max if self.at_work[i] else 0.0
@@ -259,7 +266,7 @@ class World:
                 if self.removed(i) or self.removed(j):
                     continue
                 offsets = [a - b for a, b in zip(self.robots[i].way, self.robots[j].way, strict=True)]
-                least = min(closest_approach(a, b) for a, b in zip(offsets[:-1], offsets[1:], strict=True))
+                least = min(closest_approach(a, b) for a, b in itertools.pairwise(offsets))
                 self.least_distance = min(self.least_distance, least)
                 if least < touch:
                     self.contact_steps += 1
@@ -351,7 +358,9 @@ class World:
         for i in here:
             for j in self.scenario.neighbours[i]:
                 if j in here:
-                    self.spacing_max = max(self.spacing_max, math.dist(self.robots[i].position, self.robots[j].position))
+                    self.spacing_max = max(
+                        self.spacing_max, math.dist(self.robots[i].position, self.robots[j].position)
+                    )
         offsets = [self.robots[i].phase - self.equilibrium[i] for i in here]
         turn = math.atan2(sum(math.sin(o) for o in offsets), sum(math.cos(o) for o in offsets))
         self.deviations.append(max([abs(wrapped(o - turn)) for o in offsets], default=0.0))
@@ -470,7 +479,9 @@ class World:
     def _nearest(self, own: Car, others: list, room: int, unit: float | None) -> list[float]:
         radius, width = self.scenario.sensing.radius, 3 if unit is None else 5
         offsets = [(other.position[:2] - own.position[:2], other) for other in others]
-        near = sorted((pair for pair in offsets if np.linalg.norm(pair[0]) < radius), key=lambda p: np.linalg.norm(p[0]))
+        near = sorted(
+            (pair for pair in offsets if np.linalg.norm(pair[0]) < radius), key=lambda p: np.linalg.norm(p[0])
+        )
         row: list[float] = []
         for offset, other in near[:room]:
             row += [1.0, *(offset / radius)]

@@ -1,0 +1,288 @@
+"""The benchmark: what it writes, and that a kill, a second process or other settings cannot spoil its results."""
+
+import csv
+import fcntl
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import baselines
+import lissajous_env
+from baselines import report
+from baselines.benchmark import Benchmark, measure, run
+from baselines.stored import NUMBER_COLUMNS
+from lissajous_env.files import Journal, replacing, write_atomically
+from lissajous_env.score import COLUMNS
+
+QUIET = Console(quiet=True)
+SHORT = {"task.duration": 2.0}
+SCRIPT = """
+import sys, time
+from pathlib import Path
+from baselines.benchmark import Benchmark, run
+from baselines.policy import make
+
+class Slow:
+    def __init__(self, scenario, num_worlds, device):
+        self.policy, self.num_worlds = make("kuramoto", scenario, num_worlds, device), num_worlds
+    def reset(self, worlds=None):
+        self.policy.reset(worlds)
+    def act(self, observation):
+        time.sleep(float(sys.argv[2]))
+        return self.policy.act(observation)
+
+settings = Benchmark(("failure",), ("kuramoto", "open-loop"), 6, batch=2, out=Path(sys.argv[1]),
+                     overrides={"task.duration": 2.0})
+run(settings, {"slow": Slow})
+"""
+
+
+def small(out, **changes):
+    given = {"scenarios": ("failure",), "policies": ("kuramoto", "open-loop"), "episodes": 5, "batch": 2}
+    return Benchmark(**given | {"out": out, "overrides": SHORT} | changes)
+
+
+def lines(folder):
+    return (folder / "episodes.jsonl").read_text().splitlines()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Results of the small benchmark, played without interruption, and its rows."""
+    folder = tmp_path_factory.mktemp("whole")
+    return folder, run(small(folder), console=QUIET)
+
+
+def test_rows_are_those_of_evaluate(whole):
+    scenario = lissajous_env.scenario("failure", **SHORT)
+    policy = baselines.make("open-loop", scenario, num_worlds=3)
+    oracle = lissajous_env.evaluate(policy, scenario, seeds=range(5))
+    assert str([row for row in whole[1] if row["policy"] == "open-loop"]) == str(oracle)
+
+
+def test_csv_has_the_columns_of_the_contract_and_nan_is_empty(whole):
+    folder, rows = whole
+    with open(folder / "episodes.csv", newline="") as file:
+        table = list(csv.reader(file))
+    assert tuple(table[0]) == COLUMNS
+    assert len(table) == 1 + len(rows) == 11
+    for line, row in zip(table[1:], rows, strict=True):
+        for text, value in zip(line, row.values(), strict=True):
+            assert text == ("" if value != value else str(value))
+    assert "" in table[1]  # two seconds are over before any fault: no recovery
+
+
+def test_every_policy_meets_the_same_seeds(whole):
+    _, rows = whole
+    assert [(row["policy"], row["episode"], row["seed"]) for row in rows] == [
+        (policy, k, k) for policy in ("kuramoto", "open-loop") for k in range(5)
+    ]
+
+
+def test_summary_is_the_statistics_of_the_episodes(whole):
+    folder, rows = whole
+    summary = json.loads((folder / "summary.json").read_text())
+    for column in NUMBER_COLUMNS:
+        values = np.array([row[column] for row in rows if row["policy"] == "kuramoto"])
+        of = summary["statistics"]["failure"]["kuramoto"][column]
+        finite = values[np.isfinite(values)]
+        assert (of["n"], of["n_finite"]) == (5, len(finite))
+        for name, oracle in (("mean", np.mean), ("min", np.min), ("max", np.max)):
+            assert of[name] == (pytest.approx(float(oracle(finite))) if len(finite) else None)
+    assert summary["seeds"] == list(range(5))
+    assert summary["machine"]["cores"] == os.cpu_count()
+    assert summary["versions"]["numpy"] == np.__version__
+    assert summary["settings"]["digests"]["failure"] == lissajous_env.scenario("failure", **SHORT).digest()
+
+
+def test_pictures_are_png(whole):
+    pictures = sorted(whole[0].glob("*.png"))
+    assert [path.name for path in pictures] == [
+        "collisions.png", "detection_time.png", "detection_time_distribution.png",
+    ]  # fmt: skip
+    assert all(path.read_bytes().startswith(b"\x89PNG\r\n") for path in pictures)
+
+
+def test_killed_at_any_moment_it_goes_on_and_ends_with_the_same_rows(tmp_path):
+    # Oracle: the same benchmark, never killed. Killed twice, each time with episodes on the disk.
+    command = [sys.executable, "-c", SCRIPT]
+    subprocess.run([*command, str(tmp_path / "whole"), "0"], check=True, capture_output=True)
+    killed = tmp_path / "killed"
+    for at_least in (2, 14):
+        process = subprocess.Popen(
+            [*command, str(killed), "0.05"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        deadline = time.monotonic() + 40
+        while time.monotonic() < deadline and process.poll() is None:
+            if (killed / "episodes.jsonl").exists() and len(lines(killed)) >= at_least:
+                break
+            time.sleep(0.01)
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+        assert at_least <= len(lines(killed)) < 18
+        assert not (killed / "episodes.csv").exists()
+    subprocess.run([*command, str(killed), "0"], check=True, capture_output=True)
+    for name in ("episodes.jsonl", "episodes.csv"):
+        assert (killed / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+@pytest.mark.parametrize("torn", ['{"scenario": "fail', '{"scenario": "fail\n', "\x00\x00\x00"])
+def test_a_torn_last_line_is_dropped(whole, tmp_path, torn):
+    run(small(tmp_path, episodes=2), console=QUIET)
+    with open(tmp_path / "episodes.jsonl", "a") as file:
+        file.write(torn)
+    run(small(tmp_path), console=QUIET)
+    assert sorted(lines(tmp_path)) == sorted(lines(whole[0]))
+    assert (tmp_path / "episodes.csv").read_bytes() == (whole[0] / "episodes.csv").read_bytes()
+
+
+@pytest.mark.parametrize("damage", ["", "nonsense", "[]", '{"scenario": 3}'])
+def test_a_damaged_line_in_the_middle_is_refused_by_file_and_number(tmp_path, damage):
+    run(small(tmp_path, episodes=2), console=QUIET)
+    damaged = lines(tmp_path)
+    damaged[1] = damage
+    (tmp_path / "episodes.jsonl").write_text("\n".join(damaged) + "\n")
+    with pytest.raises(ValueError, match=r"episodes\.jsonl, line 2 "):
+        run(small(tmp_path, episodes=2), console=QUIET)
+    assert lines(tmp_path) == damaged
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [
+        ("policy", "sweep", "not asked for"), ("episode", 1, "there already"), ("episode", 7, "episode 7 of 2"),
+        ("seed", 5, "must have seed 0"), ("collisions", "many", "a number as collisions"),
+    ],
+)  # fmt: skip
+def test_an_episode_that_does_not_belong_is_refused(tmp_path, column, value, words):
+    run(small(tmp_path, episodes=2), console=QUIET)
+    changed = [json.loads(line) for line in lines(tmp_path)]
+    changed[0][column] = value
+    (tmp_path / "episodes.jsonl").write_text("".join(json.dumps(row) + "\n" for row in changed))
+    with pytest.raises(ValueError, match=rf"line \d .*{words}"):
+        run(small(tmp_path, episodes=2), console=QUIET)
+
+
+def test_other_settings_are_refused_and_both_are_shown(tmp_path):
+    run(small(tmp_path, episodes=2), console=QUIET)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    other = small(tmp_path, episodes=2, seed=7, overrides={"task.duration": 3.0})
+    with pytest.raises(ValueError, match="other settings") as error:
+        run(other, console=QUIET)
+    shown = [line.split() for line in str(error.value).splitlines()[1:]]
+    assert shown == [["there", "now"], ["seed", "0", "7"], ["scenarios.failure.task.duration", "2.0", "3.0"]]
+    with pytest.raises(ValueError, match=r"episodes +2 +1"):
+        run(small(tmp_path, episodes=1), console=QUIET)
+    assert before == {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+
+def test_more_episodes_extend_and_another_batch_changes_nothing(whole, tmp_path):
+    run(small(tmp_path, episodes=2), console=QUIET)
+    run(small(tmp_path, batch=3), console=QUIET)
+    assert (tmp_path / "episodes.csv").read_bytes() == (whole[0] / "episodes.csv").read_bytes()
+
+
+def test_a_folder_in_use_is_refused_and_free_once_its_holder_is_gone(tmp_path):
+    with open(tmp_path / ".lock", "w") as holder:
+        holder.write("4242\n")
+        holder.flush()
+        fcntl.flock(holder, fcntl.LOCK_EX)
+        with pytest.raises(ValueError, match=r"in use by another process \(4242\)"):
+            run(small(tmp_path), console=QUIET)
+    run(small(tmp_path, episodes=1), console=QUIET)
+
+
+def broken(scenario, num_worlds, device):
+    policy = baselines.make("kuramoto", scenario, num_worlds, device)
+    if scenario.name == "perturbation":
+        policy.act = lambda observation: 1 / 0
+    return policy
+
+
+def test_a_policy_that_raises_is_reported_and_the_others_go_on(tmp_path):
+    settings = small(tmp_path, scenarios=("perturbation", "failure"), policies=("still",), episodes=2)
+    console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
+    outcome = measure(settings, {"mine": broken}, console=console)
+    assert [(f.scenario, f.policy) for f in outcome.failures] == [("perturbation", "mine")]
+    assert "ZeroDivisionError" in console.export_text()
+    played = {(row["scenario"], row["policy"]) for row in outcome.rows}
+    assert played == {("perturbation", "still"), ("failure", "still"), ("failure", "mine")}
+    assert json.loads((tmp_path / "summary.json").read_text())["failures"][0]["policy"] == "mine"
+
+
+def test_a_policy_object_and_a_scenario_of_ones_own(tmp_path):
+    scenario = lissajous_env.scenario("failure", **{"task.duration": 1.0, "robot.count": 4})
+    policy = baselines.make("still", scenario, num_worlds=3)
+    rows = run(Benchmark(episodes=4, out=tmp_path), {"mine": policy}, [scenario], QUIET)
+    assert [(row["policy"], row["seed"]) for row in rows] == [("mine", k) for k in range(4)]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"scenarios": ("failur",)}, "did you mean failure"),
+        ({"policies": ("kuramot",)}, "did you mean kuramoto"),
+        ({"policies": ("kuramoto", "sweep")}, "robots of kind curve"),
+        ({"policies": ("nowhere:Policy",)}, "nowhere"),
+        ({"episodes": 0}, "episodes must be at least 1"),
+        ({"seed": 2**31 - 2}, "seed must be"),
+        ({"scenarios": ("failure", "failure")}, "each one once"),
+        ({"overrides": {"targets.cont": 3}}, "did you mean count"),
+        ({"device": "gpu"}, "device must be one of"),
+    ],
+)
+def test_bad_settings_are_refused_before_anything_is_written(tmp_path, changes, words):
+    with pytest.raises(ValueError, match=words):
+        run(small(tmp_path / "out", **changes), console=QUIET)
+    assert not (tmp_path / "out").exists()
+
+
+def test_table_marks_the_best_and_shows_missing_numbers_as_a_dash():
+    def rows(policy, times, recoveries):
+        numbers = dict.fromkeys(NUMBER_COLUMNS, 1.0)
+        for k, (detection, recovery) in enumerate(zip(times, recoveries, strict=True)):
+            found = {"detection_time_mean": detection, "recovery_time": recovery}
+            yield {"scenario": "failure", "policy": policy, "episode": k, "seed": k} | numbers | found
+
+    played = [
+        *rows("a", [2.0, 2.0], [3.0, math.nan]),
+        *rows("b", [4.0, 4.0], [5.0, 5.0]),
+        *rows("c", [9.0] * 2, [math.nan] * 2),
+    ]
+    console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
+    shown = [each for each in report.SHOWN if each.column in ("detection_time_mean", "recovery_time")]
+    console.print(report._table(console, "", report.statistics(played)["failure"], shown))
+    text = [line.split() for line in console.export_text().splitlines()]
+    assert ["a", "2*", "3"] in text  # 3 s is faster, but in one episode of two alone
+    assert ["b", "4", "5*"] in text
+    assert ["c", "9", "\N{EM DASH}"] in text
+    assert ["(0/2)"] in text
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "file.txt"
+    write_atomically(path, "old")
+
+    def half_way():
+        with replacing(path) as temporary:
+            temporary.write_text("half of the new")
+            raise KeyboardInterrupt
+
+    pytest.raises(KeyboardInterrupt, half_way)
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["file.txt"]
+
+
+def test_journal_returns_what_was_appended(tmp_path):
+    with Journal(tmp_path / "journal") as journal:
+        journal.append([{"a": 1.1}, {"b": None}])
+    with Journal(tmp_path / "journal") as journal:
+        assert journal.entries == [{"a": 1.1}, {"b": None}]
