@@ -110,8 +110,9 @@ def run(
 
     Args:
         settings: What to play.
-        policies: Further policies by name, each a `factory(scenario, num_worlds, device)` or a policy that was made for
-            the one scenario; played on every scenario. Only the names are kept with the results.
+        policies: Policies of your own by name, each a `factory(scenario, num_worlds, device)` or a policy that was made
+            for the one scenario. They are played on every scenario, beside those that `settings.policies` names.
+            Only their names are kept with the results.
         scenarios: Scenarios instead of the named ones.
         console: Where to print; `Console(quiet=True)` prints nothing.
 
@@ -155,24 +156,26 @@ def plan(
         ValueError: a value that a rule forbids, an unknown name, or a policy or scenario that has no partner.
     """
     settings.check()
-    own = {name: _as_factory(policy) for name, policy in (policies or {}).items()}
-    own |= {name: _imported(name) for name in settings.policies if ":" in name}
+    own = {name: _imported(name) for name in settings.policies if ":" in name}
+    own |= {name: _as_factory(policy) for name, policy in (policies or {}).items()}
     named = [name for name in settings.policies if name not in own]
+    made = [
+        make_scenario(each, **settings.overrides) for each in (settings.scenarios if scenarios is None else scenarios)
+    ]
+    for name in named:
+        if not any(name in registry.names(scenario) for scenario in made):
+            registry.make(name, made[0])  # says what is wrong with it
     cells = []
-    for each in settings.scenarios if scenarios is None else scenarios:
-        made = make_scenario(each, **settings.overrides)
-        fitting = registry.names(made)
-        if not settings.policies and not own:
-            named = list(fitting)
-        chosen = [name for name in named if name in fitting]
-        cells += [Cell(made, name, _registered(name)) for name in chosen]
-        cells += [Cell(made, name, factory) for name, factory in own.items()]
+    for scenario in made:
+        fitting = registry.names(scenario)
+        chosen = [name for name in named if name in fitting] if named or own else fitting
+        cells += [Cell(scenario, name, _registered(name)) for name in chosen]
+        cells += [Cell(scenario, name, factory) for name, factory in own.items()]
         if not chosen and not own:
-            kind = f"robots of kind {made.robot.kind}"
-            raise ValueError(f"policies must hold one for {made.name}, which has {kind}; got {', '.join(named)}")
-    idle = set(named) - {cell.policy for cell in cells}
-    for name in sorted(idle):
-        registry.make(name, cells[0].scenario)  # says what is wrong with it
+            kind = f"robots of kind {scenario.robot.kind}"
+            raise ValueError(f"policies must hold one for {scenario.name}, which has {kind}; got {', '.join(named)}")
+    if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
+        raise ValueError(f"scenarios must differ in name, got {', '.join(scenario.name for scenario in made)}")
     as_device(settings.device)
     return cells
 
@@ -203,12 +206,13 @@ def _play_all(settings: Benchmark, cells: list[Cell], kept: stored.Episodes, con
                     batch = next(batches, None)
                 except Exception as error:
                     failures.append(_failure(cell, error))
+                    progress.end("failed")
                     break
                 if batch is None:
+                    progress.end()
                     break
                 kept.add(batch)
                 progress.finished(len(batch))
-            progress.end(failed=bool(failures) and failures[-1].policy == cell.policy)
     return failures
 
 

@@ -12,10 +12,13 @@ from baselines.progress import Progress
 from lissajous_env.cli import Overrides, parse_overrides
 
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+_PolicyName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
+_ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
+_ScenarioNames = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO ...")]
 
 
 def benchmark(settings: tyro.conf.OmitArgPrefixes[Benchmark], overrides: Overrides = ()) -> int:
-    """Play policies on scenarios, compare them, and write episodes, statistics and pictures.
+    """Compare policies on scenarios: tables, episodes, statistics, pictures.
 
     Killed at any moment, it goes on where it stopped when it is called again with the same --out.
 
@@ -33,8 +36,8 @@ def benchmark(settings: tyro.conf.OmitArgPrefixes[Benchmark], overrides: Overrid
 
 
 def evaluate(
-    policy: tyro.conf.Positional[str],
-    scenarios: tyro.conf.Positional[tuple[str, ...]],
+    policy: _PolicyName,
+    scenarios: _ScenarioNames,
     episodes: int = 64,
     seed: int = 0,
     batch: int = 16,
@@ -42,7 +45,7 @@ def evaluate(
     out: _Out = None,
     overrides: Overrides = (),
 ) -> None:
-    """Play one policy on scenarios and print the statistics of every score.
+    """Play one policy on scenarios and print statistics of every score.
 
     Args:
         policy: name of the policy, or module:factory.
@@ -76,6 +79,31 @@ def evaluate(
         console.print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
 
 
-def run(scenario: tyro.conf.Positional[str], policy: tyro.conf.Positional[str]) -> None:
-    """Play one episode: in a window, or to a GIF, a PNG contact sheet or a recording."""
-    del scenario, policy
+def run(
+    scenario: _ScenarioName,
+    policy: _PolicyName,
+    seed: int = 0,
+    device: str = "cpu",
+    out: _Out = None,
+    overrides: Overrides = (),
+) -> None:
+    """Play one episode: in a window, or to a GIF, PNG or NPZ file.
+
+    Args:
+        scenario: name of the scenario.
+        policy: name of the policy, or module:factory.
+        seed: seed of the episode.
+        device: cpu, cuda or cuda:k.
+        out: .gif, .png or .npz to write; without it a window opens where there is a display.
+        overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
+    """
+    from baselines import report
+    from lissajous_env import replay
+
+    if out is not None and out.suffix.lower() not in (".gif", ".png", ".npz"):
+        raise ValueError(f"out must end in .gif, .png or .npz, got {out}")
+    changed = parse_overrides(overrides)
+    settings = Benchmark((scenario,), (policy,), 1, seed, 1, device, overrides=changed)
+    (cell,) = plan(settings)
+    console = report.wide_console()
+    raise NotImplementedError(replay, cell, console)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from baselines.statistics import Statistics
 from lissajous_env.scenario import Scenario
 
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "font.size": 9.5,
     "axes.spines.top": False,
     "axes.spines.right": False,

@@ -32,8 +32,7 @@ class Progress:
             expand=True,
             disable=not console.is_terminal,
         )
-        fields = {"done": 0, "episodes": self._episodes}
-        self._task = self._bar.add_task("", total=max(self._total, 1), **fields)
+        self._task = self._bar.add_task("", total=max(self._total, 1), done=0, episodes=self._episodes)
 
     def begin(self, cell: Any) -> None:
         """Go on to the next cell."""
@@ -55,15 +54,14 @@ class Progress:
         self._done += episodes
         self._bar.update(self._task, done=self._done)
 
-    def end(self, failed: bool = False) -> None:
+    def end(self, word: str = "") -> None:
         """Note that the cell is over."""
         skipped = self._left[id(self._cell)] - self._cell_done
         self._total -= skipped * self._cell.scenario.task.steps
         self._bar.update(self._task, total=max(self._total, 1), completed=self._gone)
         if not self._console.is_terminal:
             took = time.monotonic() - self._began
-            word = "failed" if failed else f"{self._cell_done} episodes"
-            self._console.print(f"{self._name}: {word}, {took:.1f} s", highlight=False)
+            self._console.print(f"{self._name}: {word or f'{self._cell_done} episodes'}, {took:.1f} s", highlight=False)
 
     def __enter__(self) -> "Progress":
         self._bar.__enter__()

@@ -78,7 +78,7 @@ def statistics(rows: Iterable[dict[str, Any]]) -> Cells:
 
 
 def overall(rows: Sequence[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> Cells:
-    """Statistics over all scenarios of a kind of robot, stratified by scenario, of the policies that played them all."""
+    """Statistics over all scenarios of a kind of robot, stratified by scenario, of policies that played them all."""
     cells: Cells = {}
     for kind in dict.fromkeys(scenario.robot.kind for scenario in scenarios.values()):
         group = [name for name, scenario in scenarios.items() if scenario.robot.kind == kind]

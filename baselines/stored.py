@@ -161,12 +161,14 @@ def _differences(there: Any, now: Any, name: str = "") -> list[tuple[str, str, s
         skipped = ("digests", "description")
         inside = [(there.get(key, "-"), now.get(key, "-"), key) for key in names if key not in skipped]
         return [found for a, b, key in inside for found in _differences(a, b, f"{name}.{key}".lstrip("."))]
-    if there == now:
-        return []
-    words = [
-        ", ".join(v) if isinstance(v, list) and all(isinstance(w, str) for w in v) else str(v) for v in (there, now)
-    ]
-    return [(name, *("..." if isinstance(v, dict) else w for v, w in zip((there, now), words, strict=True)))]
+    return [] if there == now else [(name, _in_words(there), _in_words(now))]
+
+
+def _in_words(value: Any) -> str:
+    if isinstance(value, dict):
+        return "..."
+    words = isinstance(value, list) and all(isinstance(entry, str) for entry in value)
+    return ", ".join(value) if words else str(value)
 
 
 def _refusal(folder: Path, differing: list[tuple[str, str, str]]) -> str:

@@ -7,6 +7,7 @@ build on this one can add their own. Its signature is its command line; its docs
 import ast
 import difflib
 import importlib.util
+import io
 import re
 import sys
 from collections.abc import Iterable, Sequence
@@ -31,7 +32,7 @@ Overrides = Annotated[
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run `lissajous`; ends the process with the command's exit code: 2 for bad input, 130 after Ctrl-C."""
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
+        if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a character shows "?" instead of failing
     try:
         sys.exit(_dispatch(list(sys.argv[1:] if arguments is None else arguments)))
@@ -98,6 +99,8 @@ def _print_help(known: dict[str, EntryPoint]) -> None:
     console.print("usage: lissajous [b]COMMAND[/b] ...\n")
     console.print("Monitor an area with a team of robots on Lissajous curves.\n")
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False, pad_edge=False)
+    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True, overflow="ellipsis")
     for name, entry in known.items():
         table.add_row(f"  [bold cyan]{name}", _summary(entry))
     console.print(table)

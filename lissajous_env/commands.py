@@ -2,37 +2,39 @@
 
 
 def scenarios() -> None:
-    """List the scenarios: what each one is, and the numbers that its design follows from."""
+    """List the scenarios, with the numbers that describe their designs."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     from lissajous_env import library
 
-    table = Table(title="Scenarios", title_justify="left", box=None, header_style="bold", padding=(0, 2, 0, 0))
+    console = Console()
+    narrow = console.width < 110
+    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
     table.add_column("name", style="bold cyan", no_wrap=True)
-    table.add_column("N", justify="right")
-    table.add_column("robots")
-    table.add_column("rectangle\n[m]", no_wrap=True)
-    table.add_column("curve\na:b", justify="right")
-    table.add_column("r_s\n[m]", justify="right")
-    table.add_column("T_max\n[s]", justify="right")
-    table.add_column("description")
-    for name in library.scenarios():
-        each = library.scenario(name).resolve()
+    for title in ("N", "robots", "rectangle\n\\[m]", "curve\na:b", "r_s\n\\[m]", "T_max\n\\[s]"):
+        table.add_column(title, justify="left" if title == "robots" else "right", no_wrap=True)
+    if not narrow:
+        table.add_column("description")
+    made = [library.scenario(name).resolve() for name in library.scenarios()]
+    for each in made:
         curve = each.curve
         sides = [2 * curve.half_width, 2 * curve.half_height, 2 * curve.half_depth]
         table.add_row(
-            name,
+            each.name,
             str(each.num_robots),
             each.robot.kind,
             " x ".join(f"{side:g}" for side in sides if side > 0),
             f"{curve.a}:{curve.b}" + (f":{curve.c}" if curve.half_depth > 0 else ""),
             f"{each.sensing.radius:.3g}",
             f"{each.detection_time_bound:.3g}",
-            each.description,
+            *([] if narrow else [escape(each.description)]),
         )
-    console = Console()
-    console.print(table)
-    console.print(
-        "\n[dim]N robots; r_s: sensing radius; T_max = (2 pi / omega) / (N / kappa), bound on detection.[/dim]"
-    )
+    console.print(table, "")
+    if narrow:
+        for each in made:
+            console.print(f"[bold cyan]{each.name}[/]: {escape(each.description)}", highlight=False)
+        console.print()
+    words = "N robots; r_s sensing radius; T_max = (2 pi / omega) / (N / kappa), by which a target is detected."
+    console.print(words, style="dim", highlight=False)

@@ -1,6 +1,7 @@
-"""Devices: which are there, and what Warp says while it compiles."""
+"""Devices: which are there, and what Warp says while it starts and compiles."""
 
 import contextlib
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,7 +14,7 @@ def as_device(device: Any) -> Any:
     Raises:
         ValueError: there is no such device.
     """
-    with compile_quietly():
+    with compile_quietly(), _silent_stderr():
         wp.init()
     try:
         return wp.get_device(device)
@@ -24,8 +25,23 @@ def as_device(device: Any) -> Any:
 
 @contextlib.contextmanager
 def compile_quietly() -> Iterator[None]:
-    """Keep Warp from printing its banner, that there is no CUDA driver, and a line for each module that it loads."""
+    """Keep Warp from printing its banner and a line for each module that it loads."""
     level = wp.config.log_level
     wp.config.log_level = max(level, wp.LOG_ERROR)
-    yield
-    wp.config.log_level = level
+    try:
+        yield
+    finally:
+        wp.config.log_level = level
+
+
+@contextlib.contextmanager
+def _silent_stderr() -> Iterator[None]:
+    """Keep native code from writing to standard error: Warp warns there of every machine without a CUDA driver."""
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)

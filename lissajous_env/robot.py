@@ -96,10 +96,12 @@ def commanded(w: int, i: int, key: int, noise: NoiseStruct, action: wp.array3d(d
     if not (wp.isfinite(command[0]) and wp.isfinite(command[1])):
         clock.invalid[w] = 1
         command = wp.vec2(0.0, 0.0)
+    command = wp.vec2(wp.clamp(command[0], -1.0, 1.0), wp.clamp(command[1], -1.0, 1.0))
     if noise.actuator > 0.0:
         draw = draws.stream(key, i, draws.ACTUATOR)
         command += noise.actuator * wp.vec2(wp.randn(draw), wp.randn(draw))
-    return wp.vec2(wp.clamp(command[0], -1.0, 1.0), wp.clamp(command[1], -1.0, 1.0))
+        command = wp.vec2(wp.clamp(command[0], -1.0, 1.0), wp.clamp(command[1], -1.0, 1.0))
+    return command
 
 
 @wp.func

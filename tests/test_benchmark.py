@@ -158,8 +158,9 @@ def test_a_damaged_line_in_the_middle_is_refused_by_file_and_number(tmp_path, da
 @pytest.mark.parametrize(
     ("column", "value", "words"),
     [
-        ("policy", "sweep", "not asked for"), ("episode", 1, "there already"), ("episode", 7, "episode 7 of 2"),
-        ("seed", 5, "must have seed 0"), ("collisions", "many", "a number as collisions"),
+        ("policy", "sweep", "not asked for"), ("policy", "open-loop", "there already"),
+        ("episode", 7, "episode 7 of 2"), ("seed", 5, "must have seed 0"),
+        ("collisions", "many", "a number as collisions"),
     ],
 )  # fmt: skip
 def test_an_episode_that_does_not_belong_is_refused(tmp_path, column, value, words):
@@ -276,7 +277,8 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
             temporary.write_text("half of the new")
             raise KeyboardInterrupt
 
-    pytest.raises(KeyboardInterrupt, half_way)
+    with pytest.raises(KeyboardInterrupt):
+        half_way()
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["file.txt"]
 

@@ -1,0 +1,202 @@
+"""The classical policies: what they compute, what they see, and what they achieve on the paper's scenarios."""
+
+import math
+
+import numpy as np
+import pytest
+import warp as wp
+
+import baselines
+import lissajous_env
+from baselines.loop import corner_radius, patrol_loop
+from lissajous_env import theory
+
+CARS = ("kuramoto-mpcc", "open-loop-mpcc", "sweep", "random", "still")
+POINTS = ("kuramoto", "open-loop", "random", "still")
+
+
+def played(policy, simulation, steps):
+    observation = simulation.observation
+    for _ in range(steps):
+        observation, *_ = simulation.step(policy.act(observation))
+    return observation.numpy()
+
+
+def test_names_are_those_of_the_contract():
+    """Oracle: the documented names."""
+    expected = {*CARS, *POINTS}
+    assert expected <= set(baselines.names())
+    assert set(CARS) <= set(baselines.names("experiment"))
+    assert set(POINTS) <= set(baselines.names("failure"))
+
+
+@pytest.mark.parametrize(("name", "scenario", "rule"), [
+    ("kuramto", "failure", "did you mean kuramoto?"),
+    ("kuramoto", "experiment", "must drive robots of kind car"),
+    ("sweep", "ideal", "must drive robots of kind curve"),
+])  # fmt: skip
+def test_a_policy_that_does_not_fit_is_refused(name, scenario, rule):
+    with pytest.raises(ValueError, match="policy") as error:
+        baselines.make(name, scenario)
+    assert rule in str(error.value)
+
+
+def test_a_misshapen_observation_is_refused():
+    policy = baselines.make("still", "failure")
+    with pytest.raises(ValueError, match=r"observation must have shape \(1, 5, \d+\), got \(5, 3\)"):
+        policy.act(np.zeros((5, 3), dtype=np.float32))
+
+
+def test_kuramoto_acts_by_equation_1():
+    """Oracle: (1) in float64 on the true phases, which points without noise observe exactly."""
+    scenario = lissajous_env.scenario("failure", **{"formation.start": "random", "formation.coupling": 0.7})
+    simulation = lissajous_env.Simulation(scenario, num_worlds=8, seed=3)
+    action = baselines.make("kuramoto", scenario, num_worlds=8).act(simulation.observation.numpy())
+    phases = simulation.robots.phase.numpy()
+    rates = np.empty_like(phases)
+    for world in range(8):
+        for robot, pair in enumerate(scenario.neighbours):
+            ahead = phases[world, list(pair)] - phases[world, robot]
+            rates[world, robot] = 0.3 / scenario.alpha - 0.7 * np.sin(ahead).sum()
+    np.testing.assert_allclose(action[..., 0] * simulation.scenario.robot.phase_rate_max, rates, atol=2e-6)
+
+
+def test_kuramoto_carries_late_phases_on():
+    """Oracle: in the equilibrium a message of any age, carried on at the natural rate, leaves the rate at omega."""
+    scenario = lissajous_env.scenario("failure", **{"noise.message_delay": 0.4, "faults.schedule": ()})
+    simulation = lissajous_env.Simulation(scenario)
+    policy = baselines.make("kuramoto", scenario)
+    played(policy, simulation, 30)
+    action = policy.act(simulation.observation.numpy())
+    rate = action[..., 0] * simulation.scenario.robot.phase_rate_max
+    np.testing.assert_allclose(rate, 0.3, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["kuramoto-mpcc", "sweep", "random", "still"])
+def test_a_policy_sees_the_observation_and_nothing_else(name):
+    """Oracle: the same observations give the same actions, whatever the hidden state of any world may be."""
+    first, second = (baselines.make(name, "rough", num_worlds=2) for _ in range(2))
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("rough"), num_worlds=2)
+    other = lissajous_env.Simulation(lissajous_env.scenario("rough"), num_worlds=2, seed=77)
+    for _ in range(20):
+        seen = simulation.observation.numpy().copy()
+        action = first.act(seen)
+        other.step(action)
+        np.testing.assert_array_equal(second.act(seen), action)
+        simulation.step(action)
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_a_robots_action_depends_on_its_own_row_alone(name):
+    """Oracle: changing every other row leaves robot 2's action as it was, bit for bit."""
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment"), seed=5)
+    seen = simulation.observation.numpy().copy()
+    changed = seen[:, ::-1].copy()
+    changed[:, 2] = seen[:, 2]
+    actions = [baselines.make(name, "experiment").act(rows)[0, 2] for rows in (seen, changed)]
+    np.testing.assert_array_equal(*actions)
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_a_world_is_played_alike_in_any_batch(name):
+    """Oracle: the batch law, for policy and simulation together."""
+    scenario = lissajous_env.scenario("rough")
+    batch = lissajous_env.Simulation(scenario, num_worlds=4, seed=10)
+    single = lissajous_env.Simulation(scenario, num_worlds=1, seed=12)
+    together = played(baselines.make(name, scenario, num_worlds=4), batch, 40)[2]
+    alone = played(baselines.make(name, scenario), single, 40)[0]
+    np.testing.assert_array_equal(together, alone)
+
+
+def test_reset_forgets_one_world_alone():
+    """Oracle: a policy made anew, for the world that was reset; its own continuation, for the other."""
+    scenario = lissajous_env.scenario("intruders")
+    simulation = lissajous_env.Simulation(scenario, num_worlds=2)
+    policy, untouched = (baselines.make("sweep", scenario, num_worlds=2) for _ in range(2))
+    for _ in range(30):
+        seen = simulation.observation.numpy().copy()
+        simulation.step(policy.act(seen))
+        untouched.act(seen)
+    seen = simulation.observation.numpy().copy()
+    policy.reset([1])
+    action, kept = policy.act(seen), untouched.act(seen)
+    np.testing.assert_array_equal(action[0], kept[0])
+    np.testing.assert_array_equal(action[1], baselines.make("sweep", scenario, num_worlds=2).act(seen)[1])
+    assert not np.array_equal(action[1], kept[1])
+
+
+def test_warp_arrays_come_back_as_warp_arrays():
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"))
+    policy = baselines.make("kuramoto", "failure")
+    action = policy.act(simulation.observation)
+    assert isinstance(action, wp.array)
+    np.testing.assert_array_equal(action.numpy(), policy.act(simulation.observation.numpy()))
+
+
+@pytest.mark.parametrize(("scenario", "overrides"), [
+    ("experiment", {}), ("intruders", {}), ("intruders", {"targets.entry": "inside"}),
+])  # fmt: skip
+def test_the_patrol_loop_can_be_driven(scenario, overrides):
+    """Oracle: the loop's own curvature by finite differences, against the tightest turn of the car."""
+    made = lissajous_env.scenario(scenario, **overrides)
+    loop = patrol_loop(made)
+    sides = np.roll(loop, -1, axis=0) - loop
+    turns = np.abs(np.angle(np.exp(1j * np.diff(np.unwrap(np.arctan2(sides[:, 1], sides[:, 0]))))))
+    window = 40
+    radius = window * np.linalg.norm(sides, axis=1).mean() / np.convolve(turns, np.ones(window), "valid").max()
+    tightest = made.robot.wheelbase / math.tan(made.robot.steering_max)
+    assert radius > 0.8 * min(corner_radius(made), tightest)
+    assert (np.abs(loop) <= [made.curve.half_width, made.curve.half_height]).all()
+
+
+def test_sweep_keeps_file_on_an_empty_road():
+    """Oracle: five cars evenly spaced on the loop keep a fifth of its length, less what a chord cuts."""
+    scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0})
+    simulation = lissajous_env.Simulation(scenario)
+    played(baselines.make("sweep", scenario), simulation, 300)
+    places = simulation.robots.position.numpy()[0, :, :2]
+    gaps = np.linalg.norm(places[:, None] - places[None], axis=-1)[np.triu_indices(5, 1)]
+    loop = patrol_loop(scenario)
+    length = np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()
+    assert gaps.min() > 0.6 * length / 5
+
+
+def test_still_cars_come_to_rest():
+    """Oracle: below the dead zone the car coasts, v = v0 exp(-c t)."""
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment"))
+    start = simulation.robots.speed.numpy().copy()
+    played(baselines.make("still", "experiment"), simulation, 50)
+    np.testing.assert_allclose(simulation.robots.speed.numpy(), start * math.exp(-0.945 * 5.0), rtol=1e-3)
+
+
+def test_failure_is_recovered_with_feedback_and_never_without():
+    """Oracle: Fig. 6 of the paper, and the independent simulation that recovers in 2.0 s."""
+    with_feedback = lissajous_env.evaluate(baselines.make("kuramoto", "failure", num_worlds=4), "failure", range(4))
+    without = lissajous_env.evaluate(baselines.make("open-loop", "failure", num_worlds=4), "failure", range(4))
+    assert all(row["recovery_time"] == pytest.approx(2.0, abs=0.2) for row in with_feedback)
+    assert all(math.isnan(row["recovery_time"]) for row in without)
+
+
+def test_ideal_finds_every_target_within_the_bound():
+    """Oracle: T_max = 8.38 s below (8), and the paper's 4.5 s."""
+    policy = baselines.make("kuramoto", "ideal", num_worlds=2)
+    rows = lissajous_env.evaluate(policy, "ideal", range(2))
+    assert theory.detection_time_bound(0.05, 15) == pytest.approx(8.378, abs=1e-3)
+    for row in rows:
+        assert row["targets"] == 10_000
+        assert row["detected_within_bound"] == 1.0
+        assert row["detection_time_max"] < 5.5
+
+
+def test_the_experiment_is_the_papers():
+    """Oracle: Fig. 9 (eta_1 = 1.2429, one collision at 0.192 m) and an independent simulation with IPOPT."""
+    scenario = lissajous_env.scenario("experiment", **{"faults.schedule": ()})
+    rows = lissajous_env.evaluate(baselines.make("kuramoto-mpcc", scenario, num_worlds=16), scenario, range(16))
+    spacing = np.array([row["spacing_factor"] for row in rows])
+    assert ((spacing > 1.10) & (spacing < 1.30)).all()
+    assert min(row["min_separation"] for row in rows) < 0.25
+    assert np.mean([row["lateral_error_mean"] for row in rows]) == pytest.approx(0.137, abs=0.02)
+    assert np.max([row["phase_error"] for row in rows]) < 0.3
+    without = lissajous_env.evaluate(baselines.make("open-loop-mpcc", scenario, num_worlds=16), scenario, range(16))
+    # Without feedback robots that should pass each other meet: collisions on nearly every lap.
+    assert np.mean([r["collisions"] for r in without]) > 10 * np.mean([r["collisions"] for r in rows])
