@@ -137,7 +137,7 @@ def measure(
         remove_leftovers(folder)
         stored.keep_settings(folder, settings, cells)
         with stored.open_episodes(folder, settings, cells) as kept:
-            failures = _play_all(settings, cells, kept, console)
+            failures = _play_all(settings, cells, kept, console.quiet)
             rows = kept.in_order(cells)
         outcome = Outcome(settings, cells, rows, failures, time.monotonic() - started)
         report.write_files(folder, outcome)
@@ -191,10 +191,10 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Any = Non
         yield [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
 
 
-def _play_all(settings: Benchmark, cells: list[Cell], kept: stored.Episodes, console: Console) -> list[Failure]:
+def _play_all(settings: Benchmark, cells: list[Cell], kept: stored.Episodes, quiet: bool) -> list[Failure]:
     left = {(cell.scenario.name, cell.policy): kept.missing(cell) for cell in cells}
     failures = []
-    with Progress(console, [(cell, left[cell.scenario.name, cell.policy]) for cell in cells]) as progress:
+    with Progress([(cell, left[cell.scenario.name, cell.policy]) for cell in cells], quiet) as progress:
         for cell in cells:
             numbers = left[cell.scenario.name, cell.policy]
             if not numbers:

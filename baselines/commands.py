@@ -65,7 +65,7 @@ def evaluate(
     console = report.wide_console()
     rows = []
     numbers = list(range(episodes))
-    with Progress(console, [(cell, numbers) for cell in cells]) as progress:
+    with Progress([(cell, numbers) for cell in cells]) as progress:
         for cell in cells:
             progress.begin(cell)
             for finished in play(cell, settings, numbers, progress.step):

@@ -1,4 +1,4 @@
-"""Progress of long work: a bar in a terminal, a line for each finished piece elsewhere."""
+"""Progress of long work, on stderr: a bar in a terminal, a line for each finished piece elsewhere."""
 
 import time
 from typing import Any
@@ -13,9 +13,9 @@ _EVERY = 0.1
 class Progress:
     """Shows the current scenario and policy, the episodes done, the time gone and the time left."""
 
-    def __init__(self, console: Console, work: list[tuple[Any, list[int]]]):
+    def __init__(self, work: list[tuple[Any, list[int]]], quiet: bool = False):
         """Take the cells to play, each with the numbers of the episodes that are left to play."""
-        self._console = console
+        self._console = console = Console(stderr=True, quiet=quiet)
         self._left = {id(cell): len(numbers) for cell, numbers in work}
         self._total = sum(len(numbers) * cell.scenario.task.steps for cell, numbers in work)
         self._episodes, self._done = sum(self._left.values()), 0

@@ -138,7 +138,7 @@ def print_scores(console: Console, title: str, columns: dict[str, Statistics]) -
         numbers = [_number(value) for value in (of.mean, of.std, of.min, of.max)]
         counted = str(of.n) if of.n_finite == of.n else f"{of.n_finite}/{of.n}"
         table.add_row(name, f"[b]{_number(of.iqm)}[/b]", _interval(of), *numbers, counted)
-    console.print(table)
+    console.print(table, "")
 
 
 def print_row(console: Console, row: dict[str, Any]) -> None:

@@ -8,6 +8,7 @@ import ast
 import difflib
 import importlib.util
 import io
+import os
 import re
 import sys
 from collections.abc import Iterable, Sequence
@@ -39,6 +40,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(BAD_INPUT)
+    except BrokenPipeError:
+        # Who read the output has seen enough; what is still buffered must not fail again when the process ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
     except OSError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)
@@ -99,7 +104,7 @@ def _print_help(known: dict[str, EntryPoint]) -> None:
     console.print("usage: lissajous [b]COMMAND[/b] ...\n")
     console.print("Monitor an area with a team of robots on Lissajous curves.\n")
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False, pad_edge=False)
-    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True, min_width=max(map(len, known), default=0) + 2)
     table.add_column(no_wrap=True, overflow="ellipsis")
     for name, entry in known.items():
         table.add_row(f"  [bold cyan]{name}", _summary(entry))

@@ -1,0 +1,38 @@
+"""The paper's experiment: what Fig. 9 reports beside what is simulated, with and without feedback.
+
+    python benchmarks/experiment.py
+"""
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import baselines
+import lissajous_env
+
+COLUMNS = {
+    "spacing_factor": "eta_1",
+    "min_separation": "smallest distance [m]",
+    "collisions": "collisions",
+    "lateral_error_mean": "lateral error, mean [m]",
+    "lateral_error_max": "lateral error, max [m]",
+    "phase_error": "phase error [rad]",
+}
+
+
+def main() -> None:
+    """Print one row for each policy, without and with the fault: minimum, mean and maximum over 16 seeds."""
+    table = Table("policy", "fault", *COLUMNS.values(), title="experiment, 60 s, 16 seeds: min / mean / max")
+    table.add_row("the paper's report", "no", "1.2429", "0.192", "1", "", "", "")
+    for faults in ((), ((0, 30.0, 40.0), (4, 30.0, 40.0))):
+        scenario = lissajous_env.scenario("experiment", **{"faults.schedule": faults})
+        for name in ("kuramoto-mpcc", "open-loop-mpcc"):
+            rows = lissajous_env.evaluate(baselines.make(name, scenario, num_worlds=16), scenario, range(16))
+            values = [np.array([row[column] for row in rows], dtype=float) for column in COLUMNS]
+            cells = [f"{v.min():.3g} / {v.mean():.3g} / {v.max():.3g}" for v in values]
+            table.add_row(name, "yes" if faults else "no", *cells)
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()

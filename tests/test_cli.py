@@ -1,0 +1,162 @@
+"""The command `lissajous`, as a person runs it: another process, its output, its exit code."""
+
+import csv
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+import lissajous_env
+from lissajous_env.cli import commands, parse_overrides
+from lissajous_env.score import COLUMNS
+
+BENCHMARK = (
+    "benchmark",
+    "--scenarios",
+    "failure",
+    "--policies",
+    "kuramoto",
+    "still",
+    "--episodes",
+    "3",
+    "--batch",
+    "2",
+)
+
+
+def lissajous(*arguments, width=120, **options):
+    environment = os.environ | {"COLUMNS": str(width)}
+    command = [sys.executable, "-m", "lissajous_env", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60, **options)
+
+
+def error_of(ended):
+    """The one line on stderr that says what was wrong."""
+    lines = [line for line in ended.stderr.splitlines() if not line.startswith("Warp CUDA")]
+    assert ended.returncode == 2
+    assert len(lines) == 1
+    assert lines[0].startswith("error: ")
+    return lines[0]
+
+
+@pytest.mark.parametrize("arguments", [(), ("--help",)])
+def test_help_lists_every_command_in_one_line(arguments):
+    ended = lissajous(*arguments, width=80)
+    assert ended.returncode == 0
+    for name in ("benchmark", "design", "evaluate", "replay", "run", "scenarios"):
+        assert re.search(rf"^  {name} +[A-Z]", ended.stdout, re.MULTILINE), name
+    assert all(len(line) <= 80 for line in ended.stdout.splitlines())
+
+
+def test_every_command_has_help():
+    for name in commands():
+        ended = lissajous(name, "--help")
+        assert (ended.returncode, ended.stderr) == (0, ""), name
+        assert f"usage: lissajous {name}" in ended.stdout
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_scenarios_lists_each_one(width):
+    ended = lissajous("scenarios", width=width)
+    for name in lissajous_env.scenarios():
+        scenario = lissajous_env.scenario(name).resolve()
+        (line,) = re.findall(rf"^{name} +\d.*$", ended.stdout, re.MULTILINE)
+        assert {str(scenario.num_robots), scenario.robot.kind, f"{scenario.detection_time_bound:.3g}"} <= set(
+            line.split()
+        )
+    assert all(len(line) <= width for line in ended.stdout.splitlines())
+
+
+def test_design_prints_designs():
+    ended = lissajous("design", "--half-width", "5", "--half-height", "5", "--num-robots", "15")
+    assert ended.returncode == 0
+    assert "T_max" in ended.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["benchmrk"], "did you mean benchmark?"),
+        (["benchmark", "--scenarios", "falure"], "did you mean failure?"),
+        (["benchmark", "--policies", "kuramto"], "did you mean kuramoto?"),
+        (["evaluate", "kuramoto", "failure", "--set", "task.duraton=3"], "did you mean duration?"),
+        (["evaluate", "kuramoto", "failure", "--set", "task.duration=-3"], "must be positive [s], got -3"),
+        (["evaluate", "kuramoto", "failure", "--episodes", "0"], "episodes must be at least 1, got 0"),
+        (["run", "failure", "kuramoto", "--out", "film.mov"], "must end in .gif"),
+        (["replay", "nowhere.npz"], "nowhere.npz"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_exit_code_2(arguments, words, tmp_path):
+    assert words in error_of(lissajous(*arguments, cwd=tmp_path))
+    assert not list(tmp_path.iterdir())
+
+
+def test_benchmark_prints_a_table_and_resumes(tmp_path):
+    first = lissajous(*BENCHMARK, "--set", "task.duration=2", "--out", tmp_path)
+    again = lissajous(*BENCHMARK, "--set", "task.duration=2.0", "--out", tmp_path)
+    assert first.returncode == again.returncode == 0
+    assert "failure kuramoto: 3 episodes" in first.stderr
+    assert "episodes, " not in again.stderr  # there was nothing left to play
+    tables = [re.sub(r", [\d.]+ s\n", "", ended.stdout) for ended in (first, again)]
+    assert tables[0] == tables[1]
+    assert "kuramoto" in tables[0]
+    with open(tmp_path / "episodes.csv", newline="") as file:
+        assert tuple(next(csv.reader(file))) == COLUMNS
+    refused = lissajous(*BENCHMARK, "--set", "task.duration=3", "--out", tmp_path)
+    assert refused.returncode == 2
+    assert re.search(r"scenarios.failure.task.duration +2\.0 +3\.0", refused.stderr)
+
+
+def test_a_policy_that_raises_ends_with_exit_code_1(tmp_path):
+    (tmp_path / "mine.py").write_text("def policy(scenario, num_worlds, device):\n    raise RuntimeError('broken')\n")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    arguments = ["--scenarios", "failure", "--policies", "mine:policy", "still", "--episodes", "1"]
+    command = [sys.executable, "-m", "lissajous_env", "benchmark", *arguments, "--out", str(tmp_path / "out")]
+    ended = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60)
+    assert ended.returncode == 1
+    assert "mine:policy failed on failure: RuntimeError: broken" in ended.stdout
+    assert len((tmp_path / "out" / "episodes.jsonl").read_text().splitlines()) == 1
+
+
+def test_evaluate_prints_statistics_and_writes_the_rows(tmp_path):
+    arguments = ["evaluate", "still", "failure", "--episodes", "3", "--set", "task.duration=2", "targets.count=7"]
+    ended = lissajous(*arguments, "--out", tmp_path / "rows.csv")
+    assert ended.returncode == 0
+    assert re.search(r"^targets +7 ", ended.stdout, re.MULTILINE)
+    with open(tmp_path / "rows.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["policy"], row["seed"], row["targets"]) for row in rows] == [("still", str(k), "7") for k in range(3)]
+
+
+def test_ctrl_c_ends_with_130_and_says_how_to_go_on(tmp_path):
+    arguments = ["benchmark", "--scenarios", "failure", "--policies", "still", "--episodes", "100000", "--batch", "1"]
+    command = [sys.executable, "-m", "lissajous_env", *arguments, "--out", str(tmp_path)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    episodes = tmp_path / "episodes.jsonl"
+    deadline = time.monotonic() + 40
+    while time.monotonic() < deadline and not (episodes.exists() and episodes.stat().st_size):
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "Traceback" not in error
+    assert f"finished episodes are kept in {tmp_path}, the same command goes on from there" in error
+    assert episodes.read_text().endswith("\n")
+
+
+def test_overrides_are_literals_words_and_infinity():
+    given = [["curve.a=5", "task.grid=(4, 2)"], ["formation.start=random", "task.duration=inf", "robot.count=None"]]
+    assert parse_overrides(given) == {
+        "curve.a": 5, "task.grid": (4, 2), "formation.start": "random", "task.duration": float("inf"),
+        "robot.count": None,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("entry", ["curve.a", "=3", "curve.a=3 +", "curve.a=__import__('os')"])
+def test_an_override_that_is_no_value_is_refused(entry):
+    with pytest.raises(ValueError, match="--set"):
+        parse_overrides([[entry]])

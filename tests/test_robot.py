@@ -1,0 +1,299 @@
+"""How robots move: the car against closed forms of (12) and the order of its integrator, the point against the curve."""
+
+import math
+
+import numpy as np
+import pytest
+import reference
+import warp as wp
+
+import lissajous_env
+from lissajous_env import theory
+from lissajous_env.robot import RobotStruct, car_step
+from lissajous_env.scenario import Robot
+from lissajous_env.structs import to_struct
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+ALONE = {
+    "robot.count": 1,
+    "formation.p": 0,
+    "formation.ring": None,
+    "formation.start_noise": 0.0,
+    "faults.schedule": (),
+    "targets.count": 0,
+    "task.grid": None,
+}
+
+
+def one_car(**overrides):
+    scenario = lissajous_env.scenario("experiment", **ALONE, **{"task.duration": 200.0, **overrides})
+    return lissajous_env.Simulation(scenario)
+
+
+def throttle_action(robot, throttle):
+    return 2 * (throttle - robot.throttle_min) / (robot.throttle_max - robot.throttle_min) - 1
+
+
+def drive(simulation, action, steps):
+    """(steps + 1, 4) x, y, heading, speed of the only car under a constant action."""
+    states = []
+    for k in range(steps + 1):
+        if k:
+            simulation.step(np.array(action, dtype=np.float32)[None, None])
+        robots = simulation.robots
+        x, y, _ = robots.position.numpy()[0, 0]
+        states.append([x, y, robots.heading.numpy()[0, 0], robots.speed.numpy()[0, 0]])
+    return np.array(states, dtype=float)
+
+
+@wp.kernel
+def integrate(
+    robot: RobotStruct,
+    start: wp.vec4,
+    curvature: float,
+    push: float,
+    time: float,
+    steps: wp.array(dtype=int),
+    out: wp.array(dtype=wp.vec4),
+):
+    state = start
+    for _ in range(steps[wp.tid()]):
+        state = car_step(robot, state, curvature, push, time / float(steps[wp.tid()]))
+    out[wp.tid()] = state
+
+
+def integrated(robot, start, steering, throttle, time, steps):
+    """(len(steps), 4) end states of the device's integrator with these numbers of steps, in float32."""
+    out = wp.empty(len(steps), dtype=wp.vec4, device="cpu")
+    curvature = math.tan(steering) / robot.wheelbase
+    push = reference.motor_acceleration(robot, throttle)
+    inputs = [to_struct(RobotStruct, robot), wp.vec4(*start), curvature, push, time, wp.array(steps, dtype=int), out]
+    wp.launch(integrate, dim=len(steps), inputs=inputs, device="cpu")
+    return out.numpy().astype(float)
+
+
+def finely_integrated(robot, start, steering, throttle, time, steps=2000):
+    state = np.array(start, dtype=float)
+    for _ in range(steps):
+        state = reference.car_runge_kutta(robot, state, steering, throttle, time / steps)
+    return state
+
+
+@pytest.mark.parametrize(("steering", "throttle"), [(0.3, 0.15), (-0.34, 0.13), (0.2, 0.1)])
+def test_the_integrator_is_of_fourth_order(steering, throttle):
+    # Oracle: half the step, a sixteenth of the error, against float64 with 2,000 steps.
+    robot = Robot()
+    start, time = [0.2, -0.1, 0.5, 1.2], 1.6
+    exact = finely_integrated(robot, start, steering, throttle, time)
+    errors = np.abs(integrated(robot, start, steering, throttle, time, [4, 8, 16]) - exact)[:, :2].max(axis=1)
+    assert errors[2] > 3e-6, "too fine for float32 to show an order"
+    assert 11 < errors[0] / errors[1] < 23
+    assert 11 < errors[1] / errors[2] < 23
+
+
+def test_two_sub_steps_are_enough():
+    # Oracle: float64 with 2,000 steps. The worst control step of a car at the speeds of the curve is off by less than
+    # 0.1 mm, at its top speed and full lock (which no tyre would follow) by less than 2 mm.
+    robot = Robot()
+    for speed, throttle, bound in [(1.7, 0.15, 1e-4), (1.7, 0.25, 2e-4), (5.85, 0.25, 2e-3)]:
+        start = [0.0, 0.0, 0.0, speed]
+        exact = finely_integrated(robot, start, robot.steering_max, throttle, 0.1)
+        (got,) = integrated(robot, start, robot.steering_max, throttle, 0.1, [2])
+        assert np.hypot(*(got - exact)[:2]) < bound
+
+
+def test_the_simulation_takes_the_sub_steps_of_its_task():
+    # Oracle: float64 with the same two steps.
+    simulation = one_car()
+    (before, after) = drive(simulation, [0.7, 0.4], 1)
+    robot = simulation.scenario.robot
+    throttle = robot.throttle_min + 0.7 * (robot.throttle_max - robot.throttle_min)
+    expected = finely_integrated(robot, before, 0.7 * robot.steering_max, throttle, 0.1, steps=2)
+    assert after == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("steering", [1.0, -0.5, 0.2])
+def test_a_car_drives_a_circle_of_radius_wheelbase_over_tan_steering(steering):
+    # Oracle: closed form l / tan(delta); the circle is fitted to the places of one car at steady speed.
+    simulation = one_car(**{"robot.wheelbase": 0.3})
+    robot = simulation.scenario.robot
+    action = [steering, throttle_action(robot, 0.12)]
+    drive(simulation, action, 150)
+    x, y, heading, _ = drive(simulation, action, 100).T
+    radius = robot.wheelbase / math.tan(steering * robot.steering_max)
+    # The centre lies a radius to the left of the car, wherever it is; sub-steps cost 1e-4 of the radius.
+    centre = np.stack([x - radius * np.sin(heading), y + radius * np.cos(heading)])
+    assert np.abs(centre - centre.mean(axis=1, keepdims=True)).max() < 3e-4 * abs(radius)
+    fit = np.linalg.lstsq(np.stack([2 * x, 2 * y, np.ones_like(x)], axis=1), x**2 + y**2, rcond=None)[0]
+    assert math.sqrt(fit[2] + fit[0] ** 2 + fit[1] ** 2) == pytest.approx(abs(radius), rel=1e-4)
+
+
+@pytest.mark.parametrize("throttle", [0.11, 0.15, 0.25])
+def test_the_steady_speed_is_that_of_drive_offset_and_drag(throttle):
+    # Oracle: closed form (drive tau - offset) / drag.
+    simulation = one_car()
+    robot = simulation.scenario.robot
+    speed = drive(simulation, [0.3, throttle_action(robot, throttle)], 180)[-1, 3]
+    assert speed == pytest.approx((robot.drive * throttle - robot.offset) / robot.drag, rel=1e-4, abs=1e-5)
+
+
+def test_speed_follows_the_step_response_of_a_first_order_lag():
+    # Oracle: closed form v = v1 + (v0 - v1) exp(-c t).
+    simulation = one_car()
+    robot = simulation.scenario.robot
+    speeds = drive(simulation, [0.0, throttle_action(robot, 0.2)], 60)[:, 3]
+    final = (robot.drive * 0.2 - robot.offset) / robot.drag
+    expected = final + (speeds[0] - final) * np.exp(-robot.drag * 0.1 * np.arange(61))
+    assert speeds == pytest.approx(expected, abs=2e-5)
+
+
+def test_a_car_coasts_in_the_dead_zone():
+    # Oracle: closed form v0 exp(-c t) up to the edge of the dead zone; just above it the motor drives.
+    simulation = one_car(**{"robot.dead_zone": 0.12, "robot.offset": 3.0})
+    robot = simulation.scenario.robot
+    speeds = drive(simulation, [0.0, throttle_action(robot, 0.119)], 50)[:, 3]
+    assert speeds == pytest.approx(speeds[0] * np.exp(-robot.drag * 0.1 * np.arange(51)), rel=1e-4)
+    assert drive(simulation, [0.0, throttle_action(robot, 0.121)], 10)[-1, 3] > 0.5
+
+
+def test_a_car_does_not_reverse():
+    # Story: where the motor brakes more than it drives, a car comes to rest and stays where it is.
+    simulation = one_car(**{"robot.dead_zone": 0.0, "robot.offset": 6.0})
+    states = drive(simulation, [0.4, -1.0], 60)
+    assert states[:, 3].min() == 0
+    assert states[20:, 3].max() == 0
+    assert (states[20:, :3] == states[20, :3]).all()
+
+
+@pytest.mark.parametrize("limit", [0.5, 2.0])
+def test_grip_limits_the_yaw_rate(limit):
+    # Oracle: closed form, yaw rate a / v, so that the centripetal acceleration v omega is the limit.
+    simulation = one_car(**{"robot.lateral_acceleration_max": limit})
+    robot = simulation.scenario.robot
+    action = [-1.0, throttle_action(robot, 0.15)]
+    drive(simulation, action, 150)
+    _, _, heading, speed = drive(simulation, action, 50).T
+    turned = np.unwrap(heading)
+    assert (turned[-1] - turned[0]) / 5.0 == pytest.approx(-limit / speed[0], rel=1e-4)
+    free = drive(one_car(**{"robot.lateral_acceleration_max": 1e3}), action, 50)
+    assert free == pytest.approx(drive(one_car(), action, 50), abs=0)
+
+
+def test_uneven_cars_differ_by_their_spread():
+    # Oracle: mean and deviation of a normal distribution, clipped at three deviations.
+    scenario = lissajous_env.scenario("experiment", **{"noise.wheelbase_spread": 0.05, "noise.drive_spread": 0.02})
+    robots = lissajous_env.Simulation(scenario, 2000).robots
+    for drawn, middle, spread in [(robots.wheelbase, 0.175, 0.05), (robots.drive, 36.81, 0.02)]:
+        relative = drawn.numpy() / middle - 1
+        assert abs(relative.mean()) < 4 * spread / math.sqrt(relative.size)
+        assert relative.std() == pytest.approx(spread, rel=0.03)
+        assert np.abs(relative).max() <= 3.001 * spread
+
+
+def test_the_phase_of_a_car_is_that_of_the_nearest_point_of_its_branch():
+    # Oracle: a dense search for the nearest point within 0.3 rad, at each of 400 steps near curve (16). In the tight
+    # turns the nearest point jumps from one side to the other; there the phase may take a few steps to follow.
+    simulation = one_car()
+    world = reference.world_like(simulation)
+    curve, around = simulation.scenario.curve, np.linspace(-0.3, 0.3, 6001)
+    excess, phases = [], []
+    for action in reference.smooth_actions((1, 2), 400, seed=1):
+        action = (reference.pursuit(world, ahead=0.4, speed=1.0) + 0.2 * action).astype(np.float32)
+        simulation.step(action[None])
+        world.step(action)
+        place = simulation.robots.position.numpy()[0, 0, :2]
+        phases.append(float(simulation.robots.phase.numpy()[0, 0]))
+        distance = np.linalg.norm(theory.curve_point(curve, phases[-1] + around) - place, axis=1)
+        excess.append(np.linalg.norm(theory.curve_point(curve, phases[-1]) - place) - distance.min())
+    assert np.percentile(excess, 80) < 1e-3
+    assert np.percentile(excess, 95) < 0.05
+    # No jump to another branch, of which there are seven to cross in a lap: the way along the curve adds up.
+    steps = np.diff(np.unwrap(phases))
+    assert steps.max() < 0.15
+    assert steps.min() > -0.05
+    assert steps.sum() > 2 * math.pi
+    assert 39.9 * 1.0 * 0.8 < steps.sum() / (2 * math.pi) * 23.17 < 39.9 * 1.0 * 1.4
+
+
+# Points on the curve.
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.7])
+def test_a_point_goes_on_at_the_commanded_rate_and_stays_on_the_curve(depth):
+    # Oracle: closed form theta0 + rate t, position (10), velocity r' alpha rate.
+    overrides = {"faults.schedule": (), "formation.alpha": 3, "curve.half_depth": depth, "curve.c": 5}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides), seed=4)
+    scenario = simulation.scenario
+    curve, top = scenario.curve, scenario.robot.phase_rate_max
+    rates = np.array([-1.0, -0.3, 0.0, 0.4, 1.0])
+    start = simulation.robots.phase.numpy()[0].astype(float)
+    for k in range(1, 101):
+        simulation.step(rates[None, :, None])
+        phases = start + rates * top * 0.1 * k
+        got = simulation.robots.phase.numpy()[0]
+        assert got.min() >= 0
+        assert got.max() < 2 * math.pi
+        np.testing.assert_allclose(np.exp(1j * got), np.exp(1j * phases), atol=2e-5)
+        places = theory.curve_point_3d(curve, 3 * phases)
+        np.testing.assert_allclose(simulation.robots.position.numpy()[0], places, atol=3e-4)
+    speed = theory.curve_speed(curve, 3 * phases) * np.abs(3 * rates * top)
+    np.testing.assert_allclose(simulation.robots.speed.numpy()[0], speed, rtol=2e-3, atol=2e-3)
+    tangent = np.stack([-np.sin(3 * 3 * phases) * 3 * 1.8, np.cos(2 * 3 * phases) * 2 * 0.8]) * rates
+    heading = np.arctan2(tangent[1], tangent[0])
+    moving = rates != 0
+    turned = np.exp(1j * (simulation.robots.heading.numpy()[0] - heading))[moving]
+    np.testing.assert_allclose(turned, 1, atol=5e-3)
+
+
+def test_the_default_action_range_reaches_what_the_coupling_asks_for():
+    # Oracle: (1), omega / alpha + 2 K is the most that it can ask for.
+    robot = lissajous_env.scenario("failure", **{"formation.alpha": 2, "formation.coupling": 0.7}).resolve().robot
+    assert robot.phase_rate_max == pytest.approx(0.3 / 2 + 2 * 0.7)
+
+
+def test_phases_of_the_swarm_are_fine_enough_for_its_bodies():
+    # Oracle: closed form of (2) and (3) after 30 s. alpha a = 4,947 multiplies every rounding of a phase: in float32
+    # the points would be off by metres, with bodies of 6 mm.
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("swarm"), seed=1)
+    scenario = simulation.scenario
+    own = scenario.formation.phase_rate / scenario.alpha
+    start = simulation.robots.phase.numpy()[0]
+    turn = np.angle(np.exp(1j * (start - scenario.equilibrium)).mean())
+    action = np.full(simulation.action_shape, own / scenario.robot.phase_rate_max, dtype=np.float32)
+    for _ in range(scenario.task.steps):
+        simulation.step(action)
+    rate = float(action[0, 0, 0]) * scenario.robot.phase_rate_max
+    phases = scenario.alpha * (scenario.equilibrium + turn + rate * scenario.task.duration)
+    places = theory.curve_point(scenario.curve, phases)
+    assert np.abs(simulation.robots.position.numpy()[0, :, :2] - places).max() < 2e-3
+    (row,) = simulation.score()
+    assert row["collisions"] == 0
+    assert row["min_separation"] > 2 * scenario.robot_radius_bound
+
+
+# Where they begin.
+
+
+def test_starts_are_as_the_formation_says():
+    # Oracle: equation (2) and the statistics of what is random.
+    def phases(**overrides):
+        scenario = lissajous_env.scenario("experiment", **{"formation.start_noise": 0.0, **overrides})
+        return scenario, lissajous_env.Simulation(scenario, 4000, seed=9).robots.phase.numpy()
+
+    scenario, start = phases()
+    equilibrium = theory.equilibrium_phases(5, 2, (0, 1, 4, 2, 3))
+    np.testing.assert_allclose(np.angle(np.exp(1j * (start - equilibrium))), 0, atol=1e-6)
+    displaced = np.angle(np.exp(1j * (phases(**{"formation.displaced": ((1, 0.2), (1, 0.1))})[1] - equilibrium)))
+    np.testing.assert_allclose(displaced, np.broadcast_to([0, 0.3, 0, 0, 0], displaced.shape), atol=1e-6)
+    noisy = np.angle(np.exp(1j * (phases(**{"formation.start_noise": 0.1})[1] - equilibrium)))
+    assert noisy.std() == pytest.approx(0.1, rel=0.03)
+    assert abs(noisy.mean()) < 0.1 * 4 / math.sqrt(noisy.size)
+    turned = np.angle(np.exp(1j * (phases(**{"formation.start": "rotated"})[1] - equilibrium)))
+    assert np.abs(turned - turned[:, :1]).max() < 1e-5
+    assert abs(np.exp(1j * turned[:, 0]).mean()) < 4 / math.sqrt(4000)
+    free = phases(**{"formation.start": "random"})[1]
+    assert abs(np.exp(1j * free).mean()) < 4 / math.sqrt(free.size)
+    assert abs(np.exp(1j * (free[:, 0] - free[:, 1])).mean()) < 4 / math.sqrt(4000)
+    speed = theory.curve_speed(scenario.curve, scenario.alpha * equilibrium) * 0.3
+    np.testing.assert_allclose(lissajous_env.Simulation(scenario).robots.speed.numpy()[0], speed, rtol=1e-4)

@@ -1,0 +1,39 @@
+"""`cos_sin` against float64 NumPy."""
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.trig import cos_sin
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+
+@wp.kernel
+def cos_sin_of(angle: wp.array(dtype=float), out: wp.array(dtype=wp.vec2)):
+    out[wp.tid()] = cos_sin(angle[wp.tid()])
+
+
+def on_device(angles):
+    angles = np.asarray(angles, dtype=np.float32)
+    out = wp.empty(len(angles), dtype=wp.vec2, device="cpu")
+    wp.launch(cos_sin_of, dim=len(angles), inputs=[wp.array(angles, dtype=float, device="cpu"), out], device="cpu")
+    return out.numpy(), angles.astype(np.float64)
+
+
+def test_it_is_cosine_and_sine_up_to_ten_thousand_radians():
+    # Oracle: NumPy in float64, of the very float32 angle. The bound is that of the docstring.
+    spread = np.linspace(-1e4, 1e4, 1_000_001)
+    quarters = np.arange(-6000, 6001) * np.pi / 2
+    close = np.concatenate([quarters + shift for shift in (-1e-3, -1e-6, 0, 1e-6, 1e-3)])
+    eighths = np.arange(-12000, 12001) * np.pi / 4
+    got, angles = on_device(np.concatenate([spread, close, eighths, np.linspace(-7, 7, 100_001)]))
+    expected = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    assert np.abs(got - expected).max() < 2e-7
+
+
+def test_the_axes_are_exact_and_nothing_is_above_one():
+    # Oracle: the definition; an observation of 1.0000001 would lie outside its space.
+    got, _ = on_device([0.0, -0.0])
+    assert got.tolist() == [[1, 0], [1, 0]]
+    got, _ = on_device(np.linspace(-100, 100, 2_000_001))
+    assert np.abs(got).max() <= 1
