@@ -91,6 +91,8 @@ class Outcome:
     rows: list[dict[str, Any]]
     """Score rows, by scenario, policy and episode."""
     failures: list[Failure]
+    kept: int
+    """How many of them were there from an earlier call."""
     elapsed: float
     """Time that it took, this call alone [s]."""
 
@@ -137,9 +139,10 @@ def measure(
         remove_leftovers(folder)
         stored.keep_settings(folder, settings, cells)
         with stored.open_episodes(folder, settings, cells) as kept:
+            found = len(kept)
             failures = _play_all(settings, cells, kept, console.quiet)
             rows = kept.in_order(cells)
-        outcome = Outcome(settings, cells, rows, failures, time.monotonic() - started)
+        outcome = Outcome(settings, cells, rows, failures, found, time.monotonic() - started)
         report.write_files(folder, outcome)
     report.print_tables(console, outcome)
     return outcome

@@ -9,6 +9,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from baselines.policy import names
 from baselines.statistics import Statistics
 from lissajous_env.scenario import Scenario
 
@@ -54,9 +55,10 @@ def draw(
     """Draw the pictures and return each as a PNG, by file name."""
     if not rows:
         return {}
-    policies = list(dict.fromkeys(row["policy"] for row in rows))
+    # A policy has the same colour in every benchmark, whatever others were played.
+    policies = dict.fromkeys([*names(), *(row["policy"] for row in rows)])
     colour = {policy: _COLOURS[k % len(_COLOURS)] for k, policy in enumerate(policies)}
-    played = list(cells)
+    played, most = list(cells), max(map(len, cells.values()))
 
     def times(axes: Axes, name: str) -> None:
         _points(axes, {policy: of["detection_time_mean"] for policy, of in cells[name].items()}, colour)
@@ -79,18 +81,24 @@ def draw(
 
     with rc_context(_STYLE):
         return {
-            "detection_time.png": _panels(played, "Detection time", times),
-            "collisions.png": _panels(played, "Collisions", collisions),
-            "detection_time_distribution.png": _panels(played, "Detection time over episodes", distribution, True),
+            "detection_time.png": _panels(played, "Detection time", times, most),
+            "collisions.png": _panels(played, "Collisions", collisions, most),
+            "detection_time_distribution.png": _panels(
+                played, "Detection time over episodes", distribution, legend=True
+            ),
         }
 
 
-def _panels(names: list[str], title: str, fill: Callable[[Axes, str], None], legend: bool = False) -> bytes:
-    columns = min(len(names), 3)
-    rows = -(-len(names) // columns)
-    figure = Figure(figsize=(max(_PANEL * columns + 0.6, 4.6), 2.7 * rows + 0.8), layout="constrained")
+def _panels(
+    played: list[str], title: str, fill: Callable[[Axes, str], None], most: int = 0, legend: bool = False
+) -> bytes:
+    """Draw a panel for each name; `most` is the most policies that one of them lists."""
+    columns = min(len(played), 3)
+    rows = -(-len(played) // columns)
+    height = max(2.7, 0.9 + 0.3 * most)
+    figure = Figure(figsize=(max(_PANEL * columns + 0.6, 4.6), height * rows + 0.8), layout="constrained")
     figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
-    for k, name in enumerate(names):
+    for k, name in enumerate(played):
         axes = figure.add_subplot(rows, columns, k + 1)
         axes.set_title(name)
         fill(axes, name)

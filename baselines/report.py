@@ -124,6 +124,12 @@ def print_tables(console: Console, outcome: "Outcome") -> None:
         console.print(words, style="bold red", markup=False, highlight=False)
     if outcome.failures:
         console.print("Tracebacks are in summary.json.", style="red", highlight=False)
+    if outcome.kept:
+        words = (
+            f"{outcome.kept} of {len(outcome.rows)} episodes were in {outcome.settings.out} already, not played "
+            "again; to play them anew, delete that folder or take another --out."
+        )
+        console.print(words, style="yellow", markup=False, highlight=False)
     where = f"{len(outcome.rows)} episodes in {outcome.settings.out} (episodes.csv, summary.json, pictures)"
     console.print(f"{where}, {outcome.elapsed:.1f} s", markup=False, highlight=False, soft_wrap=True)
 
@@ -161,7 +167,7 @@ def write_files(folder: Path, outcome: "Outcome") -> None:
         "machine": machine(settings.device),
         "versions": versions(),
         "command": shlex.join(sys.argv),
-        "elapsed": outcome.elapsed,
+        "elapsed_s": outcome.elapsed,
         "seeds": [settings.seed + k for k in range(settings.episodes)],
         "settings": as_settings(settings, outcome.cells),
         "statistics": {

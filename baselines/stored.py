@@ -101,6 +101,9 @@ class Episodes:
             self._journal.close()
             raise
 
+    def __len__(self) -> int:
+        return len(self._rows)
+
     def missing(self, cell: "Cell") -> list[int]:
         """Numbers of the episodes of a cell that are not there yet."""
         name = cell.scenario.name

@@ -24,7 +24,7 @@ def main() -> None:
     """Print one row for each policy, without and with the fault: minimum, mean and maximum over 16 seeds."""
     table = Table("policy", "fault", *COLUMNS.values(), title="experiment, 60 s, 16 seeds: min / mean / max")
     table.add_row("the paper's report", "no", "1.2429", "0.192", "1", "", "", "")
-    for faults in ((), ((0, 30.0, 40.0), (4, 30.0, 40.0))):
+    for faults in ((), lissajous_env.scenario("experiment").faults.schedule):
         scenario = lissajous_env.scenario("experiment", **{"faults.schedule": faults})
         for name in ("kuramoto-mpcc", "open-loop-mpcc"):
             rows = lissajous_env.evaluate(baselines.make(name, scenario, num_worlds=16), scenario, range(16))

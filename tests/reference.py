@@ -1,9 +1,10 @@
 """The world once more: one world in float64, plain loops, written from the documented model and not from the kernels.
 
-The oracle of the simulation. What is random is left out: the phases and the targets with which an episode begins are
-given, and wandering targets are only followed with `targets.turn_rate` 0, which makes them go straight on.
+The oracle of the simulation. What is random is left out: the phases, the cars' bodies and the targets with which an
+episode begins are given, and wandering targets are only followed with `targets.turn_rate` 0, which makes them go straight on.
 """
 
+import dataclasses
 import itertools
 import math
 from dataclasses import dataclass, field
@@ -128,8 +129,9 @@ class Target:
 class World:
     """One world of a scenario, stepped by `step(action)`; `targets` are (position, heading, motion, appears_at)."""
 
-    def __init__(self, scenario, phases, targets):
+    def __init__(self, scenario, phases, bodies, targets):
         self.scenario = scenario = scenario.resolve()
+        self.bodies = [dataclasses.replace(scenario.robot, wheelbase=base, drive=drive) for base, drive in bodies]
         self.alpha = scenario.formation.alpha
         self.n = scenario.num_robots
         task = scenario.task
@@ -249,7 +251,7 @@ class World:
             throttle = robot.throttle_min + (float(command[1]) + 1) / 2 * (robot.throttle_max - robot.throttle_min)
             state = np.array([car.position[0], car.position[1], car.heading, car.speed])
             for _ in range(substeps):
-                state = car_runge_kutta(robot, state, steering, throttle, self.dt / substeps)
+                state = car_runge_kutta(self.bodies[i], state, steering, throttle, self.dt / substeps)
                 car.way.append(np.array([state[0], state[1], 0.0]))
             car.heading, car.speed = float(state[2]), float(state[3])
             car.phase += projection(curve, state[:2], self.alpha * car.phase) / self.alpha
@@ -505,7 +507,9 @@ def world_like(simulation, world: int = 0) -> World:
         rogues.appears_at.numpy()[world].tolist(),
         strict=True,
     )
-    return World(simulation.scenario, simulation.robots.phase.numpy()[world].astype(float), list(targets))
+    robots = simulation.robots
+    bodies = zip(robots.wheelbase.numpy()[world].tolist(), robots.drive.numpy()[world].tolist(), strict=True)
+    return World(simulation.scenario, robots.phase.numpy()[world].tolist(), bodies, list(targets))
 
 
 def smooth_actions(shape: tuple[int, int], steps: int, seed: int, low: float = -1.0, high: float = 1.0) -> np.ndarray:

@@ -102,7 +102,8 @@ def test_benchmark_prints_a_table_and_resumes(tmp_path):
     assert "failure kuramoto: 3 episodes" in first.stderr
     assert "episodes, " not in again.stderr  # there was nothing left to play
     tables = [re.sub(r", [\d.]+ s\n", "", ended.stdout) for ended in (first, again)]
-    assert tables[0] == tables[1]
+    assert tables[1].startswith(tables[0].partition("Interquartile")[0])
+    assert "6 of 6 episodes were in" in tables[1]
     assert "kuramoto" in tables[0]
     with open(tmp_path / "episodes.csv", newline="") as file:
         assert tuple(next(csv.reader(file))) == COLUMNS

@@ -1,4 +1,4 @@
-"""How robots move: the car against closed forms of (12) and the order of its integrator, the point against the curve."""
+"""How robots move: cars against closed forms of (12) and the order of the integrator, points against the curve."""
 
 import math
 
@@ -9,11 +9,12 @@ import warp as wp
 
 import lissajous_env
 from lissajous_env import theory
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.robot import RobotStruct, car_step
 from lissajous_env.scenario import Robot
 from lissajous_env.structs import to_struct
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 ALONE = {
     "robot.count": 1,
@@ -23,6 +24,8 @@ ALONE = {
     "faults.schedule": (),
     "targets.count": 0,
     "task.grid": None,
+    "noise.wheelbase_spread": 0.0,
+    "noise.drive_spread": 0.0,
 }
 
 
@@ -87,7 +90,7 @@ def test_the_integrator_is_of_fourth_order(steering, throttle):
     start, time = [0.2, -0.1, 0.5, 1.2], 1.6
     exact = finely_integrated(robot, start, steering, throttle, time)
     errors = np.abs(integrated(robot, start, steering, throttle, time, [4, 8, 16]) - exact)[:, :2].max(axis=1)
-    assert errors[2] > 3e-6, "too fine for float32 to show an order"
+    assert errors[2] > 1e-6, "too fine for float32 to show an order"
     assert 11 < errors[0] / errors[1] < 23
     assert 11 < errors[1] / errors[2] < 23
 
@@ -182,7 +185,8 @@ def test_grip_limits_the_yaw_rate(limit):
 
 def test_uneven_cars_differ_by_their_spread():
     # Oracle: mean and deviation of a normal distribution, clipped at three deviations.
-    scenario = lissajous_env.scenario("experiment", **{"noise.wheelbase_spread": 0.05, "noise.drive_spread": 0.02})
+    overrides = {"noise.wheelbase_spread": 0.05, "noise.drive_spread": 0.02}
+    scenario = lissajous_env.scenario("experiment", **overrides)
     robots = lissajous_env.Simulation(scenario, 2000).robots
     for drawn, middle, spread in [(robots.wheelbase, 0.175, 0.05), (robots.drive, 36.81, 0.02)]:
         relative = drawn.numpy() / middle - 1
@@ -192,8 +196,9 @@ def test_uneven_cars_differ_by_their_spread():
 
 
 def test_the_phase_of_a_car_is_that_of_the_nearest_point_of_its_branch():
-    # Oracle: a dense search for the nearest point within 0.3 rad, at each of 400 steps near curve (16). In the tight
-    # turns the nearest point jumps from one side to the other; there the phase may take a few steps to follow.
+    # Oracle: a dense search for the nearest point within 0.3 rad, at each of 400 steps near curve (16). The phase gets
+    # one correction in a step, so it lags by millimetres; in the tight turns, where the nearest point leaps ahead, by
+    # centimetres for a few steps.
     simulation = one_car()
     world = reference.world_like(simulation)
     curve, around = simulation.scenario.curve, np.linspace(-0.3, 0.3, 6001)
@@ -206,11 +211,12 @@ def test_the_phase_of_a_car_is_that_of_the_nearest_point_of_its_branch():
         phases.append(float(simulation.robots.phase.numpy()[0, 0]))
         distance = np.linalg.norm(theory.curve_point(curve, phases[-1] + around) - place, axis=1)
         excess.append(np.linalg.norm(theory.curve_point(curve, phases[-1]) - place) - distance.min())
-    assert np.percentile(excess, 80) < 1e-3
-    assert np.percentile(excess, 95) < 0.05
+    assert np.percentile(excess, 80) < 5e-3
+    assert np.percentile(excess, 95) < 0.03
+    assert max(excess) < 0.2
     # No jump to another branch, of which there are seven to cross in a lap: the way along the curve adds up.
     steps = np.diff(np.unwrap(phases))
-    assert steps.max() < 0.15
+    assert steps.max() < 0.101  # the limit of a correction
     assert steps.min() > -0.05
     assert steps.sum() > 2 * math.pi
     assert 39.9 * 1.0 * 0.8 < steps.sum() / (2 * math.pi) * 23.17 < 39.9 * 1.0 * 1.4

@@ -3,9 +3,10 @@
 import numpy as np
 import warp as wp
 
+from lissajous_env.compilation import OPTIONS
 from lissajous_env.trig import cos_sin
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(OPTIONS)
 
 
 @wp.kernel

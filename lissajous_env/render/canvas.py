@@ -1,0 +1,126 @@
+"""Where the world lies on the picture, and drawing on a finer surface that is then averaged down: smooth edges."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pygame
+
+from lissajous_env.scenario import Scenario
+
+FINE = 3
+"""Pixels of the fine surface for one of the picture, along each side."""
+
+HEADER, FOOTER, MARGIN = 46, 44, 16
+"""Space above and below the plot, and around it [px]."""
+
+_MASKS = (0xFF0000, 0x00FF00, 0x0000FF, 0)
+Colour = Sequence[int]
+
+
+@dataclass(frozen=True)
+class View:
+    """Maps the world to the picture."""
+
+    size: tuple[int, int]
+    """Width and height of the picture [px]."""
+    scale: float
+    """Pixels per metre."""
+    centre: tuple[float, float]
+    """Where the middle of the rectangle lies [px]."""
+    half: tuple[float, float]
+    """Half of the rectangle's width and height [m]."""
+
+    @classmethod
+    def of(cls, scenario: Scenario, size: Sequence[int] | None = None) -> "View":
+        """Fit the scenario's rectangle, and robots on its edge, into a picture of a given or a fitting size.
+
+        Raises:
+            ValueError: a size that is not two whole numbers of at least 160.
+        """
+        half = scenario.curve.half_width, scenario.curve.half_height
+        extent = 2 * (np.array(half) + 1.4 * scenario.robot.radius)
+        if size is None:
+            scale = float(min(960 / extent[0], 680 / extent[1]))
+            wide, high = (round(scale * length) for length in extent)
+            size = max(wide + 2 * MARGIN, 720), high + HEADER + FOOTER + 2 * MARGIN
+            # Video codecs want even numbers.
+            size = size[0] + size[0] % 2, size[1] + size[1] % 2
+        elif len(size) != 2 or any(int(length) != length or length < 160 for length in size):
+            raise ValueError(f"size must be (width, height), whole numbers of at least 160 [px], got {size!r}")
+        width, height = int(size[0]), int(size[1])
+        room = np.array([width - 2 * MARGIN, height - HEADER - FOOTER - 2 * MARGIN])
+        scale = float(np.min(np.maximum(room, 20) / extent))
+        centre = width / 2, HEADER + (height - HEADER - FOOTER) / 2
+        return cls((width, height), scale, centre, half)
+
+    @property
+    def fine_size(self) -> tuple[int, int]:
+        """Size of the fine surface [px]."""
+        return FINE * self.size[0], FINE * self.size[1]
+
+    def place(self, points: np.ndarray) -> np.ndarray:
+        """Pixels (..., 2) of the picture for points (..., 2) of the world [m]."""
+        return np.asarray(self.centre) + np.asarray(points, dtype=float) * (self.scale, -self.scale)
+
+    def fine(self, points: np.ndarray) -> np.ndarray:
+        """Pixels (..., 2) of the fine surface for points (..., 2) of the world [m]."""
+        return FINE * self.place(points)
+
+    def rectangle(self, fine: bool) -> pygame.Rect:
+        """Return the monitored rectangle in pixels of the fine surface or of the picture."""
+        factor = FINE if fine else 1
+        low = factor * self.place(np.array([-self.half[0], self.half[1]]))
+        high = factor * self.place(np.array([self.half[0], -self.half[1]]))
+        left, top, right, bottom = (round(float(edge)) for edge in (*low, *high))
+        return pygame.Rect(left, top, right - left, bottom - top)
+
+
+def opaque(size: tuple[int, int]) -> pygame.Surface:
+    """Make a surface without transparency, blue first in memory."""
+    return pygame.Surface(size, 0, 32, _MASKS)
+
+
+def transparent(size: tuple[int, int]) -> pygame.Surface:
+    """Make a surface that is fully transparent."""
+    return pygame.Surface(size, pygame.SRCALPHA, 32)
+
+
+def pixels(surface: pygame.Surface) -> np.ndarray:
+    """Copy a surface to (H, W, 3) uint8."""
+    width, height = surface.get_size()
+    return np.frombuffer(pygame.image.tobytes(surface, "RGB"), np.uint8).reshape(height, width, 3).copy()
+
+
+def stamp(
+    surface: pygame.Surface, points: np.ndarray, radius: float, colour: Colour, *, hole: float = 0.0, alpha: float = 1.0
+) -> None:
+    """Draw the same disc, or ring with `hole` above 0, at thousands of points (n, 2) at once; lengths in pixels.
+
+    Where discs overlap the picture shows one colour, not a darker one: a crowd stays readable.
+    """
+    width, height = surface.get_size()
+    reach = int(radius) + 1
+    corner = np.rint(points).astype(np.int64)
+    inside = ((corner >= reach) & (corner < np.array([width, height]) - reach)).all(axis=1)
+    corner, offsets = corner[inside], _disc(round(radius, 1), round(hole, 1))
+    if not len(corner):
+        return
+    at = (corner[:, 1] * width + corner[:, 0])[:, None] + (offsets[:, 1] * width + offsets[:, 0])
+    memory = pygame.surfarray.pixels2d(surface).T.reshape(-1)
+    if alpha >= 1:
+        memory[at] = (colour[0] << 16) | (colour[1] << 8) | colour[2]
+        return
+    channels = memory.view(np.uint8).reshape(-1, 4)
+    under = channels[at.ravel()].astype(np.float32)
+    over = np.array([colour[2], colour[1], colour[0], 0], dtype=np.float32)
+    channels[at.ravel()] = (under + alpha * (over - under) + 0.5).astype(np.uint8)
+
+
+@cache
+def _disc(radius: float, hole: float) -> np.ndarray:
+    reach = int(radius) + 1
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    square = x * x + y * y
+    return np.argwhere((square <= radius * radius) & (square >= hole * hole)) [:, ::-1] - reach

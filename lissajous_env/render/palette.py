@@ -1,0 +1,31 @@
+"""Colours of the pictures, as RGB: a light ground, one blue for the team, red for what it looks for."""
+
+PAPER = (250, 249, 246)
+"""Behind everything."""
+GROUND = (255, 255, 255)
+"""The rectangle where it was sensed just now."""
+IDLE = (238, 221, 188)
+"""The rectangle where it was not sensed for long."""
+EDGE = (170, 178, 188)
+INK = (34, 46, 60)
+MUTED = (118, 128, 140)
+HAIRLINE = (222, 222, 216)
+CURVE = (142, 160, 184)
+SENSING = (70, 134, 196)
+LINK = (72, 92, 118)
+ROBOT = (28, 78, 134)
+WHEEL = (30, 38, 48)
+GLASS = (196, 220, 240)
+STUCK = (222, 128, 10)
+REMOVED = (150, 156, 164)
+TARGET = (212, 48, 56)
+FOUND = (10, 150, 118)
+CONTACT = (190, 24, 150)
+
+
+def mixed(
+    low: tuple[int, int, int], high: tuple[int, int, int], share: float
+) -> tuple[int, int, int]:
+    """Colour at a share in [0, 1] of the way from one colour to another."""
+    red, green, blue = (round(a + (b - a) * share) for a, b in zip(low, high, strict=True))
+    return red, green, blue

@@ -1,0 +1,89 @@
+"""What a picture shows of a world at one time, on the host: made from a simulation, or from a recording of one."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from lissajous_env.simulation import Simulation
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """One world at one time. N robots, T target slots, R rows and C columns of the grid."""
+
+    step: int
+    """Control steps taken in the episode."""
+    world: int
+    """Which world of the batch it was."""
+    seed: int
+    """Seed of the episode."""
+    position: np.ndarray
+    """(N, 3) x, y, z of the robots [m]."""
+    heading: np.ndarray
+    """(N,) headings of the robots [rad]."""
+    status: np.ndarray
+    """(N,) WORKING, STUCK or REMOVED of `lissajous_env.state`."""
+    target_position: np.ndarray
+    """(T, 2) x, y of the targets [m]; that of one that left is where it was detected."""
+    motion: np.ndarray
+    """(T,) STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.targets`."""
+    appears_at: np.ndarray
+    """(T,) step in which a target appears."""
+    found_at: np.ndarray
+    """(T,) step in which it was detected; above `step` before."""
+    sensed_at: np.ndarray
+    """(R, C) step in which a cell was last sensed; the lowest row comes first."""
+    contact: np.ndarray
+    """(M, 2) pairs of robots that have collided and not yet parted."""
+    collisions: int
+    """Collisions in the episode so far."""
+    trail: tuple[np.ndarray, np.ndarray] | None = None
+    """Steps (K,) up to now and positions (K, N, 2) of the robots at them [m], where they are known."""
+
+    @property
+    def present(self) -> np.ndarray:
+        """(T,) bool: targets that are there and not yet detected."""
+        return (self.appears_at <= self.step) & (self.found_at > self.step)
+
+    @property
+    def found(self) -> np.ndarray:
+        """(T,) bool: targets that were detected."""
+        return self.found_at <= self.step
+
+    def mean_detection_time(self, step: float) -> float:
+        """Mean over the targets so far of the time until detection [s]; NaN without targets.
+
+        As in the score, one that is not yet detected counts with the time that it has been there.
+        """
+        appeared = self.appears_at <= self.step
+        waited = np.minimum(self.found_at[appeared], self.step) - self.appears_at[appeared]
+        return float(waited.mean()) * step if waited.size else np.nan
+
+
+def snapshot(simulation: "Simulation", world: int = 0) -> Snapshot:
+    """Copy what a picture shows of one world; the simulation is only read."""
+    clock, robots, rogues = simulation.clock, simulation.robots, simulation.rogues
+    return Snapshot(
+        step=int(_of(clock.step, world)),
+        world=world,
+        seed=int(_of(clock.seed, world)),
+        position=_of(robots.position, world),
+        heading=_of(robots.heading, world),
+        status=_of(robots.status, world),
+        target_position=_of(rogues.position, world),
+        motion=_of(rogues.motion, world),
+        appears_at=_of(rogues.appears_at, world),
+        found_at=_of(rogues.found_at, world),
+        sensed_at=_of(simulation.cells.sensed_at, world),
+        contact=np.argwhere(_of(simulation.tally.contact, world)),
+        collisions=int(_of(simulation.tally.collisions, world)),
+    )
+
+
+def _of(array: Any, world: int) -> np.ndarray:
+    """Return one world of a device array, copied to the host without the others."""
+    if array.device.is_cpu or array.ndim == 1:
+        return array.numpy()[world].copy()
+    return array[world].numpy()

@@ -1,0 +1,45 @@
+"""A window: the only place that touches the display, so that pictures are drawn without one."""
+
+import pygame
+
+
+class Window:
+    """A window of a given size [px]. Once its close button was pressed it stays closed, and showing does nothing.
+
+    Raises:
+        OSError: there is no display to open a window on.
+    """
+
+    def __init__(self, size: tuple[int, int], caption: str):
+        self.closed = False
+        self._clock = pygame.time.Clock()
+        try:
+            pygame.display.init()
+            pygame.display.set_caption(caption)
+            self._screen = pygame.display.set_mode(size)
+        except pygame.error as error:
+            raise OSError(f"no window can be opened ({error}); draw to rgb_array or to a file instead") from error
+
+    def show(self, picture: pygame.Surface, fps: float) -> list[int]:
+        """Show a picture, wait so that no more than `fps` are shown a second, and return the keys that were pressed."""
+        if self.closed:
+            return []
+        if not pygame.display.get_init():  # something else in the process has ended pygame
+            self.closed = True
+            return []
+        self._screen.blit(picture, (0, 0))
+        pygame.display.flip()
+        self._clock.tick(fps)
+        keys = []
+        for event in pygame.event.get():
+            if event.type == pygame.QUIT:
+                self.close()
+            elif event.type == pygame.KEYDOWN:
+                keys.append(event.key)
+        return keys
+
+    def close(self) -> None:
+        """Close the window."""
+        if not self.closed:
+            self.closed = True
+            pygame.display.quit()

@@ -1,0 +1,186 @@
+"""Collisions: the closest approach, when an event begins and ends, and what it does to the robots."""
+
+import numpy as np
+import pytest
+import reference
+import warp as wp
+
+import lissajous_env
+from lissajous_env.collision import closest_approach
+from lissajous_env.compilation import OPTIONS
+
+wp.set_module_options(OPTIONS)
+
+RADIUS = 0.1
+TOUCH = 2 * RADIUS
+
+
+@wp.kernel
+def approach(before: wp.array(dtype=wp.vec3), after: wp.array(dtype=wp.vec3), out: wp.array(dtype=float)):
+    out[wp.tid()] = closest_approach(before[wp.tid()], after[wp.tid()])
+
+
+def approaches(before, after):
+    """Distances [m] by the device, of offsets before and after."""
+    out = wp.empty(len(before), dtype=float, device="cpu")
+    inputs = [wp.array(np.array(each, dtype=np.float32), dtype=wp.vec3, device="cpu") for each in (before, after)]
+    wp.launch(approach, dim=len(before), inputs=[*inputs, out], device="cpu")
+    return np.sqrt(out.numpy())  # the device compares squares
+
+
+def test_closest_approach_is_the_distance_of_a_segment_from_the_origin():
+    # Oracle: closed form in float64, itself held against the least of 10,001 points on the way.
+    draw = np.random.default_rng(0)
+    before, after = draw.normal(size=(2, 500, 3)).astype(np.float32)
+    after[:50] = before[:50]  # robots that stand still
+    after[50:100] = before[50:100] * 3  # robots that part
+    expected = np.array([reference.closest_approach(*way) for way in zip(before.astype(float), after, strict=True)])
+    dense = [
+        np.linalg.norm(a + np.linspace(0, 1, 10_001)[:, None] * (b - a), axis=1).min()
+        for a, b in zip(before, after, strict=True)
+    ]
+    np.testing.assert_allclose(expected, dense, atol=2e-4)
+    np.testing.assert_allclose(approaches(before, after), expected, atol=2e-6)
+
+
+def test_closest_approach_by_hand():
+    # Oracle: drawings. Through each other, past at 0.5, towards, away, not at all.
+    before = [[-1, 0, 0], [-1, 0.5, 0], [-2, 0, 0], [1, 0, 0], [0, 0.3, 0.4]]
+    after = [[1, 0, 0], [1, 0.5, 0], [-1, 0, 0], [2, 0, 0], [0, 0.3, 0.4]]
+    assert approaches(before, after) == pytest.approx([0, 0.5, 1, 1, 0.5], abs=1e-6)
+
+
+def parked(positions, seed=0, **overrides):
+    """Cars at rest at these places of one world."""
+    places = np.array(positions, dtype=np.float32)
+    settings = {
+        "robot.count": len(places),
+        "robot.radius": RADIUS,
+        "formation.p": 0,
+        "formation.ring": None,
+        "faults.schedule": (),
+        "targets.count": 0,
+        "task.grid": None,
+        **overrides,
+    }
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", **settings), seed=seed)
+    put(simulation, places)
+    return simulation
+
+
+def put(simulation, places, speeds=0.0, headings=0.0):
+    robots = simulation.robots
+    robots.position.assign(np.pad(np.array(places, dtype=np.float32), ((0, 0), (0, 1)))[None])
+    robots.speed.assign(np.full((1, len(places)), speeds, dtype=np.float32))
+    robots.heading.assign(np.broadcast_to(np.array(headings, dtype=np.float32), (1, len(places))))
+
+
+def rest(simulation):
+    """A step in which the throttle is in the dead zone."""
+    simulation.step(np.broadcast_to(np.array([0.0, -1.0], dtype=np.float32), simulation.action_shape))
+
+
+def test_fast_cars_do_not_jump_through_each_other():
+    # Story: two cars at 5.85 m/s, head on; between the two sub-steps they swap sides, and at no instant do they touch.
+    simulation = parked([[-0.44, 0.015], [0.44, -0.015]])
+    top = simulation.scenario.robot.speed_max
+    put(simulation, [[-0.44, 0.015], [0.44, -0.015]], speeds=top, headings=[0.0, np.pi])
+    simulation.step(np.broadcast_to(np.array([0.0, 1.0], dtype=np.float32), simulation.action_shape))
+    track = simulation.robots.track.numpy()[0]
+    at_instants = np.linalg.norm(track[0] - track[1], axis=-1)
+    assert at_instants.min() > 1.2 * TOUCH
+    (row,) = simulation.score()
+    assert row["collisions"] == 1
+    assert row["min_separation"] == pytest.approx(0.03, abs=1e-3)
+    assert simulation.latest.collisions.numpy().tolist() == [[1, 1]]
+
+
+def test_cars_that_pass_at_a_distance_do_not_collide():
+    simulation = parked([[-0.44, 0.11], [0.44, -0.11]])
+    put(simulation, [[-0.44, 0.11], [0.44, -0.11]], speeds=5.0, headings=[0.0, np.pi])
+    simulation.step(np.broadcast_to(np.array([0.0, 0.7], dtype=np.float32), simulation.action_shape))
+    (row,) = simulation.score()
+    assert row["collisions"] == 0
+    assert row["min_separation"] == pytest.approx(0.22, abs=1e-3)
+
+
+def test_a_collision_is_counted_once_until_the_pair_has_parted_by_five_percent():
+    # Story: touching, apart by 2 %, touching: one event. Apart by 6 %, touching: a second one.
+    distances = [1.2, 0.99, 0.9, 1.02, 1.04, 0.99, 1.06, 0.99, 1.04, 1.1]
+    events, contacts = [], []
+    simulation = parked([[0, 0], [1, 0]])
+    for distance in distances:
+        put(simulation, [[0, 0], [distance * TOUCH, 0]])
+        rest(simulation)
+        events.append(int(simulation.latest.collisions.numpy()[0, 0]))
+        contacts.append(simulation.score()[0]["contact_time"])
+    assert events == [0, 1, 0, 0, 0, 0, 0, 1, 0, 0]
+    assert simulation.score()[0]["collisions"] == 2
+    # Time in contact counts what is closer than the radii, not what has yet to part.
+    assert np.diff(contacts, prepend=0) == pytest.approx([0, 0.1, 0.1, 0, 0, 0.1, 0, 0.1, 0, 0])
+    assert simulation.score()[0]["min_separation"] == pytest.approx(0.9 * TOUCH, abs=1e-6)
+
+
+def test_every_pair_counts():
+    # Story: three cars that touch each other are three collisions, and each is in two.
+    simulation = parked([[0, 0], [0.15, 0], [0.07, 0.12], [1, 0]])
+    rest(simulation)
+    assert simulation.latest.collisions.numpy().tolist() == [[2, 2, 2, 0]]
+    assert simulation.reward_terms.numpy()[0, :, 2].tolist() == [-2, -2, -2, 0]
+    assert simulation.score()[0]["collisions"] == 3
+    assert simulation.score()[0]["contact_time"] == pytest.approx(0.3)
+
+
+def test_points_at_different_heights_do_not_collide():
+    # Story: the same curve with a third dimension keeps apart what would meet in the plane.
+    plane = {
+        "robot.count": 2,
+        "formation.p": 0,
+        "formation.start": "random",
+        "faults.schedule": (),
+        "robot.radius": 0.05,
+    }
+    opposite = np.array([[[1.0], [-1.0]]], dtype=np.float32)
+    collisions = []
+    for depth in (0.0, 0.5):
+        scenario = lissajous_env.scenario("failure", **plane, **{"curve.half_depth": depth, "curve.c": 5})
+        simulation = lissajous_env.Simulation(scenario, 20)
+        for _ in range(40):
+            simulation.step(np.broadcast_to(opposite, simulation.action_shape))
+        collisions.append(sum(row["collisions"] for row in simulation.score()))
+    assert collisions[0] > 2 * collisions[1] > 0
+
+
+@pytest.mark.parametrize(("on_collision", "status"), [("count", 0), ("stop", 1), ("remove", 2)])
+def test_what_a_collision_does(on_collision, status):
+    # Story: cars 0 and 1 collide; car 2 goes on; then only those that may still move do.
+    simulation = parked([[0, 0], [0.15, 0], [-1, 0.5]], **{"task.on_collision": on_collision})
+    assert simulation.observation.numpy()[0, :, 7].tolist() == [1, 1, 1]
+    rest(simulation)
+    assert simulation.robots.status.numpy().tolist() == [[status, status, 0]]
+    assert simulation.terminated.numpy().tolist() == [[on_collision == "remove"] * 2 + [False]]
+    assert not simulation.truncated.numpy().any()
+    rows = simulation.observation.numpy()[0]
+    assert rows[:, 7].tolist() == [status == 0, status == 0, 1]
+    if on_collision != "count":
+        assert (rows[:2, 20:] == 0).all(), "a robot that was stopped or removed senses nothing"
+    before = simulation.robots.position.numpy().copy()
+    for _ in range(20):
+        simulation.step(np.broadcast_to(np.array([0.5, 0.0], dtype=np.float32), simulation.action_shape))
+    moved = np.linalg.norm(simulation.robots.position.numpy() - before, axis=-1)[0] > 0.3
+    assert moved.tolist() == [on_collision == "count"] * 2 + [True]
+    assert simulation.score()[0]["collisions"] == 1
+
+
+def test_a_removed_robot_is_no_obstacle_and_earns_nothing_more():
+    overrides = {"task.on_collision": "remove", "targets.count": 3, "targets.wandering": 0.0, "sensing.radius": 0.01}
+    simulation = parked([[0, 0], [0.15, 0], [1, 0]], **overrides)
+    rest(simulation)
+    first = simulation.reward.numpy()[0].copy()
+    put(simulation, [[0, 0], [0.15, 0], [0.07, 0]])
+    rest(simulation)
+    assert simulation.score()[0]["collisions"] == 1
+    # Oracle: three targets wait, at -0.05 per second each; the collision itself costs 1.
+    waiting = -0.05 * 3 * 0.1
+    assert first == pytest.approx([waiting - 1, waiting - 1, waiting])
+    assert simulation.reward.numpy()[0] == pytest.approx([0, 0, waiting])
