@@ -109,6 +109,15 @@ _SCENARIOS = (
         ),
     ),
     Scenario(
+        name="knot",
+        description="Section IV-A: the failure of Fig. 6 on the knot (10) with z = 0.8 sin(7 gamma), points in space.",
+        curve=Curve(half_width=1.8, half_height=0.8, a=3, b=2, half_depth=0.8, c=7),
+        formation=Formation(phase_rate=0.3, p=2, start="rotated"),
+        robot=Robot(kind="curve", radius=0.125),
+        faults=Faults(schedule=((0, 9.6, 19.5), (1, 9.6, 19.5))),
+        task=Task(duration=30.0),
+    ),
+    Scenario(
         name="swarm",
         description="101 points on the curve in 40 m x 25 m, 2,000 targets.",
         curve=Curve(half_width=20.0, half_height=12.5, a=51, b=50),

@@ -6,6 +6,7 @@ import reference
 import warp as wp
 
 import lissajous_env
+from lissajous_env import theory
 from lissajous_env.collision import closest_approach
 from lissajous_env.compilation import OPTIONS
 
@@ -131,24 +132,20 @@ def test_every_pair_counts():
     assert simulation.score()[0]["contact_time"] == pytest.approx(0.3)
 
 
-def test_points_at_different_heights_do_not_collide():
-    # Story: the same curve with a third dimension keeps apart what would meet in the plane.
-    plane = {
-        "robot.count": 2,
-        "formation.p": 0,
-        "formation.start": "random",
-        "faults.schedule": (),
-        "robot.radius": 0.05,
-    }
-    opposite = np.array([[[1.0], [-1.0]]], dtype=np.float32)
-    collisions = []
-    for depth in (0.0, 0.5):
-        scenario = lissajous_env.scenario("failure", **plane, **{"curve.half_depth": depth, "curve.c": 5})
-        simulation = lissajous_env.Simulation(scenario, 20)
-        for _ in range(40):
-            simulation.step(np.broadcast_to(opposite, simulation.action_shape))
-        collisions.append(sum(row["collisions"] for row in simulation.score()))
-    assert collisions[0] > 2 * collisions[1] > 0
+@pytest.mark.parametrize(("depth", "collisions"), [(0.0, 1), (0.5, 0)])
+def test_points_at_different_heights_do_not_collide(depth, collisions):
+    # Story: two points stand where the curve crosses itself; a third dimension keeps them apart. Oracle: (10).
+    overrides = {"robot.count": 2, "formation.p": 0, "faults.schedule": (), "robot.radius": 0.05}
+    scenario = lissajous_env.scenario("failure", **overrides, **{"curve.half_depth": depth, "curve.c": 5})
+    crossing = theory.self_crossings(scenario.curve)[0]
+    heights = depth * np.sin(5 * crossing)
+    simulation = lissajous_env.Simulation(scenario)
+    simulation.robots.phase.assign(crossing[None] % (2 * np.pi) / scenario.alpha)
+    simulation.robots.position.assign(theory.curve_point_3d(scenario.curve, crossing)[None].astype(np.float32))
+    simulation.step(np.zeros(simulation.action_shape))
+    (row,) = simulation.score()
+    assert row["collisions"] == collisions
+    assert row["min_separation"] == pytest.approx(abs(heights[0] - heights[1]), abs=1e-5)
 
 
 @pytest.mark.parametrize(("on_collision", "status"), [("count", 0), ("stop", 1), ("remove", 2)])

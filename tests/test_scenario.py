@@ -37,6 +37,7 @@ DIGESTS = {
     "experiment-printed": "b575450098ae55bb",
     "intruders": "d160e5403c0365a2",
     "rough": "c99f1a75d78e95b4",
+    "knot": "25b67f0dd57c6d77",
     "swarm": "e862d9d37b90dd5a",
 }
 

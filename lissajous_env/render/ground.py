@@ -1,0 +1,78 @@
+"""What lies on the ground: the rectangle, its idleness, the curve, the discs of the sensors."""
+
+import numpy as np
+import pygame
+
+from lissajous_env import theory
+from lissajous_env.render import palette
+from lissajous_env.render.canvas import FINE, View, opaque, transparent
+from lissajous_env.scenario import Scenario
+
+IDLE_BOUNDS = 2.0
+"""Idleness that is drawn in full colour, in multiples of T_max."""
+
+
+class Ground:
+    """Draws the ground of one scenario on the fine surface; what never changes is drawn once."""
+
+    def __init__(self, scenario: Scenario, view: View):
+        self.view = view
+        self.rectangle = view.rectangle(fine=True)
+        self.idle_full = IDLE_BOUNDS * scenario.detection_time_bound
+        """Idleness that is drawn in full colour [s]."""
+        self._task = scenario.task
+        self._base = opaque(view.fine_size)
+        self._base.fill(palette.PAPER)
+        self._base.fill(palette.GROUND, self.rectangle)
+        self._curve = _curve(scenario, view)
+        self._disc = _disc(FINE * view.scale * float(scenario.sensing.radius or 0.0), scenario.num_robots)
+
+    def draw(self, surface: pygame.Surface, sensed_at: np.ndarray, step: int, sensing: np.ndarray) -> None:
+        """Draw the ground; `sensing` (n, 2) is where the working robots are [m], `sensed_at` as in the snapshot."""
+        surface.blit(self._base, (0, 0))
+        surface.set_clip(self.rectangle)
+        if self._task.grid is not None:
+            surface.blit(self._heat(sensed_at, step), self.rectangle)
+        for middle in self.view.fine(sensing):
+            surface.blit(self._disc, self._disc.get_rect(center=(round(middle[0]), round(middle[1]))))
+        surface.set_clip(None)
+        surface.blit(self._curve, (0, 0))
+        pygame.draw.rect(surface, palette.EDGE, self.rectangle.inflate(2 * FINE, 2 * FINE), FINE)
+
+    def _heat(self, sensed_at: np.ndarray, step: int) -> pygame.Surface:
+        idle = np.clip((step - sensed_at) * self._task.step / self.idle_full, 0.0, 1.0)[..., None]
+        colours = np.array(palette.GROUND) + idle * (np.array(palette.IDLE) - palette.GROUND)
+        cells = opaque(sensed_at.shape[::-1])
+        # Rows go up in the world and down in a picture.
+        pygame.surfarray.blit_array(cells, np.rint(colours[::-1]).astype(np.uint8).swapaxes(0, 1))
+        return pygame.transform.smoothscale(cells, self.rectangle.size)
+
+
+def _curve(scenario: Scenario, view: View) -> pygame.Surface:
+    """Draw the Lissajous curve; in three dimensions seen from above, what lies lower interrupted where it is crossed."""
+    curve = scenario.curve
+    lap = np.linspace(0.0, 2 * np.pi, max(180 * (curve.a + curve.b), 2000))
+    points = view.fine(theory.curve_point(curve, lap))
+    # Many lobes would make one grey area of lines of full strength.
+    share = float(np.clip(16 / (curve.a + curve.b), 0.35, 1.0)) ** 0.5
+    width, colour = max(round(1.3 * share * FINE), 2), (*palette.CURVE, round(235 * share))
+    surface = transparent(view.fine_size)
+    if curve.half_depth == 0:
+        pygame.draw.lines(surface, colour, True, points.tolist(), width)
+        return surface
+    height = np.sin(curve.c * lap)
+    for k in np.argsort(height[:-1]):
+        pygame.draw.line(surface, (0, 0, 0, 0), points[k], points[k + 1], width + 6 * FINE)
+        pygame.draw.line(surface, colour, points[k], points[k + 1], width)
+    return surface
+
+
+def _disc(radius: float, robots: int) -> pygame.Surface:
+    """Draw one sensing disc, fainter where many overlap."""
+    side = 2 * round(radius) + 3
+    surface = transparent((side, side))
+    middle = (side // 2, side // 2)
+    strength = 1.0 if robots <= 6 else 0.8
+    pygame.draw.circle(surface, (*palette.SENSING, round(22 * strength)), middle, radius)
+    pygame.draw.circle(surface, (*palette.SENSING, round(105 * strength)), middle, radius, FINE)
+    return surface

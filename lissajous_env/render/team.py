@@ -1,0 +1,140 @@
+"""The robots: cars to scale or discs, their trails, the ring that links them, faults and contacts."""
+
+import numpy as np
+import pygame
+
+from lissajous_env import theory
+from lissajous_env.render import palette
+from lissajous_env.render.canvas import FINE, Colour, View, transparent
+from lissajous_env.render.snapshot import Snapshot
+from lissajous_env.scenario import Scenario
+from lissajous_env.state import REMOVED, STUCK, WORKING
+
+LONGEST_TRAIL = 3.0
+"""Time of a trail [s]; shorter where the robots are fast for the size of the rectangle."""
+
+
+class Team:
+    """Draws the robots of one scenario. Robots too small to be seen to scale are drawn larger."""
+
+    def __init__(self, scenario: Scenario, view: View):
+        self.scenario, self.view = scenario, view
+        self.many = scenario.num_robots > 40
+        smallest = 3.6 if self.many else 6.5
+        self.radius = max(view.scale * scenario.robot.radius, smallest)
+        """Radius with which a robot is drawn [px]."""
+        ring = scenario.ring
+        self._edges = [(ring[k - 1], ring[k]) for k in range(len(ring)) if len(ring) > 2 or k == 1]
+        self._soft = transparent(view.fine_size)
+        self._car = _car(scenario, FINE * self.radius) if scenario.robot.kind == "car" else None
+
+    def trail_steps(self) -> int:
+        """Steps that a trail goes back."""
+        scenario = self.scenario
+        lap = np.linspace(0, 2 * np.pi, 512)
+        speed = scenario.formation.phase_rate * theory.curve_speed(scenario.curve, lap).mean()
+        longest = 0.7 * min(scenario.curve.half_width, scenario.curve.half_height) * (0.3 if self.many else 1.0)
+        return max(round(min(LONGEST_TRAIL, longest / speed) / scenario.task.step), 2)
+
+    def draw_links(self, surface: pygame.Surface, snapshot: Snapshot, steps: np.ndarray, trail: np.ndarray) -> None:
+        """Draw the ring and the trails, positions (K, N, 2) at K steps; they lie under the robots."""
+        soft, there = self._soft, snapshot.status != int(REMOVED)
+        soft.fill((0, 0, 0, 0))
+        places = self.view.fine(snapshot.position[:, :2])
+        for i, j in self._edges:
+            if there[i] and there[j]:
+                pygame.draw.line(soft, (*palette.LINK, 84), places[i], places[j], FINE)
+        # Drawn without blending, oldest first: the joints of a trail do not show as darker spots.
+        width = 0.42 * min(FINE * self.radius, 8 * FINE)
+        for k in range(len(steps) - 1):
+            fresh = 1 - (snapshot.step - steps[k + 1]) / (self.trail_steps() + 1)
+            colour, thick = (*palette.ROBOT, round(150 * fresh**1.5)), max(width * (0.35 + 0.65 * fresh), 2)
+            for a, b in zip(self.view.fine(trail[k])[there], self.view.fine(trail[k + 1])[there], strict=True):
+                pygame.draw.line(soft, colour, a, b, round(thick))
+                pygame.draw.circle(soft, colour, b, thick / 2)
+        surface.blit(soft, (0, 0))
+
+    def draw(self, surface: pygame.Surface, snapshot: Snapshot) -> None:
+        """Draw the robots, the highest last, and rings around pairs in contact."""
+        places = self.view.fine(snapshot.position[:, :2])
+        status = snapshot.status
+        order = sorted(range(len(places)), key=lambda i: (status[i] != int(REMOVED), snapshot.position[i, 2]))
+        for i in order:
+            if status[i] == int(REMOVED):
+                self._draw_removed(surface, places[i])
+                continue
+            colour = palette.ROBOT if status[i] == int(WORKING) else palette.STUCK
+            if status[i] == int(STUCK):
+                _dashed_ring(surface, palette.STUCK, places[i], FINE * (1.15 * self.radius + 4), 2 * FINE)
+            if self._car is None:
+                self._draw_point(surface, places[i], snapshot.heading[i], colour)
+            else:
+                self._draw_car(surface, places[i], snapshot.heading[i], colour)
+        for i, j in snapshot.contact:
+            middle = (places[i] + places[j]) / 2
+            reach = np.linalg.norm(places[i] - places[j]) / 2 + FINE * (1.1 * self.radius + 3)
+            pygame.draw.circle(surface, palette.CONTACT, middle, max(reach, 12 * FINE), 2 * FINE)
+
+    def _draw_point(self, surface: pygame.Surface, at: np.ndarray, heading: float, colour: Colour) -> None:
+        radius = FINE * self.radius
+        nose = at + _turned(np.array([[1.5, 0.0], [0.7, 0.72], [0.7, -0.72]]) * radius, heading)
+        edge = at + _turned(np.array([[1.75, 0.0], [0.62, 0.98], [0.62, -0.98]]) * radius, heading)
+        pygame.draw.polygon(surface, palette.GROUND, edge.tolist())
+        pygame.draw.circle(surface, palette.GROUND, at, radius + 1.2 * FINE)
+        pygame.draw.polygon(surface, colour, nose.tolist())
+        pygame.draw.circle(surface, colour, at, radius)
+
+    def _draw_car(self, surface: pygame.Surface, at: np.ndarray, heading: float, colour: Colour) -> None:
+        # Collisions count the disc around the position, so the body stands in the middle of it.
+        pygame.draw.circle(surface, palette.mixed(palette.GROUND, colour, 0.45), at, FINE * self.radius, FINE)
+        for shape, fill in self._car or ():
+            pygame.draw.polygon(surface, colour if fill is None else fill, (at + _turned(shape, heading)).tolist())
+
+    def _draw_removed(self, surface: pygame.Surface, at: np.ndarray) -> None:
+        radius = FINE * self.radius
+        pygame.draw.circle(surface, palette.REMOVED, at, radius, round(1.5 * FINE))
+        for turn in (np.pi / 4, 3 * np.pi / 4):
+            arm = 0.55 * radius * np.array([np.cos(turn), np.sin(turn)])
+            pygame.draw.line(surface, palette.REMOVED, at - arm, at + arm, 2 * FINE)
+
+
+def _turned(shape: np.ndarray, heading: float) -> np.ndarray:
+    """Turn points (k, 2) by a heading, y up, and flip them to the picture's y down."""
+    cos, sin = np.cos(heading), np.sin(heading)
+    return shape @ np.array([[cos, -sin], [-sin, -cos]])
+
+
+def _dashed_ring(surface: pygame.Surface, colour: Colour, at: np.ndarray, radius: float, width: int) -> None:
+    for start in np.linspace(0, 2 * np.pi, 12, endpoint=False):
+        arc = start + np.linspace(0, np.pi / 9, 8)
+        points = at + radius * np.stack([np.cos(arc), np.sin(arc)], axis=-1)
+        pygame.draw.lines(surface, colour, False, points.tolist(), width)
+
+
+def _car(scenario: Scenario, radius: float) -> list[tuple[np.ndarray, Colour | None]]:
+    """Outlines of a car's parts in fine pixels, heading right, with their colours; None is the car's own."""
+    robot = scenario.robot
+    # A body around its axles that stays within the disc of the robot, for any wheelbase.
+    half_base = float(np.clip(robot.wheelbase / (2 * robot.radius), 0.4, 0.72))
+    length, width = min(half_base + 0.28, 1.0), 0.46
+    wheels = [
+        (_rounded(0.19, 0.085, 6.0) + [x, y], palette.WHEEL)
+        for x in (-half_base, half_base)
+        for y in (-width * 0.92, width * 0.92)
+    ]
+    body, rim = _rounded(length, width, 4.5), _rounded(length + 0.05, width + 0.05, 4.5)
+    for shape in (body, rim):
+        shape[:, 1] *= 1 - 0.16 * (shape[:, 0] > 0) * (shape[:, 0] / length) ** 2
+    front = np.array([[0.22, -0.27], [0.45, -0.34], [0.50, 0.0], [0.45, 0.34], [0.22, 0.27]])
+    back = np.array([[-0.42, -0.25], [-0.58, -0.30], [-0.60, 0.0], [-0.58, 0.30], [-0.42, 0.25]])
+    parts = [*wheels, (rim, palette.GROUND), (body, None), (front, palette.GLASS), (back, palette.GLASS)]
+    return [(radius * shape, colour) for shape, colour in parts]
+
+
+def _rounded(half_length: float, half_width: float, power: float) -> np.ndarray:
+    """Rectangle with round corners: |x / half_length|^power + |y / half_width|^power = 1."""
+    around = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    x, y = np.cos(around), np.sin(around)
+    return np.stack(
+        [half_length * np.sign(x) * np.abs(x) ** (2 / power), half_width * np.sign(y) * np.abs(y) ** (2 / power)], -1
+    )

@@ -1,0 +1,337 @@
+"""Targets: when and where they appear, how they move, who detects them."""
+
+import math
+
+import numpy as np
+import pytest
+
+import lissajous_env
+
+# One robot that sees next to nothing, and targets that stay: nothing disturbs them.
+ALONE = {
+    "robot.count": 1,
+    "formation.p": 0,
+    "formation.ring": None,
+    "faults.schedule": (),
+    "sensing.radius": 1e-3,
+    "targets.leave": False,
+    "task.grid": None,
+}
+WIDE = {"curve.half_width": 40.0, "curve.half_height": 30.0}
+
+
+def undisturbed(worlds=1, seed=0, name="experiment", **overrides):
+    return lissajous_env.Simulation(lissajous_env.scenario(name, **ALONE, **overrides), worlds, seed=seed)
+
+
+def stand(simulation, steps=1):
+    """Let the robots roll out, or stand where they are points."""
+    action = np.zeros(simulation.action_shape, dtype=np.float32)
+    if simulation.scenario.robot.kind == "car":
+        action[..., 1] = -1
+    for _ in range(steps):
+        simulation.step(action)
+
+
+def places(simulation):
+    return simulation.rogues.position.numpy().astype(float)
+
+
+def put(simulation, robots, targets):
+    """Place robots, at rest, and targets of the only world [m]."""
+    simulation.robots.position.assign(np.pad(np.array(robots, dtype=np.float32), ((0, 0), (0, 1)))[None])
+    simulation.robots.speed.zero_()
+    simulation.rogues.position.assign(np.array(targets, dtype=np.float32)[None])
+
+
+# Appearance.
+
+
+@pytest.mark.parametrize("rate", [0.05, 0.5, 3.0])
+def test_arrivals_are_a_poisson_process(rate):
+    # Oracle: mean and variance of a Poisson count are rate x time, and the times are spread evenly over the episode.
+    duration = 20.0
+    overrides = {"targets.count": 2, "targets.arrival_rate": rate, "task.duration": duration}
+    simulation = undisturbed(3000, **overrides)
+    steps = simulation.rogues.appears_at.numpy()
+    assert (steps[:, :2] == 0).all()
+    arrivals = steps[:, 2:]
+    assert (np.diff(arrivals, axis=1) >= 0).all()
+    assert arrivals.min() >= 1
+    counts = (arrivals <= 200).sum(axis=1)
+    mean = rate * duration
+    assert abs(counts.mean() - mean) < 4 * math.sqrt(mean / 3000)
+    assert counts.var() == pytest.approx(mean, rel=0.15)
+    # Six standard deviations of room: no world of 3,000 runs out of slots.
+    assert arrivals.shape[1] == math.ceil(mean + 6 * math.sqrt(mean))
+    assert counts.max() < arrivals.shape[1]
+    times = arrivals[arrivals <= 200] / 200
+    assert abs(times.mean() - 0.5) < 0.01 + 4 / math.sqrt(12 * times.size)
+    assert times.var() == pytest.approx(1 / 12, rel=0.1)
+
+
+def test_targets_are_hidden_until_they_appear():
+    # Story: nobody sees, waits for or counts a target of the future.
+    overrides = {"targets.count": 0, "targets.arrival_rate": 0.5, "task.duration": 10.0}
+    simulation = undisturbed(50, **overrides, **{"targets.wandering": 0.0})
+    appears = simulation.rogues.appears_at.numpy()
+    before = places(simulation)
+    for step in range(1, 100):
+        stand(simulation)
+        there = appears <= step
+        assert simulation.latest.waiting.numpy().tolist() == there.sum(axis=1).tolist()
+        assert [row["targets"] for row in simulation.score()] == there.sum(axis=1).tolist()
+    np.testing.assert_array_equal(places(simulation), before)
+
+
+def test_an_intruder_stands_on_the_boundary_when_it_appears():
+    # Oracle: a uniform point of the perimeter lies on a long side with probability A / (A + B), and along it evenly.
+    simulation = undisturbed(500, **{"targets.count": 40, "targets.entry": "boundary"})
+    x, y = places(simulation).reshape(-1, 2).T
+    half_width, half_height = 1.8, 0.8
+    on_short = np.abs(np.abs(x) - half_width) < 1e-6
+    on_long = np.abs(np.abs(y) - half_height) < 1e-6
+    assert (on_short | on_long).all()
+    assert (np.abs(x) <= half_width + 1e-6).all()
+    assert (np.abs(y) <= half_height + 1e-6).all()
+    share = half_width / (half_width + half_height)
+    deviation = 4 / math.sqrt(len(x))
+    assert abs(on_long.mean() - share) < deviation
+    for along, side, half in [(x, on_long & (y > 0), half_width), (x, on_long & (y < 0), half_width),
+                              (y, on_short & (x > 0), half_height), (y, on_short & (x < 0), half_height)]:  # fmt: skip
+        assert abs(along[side].mean() / half) < 0.05
+        assert (along[side] / half).var() == pytest.approx(1 / 3, rel=0.05)
+    assert abs((y[on_long] > 0).mean() - 0.5) < deviation
+    assert abs((x[on_short] > 0).mean() - 0.5) < deviation
+
+
+def test_a_target_inside_is_anywhere_in_the_rectangle():
+    # Oracle: mean and variance of a uniform distribution, and no correlation.
+    simulation = undisturbed(500, **{"targets.count": 40})
+    x, y = (places(simulation) / [1.8, 0.8]).reshape(-1, 2).T
+    headings = simulation.rogues.heading.numpy().ravel()
+    assert np.abs([x.mean(), y.mean(), (x * y).mean()]).max() < 4 / math.sqrt(len(x))
+    assert x.var() == pytest.approx(1 / 3, rel=0.03)
+    assert y.var() == pytest.approx(1 / 3, rel=0.03)
+    assert abs(np.exp(1j * headings).mean()) < 4 / math.sqrt(len(x))
+    assert np.abs(x).max() <= 1
+
+
+def test_motions_have_their_shares():
+    # Oracle: binomial deviations.
+    overrides = {"targets.drifting": 0.2, "targets.wandering": 0.3, "targets.fleeing": 0.1, "targets.count": 50}
+    motion = undisturbed(200, **overrides).rogues.motion.numpy().ravel()
+    shares = np.bincount(motion, minlength=4) / len(motion)
+    assert shares == pytest.approx([0.4, 0.2, 0.3, 0.1], abs=4 * 0.5 / math.sqrt(len(motion)))
+
+
+# Motion.
+
+
+def test_a_target_that_is_not_said_to_move_stands_still():
+    simulation = undisturbed(3, **{"targets.wandering": 0.0})
+    before = places(simulation)
+    stand(simulation, 30)
+    np.testing.assert_array_equal(places(simulation), before)
+
+
+def test_a_drifting_target_goes_straight_on_and_bounces():
+    # Oracle: unfolded in mirrors, the path is a straight line; folded back it is a triangle wave in each coordinate.
+    overrides = {"targets.wandering": 0.0, "targets.drifting": 1.0, "targets.speed": 0.7, "task.duration": 60.0}
+    simulation = undisturbed(4, **overrides)
+    start, heading = places(simulation), simulation.rogues.heading.numpy().astype(float)
+    half = np.array([1.8, 0.8])
+    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    for k in range(1, 301):
+        stand(simulation)
+        straight = start + 0.7 * 0.1 * k * ahead
+        folded = half - np.abs((straight + half) % (4 * half) - 2 * half)
+        np.testing.assert_allclose(places(simulation), folded, atol=2e-4)
+
+
+def test_a_wandering_heading_walks_at_random():
+    # Oracle: a random walk of independent steps has variance turn_rate^2 time; after a second it is normal (kurtosis).
+    overrides = {"targets.turn_rate": 0.8, "targets.speed": 0.3, "targets.count": 200}
+    simulation = undisturbed(100, **overrides, **WIDE)
+    before, place = simulation.rogues.heading.numpy().astype(float), places(simulation)
+    far_inside = (np.abs(place) < [38, 28]).all(axis=-1)
+    headings = [before]
+    for _ in range(10):
+        stand(simulation)
+        headings.append(simulation.rogues.heading.numpy().astype(float))
+        moved = places(simulation)
+        way = np.linalg.norm(moved - place, axis=-1)
+        np.testing.assert_allclose(way[far_inside], 0.03, rtol=2e-3)
+        course = np.arctan2(*(moved - place)[..., ::-1].reshape(-1, 2).T).reshape(way.shape)
+        turned = np.angle(np.exp(1j * (course - headings[-1])))[far_inside]
+        assert np.abs(turned).max() < 2e-3, "a target goes where it heads"
+        place = moved
+    turns = np.diff(np.array(headings)[:, far_inside], axis=0)
+    turns = np.angle(np.exp(1j * turns))
+    assert turns.std() == pytest.approx(0.8 * math.sqrt(0.1), rel=0.01)
+    assert abs(turns.mean()) < 4 * 0.8 * math.sqrt(0.1 / turns.size)
+    after_a_second = turns.sum(axis=0)
+    assert after_a_second.std() == pytest.approx(0.8, rel=0.03)
+    assert (after_a_second**4).mean() / after_a_second.var() ** 2 == pytest.approx(3, abs=0.3)
+    assert abs(np.corrcoef(turns[3], turns[4])[0, 1]) < 4 / math.sqrt(turns.shape[1])
+    assert abs(np.corrcoef(turns[3, :-1], turns[3, 1:])[0, 1]) < 4 / math.sqrt(turns.shape[1])
+
+
+def test_a_fleeing_target_runs_away_along_the_line_from_the_robot():
+    # Oracle: the distance to a standing robot grows by flee_speed x step; beyond flee_radius it wanders at its speed.
+    overrides = {"targets.count": 3, "targets.wandering": 0.0, "targets.fleeing": 1.0, "targets.speed": 0.1}
+    simulation = undisturbed(1, **overrides, **WIDE)
+    robot = simulation.robots.position.numpy()[0, :, :2].copy()
+    offsets = np.array([[0.3, 0.0], [-0.2, 0.4], [2.0, 0.0]])
+    put(simulation, robot, robot + offsets)
+    stand(simulation)
+    moved = places(simulation)[0] - robot
+    grown = np.linalg.norm(moved, axis=1) - np.linalg.norm(offsets, axis=1)
+    assert grown[:2] == pytest.approx([0.06, 0.06], abs=1e-5)
+    np.testing.assert_allclose(np.cross(moved[:2], offsets[:2]), 0, atol=1e-5)
+    assert np.linalg.norm(moved[2] - offsets[2]) == pytest.approx(0.01, abs=1e-5)
+
+
+def test_a_wall_turns_the_flight_along_itself():
+    # Story: a robot comes at a target in front of the right wall, from the left and below: it is driven up the wall.
+    overrides = {"targets.count": 1, "targets.wandering": 0.0, "targets.fleeing": 1.0}
+    simulation = undisturbed(1, **overrides)
+    put(simulation, [[1.6, -0.1]], [[1.79, 0.0]])
+    ys = []
+    for _ in range(5):
+        stand(simulation)
+        x, y = places(simulation)[0, 0]
+        assert x == pytest.approx(1.8, abs=1e-6)
+        ys.append(y)
+    assert (np.diff(ys) > 0).all()
+    assert ys[-1] > 0.1
+
+
+def test_a_stuck_robot_frightens_nobody():
+    # What runs from robots runs from those that work, as the sensor of a stuck one is off.
+    overrides = {"targets.count": 1, "targets.wandering": 0.0, "targets.fleeing": 1.0, "targets.speed": 0.0}
+    simulation = lissajous_env.Simulation(
+        lissajous_env.scenario("experiment", **{**ALONE, **overrides, "faults.schedule": ((0, 0.0, 5.0),)})
+    )
+    put(simulation, [[0.0, 0.0]], [[0.3, 0.0]])
+    stand(simulation, 10)
+    np.testing.assert_allclose(places(simulation)[0, 0], [0.3, 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("speed", [0.2, 5.0, 100.0])
+def test_targets_stay_inside(speed):
+    # Story: however fast, whatever their motion, none ever leaves the rectangle. A robot chases those that flee.
+    overrides = {"targets.drifting": 0.3, "targets.wandering": 0.3, "targets.fleeing": 0.4, "sensing.radius": 0.05}
+    settings = {"targets.speed": speed, "targets.flee_speed": 3 * speed, "targets.leave": False, "task.grid": None}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides, **settings), 50)
+    for k in range(60):
+        simulation.step(np.full(simulation.action_shape, math.sin(k / 7), dtype=np.float32))
+        assert (np.abs(places(simulation)) <= np.float32([1.8, 0.8])).all()
+    assert np.isfinite(simulation.rogues.heading.numpy()).all()
+
+
+# Detection.
+
+
+def with_targets(robots, targets, radius=0.5, **overrides):
+    """Standing targets and cars at rest at these places, one step after."""
+    settings = {
+        "robot.count": len(robots),
+        "robot.radius": 0.01,
+        "formation.p": 0,
+        "formation.ring": None,
+        "faults.schedule": (),
+        "sensing.radius": radius,
+        "targets.count": len(targets),
+        "targets.wandering": 0.0,
+        "task.grid": None,
+        **overrides,
+    }
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", **settings))
+    # Forget what the robots saw from where they began.
+    simulation.rogues.stage.zero_()
+    simulation.rogues.found_at.fill_(2**30)
+    put(simulation, robots, targets)
+    stand(simulation)
+    return simulation
+
+
+def test_a_target_is_seen_inside_the_disc_and_not_outside():
+    simulation = with_targets([[0.0, 0.0]], [[0.3, 0.39], [0.3, 0.41], [-0.499, 0.0], [0.0, -0.501]])
+    assert simulation.rogues.in_sight.numpy().tolist() == [[1, 0, 1, 0]]
+    assert simulation.latest.detections.numpy().tolist() == [[2]]
+    assert simulation.latest.waiting.numpy().tolist() == [2]
+
+
+def test_the_nearest_robot_gets_the_credit():
+    simulation = with_targets([[0.0, 0.0], [0.4, 0.0], [1.5, 0.0]], [[0.25, 0.0], [0.1, 0.0], [0.15, 0.1], [-1.0, 0.0]])
+    assert simulation.latest.detections.numpy().tolist() == [[2, 1, 0]]
+
+
+def test_a_detected_target_leaves_after_the_step_in_which_it_is_seen():
+    # Story: it is in the observation of its detection, and in none after.
+    simulation = with_targets([[0.0, 0.0]], [[0.2, 0.1]])
+    start = simulation.layout.names.index("target_0_present")
+    rows = [simulation.observation.numpy()[0, 0, start : start + 3].copy()]
+    stand(simulation)
+    rows.append(simulation.observation.numpy()[0, 0, start : start + 3].copy())
+    assert rows[0] == pytest.approx([1, 0.4, 0.2], abs=1e-6)
+    assert rows[1].tolist() == [0, 0, 0]
+    assert simulation.latest.detections.numpy().tolist() == [[0]]
+
+
+def test_a_target_that_stays_is_detected_once_and_seen_on():
+    simulation = with_targets([[0.0, 0.0]], [[0.2, 0.1]], **{"targets.leave": False})
+    start = simulation.layout.names.index("target_0_present")
+    detections = int(simulation.latest.detections.numpy()[0, 0])
+    for _ in range(5):
+        stand(simulation)
+        detections += int(simulation.latest.detections.numpy()[0, 0])
+        assert simulation.observation.numpy()[0, 0, start] == 1
+    assert detections == 1
+    assert simulation.rogues.found_at.numpy().tolist() == [[1]]
+
+
+def test_targets_in_the_disc_are_detected_at_time_0():
+    # Oracle: distances to the robots' places at reset.
+    scenario = lissajous_env.scenario("failure", **{"sensing.radius": 0.4})
+    simulation = lissajous_env.Simulation(scenario, 20)
+    robots = simulation.robots.position.numpy()[:, :, None, :2]
+    distance = np.linalg.norm(robots - simulation.rogues.position.numpy()[:, None], axis=-1).min(axis=1)
+    found_at = simulation.rogues.found_at.numpy()
+    assert ((found_at == 0) == (distance < 0.4)).all()
+    assert 0.2 < (found_at == 0).mean() < 0.8
+    for row, at in zip(simulation.score(), found_at, strict=True):
+        assert row["detected_fraction"] == pytest.approx((at == 0).mean())
+        assert row["detection_time_max"] == 0
+
+
+@pytest.mark.parametrize(
+    "fault", [{"faults.schedule": ((0, 0.0, 30.0),)}, {"faults.removed": ((0, 0.0),)}], ids=["stuck", "removed"]
+)
+def test_a_robot_that_does_not_work_detects_nothing(fault):
+    # Story: a target stands beside a failed robot, undetected and unseen.
+    simulation = with_targets([[0.0, 0.0], [1.5, 0.0]], [[0.2, 0.1]], **fault)
+    stand(simulation, 5)
+    assert simulation.latest.detections.numpy().tolist() == [[0, 0]]
+    assert simulation.latest.waiting.numpy().tolist() == [1]
+    row = simulation.observation.numpy()[0, 0]
+    assert row[7] == 0
+    assert (row[20:] == 0).all()
+
+
+def test_all_ten_thousand_targets_are_found_in_time():
+    # Oracle: T_max = (2 pi / omega) / (N / kappa) = 8.38 s of the paper; simulated independently, 56 % are seen at the
+    # start and the last one after 4.6 to 4.8 s (the paper says 4.5 s).
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("ideal"), seed=1)
+    scenario = simulation.scenario
+    assert scenario.detection_time_bound == pytest.approx(8.378, abs=1e-3)
+    assert simulation.score()[0]["detected_fraction"] == pytest.approx(0.56, abs=0.02)
+    rate = scenario.formation.phase_rate / scenario.alpha
+    for _ in range(scenario.task.steps):
+        simulation.step(np.full(simulation.action_shape, rate / scenario.robot.phase_rate_max, dtype=np.float32))
+    (row,) = simulation.score()
+    assert row["targets"] == 10_000
+    assert row["detected_fraction"] == 1
+    assert row["detected_within_bound"] == 1
+    assert 4.4 <= row["detection_time_max"] <= 5.0
