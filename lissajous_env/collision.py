@@ -63,10 +63,9 @@ def find_collisions(
 
 @wp.func
 def take_consequence(w: int, i: int, on_collision: int, robots: Robots, step_out: Step):
-    """Stop or remove a robot that collided in the latest step."""
+    """Stop or remove a robot that collided in the latest step, as `on_collision`, STOP or REMOVE, says."""
     if step_out.collisions[w, i] > 0:
-        if on_collision != COUNT:
-            robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
+        robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
         if on_collision == STOP:
             robots.status[w, i] = STUCK
             robots.stuck_until[w, i] = NEVER

@@ -2,7 +2,6 @@
 
 import warp as wp
 
-from lissajous_env.collision import take_consequence
 from lissajous_env.compilation import OPTIONS
 from lissajous_env.scenario import Task
 from lissajous_env.state import IDLE, Clock, Robots, Step, Tally
@@ -22,7 +21,6 @@ def give_reward(
     task: TaskStruct,
     steps: int,
     cells_total: int,
-    on_collision: int,
     clock: Clock,
     robots: Robots,
     step_out: Step,
@@ -43,7 +41,7 @@ def give_reward(
     over = clock.step[w] >= steps
     for i in range(lane, n, lanes):
         # A robot that a collision removed in an earlier step has no part in what the team earns after it.
-        part = wp.where(step_out.terminated[w, i], 0.0, 1.0)
+        part = wp.where(step_out.terminated[w, i] and step_out.collisions[w, i] == 0, 0.0, 1.0)
         detection = task.reward_detection * float(step_out.detections[w, i])
         collision = task.reward_collision * float(step_out.collisions[w, i])
         effort = part * task.reward_effort * step_out.effort[w, i]
@@ -55,5 +53,4 @@ def give_reward(
         reward = detection + part * waiting + collision + part * idleness + effort
         step_out.reward[w, i] = reward
         tally.returns[w, i] += reward
-        take_consequence(w, i, on_collision, robots, step_out)
         step_out.truncated[w, i] = over

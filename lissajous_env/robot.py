@@ -71,6 +71,10 @@ def measure(
     position = robots.position[w, i]
     senses = robots.status[w, i] == WORKING
     robots.sensor[w, i] = wp.vec2(wp.where(senses, position[0], NOWHERE), wp.where(senses, position[1], NOWHERE))
+    slot = now % links.sent.shape[2]
+    links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
+    if now > 0 and robots.status[w, i] == REMOVED:
+        return  # What it last knew of itself stays.
     pose = wp.vec4(position[0], position[1], robots.heading[w, i], robots.speed[w, i])
     phase = robots.phase[w, i]
     if noise.position > 0.0 or noise.heading > 0.0 or noise.speed > 0.0:
@@ -84,9 +88,7 @@ def measure(
         phase = wrap_phase(phase + wp.float64((seen - gamma) / alpha))
     robots.measured[w, i] = pose
     robots.measured_phase[w, i] = float(phase)
-    slot = now % links.sent.shape[2]
     links.sent[w, i, slot] = wp.vec3(float(phase), pose[0], pose[1])
-    links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
 
 
 @wp.func

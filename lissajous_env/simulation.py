@@ -196,8 +196,7 @@ class Simulation:
                            self.action, clock, robots, self.links, latest]),
             (find_collisions, lanes, [*lanes, of.robot, clock, robots, latest, tally]),
             *self._sensing_recipe(of, begin=0),
-            (give_reward, lanes, [*lanes, of.task, of.steps, of.cells_total, of.on_collision, clock, robots, latest,
-                                  tally]),
+            (give_reward, lanes, [*lanes, of.task, of.steps, of.cells_total, clock, robots, latest, tally]),
             self._observing(of, begin=0),
         ]  # fmt: skip
 

@@ -3,7 +3,7 @@
 import warp as wp
 
 from lissajous_env import draws
-from lissajous_env.collision import REMOVE
+from lissajous_env.collision import COUNT, take_consequence
 from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import CurveStruct, curve_parameter, wrap
 from lissajous_env.robot import FormationStruct, lateral_error
@@ -90,7 +90,7 @@ def keep_score(
     step_out: Step,
     tally: Tally,
 ):
-    """Add the latest step to the score, and let the clock go on."""
+    """Let collisions have their consequence, add the latest step to the score, and let the clock go on."""
     w = first + wp.tid()
     if begin == 1 and clock.fresh[w] == 0:
         return
@@ -99,6 +99,9 @@ def keep_score(
         return
     now = clock.step[w] + 1 - begin
     n = robots.status.shape[1]
+    if on_collision != COUNT:
+        for i in range(n):
+            take_consequence(w, i, on_collision, robots, step_out)
     there = int(0)
     running = int(0)
     stuck = int(0)
@@ -107,9 +110,7 @@ def keep_score(
     lateral_max = float(0.0)
     spacing = float(0.0)
     for i in range(n):
-        # What collisions of this step do to the robots is stored when they are rewarded, which comes after the score.
-        removed_now = on_collision == REMOVE and step_out.collisions[w, i] > 0
-        if not (removed_now or step_out.terminated[w, i]):
+        if not step_out.terminated[w, i]:
             running += 1
         status = robots.status[w, i]
         fault_end = wp.max(fault_end, robots.resumed_at[w, i])

@@ -207,7 +207,8 @@ class World:
     def step(self, action: np.ndarray) -> None:
         """Move robots, find collisions, move and sense targets, cover cells, score, reward, hear messages.
 
-        What a collision does to a robot begins after it has sensed and sent in the step of the collision.
+        A robot that collides has sensed and sent in the step of its collision; what the team earns in that step, and
+        the score of the formation, are already without it if it is removed.
         """
         if self.over:
             self.terms[:] = 0
@@ -223,9 +224,9 @@ class World:
         self._send()
         self._collide()
         self._sense(begin=False)
+        self._consequences()
         self._tally(begin=False)
         self._reward(command)
-        self._consequences()
         self._hear()
 
     def _move(self, i: int, command: np.ndarray) -> None:
@@ -236,6 +237,9 @@ class World:
             self.scenario.task.substeps,
         )
         car.way = [car.position.copy()]
+        if self.removed(i):
+            car.way *= substeps + 1
+            return
         if robot.kind == "curve":
             rate = float(command[0]) * robot.phase_rate_max if self.at_work[i] else 0.0
             for s in range(1, substeps + 1):
@@ -280,7 +284,7 @@ class World:
                 if np.linalg.norm(offsets[-1]) > PARTED * touch:
                     self.touching.discard((i, j))
 
-    def _consequences(self) -> None:
+    def _take_consequences(self) -> None:
         for car, collisions in zip(self.robots, self.new_collisions, strict=True):
             if collisions and self.scenario.task.on_collision == "stop":
                 car.stopped = True
@@ -371,7 +375,7 @@ class World:
         task = self.scenario.task
         waiting = sum(t.appears_at <= self.now and t.found_at is None for t in self.targets)
         for i in range(self.n):
-            crashed = self.robots[i].crashed
+            crashed = self.robots[i].crashed and not self.new_collisions[i]
             ended = self.ended_idleness * self.dt / max(len(self.centres), 1)
             self.terms[i] = [
                 task.reward_detection * self.detections[i],

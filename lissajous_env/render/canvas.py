@@ -7,16 +7,16 @@ from functools import cache
 import numpy as np
 import pygame
 
+from lissajous_env.render import palette
 from lissajous_env.scenario import Scenario
 
 FINE = 3
 """Pixels of the fine surface for one of the picture, along each side."""
 
-HEADER, FOOTER, MARGIN = 46, 44, 16
+HEADER, FOOTER, MARGIN = 46, 40, 14
 """Space above and below the plot, and around it [px]."""
 
 _MASKS = (0xFF0000, 0x00FF00, 0x0000FF, 0)
-Colour = Sequence[int]
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class View:
             ValueError: a size that is not two whole numbers of at least 160.
         """
         half = scenario.curve.half_width, scenario.curve.half_height
-        extent = 2 * (np.array(half) + 1.4 * scenario.robot.radius)
+        extent = 2 * (np.array(half) + 1.25 * scenario.robot.radius)
         if size is None:
             scale = float(min(960 / extent[0], 680 / extent[1]))
             wide, high = (round(scale * length) for length in extent)
@@ -94,7 +94,13 @@ def pixels(surface: pygame.Surface) -> np.ndarray:
 
 
 def stamp(
-    surface: pygame.Surface, points: np.ndarray, radius: float, colour: Colour, *, hole: float = 0.0, alpha: float = 1.0
+    surface: pygame.Surface,
+    points: np.ndarray,
+    radius: float,
+    colour: palette.Colour,
+    *,
+    hole: float = 0.0,
+    alpha: float = 1.0,
 ) -> None:
     """Draw the same disc, or ring with `hole` above 0, at thousands of points (n, 2) at once; lengths in pixels.
 
@@ -123,4 +129,4 @@ def _disc(radius: float, hole: float) -> np.ndarray:
     reach = int(radius) + 1
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     square = x * x + y * y
-    return np.argwhere((square <= radius * radius) & (square >= hole * hole)) [:, ::-1] - reach
+    return np.argwhere((square <= radius * radius) & (square >= hole * hole))[:, ::-1] - reach

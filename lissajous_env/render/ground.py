@@ -21,15 +21,16 @@ class Ground:
         self.idle_full = IDLE_BOUNDS * scenario.detection_time_bound
         """Idleness that is drawn in full colour [s]."""
         self._task = scenario.task
-        self._base = opaque(view.fine_size)
-        self._base.fill(palette.PAPER)
-        self._base.fill(palette.GROUND, self.rectangle)
+        self.base = opaque(view.fine_size)
+        """What lies under everything; a place to draw what never changes."""
+        self.base.fill(palette.PAPER)
+        self.base.fill(palette.GROUND, self.rectangle)
         self._curve = _curve(scenario, view)
         self._disc = _disc(FINE * view.scale * float(scenario.sensing.radius or 0.0), scenario.num_robots)
 
     def draw(self, surface: pygame.Surface, sensed_at: np.ndarray, step: int, sensing: np.ndarray) -> None:
         """Draw the ground; `sensing` (n, 2) is where the working robots are [m], `sensed_at` as in the snapshot."""
-        surface.blit(self._base, (0, 0))
+        surface.blit(self.base, (0, 0))
         surface.set_clip(self.rectangle)
         if self._task.grid is not None:
             surface.blit(self._heat(sensed_at, step), self.rectangle)
@@ -49,7 +50,7 @@ class Ground:
 
 
 def _curve(scenario: Scenario, view: View) -> pygame.Surface:
-    """Draw the Lissajous curve; in three dimensions seen from above, what lies lower interrupted where it is crossed."""
+    """Draw the Lissajous curve; seen from above, what lies lower is interrupted where it is crossed."""
     curve = scenario.curve
     lap = np.linspace(0.0, 2 * np.pi, max(180 * (curve.a + curve.b), 2000))
     points = view.fine(theory.curve_point(curve, lap))

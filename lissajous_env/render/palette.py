@@ -1,5 +1,7 @@
 """Colours of the pictures, as RGB: a light ground, one blue for the team, red for what it looks for."""
 
+Colour = tuple[int, int, int]
+
 PAPER = (250, 249, 246)
 """Behind everything."""
 GROUND = (255, 255, 255)
@@ -23,9 +25,7 @@ FOUND = (10, 150, 118)
 CONTACT = (190, 24, 150)
 
 
-def mixed(
-    low: tuple[int, int, int], high: tuple[int, int, int], share: float
-) -> tuple[int, int, int]:
+def mixed(low: Colour, high: Colour, share: float) -> Colour:
     """Colour at a share in [0, 1] of the way from one colour to another."""
     red, green, blue = (round(a + (b - a) * share) for a, b in zip(low, high, strict=True))
     return red, green, blue

@@ -5,7 +5,7 @@ import pygame
 
 from lissajous_env import theory
 from lissajous_env.render import palette
-from lissajous_env.render.canvas import FINE, Colour, View, transparent
+from lissajous_env.render.canvas import FINE, View, transparent
 from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.scenario import Scenario
 from lissajous_env.state import REMOVED, STUCK, WORKING
@@ -23,17 +23,23 @@ class Team:
         smallest = 3.6 if self.many else 6.5
         self.radius = max(view.scale * scenario.robot.radius, smallest)
         """Radius with which a robot is drawn [px]."""
+        self.inside = self.radius > (17 if scenario.robot.kind == "car" else 8.5)
+        """Whether a number finds room on a robot."""
+        self.number_size = round(min(0.3 * self.radius + 8, 17))
+        """Height of that number [px]."""
         ring = scenario.ring
         self._edges = [(ring[k - 1], ring[k]) for k in range(len(ring)) if len(ring) > 2 or k == 1]
         self._soft = transparent(view.fine_size)
-        self._car = _car(scenario, FINE * self.radius) if scenario.robot.kind == "car" else None
+        fine = FINE * self.radius
+        self._drop, self._rim = _drop(fine, 1.42 * fine), _drop(fine + 1.3 * FINE, 1.42 * fine + 2.1 * FINE)
+        self._car = _car(scenario, fine) if scenario.robot.kind == "car" else None
 
     def trail_steps(self) -> int:
         """Steps that a trail goes back."""
         scenario = self.scenario
         lap = np.linspace(0, 2 * np.pi, 512)
         speed = scenario.formation.phase_rate * theory.curve_speed(scenario.curve, lap).mean()
-        longest = 0.7 * min(scenario.curve.half_width, scenario.curve.half_height) * (0.3 if self.many else 1.0)
+        longest = 1.1 * min(scenario.curve.half_width, scenario.curve.half_height) * (0.2 if self.many else 1.0)
         return max(round(min(LONGEST_TRAIL, longest / speed) / scenario.task.step), 2)
 
     def draw_links(self, surface: pygame.Surface, snapshot: Snapshot, steps: np.ndarray, trail: np.ndarray) -> None:
@@ -72,19 +78,14 @@ class Team:
                 self._draw_car(surface, places[i], snapshot.heading[i], colour)
         for i, j in snapshot.contact:
             middle = (places[i] + places[j]) / 2
-            reach = np.linalg.norm(places[i] - places[j]) / 2 + FINE * (1.1 * self.radius + 3)
+            reach = float(np.linalg.norm(places[i] - places[j])) / 2 + FINE * (1.1 * self.radius + 3)
             pygame.draw.circle(surface, palette.CONTACT, middle, max(reach, 12 * FINE), 2 * FINE)
 
-    def _draw_point(self, surface: pygame.Surface, at: np.ndarray, heading: float, colour: Colour) -> None:
-        radius = FINE * self.radius
-        nose = at + _turned(np.array([[1.5, 0.0], [0.7, 0.72], [0.7, -0.72]]) * radius, heading)
-        edge = at + _turned(np.array([[1.75, 0.0], [0.62, 0.98], [0.62, -0.98]]) * radius, heading)
-        pygame.draw.polygon(surface, palette.GROUND, edge.tolist())
-        pygame.draw.circle(surface, palette.GROUND, at, radius + 1.2 * FINE)
-        pygame.draw.polygon(surface, colour, nose.tolist())
-        pygame.draw.circle(surface, colour, at, radius)
+    def _draw_point(self, surface: pygame.Surface, at: np.ndarray, heading: float, colour: palette.Colour) -> None:
+        pygame.draw.polygon(surface, palette.GROUND, (at + _turned(self._rim, heading)).tolist())
+        pygame.draw.polygon(surface, colour, (at + _turned(self._drop, heading)).tolist())
 
-    def _draw_car(self, surface: pygame.Surface, at: np.ndarray, heading: float, colour: Colour) -> None:
+    def _draw_car(self, surface: pygame.Surface, at: np.ndarray, heading: float, colour: palette.Colour) -> None:
         # Collisions count the disc around the position, so the body stands in the middle of it.
         pygame.draw.circle(surface, palette.mixed(palette.GROUND, colour, 0.45), at, FINE * self.radius, FINE)
         for shape, fill in self._car or ():
@@ -92,7 +93,7 @@ class Team:
 
     def _draw_removed(self, surface: pygame.Surface, at: np.ndarray) -> None:
         radius = FINE * self.radius
-        pygame.draw.circle(surface, palette.REMOVED, at, radius, round(1.5 * FINE))
+        pygame.draw.circle(surface, palette.REMOVED, at, radius, 2 * FINE)
         for turn in (np.pi / 4, 3 * np.pi / 4):
             arm = 0.55 * radius * np.array([np.cos(turn), np.sin(turn)])
             pygame.draw.line(surface, palette.REMOVED, at - arm, at + arm, 2 * FINE)
@@ -104,21 +105,21 @@ def _turned(shape: np.ndarray, heading: float) -> np.ndarray:
     return shape @ np.array([[cos, -sin], [-sin, -cos]])
 
 
-def _dashed_ring(surface: pygame.Surface, colour: Colour, at: np.ndarray, radius: float, width: int) -> None:
+def _dashed_ring(surface: pygame.Surface, colour: palette.Colour, at: np.ndarray, radius: float, width: int) -> None:
     for start in np.linspace(0, 2 * np.pi, 12, endpoint=False):
         arc = start + np.linspace(0, np.pi / 9, 8)
         points = at + radius * np.stack([np.cos(arc), np.sin(arc)], axis=-1)
         pygame.draw.lines(surface, colour, False, points.tolist(), width)
 
 
-def _car(scenario: Scenario, radius: float) -> list[tuple[np.ndarray, Colour | None]]:
+def _car(scenario: Scenario, radius: float) -> list[tuple[np.ndarray, palette.Colour | None]]:
     """Outlines of a car's parts in fine pixels, heading right, with their colours; None is the car's own."""
     robot = scenario.robot
     # A body around its axles that stays within the disc of the robot, for any wheelbase.
     half_base = float(np.clip(robot.wheelbase / (2 * robot.radius), 0.4, 0.72))
     length, width = min(half_base + 0.28, 1.0), 0.46
     wheels = [
-        (_rounded(0.19, 0.085, 6.0) + [x, y], palette.WHEEL)
+        (_rounded(0.19, 0.085, 6.0) + np.array([x, y]), palette.WHEEL)
         for x in (-half_base, half_base)
         for y in (-width * 0.92, width * 0.92)
     ]
@@ -129,6 +130,13 @@ def _car(scenario: Scenario, radius: float) -> list[tuple[np.ndarray, Colour | N
     back = np.array([[-0.42, -0.25], [-0.58, -0.30], [-0.60, 0.0], [-0.58, 0.30], [-0.42, 0.25]])
     parts = [*wheels, (rim, palette.GROUND), (body, None), (front, palette.GLASS), (back, palette.GLASS)]
     return [(radius * shape, colour) for shape, colour in parts]
+
+
+def _drop(radius: float, tip: float) -> np.ndarray:
+    """Disc with a tip at a distance ahead, whose sides are tangents of the disc."""
+    touch = np.arccos(radius / tip)
+    around = np.linspace(touch, 2 * np.pi - touch, 40)
+    return np.concatenate([[[tip, 0.0]], radius * np.stack([np.cos(around), np.sin(around)], axis=-1)])
 
 
 def _rounded(half_length: float, half_width: float, power: float) -> np.ndarray:

@@ -1,0 +1,115 @@
+"""The renderer: puts ground, targets, team and panel together into one picture."""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pygame
+
+from lissajous_env.library import scenario as make_scenario
+from lissajous_env.render import palette
+from lissajous_env.render.canvas import View, opaque, pixels
+from lissajous_env.render.ground import Ground
+from lissajous_env.render.panel import Panel
+from lissajous_env.render.snapshot import Snapshot, snapshot
+from lissajous_env.render.targets import Targets
+from lissajous_env.render.team import Team
+from lissajous_env.render.text import write, write_outlined
+from lissajous_env.render.window import Window
+from lissajous_env.scenario import Scenario
+from lissajous_env.state import REMOVED, WORKING
+
+if TYPE_CHECKING:
+    from lissajous_env.simulation import Simulation
+
+
+class Renderer:
+    """Draws worlds of one scenario, on a surface in memory; only `show` opens a window.
+
+    Args:
+        scenario: Name of a scenario, or one that was made.
+        size: Width and height of the picture [px]; None fits the scenario's rectangle.
+
+    Raises:
+        ValueError: a size that is not two whole numbers of at least 160.
+    """
+
+    def __init__(self, scenario: str | Scenario, size: Sequence[int] | None = None):
+        self.scenario = make_scenario(scenario).resolve()
+        self.view = View.of(self.scenario, size)
+        self.picture = opaque(self.view.size)
+        """The latest picture, as a pygame surface."""
+        self._fine = opaque(self.view.fine_size)
+        self._ground = Ground(self.scenario, self.view)
+        self._targets = Targets(self.scenario, self.view)
+        self._team = Team(self.scenario, self.view)
+        self._panel = Panel(self.scenario, self.view, self._ground.idle_full, self._targets.radius)
+        self._panel.draw_fixed(self._ground.base)
+        self._window: Window | None = None
+        self._episode: tuple[int, int] | None = None
+        self._past: deque[tuple[int, np.ndarray]] = deque()
+
+    def draw(self, simulation: "Simulation | Snapshot", world: int = 0) -> np.ndarray:
+        """Draw one world of a simulation, which is only read, or a snapshot of one.
+
+        Trails show what was drawn of the same episode before, unless the snapshot brings its own.
+
+        Returns:
+            (H, W, 3) uint8, the caller's own.
+        """
+        seen = simulation if isinstance(simulation, Snapshot) else snapshot(simulation, world)
+        steps, trail = self._trail(seen)
+        sensing = seen.position[seen.status == int(WORKING), :2]
+        self._ground.draw(self._fine, seen.sensed_at, seen.step, sensing)
+        self._team.draw_links(self._fine, seen, steps, trail)
+        self._targets.draw(self._fine, seen)
+        self._team.draw(self._fine, seen)
+        self._number(seen)
+        self._panel.draw(self._fine, seen)
+        pygame.transform.smoothscale(self._fine, self.view.size, self.picture)
+        return pixels(self.picture)
+
+    def show(self, fps: float) -> None:
+        """Show the latest picture in a window, at most `fps` a second; once the user has closed it, do nothing."""
+        if self._window is None:
+            self._window = Window(self.view.size, f"{self.scenario.name} - lissajous")
+        self._window.show(self.picture, fps)
+
+    def reset(self) -> None:
+        """Forget the trails."""
+        self._past.clear()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def _trail(self, seen: Snapshot) -> tuple[np.ndarray, np.ndarray]:
+        """Steps (K,) and positions (K, N, 2) of the trails, the oldest first and the robots themselves last."""
+        longest = self._team.trail_steps()
+        if seen.trail is not None:
+            keep = seen.trail[0] >= seen.step - longest
+            return seen.trail[0][keep], seen.trail[1][keep]
+        if self._episode != (seen.world, seen.seed):
+            self._episode = seen.world, seen.seed
+            self._past.clear()
+        while self._past and self._past[-1][0] >= seen.step:
+            self._past.pop()
+        while self._past and self._past[0][0] < seen.step - longest:
+            self._past.popleft()
+        self._past.append((seen.step, seen.position[:, :2]))
+        return np.array([step for step, _ in self._past]), np.stack([place for _, place in self._past])
+
+    def _number(self, seen: Snapshot) -> None:
+        """Write each robot's number on it, or beside it where it is small; a crowd has none."""
+        team = self._team
+        for i, place in enumerate([] if team.many else self.view.place(seen.position[:, :2])):
+            gone = seen.status[i] == int(REMOVED)
+            if team.inside and not gone:
+                write(self._fine, str(i), (place[0], place[1]), team.number_size, palette.GROUND, centred=True)
+            else:
+                away = 0.75 * team.radius + 6
+                colour = palette.REMOVED if gone else palette.INK
+                write_outlined(self._fine, str(i), (place[0] + away, place[1] - away), 13, colour)

@@ -1,0 +1,64 @@
+"""The targets: dots while they are at large, and a ring that opens and fades for a second when one was detected."""
+
+import math
+
+import numpy as np
+import pygame
+
+from lissajous_env.render import palette
+from lissajous_env.render.canvas import FINE, View, stamp
+from lissajous_env.render.snapshot import Snapshot
+from lissajous_env.scenario import Scenario
+from lissajous_env.targets import FLEEING
+
+FLASH = 1.0
+"""Time for which a detection shows [s]."""
+
+SMALL = 2.2 * FINE
+"""Radius up to which a dot has no room for anything around it [px of the fine surface]."""
+
+
+class Targets:
+    """Draws the targets of one scenario, all of one kind at once: ten thousand take no longer than a few frames do."""
+
+    def __init__(self, scenario: Scenario, view: View):
+        self.view, self.scenario = view, scenario
+        rectangle = view.rectangle(fine=False)
+        usual = scenario.targets.count + scenario.targets.arrival_rate * scenario.detection_time_bound
+        apart = math.sqrt(rectangle.width * rectangle.height / max(usual, 1.0))
+        self.radius = float(np.clip(0.2 * apart, 1.35, 4.0))
+        """Radius of a dot [px]."""
+
+    def draw(self, surface: pygame.Surface, snapshot: Snapshot) -> None:
+        """Draw the targets that are at large, and those detected within the last second."""
+        places = self.view.fine(snapshot.target_position)
+        step, flash = self.scenario.task.step, max(FLASH, self.scenario.task.step)
+        found = snapshot.found
+        if not self.scenario.targets.leave:
+            stamp(surface, places[found], FINE * self.radius, palette.FOUND)
+        age = (snapshot.step - snapshot.found_at) * step
+        recent = np.flatnonzero(found & (age < flash))
+        for at in np.unique(snapshot.found_at[recent]):
+            ones = recent[snapshot.found_at[recent] == at]
+            draw_flash(surface, places[ones], FINE * self.radius, (snapshot.step - int(at)) * step / flash)
+        present, flees = snapshot.present, snapshot.motion == int(FLEEING)
+        draw_dots(surface, places[present & ~flees], FINE * self.radius, flees=False)
+        draw_dots(surface, places[present & flees], FINE * self.radius, flees=True)
+
+
+def draw_dots(surface: pygame.Surface, points: np.ndarray, radius: float, flees: bool) -> None:
+    """Draw targets at large; those that flee have a light core."""
+    if radius > SMALL:
+        stamp(surface, points, radius + FINE, palette.GROUND, alpha=0.85)
+    stamp(surface, points, radius, palette.TARGET)
+    if flees:
+        stamp(surface, points, 0.45 * radius, palette.GROUND)
+
+
+def draw_flash(surface: pygame.Surface, points: np.ndarray, radius: float, age: float) -> None:
+    """Draw detections at an age in [0, 1): a fading dot, and around it a widening ring where there is room for one."""
+    fading = 1.0 - age
+    if radius > SMALL:
+        outer = radius * (1.3 + 2.1 * age)
+        stamp(surface, points, outer, palette.FOUND, hole=outer - 0.45 * radius, alpha=fading)
+    stamp(surface, points, 0.9 * radius, palette.FOUND, alpha=fading**1.5)

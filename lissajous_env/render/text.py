@@ -1,0 +1,62 @@
+"""Words on the fine surface: averaged down with the rest, letters keep their shape and spacing at any size."""
+
+from functools import lru_cache
+
+import pygame
+
+from lissajous_env.render import palette
+from lissajous_env.render.canvas import FINE
+
+_AROUND = ((-1, -1), (-1, 1), (1, -1), (1, 1), (-1, 0), (1, 0), (0, -1), (0, 1))
+
+
+def width_of(words: str, size: int) -> float:
+    """Width of words [px of the picture] in a size [px]."""
+    return _font(size).size(words)[0] / FINE
+
+
+def write(
+    fine: pygame.Surface,
+    words: str,
+    at: tuple[float, float],
+    size: int,
+    colour: palette.Colour,
+    *,
+    centred: bool = False,
+) -> float:
+    """Write words; returns where they end along x.
+
+    Args:
+        fine: The fine surface.
+        words: What to write.
+        at: Middle of the words, or of their left side [px of the picture].
+        size: Height of the font [px of the picture].
+        colour: RGB.
+        centred: Whether `at` is the middle, and not the left side.
+    """
+    text = _rendered(words, size, colour)
+    where = text.get_rect()
+    setattr(where, "center" if centred else "midleft", (round(FINE * at[0]), round(FINE * at[1])))
+    fine.blit(text, where)
+    return where.right / FINE
+
+
+def write_outlined(
+    fine: pygame.Surface, words: str, at: tuple[float, float], size: int, colour: palette.Colour
+) -> None:
+    """Write words around a middle with a light outline, to be read on any ground."""
+    for dx, dy in _AROUND:
+        write(fine, words, (at[0] + 1.2 * dx, at[1] + 1.2 * dy), size, palette.GROUND, centred=True)
+    write(fine, words, at, size, colour, centred=True)
+
+
+@lru_cache(maxsize=512)
+def _rendered(words: str, size: int, colour: palette.Colour) -> pygame.Surface:
+    return _font(size).render(words, True, colour)
+
+
+@lru_cache(maxsize=32)
+def _font(size: int) -> pygame.font.Font:
+    """Font that comes with pygame; only the module for fonts is started, nothing of sound or display."""
+    pygame.font.init()
+    return pygame.font.Font(None, FINE * size)

@@ -1,0 +1,149 @@
+"""Robots that fail: by schedule, at random, for good."""
+
+import math
+
+import numpy as np
+import pytest
+
+import lissajous_env
+
+QUIET = {"targets.count": 0, "task.grid": None, "formation.start_noise": 0.0}
+
+
+def run(simulation, steps, action=0.3):
+    """(steps, W, N) status in each step."""
+    history = []
+    for _ in range(steps):
+        simulation.step(np.full(simulation.action_shape, action, dtype=np.float32))
+        history.append(simulation.robots.status.numpy().copy())
+    return np.array(history)
+
+
+@pytest.mark.parametrize("name", ["failure", "experiment"])
+def test_a_scheduled_fault_lasts_from_its_start_to_its_end(name):
+    # Oracle: the schedule itself. A robot that is stuck from 1.2 s to 2.5 s stands still in steps 13 to 25.
+    schedule = ((0, 1.2, 2.5), (3, 0.0, 0.3), (0, 4.0, 4.5), (2, 4.9, math.inf))
+    overrides = {**QUIET, "faults.schedule": schedule}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **overrides))
+    stuck = np.zeros((60, 5), dtype=bool)
+    stuck[12:25, 0] = stuck[0:3, 3] = stuck[40:45, 0] = stuck[49:, 2] = True
+    for k in range(60):
+        before = simulation.robots.position.numpy()[0].copy()
+        (status,) = run(simulation, 1)
+        assert (status[0] == 1).tolist() == stuck[k].tolist()
+        moved = np.linalg.norm(simulation.robots.position.numpy()[0] - before, axis=-1)
+        assert (moved[stuck[k]] == 0).all()
+        assert (simulation.robots.speed.numpy()[0][stuck[k]] == 0).all()
+        assert (moved[~stuck[k]] > 0).sum() >= (~stuck[k]).sum() - (0 if name == "failure" else 1)
+        works = simulation.observation.numpy()[0, :, 7]
+        assert works.tolist() == (~stuck[k]).tolist()
+    assert not simulation.terminated.numpy().any()
+
+
+def test_a_stuck_robot_senses_nothing_but_talks_and_listens():
+    # Story: robot 1 is stuck at once; robots 0 and 2 hear it every step, and it hears them.
+    overrides = {**QUIET, "faults.schedule": ((1, 0.0, 10.0),), "targets.count": 50, "targets.leave": False}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides))
+    start = simulation.robots.phase.numpy()[0, 1]
+    run(simulation, 5)
+    names = simulation.layout.names
+    rows = simulation.observation.numpy()[0]
+    assert simulation.robots.phase.numpy()[0, 1] == start
+    for k in range(2):
+        assert rows[:, names.index(f"neighbour_{k}_heard")].tolist() == [1] * 5
+        assert rows[:, names.index(f"neighbour_{k}_age")].tolist() == [0] * 5
+    sensed = [k for k, name in enumerate(names) if name.startswith(("robot_", "target_"))]
+    assert (rows[1, sensed] == 0).all()
+    assert (rows[[0, 2]][:, sensed] != 0).any()
+
+
+def test_a_removed_robot_is_gone_for_good():
+    # Story: robot 1 is removed after 1 s. It keeps its place and its agent, is seen by nobody, and its messages age.
+    overrides = {**QUIET, "faults.schedule": (), "faults.removed": ((1, 1.0), (1, 3.0), (4, 0.0))}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides, **{"sensing.radius": 10.0}))
+    assert simulation.observation.numpy()[0, :, 7].tolist() == [1, 1, 1, 1, 0]
+    removed = run(simulation, 40)[:, 0] == 2
+    assert removed[:10].tolist() == [[False, False, False, False, True]] * 10
+    assert removed[10:].tolist() == [[False, True, False, False, True]] * 30
+    names = simulation.layout.names
+    rows = simulation.observation.numpy()[0]
+    assert (rows[[1, 4], 7:] == 0).all()
+    assert rows[0, names.index("neighbour_1_age")] == 1
+    assert rows[0, names.index("neighbour_0_heard")] == 0, "robot 4 never sent anything"
+    # Two of the other four are there to be seen.
+    seen = rows[:, [names.index("robot_0_present"), names.index("robot_1_present")]]
+    assert seen.tolist() == [[1, 1], [0, 0], [1, 1], [1, 1], [0, 0]]
+    assert not simulation.terminated.numpy().any()
+
+
+def test_what_a_removed_robot_knows_of_itself_stays_even_with_noise():
+    # Contract of the observation: entries 0 to 6 keep what they were.
+    overrides = {
+        **QUIET,
+        "faults.schedule": (),
+        "faults.removed": ((1, 0.5),),
+        "noise.position": 0.1,
+        "noise.speed": 0.1,
+    }
+    for name in ("failure", "experiment"):
+        simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **overrides))
+        run(simulation, 5)
+        last = simulation.observation.numpy()[0, 1, :7].copy()
+        run(simulation, 1)
+        np.testing.assert_array_equal(simulation.observation.numpy()[0, 1, :7], last)
+        run(simulation, 5)
+        np.testing.assert_array_equal(simulation.observation.numpy()[0, 1, :7], last)
+
+
+def test_random_faults_have_their_rate_and_duration():
+    # Oracle: in each working step a fault begins with probability 1 - exp(-rate step); an exponential time with mean m
+    # lasts ceil(time / step) steps, on average 1 / (1 - exp(-step / m)).
+    rate, mean, step = 0.2, 0.7, 0.1
+    overrides = {**QUIET, "faults.schedule": (), "faults.rate": rate, "faults.mean_duration": mean}
+    scenario = lissajous_env.scenario("failure", **overrides, **{"task.duration": 100.0})
+    stuck = run(lissajous_env.Simulation(scenario, 300, seed=5), 400) == 1
+    begins = stuck[1:] & ~stuck[:-1]
+    could = (~stuck[:-1]).sum()
+    chance = 1 - math.exp(-rate * step)
+    # A fault may also begin in the very step after another; to an observer these are one.
+    assert begins.sum() / could == pytest.approx(chance, abs=4 * math.sqrt(chance / could))
+    lengths = [
+        np.diff(np.flatnonzero(np.diff(np.pad(column.astype(int), 1))))[::2] for column in stuck.reshape(400, -1).T
+    ]
+    seen = np.concatenate([column for column in lengths if len(column)])
+    expected = 1 / (1 - math.exp(-step / mean)) / (1 - chance)
+    assert seen.mean() == pytest.approx(expected, rel=0.04)
+    # Independent of each other: of the world, and of the robot.
+    assert np.abs(np.corrcoef(stuck[:, 0].T) - np.eye(5)).max() < 0.25
+    assert abs(stuck[200, :, 0].mean() - stuck[200, :, 4].mean()) < 0.1
+
+
+@pytest.mark.parametrize("lost", [1, 2, 5])
+def test_lost_robots_are_drawn_evenly_and_go_in_the_middle_half(lost):
+    # Oracle: exactly `lost` of five in each world, each with the same probability, times uniform in [T/4, 3T/4).
+    overrides = {**QUIET, "faults.schedule": (), "faults.lost": lost, "task.duration": 10.0}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides), 2000)
+    removed = run(simulation, 100) == 2
+    assert (removed[-1].sum(axis=1) == lost).all()
+    share = removed[-1].mean(axis=0)
+    assert share == pytest.approx([lost / 5] * 5, abs=4 * math.sqrt(0.25 / 2000) + 1e-9)
+    first = np.argmax(removed, axis=0)[removed[-1]]
+    assert first.min() >= 25
+    assert first.max() < 75
+    assert abs(first.mean() - 49.5) < 4 * 50 / math.sqrt(12 * len(first))
+    assert (np.diff(removed.astype(int), axis=0) >= 0).all()
+
+
+def test_a_world_with_every_robot_lost_runs_on():
+    # Story: nobody is left, yet only time ends the episode, and nothing is NaN that could be a number.
+    overrides = {"faults.schedule": (), "faults.lost": 5, "task.duration": 5.0}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides), 3)
+    run(simulation, 50)
+    assert simulation.over.all()
+    assert simulation.truncated.numpy().all()
+    assert not simulation.terminated.numpy().any()
+    assert np.isfinite(simulation.observation.numpy()).all()
+    for row in simulation.score():
+        assert math.isnan(row["recovery_time"])
+        assert math.isfinite(row["idleness_mean"])
+        assert math.isfinite(row["phase_error"])
