@@ -207,8 +207,8 @@ class World:
     def step(self, action: np.ndarray) -> None:
         """Move robots, find collisions, move and sense targets, cover cells, score, reward, hear messages.
 
-        A robot that collides has sensed and sent in the step of its collision; what the team earns in that step, and
-        the score of the formation, are already without it if it is removed.
+        A robot that collides has sensed and sent in the step of its collision and earns what that step earns; the score
+        of the formation is already without it if it is removed.
         """
         if self.over:
             self.terms[:] = 0

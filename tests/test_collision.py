@@ -177,7 +177,7 @@ def test_a_removed_robot_is_no_obstacle_and_earns_nothing_more():
     put(simulation, [[0, 0], [0.15, 0], [0.07, 0]])
     rest(simulation)
     assert simulation.score()[0]["collisions"] == 1
-    # Oracle: three targets wait, at -0.05 per second each, and only who is left pays; the collision itself costs 1.
+    # Oracle: three targets wait, at -0.05 per second each; the collision itself costs 1.
     waiting = -0.05 * 3 * 0.1
-    assert first == pytest.approx([-1, -1, waiting])
+    assert first == pytest.approx([waiting - 1, waiting - 1, waiting])
     assert simulation.reward.numpy()[0] == pytest.approx([0, 0, waiting])

@@ -121,7 +121,7 @@ def _car(scenario: Scenario, radius: float) -> list[tuple[np.ndarray, palette.Co
     wheels = [
         (_rounded(0.19, 0.085, 6.0) + np.array([x, y]), palette.WHEEL)
         for x in (-half_base, half_base)
-        for y in (-width * 0.92, width * 0.92)
+        for y in (-width, width)
     ]
     body, rim = _rounded(length, width, 4.5), _rounded(length + 0.05, width + 0.05, 4.5)
     for shape in (body, rim):
