@@ -7,6 +7,7 @@ from baselines.kuramoto import Kuramoto
 from baselines.open_loop import OpenLoop
 from baselines.patrol import RandomWaypoint, Still, Sweep
 from baselines.policy import Policy, make, names, register
+from baselines.tracked_reference import TrackedReference
 
 __all__ = ["Policy", "make", "names", "register"]
 
@@ -14,6 +15,8 @@ register("kuramoto", "curve", partial(OnCurve, Kuramoto))
 register("open-loop", "curve", partial(OnCurve, OpenLoop))
 register("kuramoto-mpcc", "car", partial(WithMpcc, Kuramoto))
 register("open-loop-mpcc", "car", partial(WithMpcc, OpenLoop))
+register("tracked-reference", "curve", partial(OnCurve, TrackedReference))
+register("tracked-reference-mpcc", "car", partial(WithMpcc, TrackedReference))
 register("sweep", "car", Sweep)
 register("random", None, RandomWaypoint)
 register("still", None, Still)

@@ -1,6 +1,6 @@
 """A coordinator over a tracker: who decides the phase rates, and what makes a robot follow them."""
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import warp as wp
@@ -25,6 +25,14 @@ class Coordinator(Protocol):
 
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
+
+
+@runtime_checkable
+class Remembering(Protocol):
+    """A coordinator that keeps something of the episode."""
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget the worlds in a mask (W,)."""
 
 
 @wp.kernel
@@ -76,6 +84,10 @@ class OnCurve(Policy):
         self.coordinator: Coordinator = coordinator(self.scenario, num_worlds, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
 
+    def _forget(self, mask: np.ndarray) -> None:
+        if isinstance(self.coordinator, Remembering):
+            self.coordinator.forget(mask)
+
     def _decide(self, observation: wp.array) -> None:
         self.coordinator.coordinate(observation)
         inputs = [self._robot, self.coordinator.phase_rate]
@@ -98,6 +110,8 @@ class WithMpcc(Policy):
 
     def _forget(self, mask: np.ndarray) -> None:
         self.mpcc.reset(np.repeat(mask, self.num_robots))
+        if isinstance(self.coordinator, Remembering):
+            self.coordinator.forget(mask)
 
     def _decide(self, observation: wp.array) -> None:
         self.coordinator.coordinate(observation)

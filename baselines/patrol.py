@@ -132,25 +132,21 @@ def row_key(w: int, i: int, observation: wp.array3d(dtype=float)) -> int:
 def wander(
     curve: CurveStruct,
     robot: RobotStruct,
-    phase_rate: int,
     goals: wp.array2d(dtype=wp.vec3),
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Drive to a random place in the rectangle and, there, choose the next; points take random phase rates."""
+    """Drive to a random place in the rectangle and, there, choose the next."""
     w, i = wp.tid()
     position = own_position(w, i, curve, observation)
     goal = goals[w, i]
     away = wp.vec2(goal[0], goal[1]) - position
-    if phase_rate == 1 or goal[2] == 0.0 or wp.length(away) < 4.0 * robot.wheelbase:
+    if goal[2] == 0.0 or wp.length(away) < 4.0 * robot.wheelbase:
         draw = draws.stream(row_key(w, i, observation), i, draws.WANDER)
         goal = wp.vec3(
             (2.0 * wp.randf(draw) - 1.0) * curve.half_width, (2.0 * wp.randf(draw) - 1.0) * curve.half_height, 1.0
         )
         goals[w, i] = goal
-    if phase_rate == 1:
-        action_out[w, i, 0] = goal[0] / curve.half_width
-        return
     speed_max = robot_speed_max(robot)
     speed = observation[w, i, 4] * speed_max
     to = wp.vec2(goal[0], goal[1])
@@ -159,6 +155,16 @@ def wander(
     action = drive_towards(robot, position, own_heading(w, i, observation), speed, to, wanted)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
+
+
+@wp.kernel
+def wander_on_curve(
+    robot: RobotStruct, rate: float, observation: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)
+):
+    """Go on along the curve at a phase rate drawn anew in each step from [0, 2 rate) [rad/s]."""
+    w, i = wp.tid()
+    draw = draws.uniform(row_key(w, i, observation), i, draws.WANDER)
+    action_out[w, i, 0] = wp.min(2.0 * rate * draw / robot.phase_rate_max, 1.0)
 
 
 class Sweep(Policy):
@@ -189,7 +195,10 @@ class Sweep(Policy):
 
 
 class RandomWaypoint(Policy):
-    """Cars that drive to one random place after another; points that take a random phase rate in each step."""
+    """Cars that drive to one random place after another; points that take a random phase rate in each step.
+
+    The rates of points are omega / alpha in the mean, so that chance does not win by speed.
+    """
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         super().__init__(scenario, num_worlds, device)
@@ -201,7 +210,12 @@ class RandomWaypoint(Policy):
         self._goals.assign(np.where(mask[:, None, None], 0.0, self._goals.numpy()).astype(np.float32))
 
     def _decide(self, observation: wp.array) -> None:
-        inputs = [self._curve, self._robot, int(self.scenario.robot.kind == "curve"), self._goals, observation]
+        if self.scenario.robot.kind == "curve":
+            rate = self.scenario.formation.phase_rate / self.scenario.alpha
+            inputs = [self._robot, rate, observation]
+            wp.launch(wander_on_curve, self.shape, inputs, outputs=[self.action], device=self.device)
+            return
+        inputs = [self._curve, self._robot, self._goals, observation]
         wp.launch(wander, self.shape, inputs, outputs=[self.action], device=self.device)
 
 

@@ -21,6 +21,9 @@ from lissajous_env.scenario import (
 # Section VII prints robots 1 to 5 with R_1 = {2, 4}, R_2 = {1, 5}, R_3 = {4, 5}, R_4 = {1, 3}, R_5 = {2, 3}.
 _EXPERIMENT_RING = (0, 1, 4, 2, 3)
 
+# With all targets there from the start, most would be detected before a fault could tell.
+_ARRIVING = Targets(count=20, arrival_rate=0.5)
+
 _EXPERIMENT = Scenario(
     name="experiment",
     description="Section VII: five cars on curve (16); robots 1 and 5 stop from 24.5 s to 34.5 s (Fig. 7 and 8).",
@@ -28,6 +31,7 @@ _EXPERIMENT = Scenario(
     formation=Formation(phase_rate=0.3, coupling=1.0, p=2, ring=_EXPERIMENT_RING, start_noise=0.02),
     robot=Robot(kind="car", radius=0.125, model_offset=3.804),
     faults=Faults(schedule=((0, 24.5, 34.5), (4, 24.5, 34.5))),
+    targets=_ARRIVING,
     # Cars that are alike to the last digit would keep the formation without any feedback; real ones do not.
     noise=Noise(wheelbase_spread=0.02, drive_spread=0.02),
     task=Task(duration=60.0),
@@ -80,6 +84,7 @@ _SCENARIOS = (
         curve=Curve(half_width=1.8, half_height=0.8, a=3, b=2),
         formation=Formation(phase_rate=0.3, p=2, start="rotated"),
         robot=Robot(kind="curve", radius=0.125),
+        targets=_ARRIVING,
         faults=Faults(schedule=((0, 9.6, 19.5), (1, 9.6, 19.5))),
         task=Task(duration=30.0),
     ),
@@ -114,6 +119,7 @@ _SCENARIOS = (
         curve=Curve(half_width=1.8, half_height=0.8, a=3, b=2, half_depth=0.8, c=7),
         formation=Formation(phase_rate=0.3, p=2, start="rotated"),
         robot=Robot(kind="curve", radius=0.125),
+        targets=_ARRIVING,
         faults=Faults(schedule=((0, 9.6, 19.5), (1, 9.6, 19.5))),
         task=Task(duration=30.0),
     ),

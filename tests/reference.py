@@ -284,7 +284,7 @@ class World:
                 if np.linalg.norm(offsets[-1]) > PARTED * touch:
                     self.touching.discard((i, j))
 
-    def _take_consequences(self) -> None:
+    def _consequences(self) -> None:
         for car, collisions in zip(self.robots, self.new_collisions, strict=True):
             if collisions and self.scenario.task.on_collision == "stop":
                 car.stopped = True

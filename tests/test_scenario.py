@@ -32,12 +32,12 @@ from lissajous_env.scenario import (
 DIGESTS = {
     "ideal": "1faa36902e4168e5",
     "perturbation": "51c7fea3dd1b2872",
-    "failure": "9ccd22f4e11dcb70",
-    "experiment": "b5e6b01628c3e10c",
-    "experiment-printed": "b575450098ae55bb",
+    "failure": "ca34ebb4fbe7a5cc",
+    "experiment": "af3a15de1c9d9be7",
+    "experiment-printed": "472cc5dbcc94c363",
     "intruders": "d160e5403c0365a2",
-    "rough": "c99f1a75d78e95b4",
-    "knot": "25b67f0dd57c6d77",
+    "rough": "e5987a7fa2125f44",
+    "knot": "0eab78b9fad0e03b",
     "swarm": "e862d9d37b90dd5a",
 }
 

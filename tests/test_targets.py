@@ -16,12 +16,13 @@ ALONE = {
     "sensing.radius": 1e-3,
     "targets.leave": False,
     "task.grid": None,
+    "targets.arrival_rate": 0.0,
 }
 WIDE = {"curve.half_width": 40.0, "curve.half_height": 30.0}
 
 
 def undisturbed(worlds=1, seed=0, name="experiment", **overrides):
-    return lissajous_env.Simulation(lissajous_env.scenario(name, **ALONE, **overrides), worlds, seed=seed)
+    return lissajous_env.Simulation(lissajous_env.scenario(name, **{**ALONE, **overrides}), worlds, seed=seed)
 
 
 def stand(simulation, steps=1):

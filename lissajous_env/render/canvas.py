@@ -68,6 +68,11 @@ class View:
         """Pixels (..., 2) of the fine surface for points (..., 2) of the world [m]."""
         return FINE * self.place(points)
 
+    def plot(self) -> pygame.Rect:
+        """Return the part of the fine surface in which the world is drawn, between status line and legend."""
+        width, height = self.fine_size
+        return pygame.Rect(0, FINE * HEADER, width, height - FINE * (HEADER + FOOTER))
+
     def rectangle(self, fine: bool) -> pygame.Rect:
         """Return the monitored rectangle in pixels of the fine surface or of the picture."""
         factor = FINE if fine else 1

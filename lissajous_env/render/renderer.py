@@ -8,17 +8,15 @@ import numpy as np
 import pygame
 
 from lissajous_env.library import scenario as make_scenario
-from lissajous_env.render import palette
 from lissajous_env.render.canvas import View, opaque, pixels
 from lissajous_env.render.ground import Ground
 from lissajous_env.render.panel import Panel
 from lissajous_env.render.snapshot import Snapshot, snapshot
 from lissajous_env.render.targets import Targets
 from lissajous_env.render.team import Team
-from lissajous_env.render.text import write, write_outlined
 from lissajous_env.render.window import Window
 from lissajous_env.scenario import Scenario
-from lissajous_env.state import REMOVED, WORKING
+from lissajous_env.state import WORKING
 
 if TYPE_CHECKING:
     from lissajous_env.simulation import Simulation
@@ -62,10 +60,11 @@ class Renderer:
         steps, trail = self._trail(seen)
         sensing = seen.position[seen.status == int(WORKING), :2]
         self._ground.draw(self._fine, seen.sensed_at, seen.step, sensing)
+        self._fine.set_clip(self.view.plot())
         self._team.draw_links(self._fine, seen, steps, trail)
         self._targets.draw(self._fine, seen)
         self._team.draw(self._fine, seen)
-        self._number(seen)
+        self._fine.set_clip(None)
         self._panel.draw(self._fine, seen)
         pygame.transform.smoothscale(self._fine, self.view.size, self.picture)
         return pixels(self.picture)
@@ -101,15 +100,3 @@ class Renderer:
             self._past.popleft()
         self._past.append((seen.step, seen.position[:, :2]))
         return np.array([step for step, _ in self._past]), np.stack([place for _, place in self._past])
-
-    def _number(self, seen: Snapshot) -> None:
-        """Write each robot's number on it, or beside it where it is small; a crowd has none."""
-        team = self._team
-        for i, place in enumerate([] if team.many else self.view.place(seen.position[:, :2])):
-            gone = seen.status[i] == int(REMOVED)
-            if team.inside and not gone:
-                write(self._fine, str(i), (place[0], place[1]), team.number_size, palette.GROUND, centred=True)
-            else:
-                away = 0.75 * team.radius + 6
-                colour = palette.REMOVED if gone else palette.INK
-                write_outlined(self._fine, str(i), (place[0] + away, place[1] - away), 13, colour)

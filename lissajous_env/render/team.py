@@ -7,6 +7,7 @@ from lissajous_env import theory
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, transparent
 from lissajous_env.render.snapshot import Snapshot
+from lissajous_env.render.text import write, write_outlined
 from lissajous_env.scenario import Scenario
 from lissajous_env.state import REMOVED, STUCK, WORKING
 
@@ -20,13 +21,13 @@ class Team:
     def __init__(self, scenario: Scenario, view: View):
         self.scenario, self.view = scenario, view
         self.many = scenario.num_robots > 40
+        """Whether the robots are a crowd: drawn small, without numbers."""
         smallest = 3.6 if self.many else 6.5
         self.radius = max(view.scale * scenario.robot.radius, smallest)
         """Radius with which a robot is drawn [px]."""
-        self.inside = self.radius > (17 if scenario.robot.kind == "car" else 8.5)
-        """Whether a number finds room on a robot."""
-        self.number_size = round(min(0.3 * self.radius + 8, 17))
-        """Height of that number [px]."""
+        self._inside = self.radius > (17 if scenario.robot.kind == "car" else 8.5)
+        self._number_size = round(min(0.3 * self.radius + 8, 17))
+        self._room = view.plot()
         ring = scenario.ring
         self._edges = [(ring[k - 1], ring[k]) for k in range(len(ring)) if len(ring) > 2 or k == 1]
         self._soft = transparent(view.fine_size)
@@ -61,15 +62,18 @@ class Team:
         surface.blit(soft, (0, 0))
 
     def draw(self, surface: pygame.Surface, snapshot: Snapshot) -> None:
-        """Draw the robots, the highest last, and rings around pairs in contact."""
+        """Draw the robots, the highest last, their numbers, and rings around pairs in contact."""
         places = self.view.fine(snapshot.position[:, :2])
         status = snapshot.status
         order = sorted(range(len(places)), key=lambda i: (status[i] != int(REMOVED), snapshot.position[i, 2]))
         for i in order:
+            colour = palette.ROBOT if status[i] == int(WORKING) else palette.STUCK
+            if not self._room.collidepoint(places[i]):
+                self._point_out(surface, i, places[i], palette.REMOVED if status[i] == int(REMOVED) else colour)
+                continue
             if status[i] == int(REMOVED):
                 self._draw_removed(surface, places[i])
                 continue
-            colour = palette.ROBOT if status[i] == int(WORKING) else palette.STUCK
             if status[i] == int(STUCK):
                 _dashed_ring(surface, palette.STUCK, places[i], FINE * (1.15 * self.radius + 4), 2 * FINE)
             if self._car is None:
@@ -80,6 +84,9 @@ class Team:
             middle = (places[i] + places[j]) / 2
             reach = float(np.linalg.norm(places[i] - places[j])) / 2 + FINE * (1.1 * self.radius + 3)
             pygame.draw.circle(surface, palette.CONTACT, middle, max(reach, 12 * FINE), 2 * FINE)
+        for i in order:
+            if not self.many and self._room.collidepoint(places[i]):
+                self._draw_number(surface, i, places[i], gone=status[i] == int(REMOVED))
 
     def _draw_point(self, surface: pygame.Surface, at: np.ndarray, heading: float, colour: palette.Colour) -> None:
         pygame.draw.polygon(surface, palette.GROUND, (at + _turned(self._rim, heading)).tolist())
@@ -90,6 +97,26 @@ class Team:
         pygame.draw.circle(surface, palette.mixed(palette.GROUND, colour, 0.45), at, FINE * self.radius, FINE)
         for shape, fill in self._car or ():
             pygame.draw.polygon(surface, colour if fill is None else fill, (at + _turned(shape, heading)).tolist())
+
+    def _point_out(self, surface: pygame.Surface, robot: int, at: np.ndarray, colour: palette.Colour) -> None:
+        """Mark a robot that has left the picture by an arrow at its edge."""
+        room = self._room.inflate(-26 * FINE, -26 * FINE)
+        edge = np.clip(at, room.topleft, room.bottomright)
+        away = (at - edge) / np.linalg.norm(at - edge)
+        shape = _turned(_drop(4.5 * FINE, 10.0 * FINE), float(np.arctan2(-away[1], away[0])))
+        pygame.draw.polygon(surface, colour, (edge + shape).tolist())
+        if not self.many:
+            x, y = edge / FINE - 14 * away
+            write_outlined(surface, str(robot), (x, y), 13, colour)
+
+    def _draw_number(self, surface: pygame.Surface, robot: int, at: np.ndarray, gone: bool) -> None:
+        """Write a robot's number on it, or beside it where it is small."""
+        x, y = at / FINE
+        if self._inside and not gone:
+            write(surface, str(robot), (x, y), self._number_size, palette.GROUND, centred=True)
+        else:
+            away = 0.75 * self.radius + 6
+            write_outlined(surface, str(robot), (x + away, y - away), 13, palette.REMOVED if gone else palette.INK)
 
     def _draw_removed(self, surface: pygame.Surface, at: np.ndarray) -> None:
         radius = FINE * self.radius

@@ -1,0 +1,161 @@
+"""What becomes of a recording: an animated GIF, a contact sheet, or a window in which it plays."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pygame
+from PIL import Image
+
+from lissajous_env.files import replacing
+from lissajous_env.render import palette
+from lissajous_env.render.renderer import Renderer
+from lissajous_env.render.window import Window
+
+if TYPE_CHECKING:
+    from lissajous_env.replay import Recording
+
+FASTEST = 30.0
+"""Most pictures a second in a window; above, moments are skipped."""
+
+
+def save_gif(
+    recording: "Recording",
+    path: str | Path,
+    *,
+    fps: float = 10.0,
+    speed: float = 1.0,
+    size: Sequence[int] | None = None,
+    on_frame: Callable[[], None] | None = None,
+) -> int:
+    """Write a recording as an animated GIF that repeats.
+
+    Args:
+        recording: What to draw.
+        path: Where to write; under a temporary name first, then renamed.
+        fps: Pictures a second at most, up to 50; moments between them are skipped.
+        speed: Seconds of the episode in a second of the GIF.
+        size: Width and height [px]; None is as in `Renderer`.
+        on_frame: Called after each picture.
+
+    Returns:
+        How many pictures it has.
+    """
+    _require_positive(fps=fps, speed=speed)
+    step = recording.scenario.task.step
+    every = max(math.ceil(speed / (min(fps, 50.0) * step) - 1e-9), 1)
+    renderer = Renderer(recording.scenario, size)
+    moments = range(0, len(recording), every)
+    colours = _colours([renderer.draw(recording.snapshot(moments[k])) for k in _spread(len(moments), 5)])
+    renderer.reset()
+
+    def pictures() -> Iterator[Image.Image]:
+        for frame in recording.frames(renderer, every):
+            yield _indexed(frame, colours)
+            if on_frame is not None:
+                on_frame()
+
+    drawn = pictures()
+    # GIF counts in hundredths of a second.
+    shown = max(round(100 * every * step / speed), 2) * 10
+    with replacing(path) as temporary:
+        next(drawn).save(
+            temporary, format="GIF", save_all=True, append_images=drawn, duration=shown, loop=0, disposal=1
+        )
+    return len(moments)
+
+
+def save_png(
+    recording: "Recording",
+    path: str | Path,
+    at: Sequence[float] | None = None,
+    *,
+    columns: int | None = None,
+    size: Sequence[int] | None = None,
+) -> None:
+    """Write pictures of a recording at some times side by side, row by row.
+
+    Args:
+        recording: What to draw.
+        path: Where to write; under a temporary name first, then renamed.
+        at: Times [s]; None takes six, from the first moment to the last.
+        columns: Pictures in a row; None makes the sheet about as wide as high.
+        size: Width and height of one picture [px]; None is as in `Renderer`.
+
+    Raises:
+        ValueError: a time outside the recording, or none.
+    """
+    step, last = recording.scenario.task.step, len(recording) - 1
+    times = [k * step for k in _spread(last + 1, 6)] if at is None else list(at)
+    if not times or not all(0 <= time <= recording.duration + step / 2 for time in times):
+        raise ValueError(f"at must hold times from 0 to {recording.duration:g} s, got {times}")
+    renderer = Renderer(recording.scenario, size)
+    frames = [renderer.draw(recording.snapshot(min(round(time / step), last))) for time in times]
+    height, width, _ = frames[0].shape
+    wide = columns or max(round(math.sqrt(len(frames) * height / width)), 1)
+    high = -(-len(frames) // wide)
+    sheet = np.full((high * height, min(wide, len(frames)) * width, 3), palette.PAPER, dtype=np.uint8)
+    for k, frame in enumerate(frames):
+        top, left = k // wide * height, k % wide * width
+        sheet[top : top + height, left : left + width] = frame
+    with replacing(path) as temporary:
+        Image.fromarray(sheet).save(temporary, format="PNG")
+
+
+def play(recording: "Recording", *, speed: float = 1.0, size: Sequence[int] | None = None) -> None:
+    """Show a recording in a window until it is closed: space pauses, left and right step, escape quits.
+
+    Raises:
+        OSError: there is no display to open a window on.
+    """
+    _require_positive(speed=speed)
+    renderer = Renderer(recording.scenario, size)
+    window = Window(renderer.view.size, f"{recording.scenario.name}, {recording.score.get('policy', '')} - lissajous")
+    rate = speed / recording.scenario.task.step
+    every = math.ceil(rate / FASTEST)
+    moment, last, paused, drawn = 0, len(recording) - 1, False, -1
+    while not window.closed:
+        if moment != drawn:
+            renderer.draw(recording.snapshot(moment))
+            drawn = moment
+        keys = window.show(renderer.picture, max(rate / every, 5.0) if not paused else FASTEST)
+        for key in keys:
+            if key == pygame.K_ESCAPE:
+                window.close()
+            elif key == pygame.K_SPACE:
+                # At the end there is nothing to go on with but the beginning.
+                moment, paused = (0, False) if moment == last else (moment, not paused)
+            elif key in (pygame.K_LEFT, pygame.K_RIGHT):
+                paused = True
+                moment = min(max(moment + (1 if key == pygame.K_RIGHT else -1), 0), last)
+        if not paused and not keys:
+            moment = min(moment + every, last)
+
+
+def _colours(frames: list[np.ndarray]) -> Image.Image:
+    """Choose one palette for all pictures, so that still parts do not flicker."""
+    own = [colour for colour in vars(palette).values() if isinstance(colour, tuple)]
+    # Dots are too few pixels to be given a colour by their number alone.
+    swatches = [palette.mixed(palette.GROUND, colour, share) for colour in own for share in (1.0, 0.6, 0.3)]
+    width = frames[0].shape[1]
+    strip = np.repeat(np.array(swatches, dtype=np.uint8)[None], 60, axis=0)
+    strip = np.repeat(strip, max(width // len(swatches), 1), axis=1)[:, :width]
+    strip = np.pad(strip, ((0, 0), (0, width - strip.shape[1]), (0, 0)), mode="edge")
+    return Image.fromarray(np.concatenate([*frames, strip])).quantize(255, method=Image.Quantize.MEDIANCUT)
+
+
+def _indexed(frame: np.ndarray, colours: Image.Image) -> Image.Image:
+    return Image.fromarray(frame).quantize(palette=colours, dither=Image.Dither.NONE)
+
+
+def _spread(count: int, wanted: int) -> list[int]:
+    """Pick some of 0 ... count - 1, evenly, the first and the last among them."""
+    return sorted(set(np.linspace(0, count - 1, wanted).round().astype(int).tolist()))
+
+
+def _require_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not 0 < value < math.inf:
+            raise ValueError(f"{name} must be positive, got {value!r}")

@@ -1,0 +1,81 @@
+"""The reward and its terms, and the flags that end an episode."""
+
+import numpy as np
+import pytest
+
+import lissajous_env
+from lissajous_env.reward import TERMS
+
+WEIGHTS = {
+    "task.reward_detection": 2.0,
+    "task.reward_waiting": -0.3,
+    "task.reward_collision": -5.0,
+    "task.reward_idleness": 0.7,
+    "task.reward_effort": -0.2,
+}
+
+
+def runs(name="experiment", worlds=8, steps=60, **overrides):
+    """Terms, rewards (steps, W, N ...) and the simulation after random actions."""
+    scenario = lissajous_env.scenario(name, **{"sensing.radius": 0.3, "robot.radius": 0.15, **overrides})
+    simulation = lissajous_env.Simulation(scenario, worlds)
+    draw, terms, rewards, actions = np.random.default_rng(0), [], [], []
+    for _ in range(steps):
+        actions.append(draw.uniform(-1.5, 1.5, simulation.action_shape).astype(np.float32))
+        simulation.step(actions[-1])
+        terms.append(simulation.reward_terms.numpy().copy())
+        rewards.append(simulation.reward.numpy().copy())
+    return np.array(terms), np.array(rewards), np.array(actions), simulation
+
+
+@pytest.mark.parametrize("name", ["experiment", "failure"])
+def test_the_reward_is_the_sum_of_its_terms_and_the_return_of_the_rewards(name):
+    # Oracle: addition.
+    terms, rewards, _, simulation = runs(name, **WEIGHTS)
+    assert terms.shape == (60, 8, 5, len(TERMS))
+    assert (np.abs(terms).max(axis=(0, 1, 2)) > 0).all(), "every term happens"
+    np.testing.assert_allclose(rewards, terms.sum(axis=-1), rtol=1e-5, atol=1e-6)
+    returns = [row["return_mean"] for row in simulation.score()]
+    assert returns == pytest.approx(rewards.astype(float).sum(axis=0).mean(axis=1), abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["experiment", "failure"])
+def test_each_term_is_its_weight_times_what_happened(name):
+    # Oracle: twice the weights, twice the terms; and counts of the events by the score.
+    terms, _, actions, simulation = runs(name, **WEIGHTS)
+    double, *_ = runs(name, **{field: 2 * weight for field, weight in WEIGHTS.items()})
+    np.testing.assert_allclose(double, 2 * terms, rtol=1e-5)
+    by_term = dict(zip(TERMS, np.moveaxis(terms.astype(float), -1, 0), strict=True))
+    rows = simulation.score()
+    collisions = by_term["collision"].sum(axis=(0, 2)) / -5.0 / 2  # two robots in each
+    assert collisions == pytest.approx([row["collisions"] for row in rows], abs=1e-4)
+    at_start = (simulation.rogues.found_at.numpy() == 0).sum(axis=1)
+    found = [row["detected_fraction"] * row["targets"] for row in rows]
+    assert by_term["detection"].sum(axis=(0, 2)) / 2.0 + at_start == pytest.approx(found, abs=1e-4)
+    # All targets are there from the start: the time each waited adds up to the times of detection.
+    waited = np.array([row["detection_time_mean"] * row["targets"] for row in rows])
+    unfound = np.array([row["targets"] for row in rows]) - found
+    expected = waited - 0.1 * (np.array(found) - at_start)  # the step of its detection is not waited
+    assert by_term["waiting"][..., 0].sum(axis=0) / -0.3 == pytest.approx(expected, abs=2e-3)
+    assert unfound.max() > 0
+    squares = (np.clip(actions, -1, 1) ** 2).mean(axis=-1)
+    np.testing.assert_allclose(by_term["effort"], -0.2 * squares, rtol=1e-5, atol=1e-7)
+
+
+def test_terms_of_the_team_are_the_same_for_all_and_terms_of_a_robot_its_own():
+    terms, *_ = runs(**WEIGHTS)
+    by_term = dict(zip(TERMS, np.moveaxis(terms, -1, 0), strict=True))
+    for name in ("waiting", "idleness"):
+        assert (by_term[name] == by_term[name][..., :1]).all()
+    for name in ("detection", "collision", "effort"):
+        assert (by_term[name] != by_term[name][..., :1]).any()
+
+
+def test_only_time_truncates_and_only_collisions_terminate():
+    terms, _, _, simulation = runs(steps=20, **{"task.duration": 3.0, "task.on_collision": "count"})
+    assert terms[..., 2].min() < 0
+    for k in range(21, 31):
+        simulation.step(np.zeros(simulation.action_shape))
+        assert (simulation.truncated.numpy() == (k == 30)).all()
+        assert not simulation.terminated.numpy().any()
+    assert simulation.over.all()
