@@ -183,14 +183,19 @@ def plan(
     return cells
 
 
-def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Any = None) -> Iterator[list[dict[str, Any]]]:
-    """Play some episodes of a cell, given by number, and yield the score rows of each batch."""
+def play(
+    cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]
+) -> Iterator[list[dict[str, Any]]]:
+    """Play some episodes of a cell, given by number, and yield the score rows of each batch.
+
+    After each step, `on_step` is called with the number of worlds that took it.
+    """
     # The size of a batch never depends on what is left to do: a policy may round otherwise in another batch.
     worlds = min(settings.batch, settings.episodes)
     policy = cell.factory(cell.scenario, worlds, settings.device)
     numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
-    for batch in episodes(policy, cell.scenario, seeds, settings.device, on_step):
+    for batch in episodes(policy, cell.scenario, seeds, settings.device, lambda _: on_step(worlds)):
         yield [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
 
 

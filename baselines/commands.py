@@ -98,12 +98,18 @@ def run(
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines import report
-    from lissajous_env import replay
+    from lissajous_env.commands import check_file, show
+    from lissajous_env.replay import record
 
-    if out is not None and out.suffix.lower() not in (".gif", ".png", ".npz"):
-        raise ValueError(f"out must end in .gif, .png or .npz, got {out}")
-    changed = parse_overrides(overrides)
-    settings = Benchmark((scenario,), (policy,), 1, seed, 1, device, overrides=changed)
+    check_file(out, ".gif", ".png", ".npz")
+    settings = Benchmark((scenario,), (policy,), 1, seed, 1, device, overrides=parse_overrides(overrides))
     (cell,) = plan(settings)
+    with Progress([(cell, [0])]) as progress:
+        progress.begin(cell)
+        made = cell.factory(cell.scenario, 1, device)
+        recording = record(made, cell.scenario, seed, device, on_step=lambda: progress.step(1))
+        progress.finished(1)
+        progress.end()
     console = report.wide_console()
-    raise NotImplementedError(replay, cell, console)
+    report.print_row(console, recording.score | {"policy": policy})
+    show(recording, out)

@@ -40,9 +40,9 @@ class Progress:
         self._name = f"{cell.scenario.name} [bold cyan]{cell.policy}[/]"
         self._bar.update(self._task, description=f"{self._name} [dim]preparing[/]", refresh=True)
 
-    def step(self, simulation: Any) -> None:
-        """Note that a batch took a step."""
-        self._gone += min(simulation.num_worlds, self._left[id(self._cell)] - self._cell_done)
+    def step(self, worlds: int) -> None:
+        """Note that a batch of some worlds took a step."""
+        self._gone += min(worlds, self._left[id(self._cell)] - self._cell_done)
         now = time.monotonic()
         if now - self._shown > _EVERY:
             self._shown = now

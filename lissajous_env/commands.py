@@ -1,4 +1,16 @@
-"""Commands about the world itself: which scenarios there are."""
+"""Commands about the world itself: which scenarios there are, and recordings of episodes."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+if TYPE_CHECKING:
+    from lissajous_env.replay import Recording
+
+_File = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 
 
 def scenarios() -> None:
@@ -38,3 +50,59 @@ def scenarios() -> None:
         console.print()
     words = "N robots; r_s sensing radius; T_max = (2 pi / omega) / (N / kappa), by which a target is detected."
     console.print(words, style="dim", highlight=False)
+
+
+def replay(file: _File, out: _Out = None, speed: float = 1.0, fps: float = 10.0) -> None:
+    """Show a recording: in a window, or as a GIF or PNG file.
+
+    Args:
+        file: recording, as `lissajous run SCENARIO POLICY --out FILE.npz` writes it.
+        out: .gif or .png to write; without it a window opens: space pauses, left and right step, escape quits.
+        speed: seconds of the episode shown in one second.
+        fps: pictures a second of a GIF.
+    """
+    from lissajous_env.replay import load
+
+    check_file(out, ".gif", ".png")
+    if not file.is_file():
+        raise ValueError(f"file must be a recording (.npz), but there is no file {file}")
+    show(load(file), out, speed, fps)
+
+
+def check_file(out: Path | None, *suffixes: str) -> None:
+    """Refuse a file to write whose format or folder is not there, before any work is done.
+
+    Raises:
+        ValueError: another suffix, or a folder that does not exist.
+    """
+    if out is None:
+        return
+    if out.suffix.lower() not in suffixes:
+        raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}")
+    if not out.absolute().parent.is_dir():
+        raise ValueError(f"out must be in a folder that is there, got {out}")
+
+
+def show(recording: "Recording", out: Path | None, speed: float = 1.0, fps: float = 10.0) -> None:
+    """Show a recording in a window where there is a display, or write it to a file by its suffix."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from lissajous_env.replay import play
+
+    if out is None:
+        try:
+            play(recording, speed=speed)
+        except OSError as error:
+            print(f"{error}; --out writes to a file", file=sys.stderr)
+        return
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(f"drawing {out.name}", total=max(recording.duration * fps / max(speed, 1e-9), 1))
+        if out.suffix.lower() == ".gif":
+            recording.save_gif(out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
+        elif out.suffix.lower() == ".png":
+            recording.save_png(out)
+        else:
+            recording.save(out)
+    print(f"wrote {out}")

@@ -84,7 +84,7 @@ class LissajousParallelEnv(ParallelEnv):
         self.agents = list(self.possible_agents)
         self._begin_rendering()
         observations = dict(zip(self.agents, self._host(self._observation), strict=True))
-        terms = self._host(self._terms) * 0
+        terms = self._host(self._terms)
         infos = {agent: {"reward_terms": row} for agent, row in zip(self.agents, terms, strict=True)}
         return observations, infos
 

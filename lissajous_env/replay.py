@@ -206,7 +206,7 @@ def load(path: str | Path) -> Recording:
             if about["format"] != FORMAT:
                 raise ValueError(f"its format is {about['format']!r}, not {FORMAT!r}")
             arrays = {name: stored[name] for name in ARRAYS}
-            parts = {name: part(**about["scenario"].pop(name)) for name, part in PARTS.items()}
+            parts: dict[str, Any] = {name: part(**about["scenario"].pop(name)) for name, part in PARTS.items()}
             recording = Recording(scenario=Scenario(**about["scenario"], **parts), score=about["score"], **arrays)
             _check(recording)
     except (ValueError, TypeError, KeyError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error) as error:

@@ -4,7 +4,7 @@ import warp as wp
 
 from lissajous_env.compilation import OPTIONS
 from lissajous_env.scenario import Task
-from lissajous_env.state import IDLE, Clock, Robots, Step, Tally
+from lissajous_env.state import Step, Tally
 from lissajous_env.structs import struct_of
 
 wp.set_module_options(OPTIONS)
@@ -14,32 +14,12 @@ TaskStruct = struct_of(Task)
 TERMS = ("detection", "waiting", "collision", "idleness", "effort")
 
 
-@wp.kernel
-def give_reward(
-    first: int,
-    lanes: int,
-    task: TaskStruct,
-    steps: int,
-    cells_total: int,
-    clock: Clock,
-    robots: Robots,
-    step_out: Step,
-    tally: Tally,
-):
+@wp.func
+def give_reward(w: int, over: bool, task: TaskStruct, cells_total: int, step_out: Step, tally: Tally):
     """Reward each robot for the latest step: the weighted sum of the terms in `TERMS`."""
-    tid, lane = wp.tid()
-    w = first + tid
-    n = robots.status.shape[1]
-    if clock.stage[w] == IDLE:
-        for i in range(lane, n, lanes):
-            for term in range(5):
-                step_out.terms[w, i, term] = 0.0
-            step_out.reward[w, i] = 0.0
-        return
     waiting = task.reward_waiting * float(step_out.waiting[w]) * task.step
     idleness = task.reward_idleness * float(step_out.idle_ended[w]) * task.step / float(wp.max(cells_total, 1))
-    over = clock.step[w] >= steps
-    for i in range(lane, n, lanes):
+    for i in range(step_out.reward.shape[1]):
         # A robot that a collision removed in an earlier step has no part in what the team earns after it.
         part = wp.where(step_out.terminated[w, i] and step_out.collisions[w, i] == 0, 0.0, 1.0)
         detection = task.reward_detection * float(step_out.detections[w, i])
@@ -54,3 +34,12 @@ def give_reward(
         step_out.reward[w, i] = reward
         tally.returns[w, i] += reward
         step_out.truncated[w, i] = over
+
+
+@wp.func
+def give_nothing(w: int, step_out: Step):
+    """Reward a world that begins, or that ended in an earlier step."""
+    for i in range(step_out.reward.shape[1]):
+        for term in range(5):
+            step_out.terms[w, i, term] = 0.0
+        step_out.reward[w, i] = 0.0

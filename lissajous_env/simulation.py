@@ -17,7 +17,7 @@ from lissajous_env.curve import CurveStruct
 from lissajous_env.device import as_device, compile_quietly
 from lissajous_env.faults import FaultsStruct, removal_steps, reset_losses, schedule_steps
 from lissajous_env.observation import Layout, Scales, layout, observe
-from lissajous_env.reward import TERMS, TaskStruct, give_reward
+from lissajous_env.reward import TERMS, TaskStruct
 from lissajous_env.robot import FormationStruct, NoiseStruct, RobotStruct, move_cars, move_points, reset_robots
 from lissajous_env.scenario import Scenario
 from lissajous_env.score import score_rows
@@ -153,6 +153,7 @@ class Simulation:
         self.latest = allocate(Step, terms, robot, self.device)
         self.tally = allocate(Tally, {"contact": (w, n, n), "returns": robot}, each, self.device)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
+        self._action_host = self.action.numpy()  # on a CPU the same memory
         self.observation = wp.zeros((w, n, self.layout.size), dtype=wp.float32, device=self.device)
         self.final_observation = wp.zeros_like(self.observation)
         self._seeds = wp.zeros(w, dtype=wp.int32, device=self.device)
@@ -196,7 +197,6 @@ class Simulation:
                            self.action, clock, robots, self.links, latest]),
             (find_collisions, lanes, [*lanes, of.robot, clock, robots, latest, tally]),
             *self._sensing_recipe(of, begin=0),
-            (give_reward, lanes, [*lanes, of.task, of.steps, of.cells_total, clock, robots, latest, tally]),
             self._observing(of, begin=0),
         ]  # fmt: skip
 
@@ -208,8 +208,8 @@ class Simulation:
             (move_targets, slots, [*slots, begin, of.curve, of.targets, of.step, of.scales.radius, clock, robots,
                                    self.rogues, latest]),
             *([covering] if of.cells_total > 0 else []),
-            (keep_score, (), [begin, of.curve, of.formation, of.steps, of.cells_total, of.on_collision, of.equilibrium,
-                              of.neighbours, clock, robots, latest, tally]),
+            (keep_score, (), [begin, of.curve, of.formation, of.task, of.steps, of.cells_total, of.on_collision,
+                              of.equilibrium, of.neighbours, clock, robots, latest, tally]),
         ]  # fmt: skip
 
     def _observing(self, of: "_Constants", begin: int) -> tuple:
@@ -238,7 +238,7 @@ class Simulation:
 
     def _take(self, action: Any) -> None:
         if isinstance(action, np.ndarray) and self.device.is_cpu and action.shape == self.action_shape:
-            np.copyto(self.action.numpy(), action, casting="same_kind")
+            np.copyto(self._action_host, action, casting="same_kind")
             return
         if type(action).__module__.partition(".")[0] == "torch":
             action = wp.from_torch(action.detach().float().contiguous())  # type: ignore[union-attr]

@@ -6,6 +6,7 @@ from lissajous_env import draws
 from lissajous_env.collision import COUNT, take_consequence
 from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import CurveStruct, curve_parameter, wrap
+from lissajous_env.reward import TaskStruct, give_nothing, give_reward
 from lissajous_env.robot import FormationStruct, lateral_error
 from lissajous_env.state import ENDED, IDLE, NEVER, REMOVED, RUNNING, STUCK, Clock, Robots, Step, Tally
 from lissajous_env.trig import cos_sin
@@ -80,6 +81,7 @@ def keep_score(
     begin: int,
     curve: CurveStruct,
     formation: FormationStruct,
+    task: TaskStruct,
     steps: int,
     cells_total: int,
     on_collision: int,
@@ -90,12 +92,13 @@ def keep_score(
     step_out: Step,
     tally: Tally,
 ):
-    """Let collisions have their consequence, add the latest step to the score, and let the clock go on."""
+    """Let collisions have their consequence, add the latest step to the score, reward it, and let the clock go on."""
     w = first + wp.tid()
     if begin == 1 and clock.fresh[w] == 0:
         return
     if begin == 0 and clock.stage[w] != RUNNING:
         clock.stage[w] = IDLE
+        give_nothing(w, step_out)
         return
     now = clock.step[w] + 1 - begin
     n = robots.status.shape[1]
@@ -143,3 +146,7 @@ def keep_score(
             tally.covered_each_at[w] = now
     clock.step[w] = now
     clock.stage[w] = wp.where(now >= steps or running == 0, ENDED, RUNNING)
+    if begin == 1:
+        give_nothing(w, step_out)
+    else:
+        give_reward(w, now >= steps, task, cells_total, step_out, tally)

@@ -124,7 +124,17 @@ def test_a_policy_that_raises_ends_with_exit_code_1(tmp_path):
 
 
 def test_evaluate_prints_statistics_and_writes_the_rows(tmp_path):
-    arguments = ["evaluate", "still", "failure", "--episodes", "3", "--set", "task.duration=2", "targets.count=7", "targets.arrival_rate=0"]
+    arguments = [
+        "evaluate",
+        "still",
+        "failure",
+        "--episodes",
+        "3",
+        "--set",
+        "task.duration=2",
+        "targets.count=7",
+        "targets.arrival_rate=0",
+    ]
     ended = lissajous(*arguments, "--out", tmp_path / "rows.csv")
     assert ended.returncode == 0
     assert re.search(r"^targets +7 ", ended.stdout, re.MULTILINE)

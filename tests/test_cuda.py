@@ -11,7 +11,7 @@ import lissajous_env
 from lissajous_env.device import as_device, compile_quietly
 
 DEVICE_CODE = (
-    *(f"lissajous_env.{m}" for m in ("robot", "targets", "collision", "coverage", "tally", "reward", "observation")),
+    *(f"lissajous_env.{m}" for m in ("robot", "targets", "collision", "coverage", "tally", "observation")),
     *(f"baselines.{m}" for m in ("coordinated", "kuramoto", "patrol", "mpcc_kernel")),
 )
 

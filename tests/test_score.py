@@ -61,22 +61,36 @@ def test_what_never_was_is_nan():
     assert row["targets"] == 0
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_formation_of_points_recovers_by_the_kuramoto_law(seed):
-    # Oracle: the paper's failure of neighbours 1 and 2, simulated independently: the deviation is below 0.05 rad 2.5 s
-    # after the resume, and as fast as 1.3 s for robots that are not neighbours.
-    scenario = lissajous_env.scenario("failure")
-    simulation = lissajous_env.Simulation(scenario, seed=seed)
-    (row,) = played(simulation, kuramoto(simulation.scenario))
-    assert row["recovery_time"] == pytest.approx(2.5, abs=0.4)
-    assert row["phase_error"] > 0.5
-    apart = lissajous_env.scenario(scenario, **{"faults.schedule": ((0, 9.6, 19.5), (2, 9.6, 19.5))})
-    simulation = lissajous_env.Simulation(apart, seed=seed)
-    assert played(simulation, kuramoto(simulation.scenario))[0]["recovery_time"] == pytest.approx(1.3, abs=0.4)
+def fine_recovery(stuck, first, last, step=1e-3):
+    """Recovery time and largest deviation of (1) in small Euler steps, with robots stuck from `first` to `last` [s]."""
+    phases = equilibrium = 2 * math.pi * 2 * np.arange(5) / 5
+    around = np.array([[(i - 1) % 5, (i + 1) % 5] for i in range(5)])
+    deviations = []
+    for k in range(round(30 / step)):
+        rates = 0.3 - np.sin(phases[around] - phases[:, None]).sum(axis=1)
+        if first - 1e-9 <= k * step < last - 1e-9:
+            rates[stuck] = 0
+        phases = phases + step * rates
+        offsets = np.exp(1j * (phases - equilibrium))
+        deviations.append(np.abs(np.angle(offsets / offsets.mean())).max())
+    return (np.flatnonzero(np.array(deviations) >= 0.05).max() + 2) * step - last, max(deviations)
+
+
+@pytest.mark.parametrize("stuck", [[0, 1], [0, 2]])
+def test_a_formation_of_points_recovers_by_the_kuramoto_law(stuck):
+    # Oracle: the paper's failure, equation (1) in steps of 1 ms; the control step of 0.1 s costs a step or so. By the
+    # largest difference of two offsets, which another simulation of it used, it takes 2.5 s for neighbours.
+    faults = {"faults.schedule": tuple((robot, 9.6, 19.5) for robot in stuck)}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **faults), 4)
+    recovery, deviation = fine_recovery(stuck, 9.6, 19.5)
+    for row in played(simulation, kuramoto(simulation.scenario)):
+        assert row["recovery_time"] == pytest.approx(recovery, abs=0.15)
+        assert 0.9 < row["recovery_time"] < 4
+        assert row["phase_error"] == pytest.approx(deviation, rel=0.01)
 
 
 def test_without_feedback_a_formation_never_recovers():
-    # Oracle: paper-free reasoning: theta' = omega keeps every offset, so the deviation stays.
+    # Oracle: theta' = omega keeps every offset, so the deviation stays.
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"))
     (row,) = played(simulation, constant(simulation.scenario))
     assert math.isnan(row["recovery_time"])
@@ -106,7 +120,7 @@ def test_the_phase_error_of_a_displaced_robot():
     turn = math.atan2(math.sin(0.25), 9 + math.cos(0.25))
     assert simulation.score()[0]["phase_error"] == pytest.approx(0.25 - turn, abs=1e-5)
     (row,) = played(simulation, kuramoto(simulation.scenario))
-    assert simulation.tally.phase_error.numpy()[0] < 1e-3
+    assert simulation.tally.phase_error.numpy()[0] < 0.02 * row["phase_error"]
     assert row["phase_error"] == pytest.approx(0.25 - turn, abs=1e-5)
 
 
@@ -120,8 +134,8 @@ def test_the_phase_error_does_not_see_where_the_formation_is():
 
 @pytest.mark.parametrize(("name", "tight"), [("failure", True), ("ideal", True), ("perturbation", False)])
 def test_the_spacing_of_the_formation_is_what_8_says(name, tight):
-    # Oracle: (8) is tight for odd N, where the largest distance of neighbours in a lap is 2 r_s, and slightly above what
-    # is reached for even N (2.162 of 2.185 for 5, 5, 7, 3).
+    # Oracle: (8) is tight for odd N, where the largest distance of neighbours in a lap is 2 r_s, and slightly above
+    # what is reached for even N (2.162 of 2.185 for 5, 5, 7, 3).
     overrides = {"faults.schedule": (), "formation.displaced": (), "targets.count": 0, "formation.phase_rate": 0.6}
     scenario = lissajous_env.scenario(name, **overrides, **{"task.duration": 2 * math.pi / 0.6, "task.grid": None})
     simulation = lissajous_env.Simulation(scenario)

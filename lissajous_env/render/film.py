@@ -1,7 +1,7 @@
 """What becomes of a recording: an animated GIF, a contact sheet, or a window in which it plays."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,8 @@ from PIL import Image
 
 from lissajous_env.files import replacing
 from lissajous_env.render import palette
+from lissajous_env.render.canvas import View
+from lissajous_env.render.gif import GifWriter
 from lissajous_env.render.renderer import Renderer
 from lissajous_env.render.window import Window
 
@@ -37,7 +39,7 @@ def save_gif(
         path: Where to write; under a temporary name first, then renamed.
         fps: Pictures a second at most, up to 50; moments between them are skipped.
         speed: Seconds of the episode in a second of the GIF.
-        size: Width and height [px]; None is as in `Renderer`.
+        size: Width and height [px]; None is three quarters of the size that `Renderer` takes.
         on_frame: Called after each picture.
 
     Returns:
@@ -46,24 +48,20 @@ def save_gif(
     _require_positive(fps=fps, speed=speed)
     step = recording.scenario.task.step
     every = max(math.ceil(speed / (min(fps, 50.0) * step) - 1e-9), 1)
+    if size is None:
+        size = [length * 3 // 4 for length in View.of(recording.scenario).size]
     renderer = Renderer(recording.scenario, size)
     moments = range(0, len(recording), every)
-    colours = _colours([renderer.draw(recording.snapshot(moments[k])) for k in _spread(len(moments), 5)])
-    renderer.reset()
-
-    def pictures() -> Iterator[Image.Image]:
+    samples = [renderer.draw(recording.snapshot(moments[k])) for k in _spread(len(moments), 5)]
+    # GIF counts in hundredths of a second, and most that show it cannot do less than two.
+    shown = max(round(100 * every * step / speed), 2)
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        writer = GifWriter(file, samples, shown)
         for frame in recording.frames(renderer, every):
-            yield _indexed(frame, colours)
+            writer.add(frame)
             if on_frame is not None:
                 on_frame()
-
-    drawn = pictures()
-    # GIF counts in hundredths of a second.
-    shown = max(round(100 * every * step / speed), 2) * 10
-    with replacing(path) as temporary:
-        next(drawn).save(
-            temporary, format="GIF", save_all=True, append_images=drawn, duration=shown, loop=0, disposal=1
-        )
+        writer.close()
     return len(moments)
 
 
@@ -132,22 +130,6 @@ def play(recording: "Recording", *, speed: float = 1.0, size: Sequence[int] | No
                 moment = min(max(moment + (1 if key == pygame.K_RIGHT else -1), 0), last)
         if not paused and not keys:
             moment = min(moment + every, last)
-
-
-def _colours(frames: list[np.ndarray]) -> Image.Image:
-    """Choose one palette for all pictures, so that still parts do not flicker."""
-    own = [colour for colour in vars(palette).values() if isinstance(colour, tuple)]
-    # Dots are too few pixels to be given a colour by their number alone.
-    swatches = [palette.mixed(palette.GROUND, colour, share) for colour in own for share in (1.0, 0.6, 0.3)]
-    width = frames[0].shape[1]
-    strip = np.repeat(np.array(swatches, dtype=np.uint8)[None], 60, axis=0)
-    strip = np.repeat(strip, max(width // len(swatches), 1), axis=1)[:, :width]
-    strip = np.pad(strip, ((0, 0), (0, width - strip.shape[1]), (0, 0)), mode="edge")
-    return Image.fromarray(np.concatenate([*frames, strip])).quantize(255, method=Image.Quantize.MEDIANCUT)
-
-
-def _indexed(frame: np.ndarray, colours: Image.Image) -> Image.Image:
-    return Image.fromarray(frame).quantize(palette=colours, dither=Image.Dither.NONE)
 
 
 def _spread(count: int, wanted: int) -> list[int]:

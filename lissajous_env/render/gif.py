@@ -1,0 +1,62 @@
+"""Animated GIFs, written picture by picture: Pillow's own writer keeps every one in memory until the last."""
+
+import struct
+from typing import BinaryIO
+
+import numpy as np
+from PIL import GifImagePlugin, Image
+
+from lissajous_env.render import palette
+
+_SAME = 255
+"""Colour that lets the picture before show through."""
+
+
+class GifWriter:
+    """Writes pictures (H, W, 3) uint8 of one size to a file; `close` ends it.
+
+    Args:
+        file: Where to write.
+        samples: Some of the pictures: the colours of all are chosen from them, so that still parts do not flicker.
+        duration: How long each picture is shown, in hundredths of a second.
+    """
+
+    def __init__(self, file: BinaryIO, samples: list[np.ndarray], duration: int):
+        self._file, self._duration = file, duration
+        self._colours = _chosen_colours(samples)
+        self._before: np.ndarray | None = None
+        height, width, _ = samples[0].shape
+        table = bytes(self._colours.getpalette() or b"").ljust(3 * 256, b"\0")
+        file.write(b"GIF89a" + struct.pack("<HHBBB", width, height, 0b1111_0111, 0, 0) + table)
+        file.write(b"\x21\xff\x0bNETSCAPE2.0\x03\x01" + struct.pack("<HB", 0, 0))  # repeat for ever
+
+    def add(self, picture: np.ndarray) -> None:
+        """Write one picture: of it, the smallest rectangle that holds all that has changed."""
+        indexed = np.array(Image.fromarray(picture).quantize(palette=self._colours, dither=Image.Dither.NONE))
+        top, left, bottom, right = 0, 0, *indexed.shape
+        shown = indexed
+        if self._before is not None:
+            same = indexed == self._before
+            changed = np.argwhere(~same)
+            (top, left), (bottom, right) = (changed.min(0), changed.max(0) + 1) if len(changed) else ((0, 0), (1, 1))
+            shown = np.where(same, _SAME, indexed)[top:bottom, left:right].astype(np.uint8)
+        self._before = indexed
+        image = Image.frombytes("P", (shown.shape[1], shown.shape[0]), np.ascontiguousarray(shown).tobytes())
+        how = {"duration": 10 * self._duration, "transparency": _SAME, "disposal": 1, "include_color_table": False}
+        for block in GifImagePlugin.getdata(image, (int(left), int(top)), **how):
+            self._file.write(block)
+
+    def close(self) -> None:
+        """Write the end of the GIF; the file stays open."""
+        self._file.write(b";")
+
+
+def _chosen_colours(samples: list[np.ndarray]) -> Image.Image:
+    """Choose 255 colours; the last one of 256 is kept for what shows through."""
+    own = [colour for colour in vars(palette).values() if isinstance(colour, tuple)]
+    # Dots are too few pixels to be given a colour by their number alone.
+    shares = (1.0, 0.8, 0.6, 0.45, 0.3, 0.15)
+    swatches = np.array([palette.mixed(palette.GROUND, colour, share) for colour in own for share in shares], np.uint8)
+    _, width, _ = samples[0].shape
+    strip = np.resize(np.repeat(swatches, 600, axis=0), (600 * len(swatches) // width + 1, width, 3))
+    return Image.fromarray(np.concatenate([*samples, strip])).quantize(255, method=Image.Quantize.MEDIANCUT)

@@ -1,0 +1,246 @@
+"""What a robot observes: the layout that the docstring promises, messages, noise, and the lists of what is near."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+import lissajous_env
+from lissajous_env import observation
+
+OWN, LINK = 8, 6
+QUIET = {"targets.count": 0, "task.grid": None, "formation.start_noise": 0.0, "faults.schedule": ()}
+
+
+def rows_of(simulation):
+    return simulation.observation.numpy().copy()
+
+
+def entry(simulation, name):
+    return simulation.layout.names.index(name)
+
+
+def step(simulation, value=0.3):
+    simulation.step(np.full(simulation.action_shape, value, dtype=np.float32))
+
+
+@pytest.mark.parametrize(("robots", "targets"), [(2, 4), (0, 0), (3, 1), (0, 5), (4, 0)])
+def test_the_layout_is_the_table_of_the_docstring(robots, targets):
+    # Oracle: the table, read as text: its indices, ranges and the order of its names.
+    scenario = lissajous_env.scenario("failure", **{"sensing.robots_seen": robots, "sensing.targets_seen": targets})
+    layout = observation.layout(scenario)
+    assert layout.size == len(layout.names) == len(layout.low) == len(layout.high) == 20 + 5 * robots + 3 * targets
+    assert len(set(layout.names)) == layout.size
+    lines = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in observation.__doc__.splitlines()
+        if "|" in line
+    ]
+    table = {index: (name, reach) for index, name, _, reach in lines[2:]}
+    assert len(table) == 16
+    firsts = {
+        "0": ("x", 0), "1": ("y", 1), "2, 3": ("cos_heading", 2), "4": ("speed", 4), "5, 6": ("cos_phase", 5),
+        "7": ("works", 7), "8 + 6 k": ("neighbour_1_heard", 14), "9 + 6 k": ("neighbour_1_age", 15),
+        "10, 11 + 6 k": ("neighbour_1_cos_phase", 16), "12 + 6 k": ("neighbour_1_x", 18),
+        "13 + 6 k": ("neighbour_1_y", 19),
+    }  # fmt: skip
+    if robots:
+        last = 20 + 5 * (robots - 1)
+        firsts["20 + 5 k"] = (f"robot_{robots - 1}_present", last)
+        firsts["21, 22 + 5 k"] = (f"robot_{robots - 1}_x", last + 1)
+        firsts["23, 24 + 5 k"] = (f"robot_{robots - 1}_x_velocity", last + 3)
+    if targets:
+        last = 20 + 5 * robots + 3 * (targets - 1)
+        firsts["20 + 5 R + 3 k"] = (f"target_{targets - 1}_present", last)
+        firsts["... 1, 2"] = (f"target_{targets - 1}_x", last + 1)
+    for index, (name, place) in firsts.items():
+        assert layout.names[place] == name
+        _, reach = table[index]
+        low, high = (float(number) for number in re.findall(r"-?\d+", reach))
+        assert (layout.low[place], layout.high[place]) == (low, high)
+
+
+@pytest.mark.parametrize("name", ["rough", "failure", "intruders"])
+def test_a_row_holds_its_own_robot(name):
+    # Oracle: the state, divided as the table says.
+    simulation = lissajous_env.Simulation(lissajous_env.scenario(name), 4, seed=2)
+    curve, unit = simulation.scenario.curve, simulation.speed_scale
+    for _ in range(20):
+        step(simulation)
+    robots = simulation.robots
+    x, y, heading, speed = np.moveaxis(robots.measured.numpy(), -1, 0)
+    phase = robots.measured_phase.numpy()
+    expected = [x / curve.half_width, y / curve.half_height, np.cos(heading), np.sin(heading), speed / unit]
+    expected += [np.cos(phase), np.sin(phase), robots.status.numpy() == 0]
+    np.testing.assert_allclose(rows_of(simulation)[..., :8], np.clip(np.stack(expected, axis=-1), -4, 4), atol=1e-6)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.4])
+def test_a_message_is_heard_a_delay_after_it_was_sent(delay):
+    # Oracle: phases and places of `delay` ago, kept by the test; the difference is to one's own of now.
+    scenario = lissajous_env.scenario("failure", **QUIET, **{"noise.message_delay": delay, "formation.start": "random"})
+    simulation = lissajous_env.Simulation(scenario, 3, seed=1)
+    curve, late = scenario.curve, round(delay / 0.1)
+    history = []
+    draw = np.random.default_rng(0)
+    for now in range(30):
+        robots = simulation.robots
+        history.append((robots.phase.numpy().copy(), robots.position.numpy().copy()))
+        rows = rows_of(simulation)
+        for side in range(2):
+            start = OWN + LINK * side
+            if now < late:
+                assert (rows[..., start : start + LINK] == 0).all()
+                continue
+            other = scenario.neighbours[:, side]
+            sent_phase, sent_place = (each[:, other] for each in history[now - late])
+            lead = sent_phase - history[now][0]
+            away = (sent_place - history[now][1])[..., :2] / (2 * np.array([curve.half_width, curve.half_height]))
+            expected = [
+                np.ones_like(lead),
+                np.full_like(lead, delay),
+                np.cos(lead),
+                np.sin(lead),
+                *np.moveaxis(away, -1, 0),
+            ]
+            np.testing.assert_allclose(rows[..., start : start + LINK], np.stack(expected, axis=-1), atol=1e-5)
+        simulation.step(draw.uniform(-1, 1, simulation.action_shape).astype(np.float32))
+
+
+def test_lost_messages_are_lost_at_their_rate_and_age():
+    # Oracle: binomial; ages of a geometric distribution, capped at 1 s; what was heard last stays.
+    scenario = lissajous_env.scenario("failure", **QUIET, **{"noise.message_loss": 0.3})
+    simulation = lissajous_env.Simulation(scenario, 400)
+    ages = [entry(simulation, f"neighbour_{k}_age") for k in range(2)]
+    heard = [entry(simulation, f"neighbour_{k}_heard") for k in range(2)]
+    never, history = 1 - rows_of(simulation)[..., heard], []
+    assert never.mean() == pytest.approx(0.3, abs=4 * math.sqrt(0.21 / never.size))
+    for _ in range(60):
+        step(simulation)
+        history.append(rows_of(simulation)[..., ages])
+    history = np.array(history)
+    lost = history[20:] > 0
+    deviation = 4 * math.sqrt(0.21 / lost.size)
+    assert lost.mean() == pytest.approx(0.3, abs=deviation)
+    twice = history[20:] > 0.15
+    assert twice.mean() == pytest.approx(0.09, abs=deviation)
+    assert (lost[1:] & lost[:-1]).mean() == pytest.approx(0.09, abs=deviation)
+    assert abs(np.corrcoef(lost[..., 0].ravel(), lost[..., 1].ravel())[0, 1]) < 0.02
+
+
+def test_with_every_message_lost_nothing_is_heard():
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **QUIET, **{"noise.message_loss": 1.0}))
+    for _ in range(5):
+        step(simulation)
+        assert (rows_of(simulation)[..., OWN : OWN + 2 * LINK] == 0).all()
+
+
+def test_an_old_message_is_at_most_a_second_old():
+    # Story: robot 0 is removed after 0.5 s; to its neighbours its last message grows old, up to 1 s.
+    overrides = {**QUIET, "faults.removed": ((0, 0.5),)}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides))
+    ages = []
+    for _ in range(20):
+        step(simulation)
+        ages.append(rows_of(simulation)[0, 1, entry(simulation, "neighbour_0_age")])
+    assert ages == pytest.approx([0.0] * 5 + [min(0.1 * k, 1.0) for k in range(1, 16)], abs=1e-6)
+
+
+@pytest.mark.parametrize("field", ["position", "heading", "speed"])
+def test_measurements_have_the_noise_that_was_asked_for(field):
+    # Oracle: mean and deviation of independent normal draws; the truth is not touched.
+    spread = 0.02
+    scenario = lissajous_env.scenario("experiment", **{**QUIET, f"noise.{field}": spread})
+    simulation = lissajous_env.Simulation(scenario, 300)
+    exact = lissajous_env.Simulation(lissajous_env.scenario("experiment", **QUIET), 300)
+    errors = []
+    for _ in range(10):
+        step(simulation)
+        step(exact)
+        robots = simulation.robots
+        np.testing.assert_array_equal(robots.position.numpy(), exact.robots.position.numpy())
+        np.testing.assert_array_equal(robots.phase.numpy(), exact.robots.phase.numpy())
+        truth = np.dstack([robots.position.numpy()[..., :2], robots.heading.numpy(), robots.speed.numpy()])
+        errors.append(robots.measured.numpy() - truth)
+    errors = np.array(errors)
+    noisy = {"position": [0, 1], "heading": [2], "speed": [3]}[field]
+    assert (errors[..., [k for k in range(4) if k not in noisy]] == 0).all()
+    drawn = errors[..., noisy]
+    assert abs(drawn.mean()) < 4 * spread / math.sqrt(drawn.size)
+    assert drawn.std() == pytest.approx(spread, rel=0.02)
+    assert (drawn**4).mean() / drawn.var() ** 2 == pytest.approx(3, abs=0.25)
+    assert abs(np.corrcoef(drawn[3].ravel(), drawn[4].ravel())[0, 1]) < 0.07
+    assert abs(np.corrcoef(drawn[:, :, 0].ravel(), drawn[:, :, 1].ravel())[0, 1]) < 0.07
+
+
+def test_actuator_noise_is_added_to_the_action():
+    # Oracle: mean and deviation of the rate with which the phase went on, in units of the action.
+    scenario = lissajous_env.scenario("failure", **QUIET, **{"noise.actuator": 0.1})
+    simulation = lissajous_env.Simulation(scenario, 500)
+    drawn = []
+    for _ in range(10):
+        before = simulation.robots.phase.numpy().copy()
+        step(simulation, 0.2)
+        moved = np.angle(np.exp(1j * (simulation.robots.phase.numpy() - before)))
+        drawn.append(moved / 0.1 / simulation.scenario.robot.phase_rate_max - 0.2)
+    drawn = np.array(drawn)
+    assert abs(drawn.mean()) < 4 * 0.1 / math.sqrt(drawn.size)
+    assert drawn.std() == pytest.approx(0.1, rel=0.02)
+    # However large an action, the noise is there: it is added to what was clipped.
+    before = simulation.robots.phase.numpy().copy()
+    step(simulation, 100.0)
+    moved = np.angle(np.exp(1j * (simulation.robots.phase.numpy() - before)))
+    assert (moved / 0.1 / simulation.scenario.robot.phase_rate_max < 0.99).mean() == pytest.approx(0.46, abs=0.05)
+
+
+def lists_of(simulation):
+    """Nearest robots (W, N, R, 5) and targets (W, N, T, 3) of the observation."""
+    sensing, rows = simulation.scenario.sensing, rows_of(simulation)
+    middle = OWN + 2 * LINK + 5 * sensing.robots_seen
+    shape = rows.shape[:2]
+    robots = rows[..., OWN + 2 * LINK : middle].reshape(*shape, sensing.robots_seen, 5)
+    return robots, rows[..., middle:].reshape(*shape, sensing.targets_seen, 3)
+
+
+@pytest.mark.parametrize(("robots_seen", "targets_seen"), [(4, 32), (2, 4), (1, 1), (0, 3), (3, 0)])
+def test_the_lists_are_of_the_nearest_in_the_disc_nearest_first(robots_seen, targets_seen):
+    # Oracle: sorting all offsets with NumPy.
+    overrides = {"sensing.robots_seen": robots_seen, "sensing.targets_seen": targets_seen, "targets.leave": False}
+    scenario = lissajous_env.scenario("failure", **{**QUIET, "targets.count": 40}, **overrides)
+    scenario = lissajous_env.scenario(scenario, **{"formation.start": "random", "sensing.radius": 0.7})
+    simulation = lissajous_env.Simulation(scenario, 6)
+    draw = np.random.default_rng(3)
+    for _ in range(5):
+        simulation.step(draw.uniform(-1, 1, simulation.action_shape).astype(np.float32))
+    robots, targets = lists_of(simulation)
+    places = simulation.robots.position.numpy()[..., :2].astype(float)
+    others = np.broadcast_to(places[:, None], (6, 5, 5, 2)) - places[:, :, None]
+    rogues = simulation.rogues.position.numpy()[:, None] - places[:, :, None]
+    for listed, offsets, room, first in [(robots, others, robots_seen, 1), (targets, rogues, targets_seen, 0)]:
+        for w in range(6):
+            for i in range(5):
+                distance = np.linalg.norm(offsets[w, i], axis=-1)
+                nearest = [k for k in np.argsort(distance)[first:] if distance[k] < 0.7][:room]
+                assert listed[w, i, :, 0].tolist() == [1] * len(nearest) + [0] * (room - len(nearest))
+                np.testing.assert_allclose(listed[w, i, : len(nearest), 1:3], offsets[w, i, nearest] / 0.7, atol=1e-5)
+                assert (listed[w, i, len(nearest) :] == 0).all()
+    if robots_seen:
+        heading, speed = simulation.robots.heading.numpy(), simulation.robots.speed.numpy()
+        velocity = speed[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+        nearest = np.argsort(np.linalg.norm(others, axis=-1), axis=-1)[..., 1]
+        relative = (np.take_along_axis(velocity, nearest[..., None], axis=1) - velocity) / (2 * simulation.speed_scale)
+        there = robots[:, :, 0, 0] == 1
+        assert there.any()
+        np.testing.assert_allclose(robots[:, :, 0, 3:][there], np.clip(relative, -1, 1)[there], atol=1e-5)
+
+
+def test_a_robot_far_outside_is_at_the_end_of_its_range():
+    # Story: a car leaves; its row stays within the space.
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment-printed"))
+    for _ in range(100):
+        simulation.step(np.broadcast_to(np.array([0.0, 1.0], dtype=np.float32), simulation.action_shape))
+    rows = rows_of(simulation)
+    assert np.abs(simulation.robots.position.numpy()).max() > 4 * 1.8
+    assert np.abs(rows[..., :2]).max() == 4
+    assert ((rows >= simulation.layout.low) & (rows <= simulation.layout.high)).all()
