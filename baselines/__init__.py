@@ -2,12 +2,15 @@
 
 from functools import partial
 
+from baselines.arc import KuramotoByArc
+from baselines.consensus import Consensus
 from baselines.coordinated import OnCurve, WithMpcc
 from baselines.kuramoto import Kuramoto
 from baselines.open_loop import OpenLoop
 from baselines.patrol import RandomWaypoint, Still, Sweep
 from baselines.policy import Policy, make, names, register
 from baselines.tracked_reference import TrackedReference
+from baselines.vector_field import WithVectorField
 
 __all__ = ["Policy", "make", "names", "register"]
 
@@ -17,6 +20,8 @@ register("kuramoto-mpcc", "car", partial(WithMpcc, Kuramoto))
 register("open-loop-mpcc", "car", partial(WithMpcc, OpenLoop))
 register("tracked-reference", "curve", partial(OnCurve, TrackedReference))
 register("tracked-reference-mpcc", "car", partial(WithMpcc, TrackedReference))
+register("consensus-gvf", "car", partial(WithVectorField, Consensus))
+register("kuramoto-arc-mpcc", "car", partial(WithMpcc, KuramotoByArc))
 register("sweep", "car", Sweep)
 register("random", None, RandomWaypoint)
 register("still", None, Still)

@@ -1,4 +1,25 @@
-"""The paper's coordination with the phase measured by arc length, so that robots go at a constant ground speed."""
+"""The paper's coordination with the phase measured along the curve: equally spaced robots at a constant ground speed.
+
+Robot i has the arc phase psi_i = 2 pi s(alpha theta_i) / (L alpha), with s(gamma) of (14) and L the length of a lap,
+and dynamics (1) act on it:
+
+    psi_i' = 2 pi v / (L alpha) - K sum over j in R_i of sin(psi_j - psi_i)
+
+Its equilibria, their stability and alpha of Lemma 2 are those of the phase, with the places spaced by L / N along the
+curve rather than by 2 pi / N in gamma. The observed phase theta_i and phase difference theta_j - theta_i give psi_j,
+which is carried on at the natural rate for the time its message was under way. The controller is told one phase rate for
+its horizon; here it is the mean one over the next PREVIEW seconds at the ground speed that psi_i' asks for.
+
+The ground speed v is as fast as the cars can follow (`ground_speed`), where theta' = omega reaches it on the fastest
+stretch of the curve alone.
+
+Lost: equally spaced robots are not on ellipse (5), so (6), (8) and T_max promise nothing, and `phase_error`, the
+deviation from (2) in theta, never falls to that of a recovered formation. For curve (16) the smallest distance of two
+robots in formation is 0.350 m instead of 0.455 m: on `experiment`, with a lateral error of SEE m, there are SEE
+collisions in a minute without faults (`kuramoto-mpcc`: 0.7).
+
+Gained: SEE
+"""
 
 import math
 from typing import Any
@@ -7,102 +28,96 @@ import numpy as np
 import warp as wp
 
 from baselines.consensus import hears, lead, message_age
+from baselines.loop import cruising_speed
 from baselines.observed import own_phase
 from lissajous_env import theory
 from lissajous_env.compilation import OPTIONS
-from lissajous_env.curve import CurveStruct, tangent2
+from lissajous_env.curve import TWO_PI
+from lissajous_env.geometry import curve_length
 from lissajous_env.scenario import Curve, Scenario
-from lissajous_env.structs import to_struct
 
 wp.set_module_options(OPTIONS)
 
-TURN = wp.constant(2.0 * math.pi)
+PREVIEW = 0.6
+"""Time over which the phase rate is averaged [s]: less than this makes the ground speed unsteady before tight turns."""
 
 
 @wp.func
 def interpolate(table: wp.array(dtype=float), angle: float) -> float:
-    """Value at an angle [rad] of a periodic function that is tabulated over one turn."""
+    """Value at an angle [rad] of a function of period 2 pi, tabulated at equal distances over one turn."""
     n = table.shape[0]
-    x = angle / TURN * float(n)
+    x = angle / TWO_PI * float(n)
     cell = wp.floor(x)
     k = ((int(cell) % n) + n) % n
-    low = table[k]
-    return low + (x - cell) * (table[(k + 1) % n] - low)
-
-
-@wp.func
-def to_arc(ahead: wp.array(dtype=float), gamma: float) -> float:
-    return gamma + interpolate(ahead, gamma)
+    return table[k] + (x - cell) * (table[(k + 1) % n] - table[k])
 
 
 @wp.kernel
 def kuramoto_by_arc(
-    curve: CurveStruct,
     alpha: float,
     rate: float,
     coupling: float,
     preview: float,
-    length: float,
-    ahead: wp.array(dtype=float),
-    behind: wp.array(dtype=float),
+    gain: wp.array(dtype=float),
+    loss: wp.array(dtype=float),
     observation: wp.array3d(dtype=float),
     phase_rate_out: wp.array2d(dtype=float),
 ):
+    """psi_i' = rate - coupling sum_j sin(psi_j - psi_i), as the mean theta_i' over `preview` [s].
+
+    `gain` and `loss` are the two tables of `arc_tables`, `rate` is that of psi [rad/s].
+    """
     w, i = wp.tid()
     theta = own_phase(w, i, observation)
     gamma = alpha * theta
-    own = to_arc(ahead, gamma)
+    arc = gamma + interpolate(gain, gamma)
     pull = float(0.0)
     for side in range(2):
         if hears(w, i, side, observation):
-            other = to_arc(ahead, alpha * (theta + lead(w, i, side, observation)))
-            pull += wp.sin((other - own) / alpha + rate * message_age(w, i, side, observation))
-    arc_rate = alpha * (rate - coupling * pull)
-    if preview <= 0.0:
-        phase_rate_out[w, i] = arc_rate * length / (TURN * wp.length(tangent2(curve, gamma))) / alpha
-    else:
-        there = own + arc_rate * preview
-        phase_rate_out[w, i] = (there + interpolate(behind, there) - gamma) / (preview * alpha)
-
-
-def arc_tables(curve: Curve) -> tuple[np.ndarray, np.ndarray, float]:
-    count = 512 << (max(curve.a, curve.b) - 1).bit_length()
-    gamma = 2 * math.pi * np.arange(count + 1) / count
-    # Simpson's rule in each cell.
-    middle = theory.curve_speed(curve, gamma[:-1] + math.pi / count)
-    ends = theory.curve_speed(curve, gamma)
-    cells = (ends[:-1] + 4 * middle + ends[1:]) / 6 * (2 * math.pi / count)
-    s = np.concatenate([[0.0], np.cumsum(cells)])
-    length = s[-1]
-    arc = 2 * math.pi * s / length
-    inverse = np.interp(gamma, arc, gamma)
-    return (arc - gamma)[:-1], (inverse - gamma)[:-1], float(length)
-
-
-PREVIEW = 0.5
-SPEED = None
-
-
-def ground_speed(scenario: Scenario) -> float:
-    if SPEED is not None:
-        return SPEED
-    length = arc_tables(scenario.curve)[2]
-    return scenario.formation.phase_rate * length / (2 * math.pi)
+            other = alpha * (theta + lead(w, i, side, observation))
+            ahead = (other + interpolate(gain, other) - arc) / alpha
+            pull += wp.sin(ahead + rate * message_age(w, i, side, observation))
+    soon = arc + preview * alpha * (rate - coupling * pull)
+    phase_rate_out[w, i] = (soon + interpolate(loss, soon) - gamma) / (preview * alpha)
 
 
 class KuramotoByArc:
+    """Coordinator: phase rates (W, N) [rad/s] by (1) on arc phases."""
+
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
-        ahead, behind, self._length = arc_tables(scenario.curve)
-        self._curve = to_struct(CurveStruct, scenario.curve)
-        self._alpha = float(scenario.alpha)
-        self._rate = 2 * math.pi * ground_speed(scenario) / (self._length * scenario.alpha)
-        self._coupling = scenario.formation.coupling
-        self._ahead = wp.array(ahead, dtype=wp.float32, device=device)
-        self._behind = wp.array(behind, dtype=wp.float32, device=device)
+        self._alpha, self._coupling = float(scenario.alpha), scenario.formation.coupling
+        self._rate = 2 * math.pi * ground_speed(scenario) / (curve_length(scenario.curve) * scenario.alpha)
+        self._tables = [wp.array(table, dtype=wp.float32, device=device) for table in arc_tables(scenario.curve)]
         self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
 
     def coordinate(self, observation: wp.array) -> None:
-        inputs = [self._curve, self._alpha, self._rate, self._coupling, PREVIEW, self._length, self._ahead,
-                  self._behind, observation]  # fmt: skip
+        """Write `phase_rate`."""
+        inputs = [self._alpha, self._rate, self._coupling, PREVIEW, *self._tables, observation]
         outputs = [self.phase_rate]
         wp.launch(kuramoto_by_arc, self.phase_rate.shape, inputs, outputs=outputs, device=self.phase_rate.device)
+
+
+def arc_tables(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
+    """2 pi s(gamma) / L - gamma at gamma = 2 pi k / n, and gamma(s) - 2 pi s / L at s = L k / n [rad].
+
+    Both are periodic, so float32 keeps them to about 1e-7 rad; between entries they are interpolated to 1e-5 rad.
+    """
+    count = 1024 << (max(curve.a, curve.b) - 1).bit_length()
+    gamma = 2 * math.pi * np.arange(count + 1) / count
+    ends, middles = theory.curve_speed(curve, gamma), theory.curve_speed(curve, gamma[:-1] + math.pi / count)
+    cells = (ends[:-1] + 4 * middles + ends[1:]) / 6  # Simpson's rule
+    arc = np.concatenate([[0.0], np.cumsum(cells)]) * 2 * math.pi / cells.sum()
+    return (arc - gamma)[:-1], (np.interp(gamma, arc, gamma) - gamma)[:-1]
+
+
+def ground_speed(scenario: Scenario) -> float:
+    """Speed along the curve [m/s]: a patrol's cruising speed, less where grip would not let a car turn so fast.
+
+    Grip must let it turn round in half of the rectangle's height, v^2 <= a_lat B / 2. The speed is never below the
+    formation's mean, omega L / 2 pi, and is that one where nothing is said of the grip.
+    """
+    mean = scenario.formation.phase_rate * curve_length(scenario.curve) / (2 * math.pi)
+    grip = scenario.robot.lateral_acceleration_max
+    if math.isinf(grip):
+        return mean
+    return max(mean, min(cruising_speed(scenario), math.sqrt(grip * scenario.curve.half_height / 2)))

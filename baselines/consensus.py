@@ -1,4 +1,16 @@
 """Yao et al. [16], the coordination: linear consensus on the path parameter, with the spacing given.
+
+W. Yao, H. Garcia de Marina, Z. Sun, M. Cao, "Guiding vector fields for the distributed motion coordination of mobile
+robots", IEEE Transactions on Robotics 39 (2023). The path parameter of robot i follows those of its ring neighbours,
+
+    theta_i' = omega / alpha + k_c sum over j in R_i of (theta_j - theta_i - Delta_ij)
+
+with Delta_ij = +-2 pi p / N, the phase of the neighbour after and before it in equilibrium (2), and k_c the scenario's
+`coupling` [1/s]. So every robot has to know N and p, and another configuration is another Delta; any p is stable, where
+(1) has only those of Theorem 1. `baselines.vector_field` makes a car follow the parameter.
+
+The parameter of the reference is a real number; here the robots only know phases, and a deviation is wrapped to
+[-pi, pi]. Two neighbours that are more than half a lap off their spacing therefore pull the other way around.
 """
 
 import math
@@ -16,7 +28,7 @@ wp.set_module_options(OPTIONS)
 
 @wp.func
 def hears(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> bool:
-    """Whether a ring neighbour was heard within the last second."""
+    """Whether a message that a ring neighbour sent within the last second is known."""
     start = OWN + LINK * side
     return observation[w, i, start] > 0.5 and observation[w, i, start + 1] < 1.0
 
@@ -42,17 +54,23 @@ def consensus(
     observation: wp.array3d(dtype=float),
     phase_rate_out: wp.array2d(dtype=float),
 ):
+    """theta_i' = rate + gain sum_j wrap(theta_j - theta_i - Delta_ij), for robot i of world w.
+
+    `spacing` is Delta of the neighbour after robot i [rad]; a neighbour's phase is carried on at `rate` [rad/s] for the
+    time its message was under way.
+    """
     w, i = wp.tid()
     off = float(0.0)
     for side in range(2):
         if hears(w, i, side, observation):
-            wanted = spacing * (2.0 * float(side) - 1.0)
             ahead = lead(w, i, side, observation) + rate * message_age(w, i, side, observation)
-            off += wrap(ahead - wanted)
+            off += wrap(ahead - wp.where(side == 0, -spacing, spacing))
     phase_rate_out[w, i] = rate + gain * off
 
 
 class Consensus:
+    """Coordinator: phase rates (W, N) [rad/s] by linear consensus towards equilibrium (2) of known N and p."""
+
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
         formation = scenario.formation
         self._rate, self._gain = formation.phase_rate / scenario.alpha, formation.coupling

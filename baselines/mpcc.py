@@ -15,8 +15,6 @@ Differs from the paper: gamma stands for the arc length s, as the same model and
 """
 
 import os
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -28,7 +26,7 @@ from baselines.mpcc_kernel import EARLY, KEEP, Scratch
 from baselines.mpcc_model import MpccStruct, tabulate, vec5
 from baselines.mpcc_parameters import MpccParameters
 from lissajous_env.curve import CurveStruct
-from lissajous_env.device import as_device, compile_quietly
+from lissajous_env.device import as_device, compile_quietly, copy_in, is_torch, side_by_side
 from lissajous_env.scenario import Curve
 from lissajous_env.structs import to_struct
 
@@ -101,11 +99,10 @@ class Mpcc:
             guess: (K, M, 2) controls to start from; None shifts the last solution by a stage, or on the first call
                 and after a failure starts along the curve.
         """
-        M = self.parameters.stages
-        self._take("state", state, self.state)
-        self._take("phase_rate", phase_rate, self.phase_rate)
+        copy_in("state", state, self.state)
+        copy_in("phase_rate", phase_rate, self.phase_rate)
         if guess is not None:
-            self._take("guess", guess, self.control, (self.batch, M, 2))
+            copy_in("guess", guess, self.control)
             self._begin.fill_(KEEP)
         self.launch()
         results = (self.control, self.trajectory, self.cost, self.iterations, self.failed)
@@ -115,12 +112,7 @@ class Mpcc:
 
     def launch(self) -> None:
         """Solve for what stands in `state` and `phase_rate`; on a CPU, large batches are split over the cores."""
-        first, *others = self._launches
-        # A launch releases the interpreter's lock; this thread takes the first share itself.
-        waiting = [_pool(self.threads).submit(launch.launch) for launch in others]
-        first.launch()
-        for future in waiting:
-            future.result()
+        side_by_side(self._launches, self.threads)
 
     def reset(self, mask: Any = None) -> None:
         """Forget the warm starts of the problems in `mask`, (K,) booleans; None is all of them."""
@@ -157,7 +149,7 @@ class Mpcc:
         ends = [self.batch * share // shares for share in range(shares + 1)]
         outputs = [self.control, self.trajectory, self.cost, self.iterations, self.failed, self.failures]
         with compile_quietly():
-            return [
+            recorded = [
                 wp.launch(
                     mpcc_kernel.solve,
                     dim=high - low,
@@ -168,27 +160,8 @@ class Mpcc:
                 )
                 for low, high in pairwise(ends)
             ]
-
-    def _take(self, name: str, value: Any, target: Any, shape: tuple[int, ...] | None = None) -> None:
-        shape = shape or tuple(target.shape)
-        if type(value).__module__.partition(".")[0] == "torch":
-            value = wp.from_torch(value.detach().float().contiguous())
-        elif not isinstance(value, wp.array):
-            # float64 beyond the range of float32 becomes infinite, and the problem fails
-            with np.errstate(over="ignore"):
-                value = np.asarray(value, dtype=np.float32, order="C")
-        if tuple(value.shape) != shape:
-            raise ValueError(f"{name} must have shape {shape}, got {tuple(value.shape)}")
-        if isinstance(value, wp.array):
-            wp.copy(target, value)
-        else:
-            target.assign(value)
+        return [launch.launch for launch in recorded]
 
 
 def _is_on_host(value: Any) -> bool:
-    return not isinstance(value, wp.array) and type(value).__module__.partition(".")[0] != "torch"
-
-
-@cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max(threads - 1, 1), thread_name_prefix="mpcc")
+    return not isinstance(value, wp.array) and not is_torch(value)

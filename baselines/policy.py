@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env import scenario as make_scenario
-from lissajous_env.device import as_device, compile_quietly
+from lissajous_env.device import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.observation import Scales, layout
 from lissajous_env.scenario import Scenario
 from lissajous_env.simulation import speed_scale
@@ -35,6 +35,7 @@ class Policy:
         self.name = type(self).__name__
         self.shape = (num_worlds, self.num_robots)
         self.observation_shape = (*self.shape, layout(self.scenario).size)
+        self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)
         self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
 
     def reset(self, worlds: Any = None) -> None:
@@ -58,11 +59,9 @@ class Policy:
             if isinstance(observation, wp.array):
                 self._decide(observation)
                 return self.action
-            if isinstance(observation, np.ndarray):
-                self._decide(wp.array(observation, dtype=wp.float32, device=self.device))
-                return self.action.numpy().copy()
-            self._decide(wp.from_torch(observation.detach().float().contiguous()))
-            return wp.to_torch(self.action).clone()
+            copy_in("observation", observation, self._observation)
+            self._decide(self._observation)
+            return wp.to_torch(self.action).clone() if is_torch(observation) else self.action.numpy().copy()
 
     def _decide(self, observation: wp.array) -> None:
         raise NotImplementedError

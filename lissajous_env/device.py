@@ -1,10 +1,13 @@
-"""Devices: which are there, and what Warp says while it starts and compiles."""
+"""Devices: which are there, what goes to them, and what Warp says while it starts and compiles."""
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 
@@ -21,6 +24,49 @@ def as_device(device: Any) -> Any:
     except Exception as error:
         there = ", ".join(str(each) for each in wp.get_devices())
         raise ValueError(f"device must be one of those present ({there}), got {device!r}") from error
+
+
+def copy_in(name: str, value: Any, target: Any) -> None:
+    """Copy a NumPy array, torch tensor or Warp array of numbers into a Warp array of float32.
+
+    Raises:
+        ValueError: the value has another shape than the target.
+    """
+    if is_torch(value):
+        value = wp.from_torch(value.detach().float().contiguous())
+    elif not isinstance(value, wp.array):
+        # A number beyond the range of float32 becomes infinite, and is treated as such.
+        with np.errstate(over="ignore"):
+            value = np.asarray(value, dtype=np.float32, order="C")
+    if tuple(value.shape) != tuple(target.shape):
+        raise ValueError(f"{name} must have shape {tuple(target.shape)}, got {tuple(value.shape)}")
+    if isinstance(value, wp.array):
+        wp.copy(target, value)
+    else:
+        target.assign(value)
+
+
+def is_torch(value: Any) -> bool:
+    """Whether a value is a torch tensor; torch itself need not be installed."""
+    return type(value).__module__.partition(".")[0] == "torch"
+
+
+def side_by_side(tasks: Sequence[Callable[[], None]], threads: int) -> None:
+    """Run tasks that release the interpreter's lock, as launches on a CPU do, on threads; this one takes the first."""
+    waiting = [_pool(threads).submit(task) for task in tasks[1:]]
+    tasks[0]()
+    for future in waiting:
+        future.result()
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max(threads - 1, 1), thread_name_prefix="lissajous")
+
+
+if hasattr(os, "register_at_fork"):
+    # Threads do not survive a fork: a child that used its parent's pool would wait for ever.
+    os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 @contextlib.contextmanager

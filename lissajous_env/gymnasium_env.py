@@ -78,12 +78,17 @@ class LissajousVectorEnv(VectorEnv):
         A whole number as `seed` gives world k the seed + k; a list gives each its own.
         """
         mask = (options or {}).get("reset_mask")
-        worlds = np.arange(self.num_envs) if mask is None else np.flatnonzero(mask)
+        if mask is None:
+            worlds = np.arange(self.num_envs)
+        elif np.shape(mask) == (self.num_envs,) and np.asarray(mask).dtype == bool:
+            worlds = np.flatnonzero(mask)
+        else:
+            raise ValueError(f"reset_mask must be bool of shape ({self.num_envs},), got {mask!r}")
         if isinstance(seed, (int, np.integer)):
             self.simulation.reset(worlds, [fold_seed(int(seed) + int(k)) for k in worlds])
         elif seed is not None:
-            if len(seed) != self.num_envs:
-                raise ValueError(f"seed must be one for each of the {self.num_envs} worlds, got {len(seed)}")
+            if np.shape(seed) != (self.num_envs,):
+                raise ValueError(f"seed must be a number or one for each of the {self.num_envs} worlds, got {seed!r}")
             self.simulation.reset(worlds, [fold_seed(seed[k]) for k in worlds])
         else:
             self.simulation.reset(worlds)
@@ -96,7 +101,7 @@ class LissajousVectorEnv(VectorEnv):
         if not self._started:
             raise ResetNeeded("step needs a running episode: call reset first")
         if self._table is not None:
-            actions = self._table[np.asarray(actions)]
+            actions = self._looked_up(actions)
         sim, infos = self.simulation, {}
         begins = self._ended & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
         sim.step(actions)
@@ -117,12 +122,20 @@ class LissajousVectorEnv(VectorEnv):
         if newly.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             final = np.full(self.num_envs, None, dtype=object)
             sim.reset(newly)
-            final[newly] = list(sim.final_observation.numpy()[newly])
+            last = sim.final_observation.numpy()
+            for k in np.flatnonzero(newly):
+                final[k] = last[k].copy()
             infos["final_obs"], infos["_final_obs"] = final, newly
             infos["final_info"] = {"score": infos.pop("score"), "_score": infos.pop("_score")}
             infos["_final_info"] = newly
             self._ended[:] = False
         return self._observed(), robot_reward.mean(axis=1), terminated, truncated, infos
+
+    def _looked_up(self, actions: Any) -> np.ndarray:
+        rows, shape, last = np.asarray(actions), (self.num_envs, self.simulation.num_robots), len(self._table) - 1
+        if rows.shape != shape or rows.dtype.kind not in "iu" or rows.min() < 0 or rows.max() > last:
+            raise ValueError(f"actions must be whole numbers from 0 to {last} of shape {shape}, got {actions!r}")
+        return self._table[rows]
 
     def _observed(self) -> np.ndarray:
         host = self.simulation.observation.numpy()
@@ -152,7 +165,7 @@ class LissajousEnv(gymnasium.Env):
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Take one control step with the actions of all robots, (N, action_size) or, discrete, (N,)."""
-        if len(action) != len(self.parallel.possible_agents):
+        if np.shape(action)[:1] != (self.scenario.num_robots,):
             raise ValueError(f"action must have a row for each of {self.scenario.num_robots} robots, got {action!r}")
         rows = dict(zip(self.parallel.possible_agents, action, strict=True))
         live = {agent: rows[agent] for agent in self.parallel.agents}

@@ -1,5 +1,6 @@
 """The PettingZoo environment: one world, one agent for each robot."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
@@ -98,6 +99,8 @@ class LissajousParallelEnv(ParallelEnv):
         agents = self.agents
         if not agents:
             raise ResetNeeded("step needs a running episode: call reset first")
+        if not isinstance(actions, Mapping):
+            raise ValueError(f"actions must be a dict of agents and their actions, got {actions!r}")
         if len(actions) != len(agents):
             self._refuse_agents(actions)
         rows = self._action

@@ -2,8 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -14,8 +13,9 @@ from lissajous_env import theory
 from lissajous_env.collision import ON_COLLISION, find_collisions
 from lissajous_env.coverage import cover, reset_cells
 from lissajous_env.curve import CurveStruct
-from lissajous_env.device import as_device, compile_quietly
+from lissajous_env.device import as_device, compile_quietly, copy_in, side_by_side
 from lissajous_env.faults import FaultsStruct, removal_steps, reset_losses, schedule_steps
+from lissajous_env.library import scenario as make_scenario
 from lissajous_env.observation import Layout, Scales, layout, observe
 from lissajous_env.reward import TERMS, TaskStruct
 from lissajous_env.robot import FormationStruct, NoiseStruct, RobotStruct, move_cars, move_points, reset_robots
@@ -46,7 +46,7 @@ class Simulation:
     threads. A world whose episode has ended stands still, with reward 0, until it is reset.
 
     Args:
-        scenario: What to simulate.
+        scenario: What to simulate: a scenario, or the name of one.
         num_worlds: W.
         device: `cpu`, `cuda` or `cuda:k`.
         seed: Seed of world 0; world k has seed + k.
@@ -57,13 +57,18 @@ class Simulation:
     """
 
     def __init__(
-        self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu", seed: int = 0, threads: int | None = None
+        self,
+        scenario: str | Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        seed: int = 0,
+        threads: int | None = None,
     ):
         if not isinstance(num_worlds, (int, np.integer)) or num_worlds < 1:
             raise ValueError(f"num_worlds must be a whole number of at least 1, got {num_worlds!r}")
         if threads is not None and threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads!r}")
-        self.scenario = scenario.resolve()
+        self.scenario = make_scenario(scenario).resolve()
         self.num_worlds = int(num_worlds)
         self.device = as_device(device)
         self.threads = threads or os.cpu_count() or 1
@@ -230,26 +235,16 @@ class Simulation:
         ]
 
     def _run(self, blocks: list[list]) -> None:
-        # The launches release the interpreter's lock; this thread takes the first block itself.
-        waiting = [_pool(self.threads).submit(_launch_all, block) for block in blocks[1:]]
-        _launch_all(blocks[0])
-        for future in waiting:
-            future.result()
+        if len(blocks) == 1:
+            _launch_all(blocks[0])
+        else:
+            side_by_side([partial(_launch_all, block) for block in blocks], self.threads)
 
     def _take(self, action: Any) -> None:
         if isinstance(action, np.ndarray) and self.device.is_cpu and action.shape == self.action_shape:
             np.copyto(self._action_host, action, casting="same_kind")
-            return
-        if type(action).__module__.partition(".")[0] == "torch":
-            action = wp.from_torch(action.detach().float().contiguous())  # type: ignore[union-attr]
-        elif not isinstance(action, wp.array):
-            action = np.asarray(action, dtype=np.float32)
-        if tuple(action.shape) != self.action_shape:
-            raise ValueError(f"action must have shape {self.action_shape}, got {tuple(action.shape)}")
-        if isinstance(action, wp.array):
-            wp.copy(self.action, action)
         else:
-            self.action.assign(action)
+            copy_in("action", action, self.action)
 
     def _chosen(self, worlds: Any) -> np.ndarray:
         if worlds is None:
@@ -324,6 +319,8 @@ def speed_scale(scenario: Scenario) -> float:
 
 def fold_seed(seed: int) -> int:
     """Map any whole number of at least 0 to a seed of a world; numbers below 2^31 stand for themselves."""
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ValueError(f"seed must be a whole number of at least 0, got {seed!r}")
     if seed < 2**31:
         return int(seed)
     return int(np.random.SeedSequence(int(seed)).generate_state(1)[0] >> 1)
@@ -342,8 +339,3 @@ def _checked_seeds(seeds: Any, count: int) -> np.ndarray:
 def _launch_all(block: Sequence[wp.Launch]) -> None:
     for launch in block:
         launch.launch()
-
-
-@cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max(threads - 1, 1), thread_name_prefix="lissajous")

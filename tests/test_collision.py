@@ -61,6 +61,7 @@ def parked(positions, seed=0, **overrides):
         "formation.ring": None,
         "faults.schedule": (),
         "targets.count": 0,
+        "targets.arrival_rate": 0.0,
         "task.grid": None,
         **overrides,
     }

@@ -7,7 +7,7 @@ import pytest
 
 import lissajous_env
 
-QUIET = {"targets.count": 0, "faults.schedule": ()}
+QUIET = {"targets.count": 0, "targets.arrival_rate": 0.0, "faults.schedule": ()}
 STANDING = np.array([0.0, -1.0], dtype=np.float32)
 
 

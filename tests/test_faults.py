@@ -7,7 +7,7 @@ import pytest
 
 import lissajous_env
 
-QUIET = {"targets.count": 0, "task.grid": None, "formation.start_noise": 0.0}
+QUIET = {"targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None, "formation.start_noise": 0.0}
 
 
 def run(simulation, steps, action=0.3):

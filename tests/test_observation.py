@@ -10,7 +10,13 @@ import lissajous_env
 from lissajous_env import observation
 
 OWN, LINK = 8, 6
-QUIET = {"targets.count": 0, "task.grid": None, "formation.start_noise": 0.0, "faults.schedule": ()}
+QUIET = {
+    "targets.count": 0,
+    "targets.arrival_rate": 0.0,
+    "task.grid": None,
+    "formation.start_noise": 0.0,
+    "faults.schedule": (),
+}
 
 
 def rows_of(simulation):

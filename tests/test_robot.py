@@ -23,6 +23,7 @@ ALONE = {
     "formation.start_noise": 0.0,
     "faults.schedule": (),
     "targets.count": 0,
+    "targets.arrival_rate": 0.0,
     "task.grid": None,
     "noise.wheelbase_spread": 0.0,
     "noise.drive_spread": 0.0,

@@ -50,7 +50,14 @@ def test_the_columns_are_those_promised():
 
 def test_what_never_was_is_nan():
     # Story: one robot, no target, no grid, no fault.
-    overrides = {"robot.count": 1, "formation.p": 0, "targets.count": 0, "task.grid": None, "faults.schedule": ()}
+    overrides = {
+        "robot.count": 1,
+        "formation.p": 0,
+        "targets.count": 0,
+        "task.grid": None,
+        "faults.schedule": (),
+        "targets.arrival_rate": 0.0,
+    }
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides))
     simulation.step(np.zeros(simulation.action_shape))
     (row,) = simulation.score()
@@ -151,7 +158,7 @@ def test_the_spacing_of_the_formation_is_what_8_says(name, tight):
 
 def test_detection_times_by_hand():
     # Oracle: NumPy on times written by hand: found at 0, 1 s, 3 s after it appeared at 2 s, and never.
-    overrides = {"targets.count": 4, "sensing.radius": 1e-3, "task.grid": None}
+    overrides = {"targets.count": 4, "targets.arrival_rate": 0.0, "sensing.radius": 1e-3, "task.grid": None}
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides))
     for _ in range(100):
         simulation.step(np.zeros(simulation.action_shape))

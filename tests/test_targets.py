@@ -244,6 +244,7 @@ def with_targets(robots, targets, radius=0.5, **overrides):
         "faults.schedule": (),
         "sensing.radius": radius,
         "targets.count": len(targets),
+        "targets.arrival_rate": 0.0,
         "targets.wandering": 0.0,
         "task.grid": None,
         **overrides,

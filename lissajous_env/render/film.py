@@ -1,6 +1,7 @@
 """What becomes of a recording: an animated GIF, a contact sheet, or a window in which it plays."""
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from lissajous_env.replay import Recording
 
 FASTEST = 30.0
-"""Most pictures a second in a window; above, moments are skipped."""
+"""Pictures a second in a window [1/s]."""
 
 
 def save_gif(
@@ -87,7 +88,7 @@ def save_png(
     """
     step, last = recording.scenario.task.step, len(recording) - 1
     times = [k * step for k in _spread(last + 1, 6)] if at is None else list(at)
-    if not times or not all(0 <= time <= recording.duration + step / 2 for time in times):
+    if not times or not all(0 <= when <= recording.duration + step / 2 for when in times):
         raise ValueError(f"at must hold times from 0 to {recording.duration:g} s, got {times}")
     renderer = Renderer(recording.scenario, size)
     frames = [renderer.draw(recording.snapshot(min(round(time / step), last))) for time in times]
@@ -109,27 +110,30 @@ def play(recording: "Recording", *, speed: float = 1.0, size: Sequence[int] | No
         OSError: there is no display to open a window on.
     """
     _require_positive(speed=speed)
+    step = recording.scenario.task.step
     renderer = Renderer(recording.scenario, size)
     window = Window(renderer.view.size, f"{recording.scenario.name}, {recording.score.get('policy', '')} - lissajous")
-    rate = speed / recording.scenario.task.step
-    every = math.ceil(rate / FASTEST)
-    moment, last, paused, drawn = 0, len(recording) - 1, False, -1
+    at, last, paused, drawn = 0.0, len(recording) - 1, False, -1
+    before = time.perf_counter()
     while not window.closed:
+        moment = int(at)
         if moment != drawn:
             renderer.draw(recording.snapshot(moment))
             drawn = moment
-        keys = window.show(renderer.picture, max(rate / every, 5.0) if not paused else FASTEST)
-        for key in keys:
+        for key in window.show(renderer.picture, FASTEST):
             if key == pygame.K_ESCAPE:
                 window.close()
             elif key == pygame.K_SPACE:
                 # At the end there is nothing to go on with but the beginning.
-                moment, paused = (0, False) if moment == last else (moment, not paused)
+                at, paused = (0.0, False) if moment == last else (at, not paused)
             elif key in (pygame.K_LEFT, pygame.K_RIGHT):
-                paused = True
                 moment = min(max(moment + (1 if key == pygame.K_RIGHT else -1), 0), last)
-        if not paused and not keys:
-            moment = min(moment + every, last)
+                at, paused = float(moment), True
+        now = time.perf_counter()
+        if not paused:
+            # A machine too slow for real time plays in slow motion, without gaps.
+            at = min(at + min(now - before, 0.2) * speed / step, float(last))
+        before = now
 
 
 def _spread(count: int, wanted: int) -> list[int]:

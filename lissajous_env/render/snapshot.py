@@ -84,6 +84,6 @@ def snapshot(simulation: "Simulation", world: int = 0) -> Snapshot:
 
 def _of(array: Any, world: int) -> np.ndarray:
     """Return one world of a device array, copied to the host without the others."""
-    if array.device.is_cpu or array.ndim == 1:
+    if array.device.is_cpu or array.ndim == 1 or array.size == 0:
         return array.numpy()[world].copy()
     return array[world].numpy()

@@ -1,0 +1,293 @@
+"""The Gymnasium environments: the library's checker, the three ways of resetting, and vector = stack of singles."""
+
+import pickle
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+import lissajous_env
+
+SHORT = {"task.duration": 1.0}
+CRASHING = {"task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}
+KINDS = {
+    "default": {},
+    "points": {"scenario": "failure"},
+    "discrete": {"discrete_actions": True},
+    "removing": CRASHING,
+    "two points": {"scenario": "failure", "robot.count": 2, "formation.p": 0, "faults.schedule": (), **CRASHING},
+}
+EVERY_KIND = pytest.mark.parametrize("kind", KINDS)
+# Of a Gymnasium environment made without its registry.
+NO_SPEC = "ignore:.*Not able to test alternative render modes due to the environment not having a spec.*"
+
+
+def vector(kind="default", num_envs=4, **settings):
+    return lissajous_env.vector_env(num_envs=num_envs, **{**SHORT, **KINDS[kind], **settings})
+
+
+def actions_of(env, steps, seed=0):
+    """Actions of each step, (steps, num_envs, ...), whose worlds draw on their own."""
+    space, draw = env.single_action_space, np.random.default_rng(seed)
+    shape = (steps, env.num_envs, *space.shape)
+    if isinstance(space, gymnasium.spaces.MultiDiscrete):
+        return draw.integers(0, space.nvec, size=shape)
+    return draw.uniform(-1, 1, shape).astype(np.float32)
+
+
+@EVERY_KIND
+@pytest.mark.filterwarnings("error", NO_SPEC)
+def test_the_checker_of_gymnasium(kind):
+    check_env(lissajous_env.LissajousEnv(**{**SHORT, **KINDS[kind]}), skip_render_check=True)
+
+
+@pytest.mark.parametrize("name", lissajous_env.scenarios())
+def test_every_scenario_is_registered(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gymnasium.make(f"lissajous_env:lissajous/{name}-v0")
+        observation, _ = env.reset(seed=1)
+        assert env.observation_space.contains(observation)
+        observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        assert env.observation_space.contains(observation)
+    assert type(reward) is float
+    assert (terminated, truncated) == (False, False)
+    assert set(info) == {"reward", "reward_terms"}
+    assert env.unwrapped.scenario.name == name
+
+
+def test_a_vector_of_the_registered_environment():
+    # The vector entry point is the batch, not a list of single environments.
+    env = gymnasium.make_vec("lissajous_env:lissajous/failure-v0", num_envs=3, vectorization_mode="vector_entry_point")
+    assert isinstance(env.unwrapped, lissajous_env.LissajousVectorEnv)
+    observation, _ = env.reset(seed=1)
+    assert env.observation_space.contains(observation)
+    assert observation.shape[:2] == (3, 5)
+    listed = gymnasium.make_vec("lissajous_env:lissajous/failure-v0", num_envs=3, vectorization_mode="sync")
+    np.testing.assert_array_equal(listed.reset(seed=1)[0], observation)
+
+
+def play_singles(kind, num_envs, actions, seed):
+    """The same by single environments, each reset after its end as NEXT_STEP does, with the next seed of its own."""
+    singles = [lissajous_env.LissajousEnv(**{**SHORT, **KINDS[kind]}) for _ in range(num_envs)]
+    observations = [np.stack([env.reset(seed=seed + k)[0] for k, env in enumerate(singles)])]
+    ended, rows = [False] * num_envs, []
+    for batch in actions:
+        row = []
+        for k, env in enumerate(singles):
+            if ended[k]:
+                observation, info = env.reset()
+                row.append((observation, 0.0, False, False, info))
+            else:
+                row.append(env.step(batch[k]))
+            ended[k] = row[-1][2] or row[-1][3]
+        rows.append(row)
+        observations.append(np.stack([each[0] for each in row]))
+    return observations, rows
+
+
+@EVERY_KIND
+def test_a_vector_is_a_stack_of_single_environments(kind):
+    # Oracle: four single environments, bit for bit, over several episodes, with the reset of NEXT_STEP.
+    env = vector(kind)
+    actions = actions_of(env, 45)
+    expected, rows = play_singles(kind, 4, actions, seed=20)
+    observation, _ = env.reset(seed=20)
+    assert observation.tobytes() == expected[0].tobytes()
+    ends = 0
+    for k, batch in enumerate(actions):
+        observation, reward, terminated, truncated, infos = env.step(batch)
+        assert observation.tobytes() == expected[k + 1].tobytes()
+        assert env.observation_space.contains(observation)
+        assert reward.tolist() == [row[1] for row in rows[k]]
+        assert terminated.tolist() == [row[2] for row in rows[k]]
+        assert truncated.tolist() == [row[3] for row in rows[k]]
+        np.testing.assert_array_equal(infos["reward"], [row[4]["reward"] for row in rows[k]])
+        done = terminated | truncated
+        ends += done.sum()
+        assert ("score" in infos) == done.any()
+        if done.any():
+            assert infos["_score"].tolist() == done.tolist()
+            for world in range(4):
+                score = rows[k][world][4].get("score")
+                assert str(infos["score"][world]) == str(score)
+    assert ends >= 8
+    if "removing" in kind or "two" in kind:
+        assert any(row[2] for step in rows for row in step) == (kind == "two points")
+
+
+@EVERY_KIND
+def test_resetting_in_the_next_step(kind):
+    # Oracle: the rules of NEXT_STEP: the step after an end ignores its action, and returns the new episode's beginning
+    # with reward 0 and no flag.
+    env = vector(kind, autoreset_mode="NEXT_STEP")
+    assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    env.reset(seed=1)
+    ended = np.zeros(4, dtype=bool)
+    for batch in actions_of(env, 40):
+        seeds = env.simulation.clock.seed.numpy().copy()
+        _, reward, terminated, truncated, infos = env.step(batch)
+        assert (reward[ended] == 0).all()
+        assert not (terminated | truncated)[ended].any()
+        assert (env.simulation.clock.step.numpy()[ended] == 0).all()
+        assert ((env.simulation.clock.seed.numpy() != seeds) == ended).all()
+        assert "final_obs" not in infos
+        ended = terminated | truncated
+        assert not (terminated & truncated).any()
+
+
+@EVERY_KIND
+def test_resetting_in_the_same_step(kind):
+    # Oracle: NEXT_STEP's own episodes: the same rows, the last of each in `final_obs`, the next beginning in its place.
+    same, after = vector(kind, autoreset_mode="SAME_STEP"), vector(kind)
+    same.reset(seed=3)
+    after.reset(seed=3)
+    scores = 0
+    for batch in actions_of(same, 10):
+        got, reward, terminated, truncated, infos = same.step(batch)
+        expected, reward_after, *flags, infos_after = after.step(batch)
+        assert reward.tolist() == reward_after.tolist()
+        assert [terminated.tolist(), truncated.tolist()] == [flag.tolist() for flag in flags]
+        done = terminated | truncated
+        assert got[~done].tobytes() == expected[~done].tobytes()
+        if done.any():
+            assert infos["_final_obs"].tolist() == done.tolist()
+            assert np.stack(list(infos["final_obs"][done])).tobytes() == expected[done].tobytes()
+            assert (infos["final_obs"][~done] == None).all()  # noqa: E711
+            assert str(infos["final_info"]["score"]) == str(infos_after["score"])
+            scores += int(infos["final_info"]["_score"].sum())
+            assert (same.simulation.clock.step.numpy()[done] == 0).all()
+            break
+        assert "final_obs" not in infos
+    assert scores > 0
+
+
+def test_without_resetting_a_world_waits_for_its_mask():
+    # Story: all worlds end; two are reset by mask; the others stand still with their flags up.
+    env = vector(autoreset_mode="DISABLED")
+    env.reset(seed=0)
+    for batch in actions_of(env, 10):
+        _, _, _, truncated, infos = env.step(batch)
+    assert truncated.all()
+    assert infos["_score"].all()
+    before = env.simulation.observation.numpy().copy()
+    observation, reward, _, truncated, infos = env.step(actions_of(env, 1)[0])
+    assert (reward == 0).all()
+    assert truncated.all()
+    assert "score" not in infos
+    np.testing.assert_array_equal(observation, before)
+    mask = np.array([False, True, False, True])
+    observation, _ = env.reset(options={"reset_mask": mask}, seed=[5, 6, 7, 8])
+    np.testing.assert_array_equal(observation[~mask], before[~mask])
+    fresh = lissajous_env.Simulation(env.scenario, 2)
+    assert fresh.reset(seeds=[6, 8]).numpy().tobytes() == observation[mask].tobytes()
+    _, _, _, truncated, _ = env.step(actions_of(env, 1)[0])
+    assert truncated.tolist() == [True, False, True, False]
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize("kind", ["default", "two points"])
+def test_an_episode_has_one_score(kind, mode):
+    # Oracle: as many scores as ends, whichever way a world is reset.
+    env = vector(kind, num_envs=6, autoreset_mode=mode)
+    env.reset(seed=2)
+    ends = scores = 0
+    over = np.zeros(6, dtype=bool)
+    for batch in actions_of(env, 60):
+        _, _, terminated, truncated, infos = env.step(batch)
+        done = (terminated | truncated) & ~over
+        ends += done.sum()
+        found = infos.get("final_info", infos)
+        if "score" in found:
+            assert found["_score"].tolist() == done.tolist()
+            assert [row is not None for row in found["score"]] == done.tolist()
+            scores += found["_score"].sum()
+        if mode is AutoresetMode.DISABLED:
+            over |= done
+            if over.all():
+                env.reset(options={"reset_mask": over})
+                over[:] = False
+    assert ends == scores
+    assert ends >= 12
+
+
+@pytest.mark.parametrize("mode", ["NEXT_STEP", "SAME_STEP"])
+def test_the_wrapper_that_records_episodes(mode):
+    # Oracle: the wrapper's own sums against those of the test.
+    env = RecordEpisodeStatistics(vector(num_envs=3, autoreset_mode=mode))
+    env.reset(seed=1)
+    total, episodes = np.zeros(3), 0
+    for batch in actions_of(env, 33):
+        _, reward, _, truncated, infos = env.step(batch)
+        total += reward
+        if truncated.any():
+            assert infos["_episode"].all()
+            np.testing.assert_allclose(infos["episode"]["r"], total, rtol=1e-4)
+            assert infos["episode"]["l"].tolist() == [10, 10, 10]
+            episodes += 1
+            total[:] = 0
+    assert episodes == 3
+
+
+def test_the_reward_is_the_mean_over_the_robots():
+    env = vector()
+    env.reset(seed=1)
+    for batch in actions_of(env, 9):
+        _, reward, _, _, infos = env.step(batch)
+        assert infos["reward"].shape == (4, 5)
+        np.testing.assert_allclose(reward, infos["reward"].mean(axis=1), rtol=1e-6)
+        assert infos["_reward"].all()
+
+
+@EVERY_KIND
+def test_pickled_in_mid_episode_they_go_on_bit_for_bit(kind):
+    env = vector(kind)
+    env.reset(seed=1)
+    actions = actions_of(env, 30)
+    for batch in actions[:7]:
+        env.step(batch)
+    copy = pickle.loads(pickle.dumps(env))
+    for batch in actions[7:]:
+        assert str(env.step(batch)) == str(copy.step(batch))
+    assert env.simulation.observation.numpy().tobytes() == copy.simulation.observation.numpy().tobytes()
+    single = lissajous_env.LissajousEnv(**{**SHORT, **KINDS[kind]})
+    single.reset(seed=1)
+    again = pickle.loads(pickle.dumps(single))
+    assert str(single.step(actions[0, 0])) == str(again.step(actions[0, 0]))
+
+
+def test_the_last_step_is_terminated_if_its_collision_removed_the_last_robots():
+    # Story: the time is over in the very step in which the only two robots meet. It is one flag, in both environments.
+    settings = {**KINDS["two points"], "task.duration": 3.0}
+    opposite = np.array([[-1.0], [1.0]], dtype=np.float32)
+    env = lissajous_env.LissajousEnv(**settings)
+    env.reset(seed=3)
+    steps, terminated = 0, False
+    while not terminated:
+        _, _, terminated, truncated, _ = env.step(opposite)
+        assert not (terminated and truncated)
+        steps += 1
+    assert 1 < steps < 30
+    settings["task.duration"] = steps * 0.1
+    env, batch = lissajous_env.LissajousEnv(**settings), lissajous_env.vector_env(**settings)
+    env.reset(seed=3)
+    batch.reset(seed=3)
+    for k in range(steps):
+        single, many = env.step(opposite), batch.step(opposite[None])
+        assert single[2:4] == (k == steps - 1, False)
+        assert [bool(flag[0]) for flag in many[2:4]] == [k == steps - 1, False]
+
+
+def test_returned_observations_are_the_callers_own():
+    env = vector()
+    first, _ = env.reset(seed=1)
+    kept = first.copy()
+    second = env.step(actions_of(env, 1)[0])[0]
+    np.testing.assert_array_equal(first, kept)
+    kept = second.copy()
+    env.step(actions_of(env, 1)[0])
+    np.testing.assert_array_equal(second, kept)

@@ -1,0 +1,215 @@
+"""The PettingZoo environment: its library's own checkers, and what they miss.
+
+The checkers compare one step only and pass NaN and observations outside their space; so a bitwise repeat of whole
+episodes, containment and finiteness are tested here.
+"""
+
+import pickle
+import warnings
+
+import numpy as np
+import pettingzoo
+import pettingzoo.test
+import pytest
+from pettingzoo.test import api_test, max_cycles_test, parallel_api_test, parallel_seed_test, seed_test
+
+import lissajous_env
+from lissajous_env.actions import action_table
+from lissajous_env.reward import TERMS
+
+SHORT = {"task.duration": 3.0}
+CRASHING = {"task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}
+KINDS = {
+    "default": {},
+    "points": {"scenario": "failure"},
+    "discrete": {"discrete_actions": True},
+    "discrete points": {"scenario": "failure", "discrete_actions": True},
+    "removing": {**CRASHING},
+    "removing points": {"scenario": "failure", **CRASHING},
+    "rough": {"scenario": "rough", "task.duration": 30.0},
+}
+EVERY_KIND = pytest.mark.parametrize("kind", KINDS)
+
+
+def make(kind, **settings):
+    return lissajous_env.parallel_env(**{**KINDS[kind], **settings})
+
+
+@pytest.fixture(autouse=True)
+def _warnings_are_errors():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+@EVERY_KIND
+def test_parallel_api(kind):
+    parallel_api_test(make(kind, **SHORT), num_cycles=100)
+
+
+@EVERY_KIND
+def test_parallel_seed(kind):
+    parallel_seed_test(lambda: make(kind, **SHORT), num_cycles=50)
+
+
+@EVERY_KIND
+def test_aec_api(kind):
+    api_test(lissajous_env.env(**KINDS[kind] | SHORT), num_cycles=100)
+
+
+@EVERY_KIND
+def test_aec_seed(kind):
+    seed_test(lambda: lissajous_env.env(**KINDS[kind] | SHORT), num_cycles=50)
+
+
+def test_max_cycles():
+    max_cycles_test(lissajous_env)
+
+
+def episode(env, seed, steps=300):
+    """What the reset and each step returned, and the actions; actions depend on the seed alone."""
+    draw = np.random.default_rng(seed)
+    returned = [env.reset(seed=seed)]
+    for _ in range(steps):
+        if not env.agents:
+            break
+        if env._discrete_actions:
+            actions = {agent: int(draw.integers(env.action_space(agent).n)) for agent in env.agents}
+        else:
+            actions = {agent: draw.uniform(-1, 1, env.action_space(agent).shape) for agent in env.agents}
+        returned.append(env.step(actions))
+    return returned
+
+
+@EVERY_KIND
+def test_an_episode_repeats_bit_for_bit_and_stays_in_its_spaces(kind):
+    # Oracle: the same again, in the same environment and in another, to the last bit; the spaces themselves.
+    env, other = make(kind), make(kind)
+    first, again, elsewhere = episode(env, 5), episode(env, 5), episode(other, 5)
+    assert pickle.dumps(first) == pickle.dumps(again) == pickle.dumps(elsewhere)
+    assert pickle.dumps(first) != pickle.dumps(episode(other, 6))
+    assert len(first) > 2
+    for observations, *rest in first:
+        for agent, row in observations.items():
+            assert env.observation_space(agent).contains(row)
+            assert np.isfinite(row).all()
+        if len(rest) == 4:
+            rewards, terminated, truncated, infos = rest
+            assert all(list(each) == list(observations) for each in (rewards, terminated, truncated, infos))
+            for agent, info in infos.items():
+                assert list(info) == ["reward_terms"]
+                assert info["reward_terms"].shape == (len(TERMS),)
+                assert rewards[agent] == pytest.approx(info["reward_terms"].sum(), abs=1e-5)
+            assert all(type(value) is float for value in rewards.values())
+            assert all(type(value) is bool for flags in (terminated, truncated) for value in flags.values())
+
+
+@pytest.mark.parametrize("kind", ["removing", "removing points"])
+def test_a_robot_that_a_collision_removed_is_no_agent_any_more(kind):
+    # Story: agents leave one pair at a time, each with terminated in its last step; the rest play on to the end.
+    env = make(kind, **SHORT)
+    returned = episode(env, 1, steps=1000)
+    live, gone = list(env.possible_agents), set()
+    for observations, _, terminated, truncated, _ in returned[1:]:
+        assert list(observations) == live
+        gone |= {agent for agent in live if terminated[agent]}
+        live = [agent for agent in live if not (terminated[agent] or truncated[agent])]
+    assert gone
+    assert env.agents == live == []
+
+
+def test_returned_arrays_are_the_callers_own():
+    env = make("default")
+    observations, _ = env.reset(seed=1)
+    kept = {agent: row.copy() for agent, row in observations.items()}
+    results = env.step({agent: np.zeros(2) for agent in env.agents})
+    later = {agent: row.copy() for agent, row in results[0].items()}
+    env.step({agent: np.ones(2) for agent in env.agents})
+    assert all((observations[agent] == kept[agent]).all() for agent in kept)
+    assert all((results[0][agent] == later[agent]).all() for agent in kept)
+
+
+@EVERY_KIND
+@pytest.mark.parametrize("after", [None, 0, 10])
+def test_pickled_in_mid_episode_it_goes_on_bit_for_bit(kind, after):
+    env = make(kind)
+    if after is not None:
+        episode(env, 3, steps=after)
+    copy = pickle.loads(pickle.dumps(env))
+    if after is None:
+        env.reset(seed=2)
+        copy.reset(seed=2)
+    for _ in range(20):
+        if not env.agents:
+            break
+        actions = {agent: env.action_space(agent).sample() for agent in env.agents}
+        assert pickle.dumps(env.step(actions)) == pickle.dumps(copy.step(actions))
+    assert str(env.score()) == str(copy.score())
+
+
+@EVERY_KIND
+def test_it_is_the_simulation(kind):
+    # Oracle: `Simulation` itself, given the same actions.
+    env = make(kind)
+    env.reset(seed=11)
+    simulation = lissajous_env.Simulation(env.scenario, seed=11)
+    draw = np.random.default_rng(0)
+    for _ in range(30):
+        if not env.agents:
+            break
+        rows = draw.uniform(-1, 1, simulation.action_shape[1:]).astype(np.float32)
+        actions = dict(zip(env.possible_agents, rows, strict=True))
+        if env._discrete_actions:
+            table = action_table(env.scenario)
+            chosen = draw.integers(len(table), size=len(rows))
+            rows, actions = table[chosen], dict(zip(env.possible_agents, chosen, strict=True))
+        live = [env.possible_agents.index(agent) for agent in env.agents]
+        observations, rewards, terminated, truncated, _ = env.step({agent: actions[agent] for agent in env.agents})
+        simulation.step(rows[None])
+        assert np.array(list(observations.values())).tobytes() == simulation.observation.numpy()[0, live].tobytes()
+        assert list(rewards.values()) == simulation.reward.numpy()[0, live].tolist()
+        assert list(terminated.values()) == simulation.terminated.numpy()[0, live].tolist()
+        assert list(truncated.values()) == simulation.truncated.numpy()[0, live].tolist()
+    assert str(env.score()) == str(simulation.score()[0])
+
+
+def test_the_state_is_the_truth():
+    # Oracle: the layout in the docstring of `state`, filled from the simulation's arrays.
+    env = make("rough", **{"targets.arrival_rate": 0.5})
+    for _ in episode(env, 4, steps=15):
+        pass
+    state = env.state()
+    assert env.state_space.contains(state)
+    sim, curve = env.simulation, env.scenario.curve
+    robots = state[: 8 * 5].reshape(5, 8)
+    position = sim.robots.position.numpy()[0]
+    np.testing.assert_allclose(robots[:, 0], position[:, 0] / curve.half_width, rtol=1e-6)
+    np.testing.assert_allclose(robots[:, 1], position[:, 1] / curve.half_height, rtol=1e-6)
+    np.testing.assert_allclose(np.arctan2(robots[:, 3], robots[:, 2]), sim.robots.heading.numpy()[0], atol=1e-6)
+    np.testing.assert_allclose(robots[:, 4] * sim.speed_scale, sim.robots.speed.numpy()[0], rtol=1e-5)
+    np.testing.assert_allclose(np.exp(1j * sim.robots.phase.numpy()[0]), robots[:, 5] + 1j * robots[:, 6], atol=1e-6)
+    assert robots[:, 7].tolist() == (sim.robots.status.numpy()[0] == 0).tolist()
+    targets = state[40:-1].reshape(-1, 3)
+    waiting = sim.rogues.stage.numpy()[0] == 1
+    assert targets[:, 0].tolist() == waiting.tolist()
+    places = sim.rogues.position.numpy()[0] / [curve.half_width, curve.half_height]
+    np.testing.assert_allclose(targets[waiting, 1:], places[waiting], rtol=1e-6)
+    assert (targets[~waiting] == 0).all()
+    assert state[-1] == pytest.approx(15 / env.scenario.task.steps)
+
+
+@pytest.mark.parametrize("name", lissajous_env.scenarios())
+def test_every_scenario_is_registered(name):
+    env = pettingzoo.make("parallel", f"lissajous/{name}-v0")
+    assert env.unwrapped.scenario.name == name
+    env.reset(seed=0)
+    env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+    assert pettingzoo.make("aec", f"lissajous/{name}-v0").possible_agents == env.possible_agents
+
+
+def test_an_episode_begins_anew_with_another_seed_each_time():
+    env = make("default", **{"formation.start": "rotated"})
+    first = [env.reset(seed=1)[0]["robot_0"].copy(), *(env.reset()[0]["robot_0"].copy() for _ in range(3))]
+    again = [env.reset(seed=1)[0]["robot_0"].copy(), *(env.reset()[0]["robot_0"].copy() for _ in range(3))]
+    np.testing.assert_array_equal(first, again)
+    assert len({row.tobytes() for row in first}) == 4

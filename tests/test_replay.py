@@ -1,0 +1,269 @@
+"""Recordings: kept as they were, refused when damaged, drawn as the simulation was."""
+
+import dataclasses
+import io
+import zipfile
+
+import numpy as np
+import pygame
+import pytest
+from PIL import Image
+
+import lissajous_env
+from lissajous_env import replay
+from lissajous_env.render import Renderer, film
+
+SHORT = {"task.duration": 1.2, "faults.schedule": ((0, 0.3, 0.9),), "targets.count": 6, "targets.fleeing": 0.5,
+         "targets.wandering": 0.5, "targets.arrival_rate": 2.0, "sensing.radius": 0.4}  # fmt: skip
+
+
+class Straight:
+    """Cars that go straight on."""
+
+    def __init__(self, num_worlds: int = 1):
+        self.num_worlds = num_worlds
+        self.name = "straight"
+
+    def reset(self, worlds=None):
+        pass
+
+    def act(self, observation):
+        return np.zeros((*observation.shape[:2], 2), np.float32)
+
+
+@pytest.fixture(scope="module")
+def recording() -> replay.Recording:
+    return replay.record(Straight(), lissajous_env.scenario("experiment", **SHORT), seed=4)
+
+
+def resaved(recording, path, **changes) -> None:
+    arrays = {name: getattr(recording, name) for name in replay.ARRAYS} | changes
+    with np.load(path) as stored:
+        arrays.setdefault("about", stored["about"])
+    np.savez_compressed(path, **{name: value for name, value in arrays.items() if value is not None})
+
+
+def test_a_recording_holds_the_episode(recording):
+    simulation = lissajous_env.Simulation(recording.scenario, seed=4)
+    assert len(recording) == recording.scenario.task.steps + 1 == 13
+    assert recording.duration == pytest.approx(1.2)
+    for moment in range(len(recording)):
+        np.testing.assert_array_equal(recording.position[moment], simulation.robots.position.numpy()[0])
+        np.testing.assert_array_equal(recording.phase[moment], simulation.robots.phase.numpy()[0])
+        np.testing.assert_array_equal(recording.status[moment], simulation.robots.status.numpy()[0])
+        np.testing.assert_array_equal(recording.target_position[moment], simulation.rogues.position.numpy()[0])
+        np.testing.assert_array_equal(recording.sensed_at[moment], simulation.cells.sensed_at.numpy()[0])
+        simulation.step(np.zeros(simulation.action_shape, np.float32))
+    assert recording.score["policy"] == "straight"
+    assert recording.score["seed"] == 4
+    evaluated = lissajous_env.evaluate(Straight(), recording.scenario, seeds=[4])[0]
+    assert str({**recording.score}) == str({name: evaluated[name] for name in recording.score})
+
+
+def test_a_batch_records_its_first_world(recording):
+    batch = replay.record(Straight(num_worlds=3), recording.scenario, seed=4)
+    np.testing.assert_array_equal(batch.position, recording.position)
+
+
+def test_saved_and_loaded_is_the_same(recording, tmp_path):
+    path = tmp_path / "episode.npz"
+    recording.save(path)
+    loaded = replay.load(path)
+    assert [file.name for file in tmp_path.iterdir()] == ["episode.npz"]
+    assert loaded.scenario == recording.scenario
+    assert str(loaded.score) == str(recording.score)
+    for name in replay.ARRAYS:
+        kept, read = getattr(recording, name), getattr(loaded, name)
+        assert kept.dtype == read.dtype, name
+        np.testing.assert_array_equal(kept, read, err_msg=name)
+
+
+def test_any_name_of_file_is_kept(recording, tmp_path):
+    recording.save(tmp_path / "episode.rec")
+    assert [file.name for file in tmp_path.iterdir()] == ["episode.rec"]
+    replay.load(tmp_path / "episode.rec")
+
+
+def test_scenarios_with_infinite_fields_come_back(tmp_path):
+    scenario = lissajous_env.scenario("failure", **{"faults.schedule": ((1, 0.2, np.inf),), "task.duration": 0.5})
+    simulation = lissajous_env.Simulation(scenario)
+    recorder = replay.Recorder(simulation)
+    recorder.take()
+    recorder.recording("nobody").save(tmp_path / "one.npz")
+    assert replay.load(tmp_path / "one.npz").scenario == simulation.scenario
+
+
+def test_a_step_that_was_left_out_is_refused():
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment"))
+    recorder = replay.Recorder(simulation)
+    with pytest.raises(ValueError, match="at least one moment"):
+        recorder.recording()
+    simulation.step(np.zeros(simulation.action_shape, np.float32))
+    with pytest.raises(ValueError, match="step 0 is due, got 1"):
+        recorder.take()
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.3, 0.7, 0.99])
+def test_a_file_cut_short_is_refused_by_name(recording, tmp_path, kept):
+    path = tmp_path / "cut.npz"
+    recording.save(path)
+    path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
+    with pytest.raises(ValueError, match=r"cut\.npz must be an undamaged recording"):
+        replay.load(path)
+
+
+def test_every_damaged_byte_is_refused_or_harmless(recording, tmp_path):
+    path = tmp_path / "hit.npz"
+    recording.save(path)
+    whole = path.read_bytes()
+    for at in np.random.default_rng(0).integers(0, len(whole), 60):
+        hit = bytearray(whole)
+        hit[at] ^= 0xFF
+        path.write_bytes(hit)
+        refused = None
+        try:
+            loaded = replay.load(path)
+        except ValueError as error:
+            refused = str(error)
+        else:  # some bytes of a zip file mean nothing, as its dates
+            np.testing.assert_array_equal(loaded.position, recording.position)
+        assert refused is None or "hit.npz" in refused
+
+
+def test_foreign_files_are_refused_by_name(recording, tmp_path):
+    path = tmp_path / "foreign.npz"
+    pickled = io.BytesIO()
+    np.save(pickled, np.array([{}], dtype=object), allow_pickle=True)
+    array = io.BytesIO()
+    np.save(array, np.zeros(3))
+    for data in (b"", b"GIF89a", pickled.getvalue(), array.getvalue()):
+        path.write_bytes(data)
+        with pytest.raises(ValueError, match=r"foreign\.npz must be an undamaged recording"):
+            replay.load(path)
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("readme.txt", "hello")
+    with pytest.raises(ValueError, match="it lacks"):
+        replay.load(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("heading", lambda a: a[:, :3]),
+        ("position", lambda a: a * np.nan),
+        ("found_at", lambda a: None),
+        ("contact", lambda a: np.array([[0, 0, 99]])),
+        ("sensed_at", lambda a: a[:-1]),
+        ("status", lambda a: a.astype("U3")),
+        ("about", lambda a: np.array('{"format": "something else"}')),
+        ("about", lambda a: np.array('{"format": "lissajous recording 1", "scenario": {"curve": {"d": 1}}}')),
+        ("about", lambda a: np.array("[]")),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused_by_name(recording, tmp_path, name, change):
+    path = tmp_path / "odd.npz"
+    recording.save(path)
+    resaved(recording, path, **{name: change(getattr(recording, name, None))})
+    with pytest.raises(ValueError, match=r"odd\.npz must be an undamaged recording"):
+        replay.load(path)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"none\.npz"):
+        replay.load(tmp_path / "none.npz")
+
+
+def test_pictures_of_a_recording_are_those_of_the_simulation(recording):
+    simulation = lissajous_env.Simulation(recording.scenario, seed=4)
+    live, size = Renderer(recording.scenario, (480, 320)), (480, 320)
+    for picture in recording.frames(Renderer(recording.scenario, size)):
+        np.testing.assert_array_equal(live.draw(simulation), picture)
+        simulation.step(np.zeros(simulation.action_shape, np.float32))
+
+
+@pytest.mark.parametrize(
+    ("settings", "pictures", "shown"), [({}, 13, 100), ({"speed": 4.0}, 4, 100), ({"fps": 5}, 7, 200)]
+)
+def test_gif_shows_every_moment_that_it_has_time_for(recording, tmp_path, settings, pictures, shown):
+    path, ticks = tmp_path / "a.gif", []
+    assert recording.save_gif(path, size=(360, 240), on_frame=lambda: ticks.append(1), **settings) == pictures
+    assert len(ticks) == pictures
+    with Image.open(path) as gif:
+        assert (gif.size, gif.n_frames) == ((360, 240), pictures)
+        assert gif.info["loop"] == 0
+        assert gif.info["duration"] == shown
+    assert [file.name for file in tmp_path.iterdir()] == ["a.gif"]
+
+
+def test_gif_shows_what_was_drawn(recording, tmp_path):
+    recording.save_gif(tmp_path / "a.gif", size=(360, 240))
+    drawn = list(recording.frames(Renderer(recording.scenario, (360, 240))))
+    with Image.open(tmp_path / "a.gif") as gif:
+        for k, picture in enumerate(drawn):
+            gif.seek(k)
+            away = np.abs(np.asarray(gif.convert("RGB")).astype(int) - picture).max(axis=-1)
+            assert away.mean() < 3
+            assert np.percentile(away, 99.5) < 32
+
+
+def test_contact_sheet_holds_the_pictures_at_its_times(recording, tmp_path):
+    path = tmp_path / "a.png"
+    recording.save_png(path, [0.0, 0.6, 1.2], columns=2, size=(360, 240))
+    sheet = np.asarray(Image.open(path))
+    assert sheet.shape == (480, 720, 3)
+    renderer = Renderer(recording.scenario, (360, 240))
+    np.testing.assert_array_equal(sheet[:240, 360:], renderer.draw(recording.snapshot(6)))
+    np.testing.assert_array_equal(sheet[240:, :360], renderer.draw(recording.snapshot(12)))
+    recording.save_png(path, size=(360, 240))
+    assert np.asarray(Image.open(path)).shape[0] % 240 == 0
+    for bad in ([], [-0.1], [1.4], [float("nan")]):
+        with pytest.raises(ValueError, match=r"from 0 to 1\.2 s"):
+            recording.save_png(path, bad)
+
+
+@pytest.mark.parametrize("settings", [{"fps": 0}, {"speed": -1}, {"speed": float("nan")}])
+def test_times_that_make_no_sense_are_refused(recording, tmp_path, settings):
+    with pytest.raises(ValueError, match="must be positive"):
+        recording.save_gif(tmp_path / "a.gif", **settings)
+    assert not list(tmp_path.iterdir())
+
+
+def test_keys_of_the_player(recording, monkeypatch):
+    """Right, right, left: moment 1. Space: goes on to the end. Space there: from the beginning. Escape: closed."""
+    shown, keys = [], [pygame.K_RIGHT, pygame.K_RIGHT, pygame.K_LEFT, None, None, pygame.K_SPACE]
+    draw, show = Renderer.draw, film.Window.show
+    slow = dataclasses.replace(recording)
+
+    def drawing(self, seen, world=0):
+        shown.append(seen.step)
+        return draw(self, seen, world)
+
+    def showing(self, picture, fps):
+        key = keys.pop(0) if keys else None
+        if not keys and shown[-1] == len(recording) - 1:
+            key = pygame.K_SPACE if shown.count(0) == 1 else pygame.K_ESCAPE
+        if key is not None:
+            pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=key))
+        return show(self, picture, 1000)
+
+    monkeypatch.setattr(Renderer, "draw", drawing)
+    monkeypatch.setattr(film.Window, "show", showing)
+    replay.play(slow, speed=3.0, size=(240, 160))
+    assert shown[:4] == [0, 1, 2, 1]
+    assert shown[-1] == 12
+    assert shown.count(0) == 2
+    again = shown.index(0, 1)
+    assert shown[3:again] == sorted(shown[3:again])
+    assert not pygame.display.get_init()
+
+
+def test_player_ends_when_its_window_is_closed(recording, monkeypatch):
+    show = film.Window.show
+
+    def showing(self, picture, fps):
+        pygame.event.post(pygame.event.Event(pygame.QUIT))
+        return show(self, picture, 1000)
+
+    monkeypatch.setattr(film.Window, "show", showing)
+    replay.play(recording, size=(240, 160))
+    assert not pygame.display.get_init()
