@@ -17,7 +17,8 @@ WEIGHTS = {
 
 def runs(name="experiment", worlds=8, steps=60, **overrides):
     """Terms, rewards (steps, W, N ...) and the simulation after random actions."""
-    scenario = lissajous_env.scenario(name, **{"sensing.radius": 0.3, "robot.radius": 0.15, **overrides})
+    fixed = {"sensing.radius": 0.3, "robot.radius": 0.15, "targets.arrival_rate": 0.0}
+    scenario = lissajous_env.scenario(name, **fixed, **overrides)
     simulation = lissajous_env.Simulation(scenario, worlds)
     draw, terms, rewards, actions = np.random.default_rng(0), [], [], []
     for _ in range(steps):

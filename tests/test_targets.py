@@ -296,7 +296,7 @@ def test_a_target_that_stays_is_detected_once_and_seen_on():
 
 def test_targets_in_the_disc_are_detected_at_time_0():
     # Oracle: distances to the robots' places at reset.
-    scenario = lissajous_env.scenario("failure", **{"sensing.radius": 0.4})
+    scenario = lissajous_env.scenario("failure", **{"sensing.radius": 0.4, "targets.arrival_rate": 0.0})
     simulation = lissajous_env.Simulation(scenario, 20)
     robots = simulation.robots.position.numpy()[:, :, None, :2]
     distance = np.linalg.norm(robots - simulation.rogues.position.numpy()[:, None], axis=-1).min(axis=1)

@@ -1,0 +1,168 @@
+"""What holds in every world, whatever the scenario: Hypothesis makes up scenarios and actions.
+
+Oracle: ranges that follow from the definitions, and plain logic between what the environment returns.
+"""
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import lissajous_env
+from lissajous_env.score import COLUMNS
+
+STEPS = 40
+WORLDS = 3
+FRACTIONS = ("detected_fraction", "detected_within_bound")
+TIMES = (
+    "detection_time_mean", "detection_time_p95", "detection_time_max", "coverage_time", "coverage_time_each",
+    "idleness_mean", "idleness_max", "recovery_time",
+)  # fmt: skip
+
+
+@st.composite
+def scenarios(draw):
+    """Any scenario of up to nine robots whose episode is 40 steps long."""
+    kind = draw(st.sampled_from(["car", "curve"]))
+    a = draw(st.sampled_from([1, 3, 5, 7]))
+    b = draw(st.integers(1, 8).filter(lambda b: math.gcd(a, b) == 1))
+    count = draw(st.one_of(st.none(), st.integers(1, 9)))
+    n = a + b if count is None else count
+    robots = st.integers(0, n - 1)
+    shares = draw(st.lists(st.floats(0, 1), min_size=4, max_size=4))
+    total = sum(shares) or 1.0
+    step = draw(st.sampled_from([0.05, 0.1, 0.3]))
+    times = st.floats(0, 1.2 * STEPS * step)
+    faults = draw(st.lists(st.tuples(robots, times, times), max_size=3))
+    noise = st.sampled_from([0.0, 0.0, 0.05, 0.5])
+    overrides = {
+        "curve.half_width": draw(st.floats(0.3, 50)),
+        "curve.half_height": draw(st.floats(0.3, 50)),
+        "curve.a": a,
+        "curve.b": b,
+        "curve.half_depth": draw(st.sampled_from([0.0, 1.0])) if kind == "curve" else 0.0,
+        "formation.ring": tuple(draw(st.permutations(range(n)))),
+        "formation.p": draw(st.one_of(st.none(), st.integers(0, n))),
+        "formation.alpha": draw(st.one_of(st.none(), st.integers(1, 7))),
+        "formation.start": draw(st.sampled_from(["equilibrium", "rotated", "random"])),
+        "formation.start_noise": draw(noise),
+        "robot.kind": kind,
+        "robot.count": count,
+        "robot.radius": draw(st.floats(0.001, 1)),
+        "robot.lateral_acceleration_max": draw(st.sampled_from([math.inf, 2.0, 0.1])),
+        "sensing.radius": draw(st.one_of(st.none(), st.floats(0.01, 60))),
+        "sensing.targets_seen": draw(st.integers(0, 6)),
+        "sensing.robots_seen": draw(st.integers(0, 6)),
+        "targets.count": draw(st.integers(0, 20)),
+        "targets.arrival_rate": draw(st.sampled_from([0.0, 0.5, 5.0])),
+        "targets.entry": draw(st.sampled_from(["inside", "boundary"])),
+        "targets.drifting": shares[0] / total,
+        "targets.wandering": shares[1] / total,
+        "targets.fleeing": shares[2] / total,
+        "targets.speed": draw(st.floats(0, 20)),
+        "targets.flee_speed": draw(st.floats(0, 20)),
+        "targets.leave": draw(st.booleans()),
+        "faults.schedule": tuple((i, min(s, e), max(s, e) + 0.01) for i, s, e in faults),
+        "faults.removed": tuple(draw(st.lists(st.tuples(robots, times), max_size=2))),
+        "faults.rate": draw(st.sampled_from([0.0, 0.5])),
+        "faults.lost": draw(st.integers(0, min(n, 2))),
+        "noise.actuator": draw(noise),
+        "noise.position": draw(noise),
+        "noise.heading": draw(noise),
+        "noise.speed": draw(noise),
+        "noise.message_loss": draw(st.sampled_from([0.0, 0.3, 1.0])),
+        "noise.message_delay": draw(st.sampled_from([0.0, 0.2])),
+        "task.duration": STEPS * step,
+        "task.step": step,
+        "task.substeps": draw(st.integers(1, 3)),
+        "task.grid": draw(st.one_of(st.none(), st.tuples(st.integers(1, 40), st.integers(1, 12)))),
+        "task.on_collision": draw(st.sampled_from(["count", "stop", "remove"])),
+        "task.reward_idleness": draw(st.sampled_from([0.0, 1.0])),
+        "task.reward_effort": draw(st.sampled_from([0.0, -1.0])),
+    }
+    return lissajous_env.scenario("experiment", **overrides)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(scenario=scenarios(), seed=st.integers(0, 2**20))
+def test_every_world_keeps_its_promises(scenario, seed):
+    simulation = lissajous_env.Simulation(scenario, WORLDS, seed=seed)
+    low, high = simulation.layout.low, simulation.layout.high
+    sensed = np.flatnonzero([name.startswith(("robot_", "target_")) for name in simulation.layout.names])
+    present = [k for k, name in enumerate(simulation.layout.names) if name.endswith("_present")]
+    half = np.float32([scenario.curve.half_width, scenario.curve.half_height])
+    draw = np.random.default_rng(seed)
+    covered = np.zeros(WORLDS)
+    for now in range(STEPS + 1):
+        if now:
+            simulation.step(draw.uniform(-1.3, 1.3, simulation.action_shape).astype(np.float32))
+        rows = simulation.observation.numpy()
+        assert np.isfinite(rows).all()
+        assert ((rows >= low) & (rows <= high)).all()
+        status = simulation.robots.status.numpy()
+        assert (rows[..., 7] == (status == 0)).all()
+        assert (rows[status != 0][:, sensed] == 0).all(), "a robot that does not work senses nothing"
+        assert (rows[status == 2][:, 7:] == 0).all(), "a removed robot hears nothing"
+        assert np.isin(rows[..., present], [0, 1]).all()
+        assert np.isfinite(simulation.reward.numpy()).all()
+        assert not simulation.invalid.numpy().any()
+        contact = simulation.tally.contact.numpy()
+        assert (np.tril(contact.sum(axis=0)) == 0).all(), "no robot collides with itself, no pair is counted twice"
+        phases = simulation.robots.phase.numpy()
+        assert ((phases >= 0) & (phases < 2 * math.pi)).all()
+        assert (simulation.robots.speed.numpy() >= 0).all()
+        there = simulation.rogues.stage.numpy() > 0
+        assert (np.abs(simulation.rogues.position.numpy()[there]) <= half).all()
+        now_covered = simulation.tally.covered.numpy()
+        assert (now_covered >= covered).all()
+        covered = now_covered.copy()
+        if not simulation.over.any():
+            assert simulation.clock.step.numpy().tolist() == [now] * WORLDS
+    assert simulation.over.all()
+    assert_score_in_range(scenario, simulation)
+
+
+def assert_score_in_range(scenario, simulation):
+    duration = scenario.task.duration
+    gone = simulation.terminated.numpy().all(axis=1)
+    for row, all_gone in zip(simulation.score(), gone, strict=True):
+        assert set(row) == set(COLUMNS) - {"policy", "episode"}
+        for name in FRACTIONS:
+            assert math.isnan(row[name]) == (row["targets"] == 0)
+            assert math.isnan(row[name]) or 0 <= row[name] <= 1
+        for name in TIMES:
+            assert math.isnan(row[name]) or 0 <= row[name] <= duration + 1e-6, name
+        assert 0 <= row["targets"] <= scenario.target_capacity
+        assert row["collisions"] >= 0
+        assert 0 <= row["contact_time"] <= duration * math.comb(simulation.num_robots, 2) + 1e-6
+        assert math.isnan(row["min_separation"]) or row["min_separation"] >= 0
+        if row["collisions"] > 0:
+            assert row["min_separation"] < 2 * scenario.robot.radius + 1e-6
+        elif simulation.num_robots > 1 and not math.isnan(row["min_separation"]):
+            assert row["min_separation"] > 2 * scenario.robot.radius - 1e-6
+        assert 0 <= row["phase_error"] <= math.pi + 1e-6
+        assert row["lateral_error_max"] >= row["lateral_error_mean"] - 1e-3 * abs(row["lateral_error_max"]) >= -1e-6
+        assert row["spacing_factor"] >= 0
+        assert math.isfinite(row["return_mean"])
+        if scenario.task.on_collision != "remove":
+            assert not all_gone
+    cells = math.prod(scenario.task.grid or (0,))
+    assert (simulation.tally.covered.numpy() <= cells).all()
+    assert (simulation.tally.covered_each.numpy() <= cells * simulation.num_robots).all()
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(scenario=scenarios(), seed=st.integers(0, 2**20))
+def test_every_world_alone_is_the_world_in_the_batch(scenario, seed):
+    # Oracle: the batch law, in scenarios that nobody picked.
+    batch = lissajous_env.Simulation(scenario, WORLDS, seed=seed)
+    alone = lissajous_env.Simulation(scenario, 1, seed=seed + 1)
+    draw = np.random.default_rng(seed)
+    for _ in range(STEPS):
+        action = draw.uniform(-1.3, 1.3, batch.action_shape).astype(np.float32)
+        batch.step(action)
+        alone.step(action[[1]])
+        assert alone.observation.numpy()[0].tobytes() == batch.observation.numpy()[1].tobytes()
+        assert alone.reward_terms.numpy()[0].tobytes() == batch.reward_terms.numpy()[1].tobytes()
+    assert str(alone.score()) == str(batch.score([1]))
