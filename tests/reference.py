@@ -1,7 +1,8 @@
 """The world once more: one world in float64, plain loops, written from the documented model and not from the kernels.
 
 The oracle of the simulation. What is random is left out: the phases, the cars' bodies and the targets with which an
-episode begins are given, and wandering targets are only followed with `targets.turn_rate` 0, which makes them go straight on.
+episode begins are given, and wandering targets are only followed with `targets.turn_rate` 0, which makes them go
+straight on.
 """
 
 import dataclasses

@@ -1,0 +1,384 @@
+"""The rivals of the paper's method, and its own variants: arc length, clustered places, random starts."""
+
+import math
+
+import numpy as np
+import pytest
+import warp as wp
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+import baselines
+import lissajous_env
+from baselines.arc import PREVIEW, KuramotoByArc, arc_tables, ground_speed, interpolate
+from baselines.consensus import Consensus
+from baselines.loop import cruising_speed
+from baselines.vector_field import Field, field_of, field_rate, field_velocity
+from lissajous_env import theory
+from lissajous_env.device import compile_quietly
+from lissajous_env.evaluation import episodes
+from lissajous_env.geometry import curve_length, largest_speed
+from lissajous_env.scenario import Curve
+
+CARS = ("tracked-reference-mpcc", "consensus-gvf", "kuramoto-arc-mpcc")
+NO_FAULTS = {"faults.schedule": ()}
+
+
+def played(name, scenario, worlds=8, **overrides):
+    """Score rows of seeds 0, 1 ..., and the trace of the phase error (T, W) [rad]."""
+    made = lissajous_env.scenario(scenario, **overrides)
+    policy, errors = baselines.make(name, made, num_worlds=worlds), []
+    batches = episodes(
+        policy, made, range(worlds), on_step=lambda sim: errors.append(sim.tally.phase_error.numpy() * 1)
+    )
+    return [row for rows in batches for row in rows], np.array(errors)
+
+
+def mean(rows, column):
+    return np.mean([row[column] for row in rows])
+
+
+def device(array, dtype=wp.float32):
+    return wp.array(np.asarray(array, dtype=np.float32), dtype=dtype, device="cpu")
+
+
+# What every policy promises.
+
+
+def test_names_and_kinds():
+    """Oracle: the documented names."""
+    assert set(CARS) <= set(baselines.names("experiment"))
+    assert "tracked-reference" in baselines.names("failure")
+    assert not set(CARS) & set(baselines.names("failure"))
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_a_policy_sees_the_observation_and_nothing_else(name):
+    """Oracle: the same observations give the same actions, whatever the hidden state of any world may be."""
+    first, second = (baselines.make(name, "rough", num_worlds=2) for _ in range(2))
+    simulation, other = (lissajous_env.Simulation(lissajous_env.scenario("rough"), 2, seed=seed) for seed in (0, 77))
+    for _ in range(20):
+        seen = simulation.observation.numpy().copy()
+        action = first.act(seen)
+        other.step(action)
+        np.testing.assert_array_equal(second.act(seen), action)
+        simulation.step(action)
+
+
+@pytest.mark.parametrize(
+    ("name", "scenario"), [*((name, "experiment") for name in CARS), ("tracked-reference", "knot")]
+)
+def test_a_robots_action_depends_on_its_own_row_alone(name, scenario):
+    """Oracle: changing every other row, in each of ten steps, leaves robot 2's action as it was, bit for bit."""
+    simulation = lissajous_env.Simulation(lissajous_env.scenario(scenario), seed=5)
+    policy, other = (baselines.make(name, scenario) for _ in range(2))
+    for _ in range(10):
+        seen = simulation.observation.numpy().copy()
+        changed = seen[:, ::-1].copy()
+        changed[:, 2] = seen[:, 2]
+        action = policy.act(seen)
+        np.testing.assert_array_equal(action[0, 2], other.act(changed)[0, 2])
+        simulation.step(action)
+
+
+@pytest.mark.parametrize(("name", "scenario"), [*((name, "rough") for name in CARS), ("tracked-reference", "failure")])
+def test_a_world_is_played_alike_in_any_batch(name, scenario):
+    """Oracle: the batch law, for policy and simulation together."""
+    made, seen = lissajous_env.scenario(scenario), []
+    for worlds, seed, world in ((4, 10, 2), (1, 12, 0)):
+        simulation = lissajous_env.Simulation(made, num_worlds=worlds, seed=seed)
+        policy = baselines.make(name, made, num_worlds=worlds)
+        for _ in range(120):
+            simulation.step(policy.act(simulation.observation))
+        seen.append(simulation.observation.numpy()[world])
+    np.testing.assert_array_equal(*seen)
+
+
+@pytest.mark.parametrize(("name", "scenario"), [
+    ("tracked-reference", "failure"), ("tracked-reference-mpcc", "rough"), ("consensus-gvf", "rough"),
+])  # fmt: skip
+def test_reset_forgets_one_world_alone(name, scenario):
+    """Oracle: a policy made anew, for the world that was reset; its own continuation, for the other."""
+    overrides = {"noise.actuator": 0.2}  # else a point is where its reference is, and a new one changes nothing
+    made = lissajous_env.scenario(scenario, **overrides)
+    simulation = lissajous_env.Simulation(made, num_worlds=2, seed=3)
+    policy, untouched = (baselines.make(name, made, num_worlds=2) for _ in range(2))
+    for _ in range(30):
+        seen = simulation.observation.numpy().copy()
+        simulation.step(policy.act(seen))
+        untouched.act(seen)
+    seen = simulation.observation.numpy().copy()
+    policy.reset([1])
+    action, kept = policy.act(seen), untouched.act(seen)
+    np.testing.assert_array_equal(action[0], kept[0])
+    np.testing.assert_array_equal(action[1], baselines.make(name, made, num_worlds=2).act(seen)[1])
+    assert not np.array_equal(action[1], kept[1])
+
+
+@pytest.mark.parametrize("name", ["tracked-reference-mpcc", "consensus-gvf"])
+def test_the_curve_is_followed(name):
+    """Oracle: the lateral error of `open-loop-mpcc`, times 1.5."""
+    rows, _ = played(name, "experiment", 16, **NO_FAULTS)
+    other, _ = played("open-loop-mpcc", "experiment", 16, **NO_FAULTS)
+    assert mean(rows, "lateral_error_mean") < 1.5 * mean(other, "lateral_error_mean")
+    assert mean(rows, "phase_error") < 0.5 * mean(other, "phase_error")
+
+
+# Borkar et al. [15].
+
+
+def test_figure_6b():
+    """Oracle: Fig. 6(b). Nobody reacts to the failure, and the offset of 0.3 rad/s times 9.9 s stays for good."""
+    rows, errors = played("tracked-reference", "failure", 4)
+    assert all(math.isnan(row["recovery_time"]) for row in rows)
+    resumed = 195
+    assert errors[:96].max() < 1e-4
+    np.testing.assert_allclose(errors[resumed:], errors[resumed], atol=1e-3)
+    # Two of five robots are behind by d: the circular mean leaves them d - arg(3 + 2 exp(-i d)) off, wrapped.
+    d = 0.3 * 9.9
+    turn = np.angle(3 + 2 * np.exp(-1j * d))
+    off = max(abs(turn), abs(np.angle(np.exp(-1j * (d + turn)))))
+    assert errors[-1] == pytest.approx(off, abs=1e-3)
+    # In Fig. 6(a) the same failure is recovered from.
+    assert all(row["recovery_time"] < 5 for row in played("kuramoto", "failure", 4)[0])
+
+
+def test_working_robots_do_not_react():
+    """Oracle: theta_0 + omega t, for the robots that work while their neighbours are stuck."""
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"), seed=1)
+    policy = baselines.make("tracked-reference", "failure")
+    start = simulation.robots.phase.numpy()[0]
+    for _ in range(190):
+        simulation.step(policy.act(simulation.observation))
+    moved = (simulation.robots.phase.numpy()[0] - start) % (2 * math.pi)
+    assert moved[2:] == pytest.approx(0.3 * 19.0, abs=1e-3)
+    assert moved[:2] == pytest.approx(0.3 * 9.6, abs=1e-3)
+
+
+def test_the_reference_is_tracked_against_disturbances():
+    """Oracle: white noise adds up in open loop, as sqrt(t); k = 1 holds it to what a second or two bring."""
+    noisy = {**NO_FAULTS, "noise.actuator": 0.3, "task.duration": 60.0}
+    tracked, untracked = (played(name, "failure", 16, **noisy)[1] for name in ("tracked-reference", "open-loop"))
+    # From 5 s to 60 s a random walk grows by sqrt(12), a tracked one not at all.
+    growth = [errors[-50:].mean() / errors[30:70].mean() for errors in (tracked, untracked)]
+    assert growth[0] < 1.3
+    assert growth[1] > 2.0
+    assert tracked[-50:].mean() < untracked[-50:].mean() / 3
+
+
+def test_stopped_cars_stay_out_of_step():
+    """Oracle: the physical story of Fig. 6(b) with cars, 10 s behind at 0.3 rad/s; the reference is kept before."""
+    rows, errors = played("tracked-reference-mpcc", "experiment")
+    assert errors[:240].max() < 0.25
+    assert errors[400:].min() > 2.0
+    assert all(math.isnan(row["recovery_time"]) for row in rows)
+
+
+# Yao et al. [16].
+
+
+@pytest.mark.parametrize("overrides", [{}, {"curve.a": 1, "curve.b": 4}, {"formation.p": 1}])
+def test_consensus_is_linear_in_the_deviations(overrides):
+    """Oracle: the formula in float64 on the true phases, with Delta from equilibrium (2) itself."""
+    overrides = {"formation.start_noise": 0.5, "formation.coupling": 0.7, **overrides}
+    scenario = lissajous_env.scenario("experiment", **overrides).resolve()
+    simulation = lissajous_env.Simulation(scenario, num_worlds=8, seed=3)
+    coordinator = Consensus(scenario, 8, "cpu")
+    with compile_quietly():
+        coordinator.coordinate(simulation.observation)
+    off = simulation.robots.phase.numpy() - scenario.equilibrium
+    rates = np.empty_like(off)
+    for robot, pair in enumerate(scenario.neighbours):
+        deviation = np.angle(np.exp(1j * (off[:, pair] - off[:, [robot]])))
+        rates[:, robot] = 0.3 / scenario.alpha + 0.7 * deviation.sum(axis=1)
+    np.testing.assert_allclose(coordinator.phase_rate.numpy(), rates, atol=1e-5)
+
+
+@wp.kernel
+def evaluate_field(
+    field: Field, tangent: wp.array(dtype=wp.vec2), off: wp.array(dtype=wp.vec2), out: wp.array(dtype=wp.vec3)
+):
+    k = wp.tid()
+    velocity = field_velocity(field, tangent[k], off[k])
+    out[k] = wp.vec3(velocity[0], velocity[1], field_rate(field, tangent[k], off[k]))
+
+
+def test_the_field_leads_to_the_path_and_vanishes_nowhere():
+    """Oracle: d|off|^2/dt = -2 k V (|off|^2 + (off . f')^2), by hand; on the path q' = omega r' and gamma' = omega."""
+    scenario = lissajous_env.scenario("experiment").resolve()
+    field, draw = field_of(scenario), np.random.default_rng(0)
+    tangent, off = 4 * draw.standard_normal((1000, 2)), draw.standard_normal((1000, 2))
+    off[:100] = 0
+    # Where the plane part vanishes, k off = f', the parameter still goes on.
+    off[100:200] = tangent[100:200] / (field.scale * field.pull)
+    out = wp.zeros(1000, dtype=wp.vec3, device="cpu")
+    with compile_quietly():
+        inputs = [field, device(tangent, wp.vec2), device(off, wp.vec2), out]
+        wp.launch(evaluate_field, 1000, inputs, device="cpu")
+    velocity, rate = out.numpy()[:, :2].astype(float), out.numpy()[:, 2].astype(float)
+    np.testing.assert_allclose(velocity[:100], 0.3 * tangent[:100], rtol=1e-5)
+    np.testing.assert_allclose(rate[:100], 0.3, rtol=1e-5)
+    assert (rate[100:200] > 0.3).all()
+    assert np.linalg.norm(np.column_stack([velocity, rate * field.scale]), axis=1).min() > 0.1
+    approach = 2 * np.sum(off * (velocity - tangent * rate[:, None]), axis=1)
+    V, along = 0.3 * field.scale, np.sum(off * tangent, axis=1) / field.scale
+    expected = -2 * field.pull * V * (np.sum(off**2, axis=1) + along**2)
+    np.testing.assert_allclose(approach, expected, rtol=1e-3, atol=1e-4)
+
+
+def test_known_spacing_recovers():
+    """Oracle: before and after the fault the formation is as far from (2); the stuck robots were 3 rad behind."""
+    _, errors = played("consensus-gvf", "experiment", 16)
+    assert errors[300:345].max() > 0.3
+    assert errors[-100:].mean(axis=0).max() < 1.2 * errors[100:240].mean(axis=0).max()
+
+
+def test_consensus_keeps_a_spacing_that_kuramoto_cannot():
+    """Oracle: Theorem 1, N / 4 < p < 3 N / 4; linear consensus is stable for any p that it is given."""
+    unstable = {**NO_FAULTS, "formation.p": 1, "formation.alpha": 1}
+    assert 1 not in theory.stable_equilibria(5)
+    assert played("consensus-gvf", "experiment", 4, **unstable)[1][-1].max() < 0.3
+    assert played("kuramoto-mpcc", "experiment", 4, **unstable)[1][-1].min() > 0.5
+
+
+# Arc length.
+
+
+def arc_phase(curve, gamma):
+    """2 pi s(gamma) / L by adaptive quadrature [rad]."""
+    lap = quad(lambda g: theory.curve_speed(curve, g), 0, 2 * math.pi, limit=200)[0]
+    return 2 * math.pi * quad(lambda g: theory.curve_speed(curve, g), 0, gamma, limit=200)[0] / lap
+
+
+@wp.kernel
+def look_up(table: wp.array(dtype=float), angle: wp.array(dtype=float), out: wp.array(dtype=float)):
+    out[wp.tid()] = interpolate(table, angle[wp.tid()])
+
+
+@pytest.mark.parametrize(("a", "b"), [(3, 2), (1, 4), (7, 8)])
+def test_arc_tables(a, b):
+    """Oracle: adaptive quadrature of (14), its inverse by bracketing; angles of other laps have the same entry."""
+    curve = Curve(1.8, 0.8, a, b)
+    angles = np.random.default_rng(0).uniform(0, 2 * math.pi, 20)
+    gain = [arc_phase(curve, angle) - angle for angle in angles]
+    loss = [brentq(lambda g, s=angle: arc_phase(curve, g) - s, 0, 2 * math.pi, xtol=1e-10) - angle for angle in angles]
+    for table, expected in zip(arc_tables(curve), (gain, loss), strict=True):
+        for lap in (-2, 0, 3):
+            out = wp.zeros(20, dtype=float, device="cpu")
+            with compile_quietly():
+                wp.launch(look_up, 20, [device(table), device(angles + 2 * math.pi * lap), out], device="cpu")
+            np.testing.assert_allclose(out.numpy(), expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("overrides", [{}, {"curve.a": 1, "curve.b": 4}])
+def test_dynamics_1_act_on_the_arc_phase(overrides):
+    """Oracle: (1) in float64 on arc phases by quadrature of the true phases; alpha = 1 and 3."""
+    overrides = {"formation.start": "random", "formation.coupling": 0.7, **overrides}
+    scenario = lissajous_env.scenario("intruders", **overrides).resolve()
+    alpha, curve = scenario.alpha, scenario.curve
+    simulation = lissajous_env.Simulation(scenario, num_worlds=2, seed=3)
+    coordinator = KuramotoByArc(scenario, 2, "cpu")
+    with compile_quietly():
+        coordinator.coordinate(simulation.observation)
+    rate = 2 * math.pi * ground_speed(scenario) / (curve_length(curve) * alpha)
+    for phases, found in zip(simulation.robots.phase.numpy(), coordinator.phase_rate.numpy(), strict=True):
+        psi = np.array([arc_phase(curve, alpha * phase) for phase in phases]) / alpha
+        psi_rates = theory.kuramoto_rates(psi, scenario.neighbours, rate, 0.7)
+        for robot in range(5):
+            soon = alpha * (psi[robot] + PREVIEW * psi_rates[robot])
+            gamma = brentq(lambda g, s=soon: arc_phase(curve, g) - s, soon - 2, soon + 2, xtol=1e-9)
+            assert found[robot] == pytest.approx((gamma / alpha - phases[robot]) / PREVIEW, abs=2e-4)
+
+
+def test_ground_speed():
+    """Oracle: the rule by hand: mean speed without a word on grip, a patrol's speed, the turn that grip allows."""
+    length = curve_length(lissajous_env.scenario("experiment").curve)
+    assert ground_speed(lissajous_env.scenario("experiment")) == pytest.approx(0.3 * length / (2 * math.pi))
+    intruders = lissajous_env.scenario("intruders")
+    assert ground_speed(intruders) == cruising_speed(intruders) == pytest.approx(1.7, abs=0.01)
+    slippery = lissajous_env.scenario("intruders", **{"robot.lateral_acceleration_max": 2.0})
+    assert ground_speed(slippery) == pytest.approx(math.sqrt(2.0 * 1.2))
+    ice = lissajous_env.scenario("intruders", **{"robot.lateral_acceleration_max": 0.5})
+    assert ground_speed(ice) == pytest.approx(0.118 * 3 * length / (2 * math.pi))
+
+
+def test_robots_are_spaced_along_the_curve_at_one_speed():
+    """Oracle: gaps of L / 5, and a speed that the fastest stretch alone has where theta' = omega."""
+    scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0})
+    speeds, simulations = [], []
+    policy = baselines.make("kuramoto-arc-mpcc", scenario, num_worlds=4)
+
+    def record(simulation):
+        simulations[:] = [simulation]
+        speeds.append(simulation.robots.speed.numpy().copy())
+
+    list(episodes(policy, scenario, range(4), on_step=record))
+    for phases in simulations[0].robots.phase.numpy():
+        arcs = np.sort([arc_phase(scenario.curve, phase) for phase in phases])
+        gaps = np.diff(arcs, append=arcs[0] + 2 * math.pi)
+        np.testing.assert_allclose(gaps, 2 * math.pi / 5, rtol=0.05)
+    settled = np.array(speeds[200:])
+    assert settled.mean() == pytest.approx(ground_speed(scenario), rel=0.07)
+    profile = 0.118 * theory.curve_speed(scenario.curve, np.linspace(0, 2 * math.pi, 1000))
+    assert settled.std() / settled.mean() < 0.4 * profile.std() / profile.mean()
+    assert settled.max() < 1.02 * 0.118 * largest_speed(scenario.curve)
+
+
+def test_constant_speed_finds_intruders_sooner():
+    """Oracle: the paper's coordination, and a patrol at the same speed."""
+    arc, kuramoto, sweep = (
+        played(name, "intruders", 32)[0] for name in ("kuramoto-arc-mpcc", "kuramoto-mpcc", "sweep")
+    )
+    assert mean(arc, "detection_time_mean") < 0.75 * mean(kuramoto, "detection_time_mean")
+    assert mean(arc, "detection_time_mean") < mean(sweep, "detection_time_mean")
+    assert mean(arc, "detection_time_p95") < 0.6 * mean(sweep, "detection_time_p95")
+    assert mean(arc, "collisions") == 0
+
+
+# Clustered places (Lemmas 1 and 2) and random starts, with the paper's coordination.
+
+
+@pytest.mark.parametrize(("p", "alpha", "kappa"), [(7, None, 1), (6, None, 3), (7, 3, 3), (5, None, 5), (7, 5, 5)])
+def test_clustered_configurations(p, alpha, kappa):
+    """Oracle: Lemma 1, kappa robots at each of N / kappa places, from near by too; (8) and T_max with that kappa."""
+    chosen = {"formation.p": p, "formation.alpha": alpha, "targets.count": 200, "task.duration": 60.0}
+    scenario = lissajous_env.scenario("ideal", **chosen)
+    assert scenario.clusters == kappa
+    assert scenario.detection_time_bound == pytest.approx(2 * math.pi / 0.05 * kappa / 15)
+    assert scenario.detection_radius == pytest.approx(math.sin(math.pi * kappa / 15) * math.hypot(5, 5))
+    exact, errors = played("kuramoto", scenario, 1)
+    assert errors.max() < 1e-4
+    assert exact[0]["spacing_factor"] == pytest.approx(1.0, abs=2e-3)
+    assert exact[0]["detected_within_bound"] == 1.0
+    nearby = lissajous_env.scenario(scenario, **{"formation.start_noise": 0.1, "task.duration": 120.0})
+    simulation = lissajous_env.Simulation(nearby, num_worlds=4)
+    policy = baselines.make("kuramoto", nearby, num_worlds=4)
+    assert simulation.tally.phase_error.numpy().min() > 0.05
+    for _ in range(nearby.task.steps):
+        simulation.step(policy.act(simulation.observation))
+    assert simulation.tally.phase_error.numpy().max() < 0.005
+    places = simulation.robots.position.numpy()
+    apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
+    assert ((apart < 0.2).sum(axis=-1) == kappa).all()
+
+
+@pytest.mark.parametrize(("a", "b", "duration", "shares"), [
+    (3, 2, 60.0, {2: 0.51, 3: 0.49}),
+    (3, 5, 120.0, {4: 0.76}),
+    (7, 3, 120.0, {5: 0.69}),
+])  # fmt: skip
+def test_random_starts_reach_the_stable_equilibria(a, b, duration, shares):
+    """Oracle: shares of 2,000 starts, simulated independently; tolerance four standard deviations of 600."""
+    overrides = {"curve.a": a, "curve.b": b, "formation.p": None, "formation.start": "random", "targets.count": 0}
+    scenario = lissajous_env.scenario("failure", **NO_FAULTS, **overrides, **{"task.duration": duration})
+    simulation = lissajous_env.Simulation(scenario, num_worlds=600)
+    policy = baselines.make("kuramoto", scenario, num_worlds=600)
+    for _ in range(scenario.task.steps):
+        simulation.step(policy.act(simulation.observation))
+    phases = simulation.robots.phase.numpy()
+    gaps = (np.roll(phases, -1, axis=1) - phases) % (2 * math.pi)
+    reached = np.round(gaps.sum(axis=1) / (2 * math.pi)).astype(int)
+    assert set(reached) <= set(theory.stable_equilibria(a + b))
+    assert np.abs(gaps - 2 * math.pi * reached[:, None] / (a + b)).max() < 0.05
+    for p, share in shares.items():
+        assert np.mean(reached == p) == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / 600))
