@@ -7,18 +7,27 @@ and dynamics (1) act on it:
 
 Its equilibria, their stability and alpha of Lemma 2 are those of the phase, with the places spaced by L / N along the
 curve rather than by 2 pi / N in gamma. The observed phase theta_i and phase difference theta_j - theta_i give psi_j,
-which is carried on at the natural rate for the time its message was under way. The controller is told one phase rate for
-its horizon; here it is the mean one over the next PREVIEW seconds at the ground speed that psi_i' asks for.
+which is carried on at the natural rate for the time its message was under way. The controller is told one phase rate
+for its horizon; here it is the mean one over the next PREVIEW seconds at the ground speed that psi_i' asks for.
 
 The ground speed v is as fast as the cars can follow (`ground_speed`), where theta' = omega reaches it on the fastest
 stretch of the curve alone.
 
 Lost: equally spaced robots are not on ellipse (5), so (6), (8) and T_max promise nothing, and `phase_error`, the
-deviation from (2) in theta, never falls to that of a recovered formation. For curve (16) the smallest distance of two
-robots in formation is 0.350 m instead of 0.455 m: on `experiment`, with a lateral error of SEE m, there are SEE
-collisions in a minute without faults (`kuramoto-mpcc`: 0.7).
+deviation from (2) in theta, does not fall to 0. On curve (16) the smallest distance of two robots in formation is
+0.350 m instead of 0.455 m. With the lateral error of its cars, 0.17 m, that is too little: `experiment` without faults
+has 54 collisions in an episode, where `kuramoto-mpcc` has 0.7.
 
-Gained: SEE
+Gained: intruders are found sooner. Means of 64 episodes of `intruders`:
+
+| policy              | detection time [s] | its 95th percentile [s] | collisions | spacing_factor |
+|---------------------|--------------------|-------------------------|------------|----------------|
+| `kuramoto-arc-mpcc` | 4.2                | 10.3                    | 0          | 0.96           |
+| `sweep`             | 4.7                | 22.3                    | 0.28       | 1.23           |
+| `kuramoto-mpcc`     | 6.8                | 22.6                    | 0          | 1.01           |
+
+Robots at the formation's mean speed, 1.31 m/s rather than 1.7 m/s, need 5.3 s: more than half of the gain over
+`kuramoto-mpcc` comes from the constant speed, the rest from there being room to go faster.
 """
 
 import math

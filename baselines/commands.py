@@ -1,6 +1,7 @@
 """Commands that put policies to work: benchmark, evaluate, run."""
 
 import dataclasses
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -98,7 +99,7 @@ def run(
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines import report
-    from lissajous_env.commands import check_file, show
+    from lissajous_env.commands import check_file, has_display, show
     from lissajous_env.replay import record
 
     check_file(out, ".gif", ".png", ".npz")
@@ -112,4 +113,7 @@ def run(
         progress.end()
     console = report.wide_console()
     report.print_row(console, recording.score | {"policy": policy})
+    if out is None and not has_display():
+        print("there is no display to open a window on; --out writes a .gif, .png or .npz instead", file=sys.stderr)
+        return
     show(recording, out)

@@ -13,7 +13,7 @@ from baselines.policy import names
 from baselines.statistics import Statistics
 from lissajous_env.scenario import Scenario
 
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 9.5,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -79,7 +79,7 @@ def draw(
         axes.set_xlabel("mean detection time [s]")
         axes.set_ylabel("share of episodes at or below")
 
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         return {
             "detection_time.png": _panels(played, "Detection time", times, most),
             "collisions.png": _panels(played, "Collisions", collisions, most),

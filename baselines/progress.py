@@ -61,7 +61,8 @@ class Progress:
         self._bar.update(self._task, total=max(self._total, 1), completed=self._gone)
         if not self._console.is_terminal:
             took = time.monotonic() - self._began
-            self._console.print(f"{self._name}: {word or f'{self._cell_done} episodes'}, {took:.1f} s", highlight=False)
+            counted = "1 episode" if self._cell_done == 1 else f"{self._cell_done} episodes"
+            self._console.print(f"{self._name}: {word or counted}, {took:.1f} s", highlight=False)
 
     def __enter__(self) -> "Progress":
         self._bar.__enter__()

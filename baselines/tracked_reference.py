@@ -6,9 +6,9 @@ in open loop and centrally. The planner places the references in the formation a
     gamma_ref(t) = gamma_ref(0) + omega t_on                 t_on: time for which the robot has worked [s]
     theta_i' = omega / alpha + k wrap(theta_ref - theta_i)   gamma = alpha theta, k = TRACKING [1/s]
 
-with the second term held to [-omega / alpha, omega / alpha], so that a robot neither reverses nor goes at more than twice
-the formation's rate to meet its reference. gamma_ref(0) is where the robot stands when the episode begins, which is its
-place in the formation; a start that is off it is off it for good.
+with the second term held to [-omega / alpha, omega / alpha], so that a robot neither reverses nor goes at more than
+twice the formation's rate to meet its reference. gamma_ref(0) is where the robot stands when the episode begins, which
+is its place in the formation; a start that is off it is off it for good.
 
 What comes in between depends on what the generator of a stopped robot does. It is taken to stop with its robot and to
 go on with it: Fig. 6(b) shows states that keep their offset after t_2, and Section V names "the desynchronization in

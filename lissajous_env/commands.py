@@ -1,5 +1,6 @@
 """Commands about the world itself: which scenarios there are, and recordings of episodes."""
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -66,7 +67,18 @@ def replay(file: _File, out: _Out = None, speed: float = 1.0, fps: float = 10.0)
     check_file(out, ".gif", ".png")
     if not file.is_file():
         raise ValueError(f"file must be a recording (.npz), but there is no file {file}")
+    if out is None and not has_display():
+        raise ValueError("out must be given (.gif or .png): there is no display to open a window on")
     show(load(file), out, speed, fps)
+
+
+def has_display() -> bool:
+    """Whether a window can be opened; without a display SDL would draw one that nobody can see or close."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    driver = os.environ.get("SDL_VIDEODRIVER", "")
+    found = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    return driver not in ("dummy", "offscreen") if driver else found
 
 
 def check_file(out: Path | None, *suffixes: str) -> None:
@@ -84,17 +96,14 @@ def check_file(out: Path | None, *suffixes: str) -> None:
 
 
 def show(recording: "Recording", out: Path | None, speed: float = 1.0, fps: float = 10.0) -> None:
-    """Show a recording in a window where there is a display, or write it to a file by its suffix."""
+    """Show a recording in a window or, given a file, write it there in the format of its suffix."""
     from rich.console import Console
     from rich.progress import Progress
 
     from lissajous_env.replay import play
 
     if out is None:
-        try:
-            play(recording, speed=speed)
-        except OSError as error:
-            print(f"{error}; --out writes to a file", file=sys.stderr)
+        play(recording, speed=speed)
         return
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:

@@ -10,8 +10,9 @@ import time
 
 import pytest
 
+import baselines
 import lissajous_env
-from lissajous_env.cli import commands, parse_overrides
+from lissajous_env.cli import commands, main, parse_overrides
 from lissajous_env.score import COLUMNS
 
 BENCHMARK = (
@@ -52,11 +53,13 @@ def test_help_lists_every_command_in_one_line(arguments):
     assert all(len(line) <= 80 for line in ended.stdout.splitlines())
 
 
-def test_every_command_has_help():
-    for name in commands():
-        ended = lissajous(name, "--help")
-        assert (ended.returncode, ended.stderr) == (0, ""), name
-        assert f"usage: lissajous {name}" in ended.stdout
+@pytest.mark.parametrize("name", sorted(commands()))
+def test_every_command_has_help(name, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([name, "--help"])
+    out, error = capsys.readouterr()
+    assert (ended.value.code, error) == (0, "")
+    assert f"usage: lissajous {name}" in out
 
 
 @pytest.mark.parametrize("width", [80, 120])
@@ -77,11 +80,16 @@ def test_design_prints_designs():
     assert "T_max" in ended.stdout
 
 
+def test_an_unknown_scenario_is_one_clear_line_and_exit_code_2(tmp_path):
+    ended = lissajous("benchmark", "--scenarios", "falure", cwd=tmp_path)
+    assert error_of(ended).endswith("got 'falure'; did you mean failure?")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["benchmrk"], "did you mean benchmark?"),
-        (["benchmark", "--scenarios", "falure"], "did you mean failure?"),
         (["benchmark", "--policies", "kuramto"], "did you mean kuramoto?"),
         (["evaluate", "kuramoto", "failure", "--set", "task.duraton=3"], "did you mean duration?"),
         (["evaluate", "kuramoto", "failure", "--set", "task.duration=-3"], "must be positive [s], got -3"),
@@ -90,8 +98,11 @@ def test_design_prints_designs():
         (["replay", "nowhere.npz"], "nowhere.npz"),
     ],
 )
-def test_bad_input_is_one_clear_line_and_exit_code_2(arguments, words, tmp_path):
-    assert words in error_of(lissajous(*arguments, cwd=tmp_path))
+def test_bad_input_is_one_clear_line_and_exit_code_2(arguments, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert words in error_of(subprocess.CompletedProcess(arguments, int(ended.value.code or 0), *capsys.readouterr()))
     assert not list(tmp_path.iterdir())
 
 
@@ -171,3 +182,28 @@ def test_overrides_are_literals_words_and_infinity():
 def test_an_override_that_is_no_value_is_refused(entry):
     with pytest.raises(ValueError, match="--set"):
         parse_overrides([[entry]])
+
+
+def test_run_and_replay_make_files_and_need_no_display(tmp_path):
+    headless = {name: value for name, value in os.environ.items() if "DISPLAY" not in name and "SDL" not in name}
+    command = [sys.executable, "-m", "lissajous_env"]
+
+    def call(*arguments):
+        given = [*command, *map(str, arguments)]
+        return subprocess.run(given, capture_output=True, text=True, env=headless, cwd=tmp_path, timeout=60)
+
+    short = ("run", "failure", "kuramoto", "--seed", "3", "--set", "task.duration=1")
+    shown = call(*short)
+    assert shown.returncode == 0
+    assert "there is no display" in shown.stderr
+    assert call(*short, "--out", "episode.npz").returncode == 0
+    for name, magic in (("film.gif", b"GIF89a"), ("sheet.png", b"\x89PNG")):
+        assert call("replay", "episode.npz", "--out", name).returncode == 0
+        assert (tmp_path / name).read_bytes().startswith(magic)
+    assert "there is no display" in error_of(call("replay", "episode.npz"))
+    # Oracle: the same episode through `evaluate`, as `run` prints it.
+    scenario = lissajous_env.scenario("failure", **{"task.duration": 1.0})
+    (row,) = lissajous_env.evaluate(baselines.make("kuramoto", scenario), scenario, seeds=[3])
+    assert re.search(rf"^min_separation +{row['min_separation']:.3f}$", shown.stdout, re.MULTILINE)
+    (tmp_path / "episode.npz").write_bytes((tmp_path / "episode.npz").read_bytes()[:1000])
+    assert "episode.npz" in error_of(call("replay", "episode.npz", "--out", "film.gif"))

@@ -1,0 +1,127 @@
+"""The table of the claims: what the paper says, what we find, and whether the two agree."""
+
+import csv
+import dataclasses
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from baselines.reproduce.style import Picture
+
+SILENT = "not stated"
+"""In place of the paper's number where it gives none."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One row of the table."""
+
+    part: str
+    """Where in the paper: the name that `lissajous reproduce` takes."""
+    claim: str
+    paper: str
+    """What the paper says, with its unit."""
+    ours: str
+    """What we found, with its unit."""
+    tolerance: str
+    """The rule by which the two agree."""
+    agrees: bool
+    why: str = ""
+    """What was chosen where the paper is silent, or why the two differ."""
+
+
+def near(
+    part: str, claim: str, paper: float, ours: float, tolerance: float, unit: str = "", why: str = "", digits: str = ".4g"
+) -> Claim:
+    """Claim a number: ours may be off by the tolerance, in the same unit."""
+    agrees = abs(ours - paper) <= tolerance
+    space = " " if unit else ""
+    words = f"\N{PLUS-MINUS SIGN} {tolerance:g}{space}{unit}"
+    return Claim(part, claim, f"{paper:g}{space}{unit}", f"{ours:{digits}}{space}{unit}", words, agrees, why)
+
+
+def within_range(
+    part: str, claim: str, paper: float, ours: Sequence[float], unit: str = "", why: str = "", digits: str = ".3f"
+) -> Claim:
+    """Claim that the paper's number is one that we see: it must lie between our smallest and our largest."""
+    low, high = min(ours), max(ours)
+    space = " " if unit else ""
+    words = f"{low:{digits}} to {high:{digits}}{space}{unit}"
+    rule = f"inside the range of {len(ours)} seeds"
+    return Claim(part, claim, f"{paper:g}{space}{unit}", words, rule, low <= paper <= high, why)
+
+
+def all_of(part: str, claim: str, paper: str, holds: Sequence[bool], what: str, why: str = "") -> Claim:
+    """Claim that something holds every time."""
+    return Claim(part, claim, paper, f"{sum(map(bool, holds))} of {len(holds)} {what}", "all", all(holds), why)
+
+
+def at_most(
+    part: str, claim: str, paper: str, ours: float, bound: float, unit: str = "", why: str = "", digits: str = ".3g"
+) -> Claim:
+    """Claim that a number does not exceed a bound."""
+    space = " " if unit else ""
+    rule = f"at most {bound:g}{space}{unit}"
+    return Claim(part, claim, paper, f"{ours:{digits}}{space}{unit}", rule, ours <= bound, why)
+
+
+def print_table(console: Console, claims: Sequence[Claim]) -> None:
+    """Print the table, a rule between the parts."""
+    table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, padding=(0, 1), show_edge=False)
+    table.add_column("", no_wrap=True, style="bold cyan")
+    for title, ratio in (("claim", 26), ("paper", 14), ("ours", 18), ("tolerance", 12)):
+        table.add_column(title, ratio=ratio)
+    table.add_column("agrees", no_wrap=True)
+    table.add_column("why, or what was chosen", ratio=30)
+    table.expand = True
+    for number, each in enumerate(claims):
+        first = number == 0 or claims[number - 1].part != each.part
+        last = number + 1 == len(claims) or claims[number + 1].part != each.part
+        agrees = "[green]yes[/]" if each.agrees else "[bold red]no[/]"
+        words = [escape(word) for word in (each.claim, each.paper, each.ours, each.tolerance)]
+        table.add_row(each.part if first else "", *words, agrees, escape(each.why), end_section=last)
+    console.print(table)
+
+
+def summary(claims: Sequence[Claim]) -> str:
+    """Say how many of the claims agree, and which parts hold one that does not."""
+    differ = [each for each in claims if not each.agrees]
+    words = f"{len(claims) - len(differ)} of {len(claims)} claims agree"
+    if differ:
+        words += f"; not: {', '.join(dict.fromkeys(each.part for each in differ))}"
+    return words
+
+
+def as_csv(claims: Sequence[Claim]) -> str:
+    """Return the table as CSV."""
+    file = io.StringIO()
+    writer = csv.DictWriter(file, [field.name for field in dataclasses.fields(Claim)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({**dataclasses.asdict(each), "agrees": "yes" if each.agrees else "no"} for each in claims)
+    return file.getvalue()
+
+
+def as_markdown(claims: Sequence[Claim]) -> str:
+    """Return the table as Markdown."""
+    lines = ["| | claim | paper | ours | tolerance | agrees | why, or what was chosen |", "|---" * 7 + "|"]
+    for each in claims:
+        agrees = "yes" if each.agrees else "**no**"
+        cells = (each.part, each.claim, each.paper, each.ours, each.tolerance, agrees, each.why)
+        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def as_page(claims: Sequence[Claim], pictures: Sequence[Picture], command: str) -> str:
+    """Return a page in Markdown: the table, then every picture with its caption."""
+    parts = [
+        "# The paper, simulated again",
+        f"Made by `{command}`. {summary(claims)}.",
+        as_markdown(claims),
+        *(f"## {each.title}\n\n![{each.title}]({each.name}.png)\n\n{each.caption}\n" for each in pictures),
+    ]
+    return "\n\n".join(parts)
