@@ -36,9 +36,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.consensus import hears, lead, message_age
 from baselines.loop import cruising_speed
-from baselines.observed import own_phase
+from baselines.observed import hears, lead, message_age, own_phase
 from lissajous_env import theory
 from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import TWO_PI

@@ -19,7 +19,7 @@ _ScenarioNames = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(
 
 
 def benchmark(settings: tyro.conf.OmitArgPrefixes[Benchmark], overrides: Overrides = ()) -> int:
-    """Compare policies on scenarios: tables, episodes, statistics, pictures.
+    """Compare policies on scenarios: tables, files and pictures.
 
     Killed at any moment, it goes on where it stopped when it is called again with the same --out.
 

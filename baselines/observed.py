@@ -34,14 +34,33 @@ def own_works(w: int, i: int, observation: wp.array3d(dtype=float)) -> bool:
 
 
 @wp.func
+def hears(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> bool:
+    """Whether a message that a ring neighbour sent within the last second is known."""
+    start = OWN + LINK * side
+    return observation[w, i, start] > 0.5 and observation[w, i, start + 1] < 1.0
+
+
+@wp.func
+def message_age(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> float:
+    """Time since a ring neighbour sent its message [s]."""
+    return observation[w, i, OWN + LINK * side + 1]
+
+
+@wp.func
+def lead(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> float:
+    """Phase that a ring neighbour sent less one's own, theta_j - theta_i in [-pi, pi] [rad]."""
+    start = OWN + LINK * side
+    return wp.atan2(observation[w, i, start + 3], observation[w, i, start + 2])
+
+
+@wp.func
 def sine_ahead(w: int, i: int, side: int, rate: float, observation: wp.array3d(dtype=float)) -> float:
     """sin(theta_j - theta_i) of a ring neighbour, its phase carried on at `rate` [rad/s] since it was sent.
 
     Zero for a neighbour that was never heard, or not within the last second.
     """
-    start = OWN + LINK * side
-    age = observation[w, i, start + 1]
-    if observation[w, i, start] < 0.5 or age >= 1.0:
+    if not hears(w, i, side, observation):
         return 0.0
-    ahead = rate * age
+    start = OWN + LINK * side
+    ahead = rate * message_age(w, i, side, observation)
     return observation[w, i, start + 3] * wp.cos(ahead) + observation[w, i, start + 2] * wp.sin(ahead)

@@ -42,8 +42,11 @@ _COLOURS = (
     "#B2A300",
     "#6A3D9A",
     "#8C564B",
+    "#17BECF",
+    "#333333",
+    "#A6761D",
 )
-_PANEL = 3.5
+_PANEL = 3.8
 """Width of a panel [inch]."""
 
 
@@ -106,7 +109,8 @@ def _panels(
         entries = {
             label: line for axes in figure.axes for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
         }
-        columns = min(len(entries), int(figure.get_figwidth() / 1.55))
+        wide = 0.75 + 0.075 * max(map(len, entries))
+        columns = max(min(len(entries), int(figure.get_figwidth() / wide)), 1)
         shown = figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
         for line in shown.get_lines():
             line.set_linewidth(3)

@@ -99,15 +99,19 @@ def _dispatch(arguments: list[str]) -> int:
 def _print_help(known: dict[str, EntryPoint]) -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     console = Console()
     console.print("usage: lissajous [b]COMMAND[/b] ...\n")
     console.print("Monitor an area with a team of robots on Lissajous curves.\n")
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False, pad_edge=False)
-    table.add_column(no_wrap=True, min_width=max(map(len, known), default=0) + 2)
-    table.add_column(no_wrap=True, overflow="ellipsis")
+    widest = max(map(len, known), default=0)
+    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True)
     for name, entry in known.items():
-        table.add_row(f"  [bold cyan]{name}", _summary(entry))
+        summary = Text(_summary(entry))
+        summary.truncate(max(console.width - widest - 6, 10), overflow="ellipsis")
+        table.add_row(f"  [bold cyan]{name}", summary)
     console.print(table)
     console.print("\n[b]lissajous COMMAND --help[/b] lists the options of a command.", highlight=False)
 

@@ -113,9 +113,11 @@ def alpha_for(num_robots: int, p: int, wanted_p: int) -> int | None:
 def default_alpha(curve: "Curve", num_robots: int, p: int) -> int:
     """The alpha with alpha p = a^-1 (mod N), so that the edges of the ring are the neighbours on ellipse (5) (Lemma 2).
 
-    1 where no such alpha exists: a clustered p, or N sharing a factor with a (as it can when N is not a + b).
+    For a clustered p, with kappa = gcd(N, p), the same holds of the N / kappa places: alpha p / kappa = a^-1 (mod
+    N / kappa). 1 where no such alpha exists: N sharing a factor with a (as it can when N is not a + b).
     """
-    return alpha_for(num_robots, curve.a * p, 1) or 1
+    clusters = math.gcd(num_robots, p)
+    return alpha_for(num_robots // clusters, curve.a * (p // clusters), 1) or 1
 
 
 def ring_lies_on_ellipse(curve: "Curve", num_robots: int, p: int, alpha: int = 1) -> bool:

@@ -12,7 +12,19 @@ from lissajous_env.device import as_device, compile_quietly
 
 DEVICE_CODE = (
     *(f"lissajous_env.{m}" for m in ("robot", "targets", "collision", "coverage", "tally", "observation")),
-    *(f"baselines.{m}" for m in ("coordinated", "kuramoto", "patrol", "mpcc_kernel")),
+    *(
+        f"baselines.{m}"
+        for m in (
+            "arc",
+            "consensus",
+            "coordinated",
+            "kuramoto",
+            "mpcc_kernel",
+            "patrol",
+            "tracked_reference",
+            "vector_field",
+        )
+    ),
 )
 
 
