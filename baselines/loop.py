@@ -34,7 +34,7 @@ def patrol_loop(scenario: Scenario, points: int = 2048) -> np.ndarray:
     Around the rectangle, so far inside that a disc still reaches the boundary, where targets enter at the boundary or
     a disc on that way reaches the middle; else up and down in lanes two sensing radii apart and back along one side.
     """
-    curve, radius = scenario.curve, scenario.resolve().sensing.radius
+    curve, radius = scenario.curve, scenario.sensing_radius
     A, B = curve.half_width, curve.half_height
     corner = corner_radius(scenario)
     inset = max(min(0.7 * radius, B - corner, A - corner), 0.0)

@@ -149,7 +149,7 @@ class Mpcc:
         ends = [self.batch * share // shares for share in range(shares + 1)]
         outputs = [self.control, self.trajectory, self.cost, self.iterations, self.failed, self.failures]
         with compile_quietly():
-            recorded = [
+            recorded: list[Any] = [
                 wp.launch(
                     mpcc_kernel.solve,
                     dim=high - low,

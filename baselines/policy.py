@@ -13,9 +13,8 @@ import warp as wp
 
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device import as_device, compile_quietly, copy_in, is_torch
-from lissajous_env.observation import Scales, layout
+from lissajous_env.observation import layout
 from lissajous_env.scenario import Scenario
-from lissajous_env.simulation import speed_scale
 
 
 class Policy:
@@ -68,14 +67,6 @@ class Policy:
 
     def _forget(self, mask: np.ndarray) -> None:
         """Forget the memory of the worlds in a mask (W,)."""
-
-    def _scales(self) -> Scales:
-        scales = Scales()
-        scales.speed = speed_scale(self.scenario)
-        scales.radius = self.scenario.sensing.radius
-        scales.step = self.scenario.task.step
-        scales.robots_seen, scales.targets_seen = self.scenario.sensing.robots_seen, self.scenario.sensing.targets_seen
-        return scales
 
 
 _REGISTRY: dict[str, Callable[..., Policy]] = {}

@@ -1,6 +1,6 @@
 """The paper's experiment: what Fig. 9 reports beside what is simulated, with and without feedback.
 
-    python benchmarks/experiment.py
+Command: `python benchmarks/experiment.py`
 """
 
 import numpy as np

@@ -101,7 +101,7 @@ class LissajousVectorEnv(VectorEnv):
         if not self._started:
             raise ResetNeeded("step needs a running episode: call reset first")
         if self._table is not None:
-            actions = self._looked_up(actions)
+            actions = self._looked_up(actions, self._table)
         sim, infos = self.simulation, {}
         begins = self._ended & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
         sim.step(actions)
@@ -131,11 +131,11 @@ class LissajousVectorEnv(VectorEnv):
             self._ended[:] = False
         return self._observed(), robot_reward.mean(axis=1), terminated, truncated, infos
 
-    def _looked_up(self, actions: Any) -> np.ndarray:
-        rows, shape, last = np.asarray(actions), (self.num_envs, self.simulation.num_robots), len(self._table) - 1
+    def _looked_up(self, actions: Any, table: np.ndarray) -> np.ndarray:
+        rows, shape, last = np.asarray(actions), (self.num_envs, self.simulation.num_robots), len(table) - 1
         if rows.shape != shape or rows.dtype.kind not in "iu" or rows.min() < 0 or rows.max() > last:
             raise ValueError(f"actions must be whole numbers from 0 to {last} of shape {shape}, got {actions!r}")
-        return self._table[rows]
+        return table[rows]
 
     def _observed(self) -> np.ndarray:
         host = self.simulation.observation.numpy()

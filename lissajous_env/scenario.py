@@ -361,6 +361,11 @@ class Scenario:
         """Sensing radius of (8) [m]."""
         return theory.detection_radius(self.curve, self.num_robots, self.clusters)
 
+    @property
+    def sensing_radius(self) -> float:
+        """r_s, the smallest by (8) where `sensing.radius` does not say [m]."""
+        return self.detection_radius if self.sensing.radius is None else self.sensing.radius
+
     @cached_property
     def detection_time_bound(self) -> float:
         """T_max [s]."""
@@ -386,8 +391,7 @@ class Scenario:
         offset = self.robot.offset if self.robot.model_offset is None else self.robot.model_offset
         robot = dataclasses.replace(self.robot, count=self.num_robots, phase_rate_max=rate_max, model_offset=offset)
         formation = dataclasses.replace(self.formation, p=self.p, alpha=self.alpha, ring=self.ring)
-        radius = self.detection_radius if self.sensing.radius is None else self.sensing.radius
-        sensing = dataclasses.replace(self.sensing, radius=radius)
+        sensing = dataclasses.replace(self.sensing, radius=self.sensing_radius)
         return dataclasses.replace(self, robot=robot, formation=formation, sensing=sensing)
 
     def to_dict(self) -> dict:

@@ -303,7 +303,7 @@ class _Constants:
         self.neighbours = wp.array(scenario.neighbours, dtype=wp.int32, device=device, ndim=2)
         self.scales = Scales()
         self.scales.speed = speed_scale(scenario)
-        self.scales.radius = scenario.sensing.radius
+        self.scales.radius = scenario.sensing_radius
         self.scales.step = task.step
         self.scales.robots_seen = scenario.sensing.robots_seen
         self.scales.targets_seen = scenario.sensing.targets_seen

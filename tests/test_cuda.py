@@ -40,7 +40,7 @@ def test_every_kernel_compiles_for_cuda(name, tmp_path):
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="needs a CUDA device")
 @pytest.mark.parametrize("name", ["experiment", "intruders", "failure"])
 def test_cuda_agrees_with_the_cpu(name):
-    """Oracle: the CPU, over 50 steps of one policy, to a millimetre; rounding differs, so chance may part them later."""
+    """Oracle: the CPU, over 50 steps of one policy, to a millimetre; rounding differs, so they part later."""
     places = []
     for device in ("cpu", "cuda"):
         simulation = lissajous_env.Simulation(lissajous_env.scenario(name), num_worlds=8, device=device)

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+import reference
 
 import lissajous_env
 from lissajous_env import observation
@@ -178,6 +179,23 @@ def test_measurements_have_the_noise_that_was_asked_for(field):
     assert (drawn**4).mean() / drawn.var() ** 2 == pytest.approx(3, abs=0.25)
     assert abs(np.corrcoef(drawn[3].ravel(), drawn[4].ravel())[0, 1]) < 0.07
     assert abs(np.corrcoef(drawn[:, :, 0].ravel(), drawn[:, :, 1].ravel())[0, 1]) < 0.07
+
+
+@pytest.mark.parametrize("alpha", [1, 3])
+def test_the_measured_phase_is_that_of_the_measured_place(alpha):
+    # Oracle: one projection of the noisy place onto the curve from the true parameter, in float64, and Lemma 2.
+    overrides = {**QUIET, "noise.position": 0.02, "formation.alpha": alpha}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides), 20)
+    step(simulation)
+    robots, curve = simulation.robots, simulation.scenario.curve
+    truth, measured = robots.phase.numpy(), robots.measured.numpy()[..., :2].astype(float)
+    expected = [
+        [phase + reference.projection(curve, place, alpha * phase) / alpha for phase, place in zip(*world, strict=True)]
+        for world in zip(truth, measured, strict=True)
+    ]
+    got = np.exp(1j * robots.measured_phase.numpy())
+    np.testing.assert_allclose(got, np.exp(1j * np.array(expected)), atol=2e-5)
+    assert np.abs(got - np.exp(1j * truth)).max() > 1e-3
 
 
 def test_actuator_noise_is_added_to_the_action():

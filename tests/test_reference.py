@@ -49,6 +49,7 @@ CASES = {
             "formation.p": 3,
             "task.on_collision": "remove",
             "robot.radius": 0.02,
+            **ALL_TERMS,
             **SHORT_SIGHT,
             **MIXED,
         },
@@ -66,6 +67,10 @@ CASES = {
         },
     ),
     "two cars": ("experiment", {"robot.count": 2, "robot.radius": 0.3, **NO_RING, **SHORT_SIGHT, **MIXED}),
+    "cars whose curve parameter is twice their phase": (
+        "experiment",
+        {"formation.p": 1, "formation.alpha": 2, "formation.start": "random", **SHORT_SIGHT, **MIXED},
+    ),
     "one car": ("experiment", {"robot.count": 1, **NO_RING, **SHORT_SIGHT, **MIXED}),
 }
 

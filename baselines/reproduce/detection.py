@@ -32,8 +32,8 @@ def fig2(player: Player) -> Part:
             position = played.position[8 * k, 0, :, :2]
             for x, y in position:
                 axes.add_patch(Circle((x, y), made.sensing.radius, color=BLUE, alpha=0.07, lw=0))
-            axes.plot(*theory.ellipse_outline(curve, gamma[8 * k], 400).T, color=GREEN, lw=1.3, ls=(0, (4, 2)), zorder=3)
-            draw_ring(axes, position, made.neighbours, lw=0.9)
+            axes.plot(*theory.ellipse_outline(curve, gamma[8 * k], 400).T, color=GREEN, lw=1.1, ls=(0, (3, 3)), zorder=3)
+            draw_ring(axes, position, made.neighbours, lw=1.3)
             axes.plot(*position.T, "o", color=BLUE, ms=3.6, zorder=4)
             axes.set_xlim(-1.3 * curve.half_width, 1.3 * curve.half_width)
             axes.set_ylim(-1.3 * curve.half_height, 1.3 * curve.half_height)
@@ -91,17 +91,18 @@ def fig3(player: Player) -> Part:
         right.step([*order[::20], last, 9], [*np.linspace(0, 1, n)[::20], 1, 1], color=BLUE, lw=1.8)
         right.plot([], [], color=BLUE, lw=1.8, label="start at $\\theta_0 = 0$, as on the left")
         right.plot([], [], color=GREY, lw=0.8, label=f"{_STARTS} starts at a random $\\theta_0$")
-        right.legend(loc="center right", bbox_to_anchor=(0.98, 0.4))
+        shown = right.legend(loc="center right", bbox_to_anchor=(0.93, 0.5), frameon=True, edgecolor="none")
+        shown.set_zorder(5)
         right.set_ylabel("share of the targets detected")
         for axes in (left, right):
             axes.set_xlabel("time t [s]")
             axes.set_xlim(-0.15, 8.95)
             mark_time(axes, 4.5, "4.5 s\n(paper)", 0.97 if axes is left else 0.22, RED)
-            mark_time(axes, bound, "$T_{max}$", 0.97 if axes is left else 0.22)
+            mark_time(axes, bound, "$T_{max}$", 0.97 if axes is left else 0.22, side="right")
         picture = sheet.picture(
             f"{_CHOSEN}; the targets' motion is not given either: here they wander at {made.targets.speed} m/s, their "
-            f"heading changing by {made.targets.turn_rate:g} rad in one second. The slowest start is theta_0 = 0: the "
-            "ellipse has just turned back and takes T_max / 2 to come by again."
+            f"heading changing by {made.targets.turn_rate:g} rad in one second. theta_0 = 0 is a slow start: two corners "
+            "are seen only after T_max / 2, when the ellipse is a circle again and stretches towards them."
         )
     everything = np.concatenate([played.found_at, turned.found_at]) * step
     by = " and ".join(f"{x:.2f} s" for x in (last_turned.min(), last_turned.max()))

@@ -3,7 +3,7 @@
 import io
 import textwrap
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
@@ -62,7 +62,7 @@ class Sheet:
 
 def panel_name(axes: Axes, name: str) -> None:
     """Write the title of a panel, as `(a) t = 0 s`."""
-    axes.set_title(name, fontweight="normal")
+    axes.set_title(name, fontweight="normal", loc="center")
 
 
 def draw_plane(axes: Axes, curve: Curve, **line: Any) -> None:
@@ -83,8 +83,11 @@ def draw_ring(axes: Axes, position: np.ndarray, neighbours: np.ndarray, **line: 
             axes.plot(*ends.T, **({"color": ORANGE, "lw": 1.1, "zorder": 2} | line))
 
 
-def mark_time(axes: Axes, time: float, word: str, high: float = 1.0, colour: str = DARK) -> None:
-    """Draw a dashed upright line at a time, with a word at its top."""
+def mark_time(
+    axes: Axes, time: float, word: str, high: float = 1.0, colour: str = DARK, side: Literal["left", "right"] = "left"
+) -> None:
+    """Draw a dashed upright line at a time, with a word whose `side` is at the line."""
     axes.axvline(time, color=colour, lw=0.9, ls="--", zorder=1)
-    place = {"xycoords": ("data", "axes fraction"), "xytext": (3, -2), "textcoords": "offset points"}
-    axes.annotate(word, (time, high), ha="left", va="top", fontsize=8, color=colour, **place)
+    place: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    place["xytext"] = (3 if side == "left" else -3, -2)
+    axes.annotate(word, (time, high), ha=side, va="top", fontsize=8, color=colour, **place)
