@@ -83,7 +83,11 @@ def compile_quietly() -> Iterator[None]:
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
     """Keep native code from writing to standard error: Warp warns there of every machine without a CUDA driver."""
-    kept = os.dup(2)
+    try:
+        kept = os.dup(2)
+    except OSError:  # standard error is closed: nothing to keep silent
+        yield
+        return
     try:
         with open(os.devnull, "w") as nowhere:
             os.dup2(nowhere.fileno(), 2)

@@ -113,6 +113,9 @@ def play(recording: "Recording", *, speed: float = 1.0, size: Sequence[int] | No
     step = recording.scenario.task.step
     renderer = Renderer(recording.scenario, size)
     window = Window(renderer.view.size, f"{recording.scenario.name}, {recording.score.get('policy', '')} - lissajous")
+    if not window.can_be_seen:
+        window.close()
+        raise OSError("no window can be opened: there is no display; write a .gif or .png instead")
     at, last, paused, drawn = 0.0, len(recording) - 1, False, -1
     before = time.perf_counter()
     while not window.closed:

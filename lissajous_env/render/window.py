@@ -20,6 +20,11 @@ class Window:
         except pygame.error as error:
             raise OSError(f"no window can be opened ({error}); draw to rgb_array or to a file instead") from error
 
+    @property
+    def can_be_seen(self) -> bool:
+        """Whether there is a display; without one SDL draws on nothing, which nobody can close."""
+        return pygame.display.get_driver() != "offscreen"
+
     def show(self, picture: pygame.Surface, fps: float) -> list[int]:
         """Show a picture, wait so that no more than `fps` are shown a second, and return the keys that were pressed."""
         if self.closed:
