@@ -17,8 +17,7 @@ def as_device(device: Any) -> Any:
     Raises:
         ValueError: there is no such device.
     """
-    with compile_quietly(), _silent_stderr():
-        wp.init()
+    _start()
     try:
         return wp.get_device(device)
     except Exception as error:
@@ -78,6 +77,12 @@ def compile_quietly() -> Iterator[None]:
         yield
     finally:
         wp.config.log_level = level
+
+
+@cache
+def _start() -> None:
+    with compile_quietly(), _silent_stderr():
+        wp.init()
 
 
 @contextlib.contextmanager

@@ -108,7 +108,7 @@ class LissajousVectorEnv(VectorEnv):
         if begins.any():
             # A world that ended stood still in the step above; what it returns is its new beginning.
             sim.reset(begins)
-        robot_reward = np.where(begins[:, None], 0.0, sim.reward.numpy())
+        robot_reward = sim.reward.numpy().copy()
         terminated = sim.terminated.numpy().all(axis=1)
         truncated = sim.truncated.numpy().any(axis=1) & ~terminated
         ended = sim.over

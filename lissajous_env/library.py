@@ -64,7 +64,7 @@ _SCENARIOS = (
         name="ideal",
         description="Fig. 2 and 3: 15 points on the curve in equilibrium, 10,000 moving targets from the start.",
         curve=Curve(half_width=5.0, half_height=5.0, a=7, b=8),
-        formation=Formation(phase_rate=0.05, p=7, start="rotated"),
+        formation=Formation(phase_rate=0.05, p=7),
         robot=Robot(kind="curve", radius=0.09),
         sensing=Sensing(targets_seen=0),
         targets=Targets(count=10_000, wandering=1.0, speed=0.2),

@@ -92,13 +92,19 @@ def measure(
 
 
 @wp.func
-def commanded(w: int, i: int, key: int, noise: NoiseStruct, action: wp.array3d(dtype=float), clock: Clock) -> wp.vec2:
-    """Action of robot i in [-1, 1], with actuator noise; zero, and the world flagged, where it is not finite."""
+def commanded(
+    w: int, i: int, key: int, noise: NoiseStruct, action: wp.array3d(dtype=float), clock: Clock, step_out: Step
+) -> wp.vec2:
+    """Action of robot i in [-1, 1], with actuator noise; zero, and the world flagged, where it is not finite.
+
+    A single component stands twice. The effort is that of the action without the noise.
+    """
     command = wp.vec2(action[w, i, 0], action[w, i, action.shape[2] - 1])
     if not (wp.isfinite(command[0]) and wp.isfinite(command[1])):
         clock.invalid[w] = 1
         command = wp.vec2(0.0, 0.0)
     command = wp.vec2(wp.clamp(command[0], -1.0, 1.0), wp.clamp(command[1], -1.0, 1.0))
+    step_out.effort[w, i] = 0.5 * wp.dot(command, command)
     if noise.actuator > 0.0:
         draw = draws.stream(key, i, draws.ACTUATOR)
         command += noise.actuator * wp.vec2(wp.randn(draw), wp.randn(draw))
@@ -107,11 +113,10 @@ def commanded(w: int, i: int, key: int, noise: NoiseStruct, action: wp.array3d(d
 
 
 @wp.func
-def clear_step(w: int, i: int, command: wp.vec2, step_out: Step):
+def clear_step(w: int, i: int, step_out: Step):
     """Zero the step's counters before the other stages add to them."""
     step_out.detections[w, i] = 0
     step_out.collisions[w, i] = 0
-    step_out.effort[w, i] = 0.5 * wp.dot(command, command)
     if i == 0:
         step_out.in_sight[w] = 0
         step_out.waiting[w] = 0
@@ -173,7 +178,7 @@ def reset_robots(
         links.sending[w, i, slot] = 0
     for side in range(2):
         links.heard_at[w, i, side] = -1
-    clear_step(w, i, wp.vec2(0.0, 0.0), step_out)
+    clear_step(w, i, step_out)
     measure(w, i, 0, key, curve, alpha, noise, robots, links)
 
 
@@ -204,8 +209,8 @@ def move_points(
     alpha = float(formation.alpha)
     substeps = robots.track.shape[2] - 1
     for i in range(lane, robots.status.shape[1], lanes):
-        command = commanded(w, i, key, noise, action, clock)
-        clear_step(w, i, command, step_out)
+        command = commanded(w, i, key, noise, action, clock, step_out)
+        clear_step(w, i, step_out)
         status = update_status(w, i, now, key, step, faults, schedule, robots)
         rate = wp.where(status == WORKING, command[0] * robot.phase_rate_max, 0.0)
         start = robots.phase[w, i]
@@ -246,8 +251,8 @@ def move_cars(
     alpha = float(formation.alpha)
     substeps = robots.track.shape[2] - 1
     for i in range(lane, robots.status.shape[1], lanes):
-        command = commanded(w, i, key, noise, action, clock)
-        clear_step(w, i, command, step_out)
+        command = commanded(w, i, key, noise, action, clock, step_out)
+        clear_step(w, i, step_out)
         status = update_status(w, i, now, key, step, faults, schedule, robots)
         position = robots.position[w, i]
         robots.track[w, i, 0] = position

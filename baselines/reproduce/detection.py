@@ -72,7 +72,7 @@ def fig3(player: Player) -> Part:
     with Sheet("fig3", "Fig. 3   Detection of 10,000 moving targets", 7.2, 3.1) as sheet:
         left, right = sheet.figure.subplots(1, 2, sharex=True)
         counts = np.bincount(played.found_at[0], minlength=round(bound / step) + 1)
-        left.bar(np.arange(len(counts)) * step, counts, width=0.8 * step, color=BLUE, lw=0)
+        left.stairs(counts, (np.arange(len(counts) + 1) - 0.5) * step, fill=True, color=BLUE, lw=0)
         left.set_yscale("log")
         left.set_ylabel(f"new detections in {step} s")
         left.annotate(

@@ -78,12 +78,12 @@ def theorem4(player: Player) -> Part:
     with Sheet("theorem4", "Theorem 4   Two robots stuck for a while: does the same equilibrium return?", 7.2, 2.9) as sheet:
         panels = sheet.figure.subplots(1, len(_FORMATIONS), sharey=True)
         for axes, (n, p) in zip(panels, _FORMATIONS, strict=True):
-            for pair, mark in zip(_PAIRS, "os^", strict=True):
+            for pair, mark, aside in zip(_PAIRS, "os^", (0.91, 1.0, 1.1), strict=True):
                 for lasts in _LASTING:
                     played = player.play("kuramoto", _stuck(n, p, pair, lasts))
                     cosine, back = float(played.largest_cosine[0]), bool(played.returned[0])
                     (held if cosine < 0 else broken).append(back)
-                    axes.plot(lasts, cosine, mark, color=BLUE if back else RED, mfc=BLUE if back else "white", ms=5)
+                    axes.plot(aside * lasts, cosine, mark, color=BLUE if back else RED, mfc=BLUE if back else "white", ms=4.4)
                     if (n, pair, lasts) == (10, (0, 1), 9.9):
                         stuck_pair = played
             panel_name(axes, f"N = {n}, p = {p}")
@@ -91,19 +91,20 @@ def theorem4(player: Player) -> Part:
             axes.set_xscale("log")
             axes.set_xticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
             axes.minorticks_off()
+            axes.set_xlim(0.75, 27)
             axes.set_ylim(-1, 1.09)
             axes.set_xlabel("stuck for [s]")
         panels[0].set_ylabel("largest $\\cos(\\theta_j - \\theta_i)$")
         for mark, word in zip("os^", ("neighbours", "two apart", "three apart"), strict=True):
             panels[0].plot([], [], mark, color=DARK, mfc="white", ms=5, label=word)
         panels[0].plot([], [], "o", color=BLUE, ms=5, label="returns")
-        panels[0].plot([], [], "o", color=RED, mfc="white", ms=5, label="leaves for another equilibrium")
+        panels[0].plot([], [], "o", color=RED, mfc="white", ms=5, label="leaves")
         panels[0].fill_between([], [], color="#009E73", alpha=0.2, label="condition holds")
-        sheet.figure.legend(loc="outside upper center", ncols=6, handletextpad=0.4, columnspacing=1.1)
+        panels[0].legend(loc="upper center", fontsize=7.2, labelspacing=0.25, handletextpad=0.4, borderaxespad=0.1)
         picture = sheet.picture(
-            "Two of N robots are stuck, neighbours on the ring, two or three places apart; omega = 0.3 rad/s, K = 1. The "
+            "Two of N robots are stuck, neighbours on the ring, two or three places apart (drawn side by side); omega = 0.3 rad/s, K = 1. The "
             "condition asks that cos(theta_j - theta_i) of all ring neighbours stay below 0. Wherever it held the formation "
-            f"came back; of {len(broken)} failures that broke it {sum(broken)} came back all the same."
+            f"came back; of {len(broken)} failures that broke it {sum(broken)} came back all the same, the others left for another equilibrium."
         )
     assert stuck_pair is not None
     why = f"of {len(broken)} failures that broke the condition {sum(broken)} came back all the same"

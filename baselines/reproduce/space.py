@@ -55,30 +55,30 @@ def fig5(player: Player) -> Part:
     flat, bound = geometry.measured_robot_radius(plane, n), theory.robot_radius_bound(plane, n)
 
     with Sheet("fig5", "Fig. 5   Largest body that never touches, against c and C of the curve in space", 7.2, 3.6) as sheet:
-        left, right = sheet.figure.subplots(1, 2, sharex=True)
+        left, right = sheet.figure.subplots(1, 2, sharex=True, sharey=True)
         for c, colour in zip(_SHOWN, SERIES, strict=False):
             line = {"color": colour, "lw": 1.6, "ls": "--" if c == 3 else "-"}
             left.plot(depths, formation[c], label=f"{c}", **line)
             right.plot(depths, branches[c], **line)
         left.plot([0], [flat], "o", color=DARK, ms=4.5, zorder=5, clip_on=False)
-        left.annotate(f"plane: {flat:.3f} m", (0, flat), xytext=(6, -11), textcoords="offset points", fontsize=8)
+        left.annotate(f"plane: {flat:.3f} m", (0, flat), xytext=(7, -11), textcoords="offset points", fontsize=8)
         panel_name(left, "in formation, on equilibrium (2)")
-        panel_name(right, "wherever the robots are on the curve")
+        panel_name(right, "between two branches of the curve")
+        right.axhline(0.125, color=DARK, lw=0.9, ls=":")
         for axes in (left, right):
-            axes.axhline(0.125, color=DARK, lw=0.9, ls=":")
             axes.set_xlabel("C, half of the extent along z [m]")
             axes.set_xlim(0, depths[-1])
             axes.set_ylim(bottom=0)
         left.axhline(bound, color=DARK, lw=0.9, ls="-.")
-        left.annotate("(6), in the plane", (1.58, bound), xytext=(0, 3), textcoords="offset points", ha="right", fontsize=8)
+        left.annotate(f"(6), in the plane: {bound:.3f} m", (1.58, bound), xytext=(0, -11), textcoords="offset points", ha="right", fontsize=8)
         right.annotate("body in Section VII", (1.58, 0.125), xytext=(0, 3), textcoords="offset points", ha="right", fontsize=8)
         left.set_ylabel("$r_{max}$ [m]")
         left.legend(title="c", ncols=3, loc="upper left", handlelength=1.6)
         picture = sheet.picture(
             "A = 1.8 m, B = 0.8 m, a = 3, b = 2, N = 5 (curve (16)); the paper does not give its curve. Left: half of the "
             "smallest distance that robots of the formation ever have. Right: half of the smallest distance between two "
-            "branches of the curve, which bounds transients without overtaking; 0 in the plane, as the curve crosses "
-            "itself, and for c = 3 (dashed), which shares a factor with a."
+            "branches of the curve, a bound for transients, in which robots may be anywhere; 0 in the plane, as the curve "
+            "crosses itself, and for c = 3 (dashed), which shares a factor with a."
         )
     at_zero = max(abs(formation[c][0] - flat) for c in _SHOWN)
     monotone = [bool(np.all(np.diff(formation[c]) > -1e-9)) for c in _SHOWN]
@@ -93,7 +93,7 @@ def fig5(player: Player) -> Part:
         all_of("fig5", "co-prime a, b, c: the curve does not cross itself for any C > 0", "never", free, "values of c",
                "one of b and c must be even too, here b = 2"),
         Claim("fig5", "c that shares a factor with a (3, 2, 3): the curve crosses itself", "not excluded",
-              f"r_max {branches[3].max():.0e} m", "0 m", bool(branches[3].max() < 1e-6), "co-prime in pairs is needed"),
+              f"r_max = {branches[3].max():.3f} m", "0 m", bool(branches[3].max() < 1e-6), "co-prime in pairs is needed"),
     ]  # fmt: skip
     return Part(claims, [picture])
 
@@ -104,36 +104,37 @@ def knot(player: Player) -> Part:
     deep = player.play("kuramoto", "knot", worlds=16)
     curve, limit = deep.scenario.curve, 2 * deep.scenario.robot.radius
     with Sheet("knot", "Section IV-A   The failure of Fig. 6 in the plane and on a Lissajous knot", 7.2, 3.3) as sheet:
-        left, middle = sheet.figure.add_subplot(1, 3, 2), sheet.figure.add_subplot(1, 3, 3)
-        space = sheet.figure.add_subplot(1, 3, 1, projection="3d")
+        grid = sheet.figure.add_gridspec(1, 3, width_ratios=(1.25, 1, 1))
+        left, middle = sheet.figure.add_subplot(grid[1]), sheet.figure.add_subplot(grid[2])
+        space = sheet.figure.add_subplot(grid[0], projection="3d")
         gamma = np.linspace(0, 2 * np.pi, 1500)
         place = theory.curve_point_3d(curve, gamma)
         space.plot(place[:, 0], place[:, 1], place[:, 2], color=BLUE, lw=1.1)
         robots = deep.position[0, 0]
         space.scatter(robots[:, 0], robots[:, 1], robots[:, 2], color=RED, s=16, depthshade=False)
-        space.set_box_aspect((1.8, 0.8, 0.8), zoom=1.35)
+        space.set_box_aspect((1.8, 0.8, 0.8), zoom=1.2)
         space.view_init(28, -62)
-        for name, axis in (("x", space.xaxis), ("y", space.yaxis), ("z", space.zaxis)):
+        for name, axis in (("x", space.xaxis), ("y", space.yaxis), ("", space.zaxis)):
             axis.set_tick_params(labelsize=6.5, pad=-3)
             axis.set_pane_color((1, 1, 1, 0))
-            axis.set_label_text(f"{name} [m]", fontsize=7.5)
+            axis.set_label_text(f"{name} [m]" if name else "", fontsize=7.5)
             axis.labelpad = -8
         space.set_yticks([-0.8, 0, 0.8])
         space.set_zticks([-0.8, 0, 0.8])
-        panel_name(space, "the knot, z = 0.8 sin(7$\\gamma$)")
+        panel_name(space, "the knot, z = 0.8 m sin(7$\\gamma$)")
         fault = flat.scenario.faults.schedule[0][1:]
-        for axes, played, name in ((left, flat, "in the plane"), (middle, deep, "on the knot")):
+        for axes, played, name in ((left, flat, "16 starts in the plane"), (middle, deep, "on the knot")):
             distance = played.smallest_distance()
-            axes.plot(played.time, distance, color=GREY, lw=0.5)
+            axes.plot(played.time, distance, color=GREY, lw=0.35, alpha=0.7)
             axes.plot(played.time, distance.min(axis=1), color=BLUE, lw=1.6)
             axes.axhline(limit, color=RED, lw=1.1, ls="--")
             axes.axvspan(*fault, color=ORANGE, alpha=0.13, lw=0)
             axes.set_xlim(0, played.time[-1])
-            axes.set_ylim(0, 1.9)
+            axes.set_ylim(0, 1.85)
             axes.set_xlabel("time t [s]")
             panel_name(axes, f"{name}: {int(played.score('collisions').sum())} collisions")
         left.set_ylabel("smallest distance of two robots [m]")
-        left.annotate("2 r = 0.25 m", (29.6, limit), xytext=(0, 2), textcoords="offset points", ha="right", fontsize=8, color=RED)
+        left.annotate("2 r = 0.25 m", (0.4, limit), xytext=(0, -10), textcoords="offset points", fontsize=8, color=RED)
         picture = sheet.picture(
             "Five points, robots 1 and 2 stuck in the shaded time; 16 starts turned by a random angle (grey) and the "
             "smallest of them (blue), dashed red the distance at which two bodies touch. C = 0.8 m and c = 7 are chosen."
