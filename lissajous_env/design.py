@@ -98,7 +98,7 @@ def print_design(
     steering_max: float = math.pi / 9,
     rows: int = 10,
 ) -> None:
-    """Print which curves, and how many robots, suit a rectangle, a body and a sensor, and why others do not.
+    """Say which curve and how many robots suit a rectangle, and why others do not.
 
     Args:
         half_width: A, half of the rectangle's width [m].
