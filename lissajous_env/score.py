@@ -65,7 +65,12 @@ def score_rows(simulation: "Simulation", worlds: np.ndarray) -> list[dict[str, A
             "recovery_time": max(host["off_at"][w] + 1 - fault_end, 0) * step if recovered else np.nan,
             "return_mean": host["returns"][w].mean(),
         })  # fmt: skip
-    return [{name: value if isinstance(value, (str, int)) else float(value) for name, value in r.items()} for r in rows]
+    return [{name: _plain(value) for name, value in row.items()} for row in rows]
+
+
+def _plain(value: Any) -> Any:
+    """Plain number, without the last digits that steps times 0.1 s leave, as in 4.6000000000000005."""
+    return value if isinstance(value, (str, int)) else round(float(value), 12)
 
 
 def _detection_times(appears_at: np.ndarray, found_at: np.ndarray, now: int) -> np.ndarray:

@@ -18,7 +18,7 @@ _LASTING = (1.0, 2.0, 3.0, 5.0, 9.9, 20.0)
 
 def fig6(player: Player) -> Part:
     """Fig. 6: two robots fail and resume, with feedback and without."""
-    failure = scenario("failure")
+    failure = scenario("failure", **{"formation.start": "rotated"})
     runs = {
         "(a) time-inverted Kuramoto": player.play("kuramoto", failure, worlds=16),
         "(b) reference points in open loop [15]": player.play("tracked-reference", failure, worlds=16),
@@ -29,7 +29,7 @@ def fig6(player: Player) -> Part:
         for column, (name, played) in zip(grid.T, runs.items(), strict=True):
             panel_name(column[0], name)
             # As a start at theta_0 = 0: which world is shown makes no difference but for a common rotation.
-            phase = np.unwrap(played.phase[:, 0], axis=0)
+            phase: np.ndarray = np.unwrap(played.phase[:, 0], axis=0)
             phase -= phase[0, 0]
             phase -= 2 * np.pi * np.floor(phase[0] / (2 * np.pi) + 1e-9)
             stuck = played.stuck[:, 0].any(axis=0)
@@ -45,7 +45,9 @@ def fig6(player: Player) -> Part:
             column[1].set_xlabel("time t [s]")
             column[1].set_xlim(0, failure.task.duration)
         grid[0, 0].set_ylabel("states $\\theta$ [rad]")
-        grid[0, 0].legend(title="robot (dashed: fails)", loc="lower right", ncols=5, handlelength=1.3, columnspacing=0.8)
+        grid[0, 0].legend(
+            title="robot (dashed: fails)", loc="lower right", ncols=5, handlelength=1.3, columnspacing=0.8
+        )
         grid[1, 0].set_yscale("log")
         grid[1, 0].set_ylim(1e-4, 8)
         grid[1, 0].set_ylabel("largest deviation\nfrom (2) [rad]")
@@ -61,12 +63,24 @@ def fig6(player: Player) -> Part:
     cosine, kept = ours.largest_cosine.max(), rival.deviation[-1]
     rule = f"deviation below {RECOVERED} rad and stays, by 30 s"
     claims = [
-        Claim("fig6", "(a) Kuramoto returns to the initial equilibrium", "quickly after t2", f"{recovery.max():.1f} s after t2",
-              rule, bool(np.isfinite(recovery).all()), "the paper gives no time; five robots of curve (16), K = 1 chosen"),
-        at_most("fig6", "(a) the condition of Theorem 4 holds: largest cos(theta_j - theta_i)", "below 0", cosine, 0),
-        Claim("fig6", "(b) tracked references [15] never recover", "does not recover", f"{kept.min():.2f} rad off at 30 s",
-              "no recovery time", bool(np.isnan(rival.score("recovery_time")).all()), "the offset stays as it was at t2"),
-    ]  # fmt: skip
+        Claim(
+            "(a) Kuramoto returns to the initial equilibrium",
+            "quickly after t2",
+            f"{recovery.max():.1f} s after t2",
+            rule,
+            bool(np.isfinite(recovery).all()),
+            "the paper gives no time; five robots of curve (16), K = 1 chosen",
+        ),
+        at_most("(a) the condition of Theorem 4 holds: largest cos(theta_j - theta_i)", "below 0", cosine, 0),
+        Claim(
+            "(b) tracked references [15] never recover",
+            "does not recover",
+            f"{kept.min():.2f} rad off at 30 s",
+            "no recovery time",
+            bool(np.isnan(rival.score("recovery_time")).all()),
+            "the offset stays as it was at t2",
+        ),
+    ]
     return Part(claims, [picture])
 
 
@@ -75,7 +89,9 @@ def theorem4(player: Player) -> Part:
     held: list[bool] = []
     broken: list[bool] = []
     stuck_pair = None
-    with Sheet("theorem4", "Theorem 4   Two robots stuck for a while: does the same equilibrium return?", 7.2, 2.9) as sheet:
+    with Sheet(
+        "theorem4", "Theorem 4   Two robots stuck for a while: does the same equilibrium return?", 7.2, 2.9
+    ) as sheet:
         panels = sheet.figure.subplots(1, len(_FORMATIONS), sharey=True)
         for axes, (n, p) in zip(panels, _FORMATIONS, strict=True):
             for pair, mark, aside in zip(_PAIRS, "os^", (0.91, 1.0, 1.1), strict=True):
@@ -83,7 +99,9 @@ def theorem4(player: Player) -> Part:
                     played = player.play("kuramoto", _stuck(n, p, pair, lasts))
                     cosine, back = float(played.largest_cosine[0]), bool(played.returned[0])
                     (held if cosine < 0 else broken).append(back)
-                    axes.plot(aside * lasts, cosine, mark, color=BLUE if back else RED, mfc=BLUE if back else "white", ms=4.4)
+                    axes.plot(
+                        aside * lasts, cosine, mark, color=BLUE if back else RED, mfc=BLUE if back else "white", ms=4.4
+                    )
                     if (n, pair, lasts) == (10, (0, 1), 9.9):
                         stuck_pair = played
             panel_name(axes, f"N = {n}, p = {p}")
@@ -102,19 +120,28 @@ def theorem4(player: Player) -> Part:
         panels[0].fill_between([], [], color="#009E73", alpha=0.2, label="condition holds")
         panels[0].legend(loc="upper center", fontsize=7.2, labelspacing=0.25, handletextpad=0.4, borderaxespad=0.1)
         picture = sheet.picture(
-            "Two of N robots are stuck, neighbours on the ring, two or three places apart (drawn side by side); omega = 0.3 rad/s, K = 1. The "
-            "condition asks that cos(theta_j - theta_i) of all ring neighbours stay below 0. Wherever it held the formation "
-            f"came back; of {len(broken)} failures that broke it {sum(broken)} came back all the same, the others left for another equilibrium."
+            "Two of N robots are stuck, neighbours on the ring, two or three places apart (drawn side by side); "
+            "omega = 0.3 rad/s, K = 1. The "
+            "condition asks that cos(theta_j - theta_i) of all ring neighbours stay below 0. Wherever it held "
+            "the formation "
+            f"came back; of {len(broken)} failures that broke it {sum(broken)} came back all the same, the others "
+            "left for another equilibrium."
         )
     assert stuck_pair is not None
     why = f"of {len(broken)} failures that broke the condition {sum(broken)} came back all the same"
     claims = [
-        all_of("theorem4", "failures during which the condition held: the same equilibrium returns", "always", held,
-               "failures", why),
-        Claim("theorem4", "N = 10, p = 3 (Fig. 4), neighbours stuck for 9.9 s: condition broken",
-              "no guarantee", f"p = 3 to p = {stuck_pair.winding[-1, 0]}, cos reaches {stuck_pair.largest_cosine[0]:.2f}",
-              "it leaves", not stuck_pair.returned[0], "the paper fails two robots of another formation only (Fig. 6)"),
-    ]  # fmt: skip
+        all_of(
+            "failures during which the condition held: the same equilibrium returns", "always", held, "failures", why
+        ),
+        Claim(
+            "N = 10, p = 3 (Fig. 4), neighbours stuck for 9.9 s: condition broken",
+            "no guarantee",
+            f"p = 3 to p = {stuck_pair.winding[-1, 0]}, cos reaches {stuck_pair.largest_cosine[0]:.2f}",
+            "it leaves",
+            not stuck_pair.returned[0],
+            "the paper fails two robots of another formation only (Fig. 6)",
+        ),
+    ]
     return Part(claims, [picture])
 
 

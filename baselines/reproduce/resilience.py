@@ -28,7 +28,9 @@ def fig4(player: Player) -> Part:
     inside = np.random.default_rng(player.seed).uniform(-half, half, 20)
     back = [_displaced(player, "perturbation", angle, 60, only_ends=True).returned[0] for angle in inside]
     outside = np.arange(1.02 * half, np.pi, 0.04)
-    returned = np.array([_displaced(player, "perturbation", angle, 60, only_ends=True).returned[0] for angle in outside])
+    returned = np.array(
+        [_displaced(player, "perturbation", angle, 60, only_ends=True).returned[0] for angle in outside]
+    )
     leaves = float(outside[~returned][0])
 
     with Sheet("fig4", "Fig. 4   Ten robots, and how far one of them may be displaced", 7.2, 4.0) as sheet:
@@ -60,17 +62,29 @@ def fig4(player: Player) -> Part:
         right.set_ylabel("largest deviation from the equilibrium [rad]")
         right.legend(loc="center right", bbox_to_anchor=(1, 0.68), title="robot 1 displaced by", title_fontsize=8)
         picture = sheet.picture(
-            f"N = 10, a = 7, b = 3, A = B = 5 m as in the paper; p = {made.p} and the ring 1, 2 ... 10 are chosen, with "
-            f"which (9) is |displacement| < {half:.3f} rad. The condition is sufficient: simulated, the formation comes "
+            f"N = 10, a = 7, b = 3, A = B = 5 m as in the paper; p = {made.p} and the ring 1, 2 ... 10 are "
+            "chosen, with "
+            f"which (9) is |displacement| < {half:.3f} rad. The condition is sufficient: simulated, the formation "
+            "comes "
             f"back from up to {leaves - 0.04:.2f} rad and leaves for another equilibrium from {leaves:.2f} rad on."
         )
     claims = [
-        all_of("fig4", f"displaced inside (9), |d| < {half:.3f} rad, the same equilibrium returns", "always", back,
-               "random displacements", "p = 3 and K = 1 chosen; robots as points"),
-        Claim("fig4", "displaced outside (9) it need not return", "no guarantee", f"it leaves from {leaves:.2f} rad on",
-              f"some |d| > {half:.3f} rad leaves", not returned.all(),
-              f"(9) is sufficient only: it still returns up to {leaves - 0.04:.2f} rad, {leaves / half:.1f} times (9)"),
-    ]  # fmt: skip
+        all_of(
+            f"displaced inside (9), |d| < {half:.3f} rad, the same equilibrium returns",
+            "always",
+            back,
+            "random displacements",
+            "p = 3 and K = 1 chosen; robots as points",
+        ),
+        Claim(
+            "displaced outside (9) it need not return",
+            "no guarantee",
+            f"it leaves from {leaves:.2f} rad on",
+            f"some |d| > {half:.3f} rad leaves",
+            not returned.all(),
+            f"(9) is sufficient only: it still returns up to {leaves - 0.04:.2f} rad, {leaves / half:.1f} times (9)",
+        ),
+    ]
     return Part(claims, [picture])
 
 
@@ -111,7 +125,5 @@ def theorem3(player: Player) -> Part:
             f"Chosen: K = 1, the formations, {_INSIDE} random displacements inside (9) for each, and 25 evenly spaced. "
             f"No displacement inside (9) was seen to leave; of {tried} outside it {unmet} return all the same."
         )
-    why = f"{len(_FORMATIONS)} formations; {unmet} of {tried} displacements outside (9) return too: it is sufficient, not necessary"
-    return Part([all_of("theorem3", "condition (9) suffices", "always returns", returned, "return", why)], [picture])
-
-
+    why = f"{len(_FORMATIONS)} formations; {unmet} of {tried} displacements outside (9) return too: not necessary"
+    return Part([all_of("condition (9) suffices", "always returns", returned, "return", why)], [picture])

@@ -1,12 +1,13 @@
 """Fig. 5 and Section IV-A: the third dimension, and what it is good for in a transient."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
 from baselines.reproduce.played import Part, Player
 from baselines.reproduce.style import BLUE, DARK, GREY, ORANGE, RED, SERIES, Sheet, panel_name
-from baselines.reproduce.table import Claim, all_of, near
+from baselines.reproduce.table import Claim, all_of, at_most
 from lissajous_env import geometry, scenario, theory
 from lissajous_env.scenario import Curve
 
@@ -54,7 +55,9 @@ def fig5(player: Player) -> Part:
         branches[c] = np.array([branch_radius(each) for each in curves])
     flat, bound = geometry.measured_robot_radius(plane, n), theory.robot_radius_bound(plane, n)
 
-    with Sheet("fig5", "Fig. 5   Largest body that never touches, against c and C of the curve in space", 7.2, 3.6) as sheet:
+    with Sheet(
+        "fig5", "Fig. 5   Largest body that never touches, against c and C of the curve in space", 7.2, 3.6
+    ) as sheet:
         left, right = sheet.figure.subplots(1, 2, sharex=True, sharey=True)
         for c, colour in zip(_SHOWN, SERIES, strict=False):
             line = {"color": colour, "lw": 1.6, "ls": "--" if c == 3 else "-"}
@@ -70,14 +73,26 @@ def fig5(player: Player) -> Part:
             axes.set_xlim(0, depths[-1])
             axes.set_ylim(bottom=0)
         left.axhline(bound, color=DARK, lw=0.9, ls="-.")
-        left.annotate(f"(6), in the plane: {bound:.3f} m", (1.58, bound), xytext=(0, -11), textcoords="offset points", ha="right", fontsize=8)
-        right.annotate("body in Section VII", (1.58, 0.125), xytext=(0, 3), textcoords="offset points", ha="right", fontsize=8)
+        left.annotate(
+            f"(6), in the plane: {bound:.3f} m",
+            (1.58, bound),
+            xytext=(0, -11),
+            textcoords="offset points",
+            ha="right",
+            fontsize=8,
+        )
+        right.annotate(
+            "body in Section VII", (1.58, 0.125), xytext=(0, 3), textcoords="offset points", ha="right", fontsize=8
+        )
         left.set_ylabel("$r_{max}$ [m]")
         left.legend(title="c", ncols=3, loc="upper left", handlelength=1.6)
         picture = sheet.picture(
-            "A = 1.8 m, B = 0.8 m, a = 3, b = 2, N = 5 (curve (16)); the paper does not give its curve. Left: half of the "
-            "smallest distance that robots of the formation ever have. Right: half of the smallest distance between two "
-            "branches of the curve, a bound for transients, in which robots may be anywhere; 0 in the plane, as the curve "
+            "A = 1.8 m, B = 0.8 m, a = 3, b = 2, N = 5 (curve (16)); the paper does not give its curve. Left: "
+            "half of the "
+            "smallest distance that robots of the formation ever have. Right: half of the smallest distance "
+            "between two "
+            "branches of the curve, a bound for transients, in which robots may be anywhere; 0 in the plane, as "
+            "the curve "
             "crosses itself, and for c = 3 (dashed), which shares a factor with a."
         )
     at_zero = max(abs(formation[c][0] - flat) for c in _SHOWN)
@@ -86,27 +101,50 @@ def fig5(player: Player) -> Part:
     free = [bool((branches[c][1:] > 1e-6).all()) for c in coprime]
     best = max(_SHOWN, key=lambda c: formation[c][-1])
     claims = [
-        near("fig5", "at C = 0 the largest body is that of the plane curve", round(flat, 4), flat + at_zero, 1e-4, "m",
-             f"measured; (6) bounds it by {bound:.4f} m"),
-        all_of("fig5", "r_max does not fall with C, whatever c", "curves rise", monotone, "values of c",
-               f"to {formation[best][-1]:.3f} m at C = 1.6 m, c = {best}. The paper's curve is not given: curve (16)"),
-        all_of("fig5", "co-prime a, b, c: the curve does not cross itself for any C > 0", "never", free, "values of c",
-               "one of b and c must be even too, here b = 2"),
-        Claim("fig5", "c that shares a factor with a (3, 2, 3): the curve crosses itself", "not excluded",
-              f"r_max = {branches[3].max():.3f} m", "0 m", bool(branches[3].max() < 1e-6), "co-prime in pairs is needed"),
-    ]  # fmt: skip
+        at_most(
+            "at C = 0 the largest body is that of the plane curve: difference",
+            "0",
+            at_zero,
+            1e-9,
+            "m",
+            f"{flat:.4f} m, measured; (6) promises {bound:.4f} m",
+        ),
+        all_of(
+            "r_max does not fall with C, whatever c",
+            "curves rise",
+            monotone,
+            "values of c",
+            f"to {formation[best][-1]:.3f} m at C = 1.6 m, c = {best}. The paper's curve is not given: curve (16)",
+        ),
+        all_of(
+            "co-prime a, b, c: the curve does not cross itself for any C > 0",
+            "never",
+            free,
+            "values of c",
+            "one of b and c must be even too, here b = 2",
+        ),
+        Claim(
+            "c that shares a factor with a (3, 2, 3): the curve crosses itself",
+            "not excluded",
+            f"r_max = {branches[3].max():.3f} m",
+            "0 m",
+            bool(branches[3].max() < 1e-6),
+            "co-prime in pairs is needed",
+        ),
+    ]
     return Part(claims, [picture])
 
 
 def knot(player: Player) -> Part:
     """Section IV-A: a transient that collides in the plane and not on a knot."""
-    flat = player.play("kuramoto", "failure", worlds=16)
-    deep = player.play("kuramoto", "knot", worlds=16)
+    turned = {"formation.start": "rotated"}
+    flat = player.play("kuramoto", scenario("failure", **turned), worlds=16)
+    deep = player.play("kuramoto", scenario("knot", **turned), worlds=16)
     curve, limit = deep.scenario.curve, 2 * deep.scenario.robot.radius
     with Sheet("knot", "Section IV-A   The failure of Fig. 6 in the plane and on a Lissajous knot", 7.2, 3.3) as sheet:
         grid = sheet.figure.add_gridspec(1, 3, width_ratios=(1.25, 1, 1))
         left, middle = sheet.figure.add_subplot(grid[1]), sheet.figure.add_subplot(grid[2])
-        space = sheet.figure.add_subplot(grid[0], projection="3d")
+        space: Any = sheet.figure.add_subplot(grid[0], projection="3d")
         gamma = np.linspace(0, 2 * np.pi, 1500)
         place = theory.curve_point_3d(curve, gamma)
         space.plot(place[:, 0], place[:, 1], place[:, 2], color=BLUE, lw=1.1)
@@ -137,14 +175,25 @@ def knot(player: Player) -> Part:
         left.annotate("2 r = 0.25 m", (0.4, limit), xytext=(0, -10), textcoords="offset points", fontsize=8, color=RED)
         picture = sheet.picture(
             "Five points, robots 1 and 2 stuck in the shaded time; 16 starts turned by a random angle (grey) and the "
-            "smallest of them (blue), dashed red the distance at which two bodies touch. C = 0.8 m and c = 7 are chosen."
+            "smallest of them (blue), dashed red the distance at which two bodies touch. C = 0.8 m and c = 7 are "
+            "chosen."
         )
     hit = int((flat.score("collisions") > 0).sum())
     claims = [
-        Claim("knot", "in the plane a transient can collide, though Theorem 4 holds", "cannot be ensured",
-              f"{hit} of 16 starts collide, down to {flat.score('min_separation').min():.3f} m", "at least one", hit > 0,
-              f"bodies of {limit / 2} m, the 16 starts of Fig. 6"),
-        all_of("knot", "on a knot the same transient does not", "avoids collisions", deep.score("collisions") == 0, "starts",
-               f"smallest distance {deep.score('min_separation').min():.3f} m; C = 0.8 m, c = 7 chosen"),
-    ]  # fmt: skip
+        Claim(
+            "in the plane a transient can collide, though Theorem 4 holds",
+            "cannot be ensured",
+            f"{hit} of 16 starts collide, down to {flat.score('min_separation').min():.3f} m",
+            "at least one",
+            hit > 0,
+            f"bodies of {limit / 2} m, the 16 starts of Fig. 6",
+        ),
+        all_of(
+            "on a knot the same transient does not",
+            "avoids collisions",
+            deep.score("collisions") == 0,
+            "starts",
+            f"smallest distance {deep.score('min_separation').min():.3f} m; C = 0.8 m, c = 7 chosen",
+        ),
+    ]
     return Part(claims, [picture])

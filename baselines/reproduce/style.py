@@ -1,4 +1,4 @@
-"""The look of the paper's pictures: that of `baselines.pictures`, the colours the paper gives its things, a footnote."""
+"""The look of the paper's pictures: that of `baselines.pictures`, in the paper's colours, with a footnote."""
 
 import io
 import textwrap
@@ -19,7 +19,13 @@ GREY, DARK = "#9a9a9a", "#333333"
 SERIES = (BLUE, RED, GREEN, PINK, ORANGE, "#56B4E9", "#6A3D9A", "#7F7F7F")
 """Colours of things that are alike, as robots are."""
 
-_SMALLER = {"font.size": 8.5, "axes.titlesize": 9, "axes.labelsize": 8.5, "legend.fontsize": 8, "savefig.dpi": 180}
+_SMALLER: dict[Any, Any] = {
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.labelsize": 8.5,
+    "legend.fontsize": 8,
+    "savefig.dpi": 180,
+}
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,7 @@ class Sheet:
 
     def __init__(self, name: str, title: str, width: float = 7.2, height: float = 3.2):
         self.name, self.title = name, title
-        self._style = rc_context({**STYLE, **_SMALLER})
+        self._style = rc_context(STYLE | _SMALLER)
         self._size = (width, height)
 
     def __enter__(self) -> "Sheet":
@@ -53,7 +59,7 @@ class Sheet:
     def picture(self, caption: str) -> Picture:
         """Put title and caption around the figure and return it as a PNG."""
         self.figure.suptitle(self.title, x=0.008, ha="left", fontsize=10.5, fontweight="bold")
-        wrapped = textwrap.fill(" ".join(caption.split()), int(self._size[0] * 17.6))
+        wrapped = textwrap.fill(" ".join(caption.split()), int(self._size[0] * 19))
         self.figure.supxlabel(wrapped, x=0.008, ha="left", fontsize=7.4, color="#555555", linespacing=1.35)
         file = io.BytesIO()
         self.figure.savefig(file, format="png", metadata={"Software": None})

@@ -3,9 +3,11 @@
 import csv
 import dataclasses
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
@@ -13,6 +15,7 @@ from rich.table import Table
 
 from baselines.reproduce.style import Picture
 
+_COLOURED = {"yes": "[green]yes[/]", "no": "[bold red]no[/]", "-": "[dim]-[/]"}
 SILENT = "not stated"
 """In place of the paper's number where it gives none."""
 
@@ -21,8 +24,6 @@ SILENT = "not stated"
 class Claim:
     """One row of the table."""
 
-    part: str
-    """Where in the paper: the name that `lissajous reproduce` takes."""
     claim: str
     paper: str
     """What the paper says, with its unit."""
@@ -30,44 +31,64 @@ class Claim:
     """What we found, with its unit."""
     tolerance: str
     """The rule by which the two agree."""
-    agrees: bool
+    agrees: bool | None
+    """None where the paper has nothing to compare with."""
     why: str = ""
     """What was chosen where the paper is silent, or why the two differ."""
+    part: str = ""
+    """Where in the paper: the name that `lissajous reproduce` takes, and fills in."""
 
 
 def near(
-    part: str, claim: str, paper: float, ours: float, tolerance: float, unit: str = "", why: str = "", digits: str = ".4g"
+    claim: str,
+    paper: float,
+    ours: float,
+    tolerance: float,
+    unit: str = "",
+    why: str = "",
+    digits: str = ".4g",
 ) -> Claim:
     """Claim a number: ours may be off by the tolerance, in the same unit."""
     agrees = abs(ours - paper) <= tolerance
     space = " " if unit else ""
     words = f"\N{PLUS-MINUS SIGN} {tolerance:g}{space}{unit}"
-    return Claim(part, claim, f"{paper:g}{space}{unit}", f"{ours:{digits}}{space}{unit}", words, agrees, why)
+    return Claim(claim, f"{paper:g}{space}{unit}", f"{ours:{digits}}{space}{unit}", words, agrees, why)
 
 
 def within_range(
-    part: str, claim: str, paper: float, ours: Sequence[float], unit: str = "", why: str = "", digits: str = ".3f"
+    claim: str, paper: float, ours: np.ndarray, unit: str = "", why: str = "", digits: str = ".3f"
 ) -> Claim:
     """Claim that the paper's number is one that we see: it must lie between our smallest and our largest."""
-    low, high = min(ours), max(ours)
+    low, high = float(ours.min()), float(ours.max())
     space = " " if unit else ""
     words = f"{low:{digits}} to {high:{digits}}{space}{unit}"
     rule = f"inside the range of {len(ours)} seeds"
-    return Claim(part, claim, f"{paper:g}{space}{unit}", words, rule, low <= paper <= high, why)
+    return Claim(claim, f"{paper:g}{space}{unit}", words, rule, low <= paper <= high, why)
 
 
-def all_of(part: str, claim: str, paper: str, holds: Sequence[bool], what: str, why: str = "") -> Claim:
+def all_of(claim: str, paper: str, holds: Iterable[Any], what: str, why: str = "") -> Claim:
     """Claim that something holds every time."""
-    return Claim(part, claim, paper, f"{sum(map(bool, holds))} of {len(holds)} {what}", "all", all(holds), why)
+    each = [bool(value) for value in holds]
+    return Claim(claim, paper, f"{sum(each)} of {len(each)} {what}", "all", all(each), why)
 
 
 def at_most(
-    part: str, claim: str, paper: str, ours: float, bound: float, unit: str = "", why: str = "", digits: str = ".3g"
+    claim: str, paper: str, ours: float, bound: float, unit: str = "", why: str = "", digits: str = ".3g"
 ) -> Claim:
     """Claim that a number does not exceed a bound."""
     space = " " if unit else ""
     rule = f"at most {bound:g}{space}{unit}"
-    return Claim(part, claim, paper, f"{ours:{digits}}{space}{unit}", rule, ours <= bound, why)
+    return Claim(claim, paper, f"{ours:{digits}}{space}{unit}", rule, ours <= bound, why)
+
+
+def reported(claim: str, paper: str, ours: str, why: str = "") -> Claim:
+    """Report what the paper gives no number for."""
+    return Claim(claim, paper, ours, "reported only", None, why)
+
+
+def verdict(claim: Claim) -> str:
+    """Say yes, no, or a dash where there is nothing to compare with."""
+    return {True: "yes", False: "no", None: "-"}[claim.agrees]
 
 
 def print_table(console: Console, claims: Sequence[Claim]) -> None:
@@ -82,7 +103,7 @@ def print_table(console: Console, claims: Sequence[Claim]) -> None:
     for number, each in enumerate(claims):
         first = number == 0 or claims[number - 1].part != each.part
         last = number + 1 == len(claims) or claims[number + 1].part != each.part
-        agrees = "[green]yes[/]" if each.agrees else "[bold red]no[/]"
+        agrees = _COLOURED[verdict(each)]
         words = [escape(word) for word in (each.claim, each.paper, each.ours, each.tolerance)]
         table.add_row(each.part if first else "", *words, agrees, escape(each.why), end_section=last)
     console.print(table)
@@ -90,8 +111,9 @@ def print_table(console: Console, claims: Sequence[Claim]) -> None:
 
 def summary(claims: Sequence[Claim]) -> str:
     """Say how many of the claims agree, and which parts hold one that does not."""
-    differ = [each for each in claims if not each.agrees]
-    words = f"{len(claims) - len(differ)} of {len(claims)} claims agree"
+    judged = [each for each in claims if each.agrees is not None]
+    differ = [each for each in judged if not each.agrees]
+    words = f"{len(judged) - len(differ)} of {len(judged)} claims agree"
     if differ:
         words += f"; not: {', '.join(dict.fromkeys(each.part for each in differ))}"
     return words
@@ -102,7 +124,7 @@ def as_csv(claims: Sequence[Claim]) -> str:
     file = io.StringIO()
     writer = csv.DictWriter(file, [field.name for field in dataclasses.fields(Claim)], lineterminator="\n")
     writer.writeheader()
-    writer.writerows({**dataclasses.asdict(each), "agrees": "yes" if each.agrees else "no"} for each in claims)
+    writer.writerows({**dataclasses.asdict(each), "agrees": verdict(each)} for each in claims)
     return file.getvalue()
 
 
@@ -110,7 +132,7 @@ def as_markdown(claims: Sequence[Claim]) -> str:
     """Return the table as Markdown."""
     lines = ["| | claim | paper | ours | tolerance | agrees | why, or what was chosen |", "|---" * 7 + "|"]
     for each in claims:
-        agrees = "yes" if each.agrees else "**no**"
+        agrees = verdict(each).replace("no", "**no**")
         cells = (each.part, each.claim, each.paper, each.ours, each.tolerance, agrees, each.why)
         lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
     return "\n".join(lines) + "\n"

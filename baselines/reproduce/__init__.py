@@ -1,0 +1,133 @@
+"""The paper's figures and claims, simulated again: pictures in the paper's layout, and one table of what agrees.
+
+M. Boldrer, L. Lyons, L. Palopoli, D. Fontanelli, L. Ferranti, "Time-inverted Kuramoto Model Meets Lissajous Curves:
+Multi-Robot Persistent Monitoring and Target Detection". `docs/paper.md` says where its claims end.
+"""
+
+import dataclasses
+import difflib
+import shlex
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich import progress as bars
+from rich.console import Console
+
+from baselines.report import wide_console
+from baselines.reproduce import bounds as conditions
+from baselines.reproduce import cars, detection, equilibria, failures, resilience, space, table, tracking
+from baselines.reproduce.played import Part, Player
+from baselines.reproduce.style import Picture
+from baselines.reproduce.table import Claim
+from lissajous_env.device import as_device
+from lissajous_env.files import locked, remove_leftovers, write_atomically
+
+PARTS: dict[str, Callable[[Player], Part]] = {
+    "fig2": detection.fig2,
+    "fig3": detection.fig3,
+    "fig4": resilience.fig4,
+    "fig5": space.fig5,
+    "fig6": failures.fig6,
+    "fig7": cars.fig7,
+    "fig8": cars.fig8,
+    "fig9": tracking.fig9,
+    "theorem1": equilibria.theorem1,
+    "theorem2": equilibria.theorem2,
+    "theorem3": resilience.theorem3,
+    "theorem4": failures.theorem4,
+    "lemmas": equilibria.lemmas,
+    "bounds": conditions.bounds,
+    "knot": space.knot,
+    "experiment1": tracking.experiment1,
+    "printed": tracking.printed,
+}
+"""What can be made, by name, in the order of the table. Another part is a function here and a line in this table."""
+
+_Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[NAME ...]")]
+_Out = Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
+
+
+def reproduce(
+    figures: _Names = ("all",), out: _Out = Path("results/reproduce"), seed: int = 0, device: str = "cpu"
+) -> list[Claim]:
+    """Simulate the paper's figures and claims again: pictures, and a table of what agrees.
+
+    Writes a picture for each figure, the table as table.csv and table.md, and all of it as a page, README.md. They hold
+    what this call made; the whole takes less than a minute.
+
+    Args:
+        figures: fig2 to fig9, theorem1 to theorem4, lemmas, bounds, knot, experiment1, printed; all without any.
+        out: folder of the results.
+        seed: seed of the first episode; further ones count up from it.
+        device: cpu, cuda or cuda:k.
+
+    Returns:
+        The rows of the table.
+
+    Raises:
+        ValueError: an unknown name (the message offers the nearest), a seed out of range or a device that is not there.
+    """
+    chosen = _chosen(figures)
+    if not 0 <= seed < 2**31 - 1000:
+        raise ValueError(f"seed must be from 0 to {2**31 - 1001}, got {seed}")
+    as_device(device)
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    player, claims, pictures = Player(seed, device), [], []
+    command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed)])
+    console = wide_console()
+    with locked(out):
+        remove_leftovers(out)
+        try:
+            for part in _played(chosen, player):
+                for picture in part.pictures:
+                    write_atomically(out / f"{picture.name}.png", picture.png)
+                claims += part.claims
+                pictures += part.pictures
+        except KeyboardInterrupt:
+            _write(out, claims, pictures, command)
+            raise KeyboardInterrupt(f"what was finished is in {out}") from None
+        _write(out, claims, pictures, command)
+    table.print_table(console, claims)
+    words = f"\n{table.summary(claims)}. {len(pictures)} pictures, table.csv, table.md and README.md are in {out}"
+    console.print(words, markup=False, highlight=False, soft_wrap=True)
+    return claims
+
+
+def _chosen(figures: Sequence[str]) -> list[str]:
+    """Names of the parts, in the order of the table."""
+    for name in figures:
+        if name not in PARTS and name != "all":
+            known = [*PARTS, "all"]
+            nearest = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
+            raise ValueError(f"figures must be of {', '.join(known)}, got {name!r}; did you mean {nearest}?")
+    return list(PARTS) if "all" in figures or not figures else [name for name in PARTS if name in figures]
+
+
+def _played(chosen: Sequence[str], player: Player) -> Iterable[Part]:
+    """Make the parts one after the other, with a bar on stderr, or a line for each where that is no terminal."""
+    console = Console(stderr=True)
+    columns = "{task.description}", bars.BarColumn(bar_width=None), bars.MofNCompleteColumn(), bars.TimeElapsedColumn()
+    with bars.Progress(
+        bars.SpinnerColumn(), *columns, console=console, transient=True, expand=True, disable=not console.is_terminal
+    ) as progress:
+        task = progress.add_task("", total=len(chosen))
+        for name in chosen:
+            about = (PARTS[name].__doc__ or "").partition("\n")[0].rstrip(".")
+            progress.update(task, description=f"[bold cyan]{name}[/] [dim]{about}[/]")
+            began = time.monotonic()
+            made = PARTS[name](player)
+            made.claims = [dataclasses.replace(claim, part=name) for claim in made.claims]
+            yield made
+            progress.advance(task)
+            if not console.is_terminal:
+                console.print(f"{name}: {time.monotonic() - began:.1f} s", highlight=False)
+
+
+def _write(out: Path, claims: Sequence[Claim], pictures: Sequence[Picture], command: str) -> None:
+    write_atomically(out / "table.csv", table.as_csv(claims))
+    write_atomically(out / "table.md", table.as_markdown(claims))
+    write_atomically(out / "README.md", table.as_page(claims, pictures, command))

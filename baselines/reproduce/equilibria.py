@@ -1,0 +1,160 @@
+"""Theorem 1 and 2, Lemma 1 and 2: which equilibria there are, which are stable, how robots share their places."""
+
+import math
+
+import numpy as np
+from matplotlib.patches import Patch
+
+from baselines.reproduce.played import BARE, Part, Played, Player
+from baselines.reproduce.style import BLUE, GREEN, Sheet, panel_name
+from baselines.reproduce.table import Claim, all_of
+from lissajous_env import scenario, theory
+
+_NUMBERS = (5, 6, 7, 8, 10, 15)
+_STARTS = 400
+_PALE = "#9cc7e4"
+
+
+def theorem1(player: Player) -> Part:
+    """Theorem 1: equilibria reached from random starts."""
+    claims = []
+    with Sheet("theorem1", f"Theorem 1   Equilibria reached from {_STARTS} random starts", 7.2, 3.9) as sheet:
+        panels = sheet.figure.subplots(2, 3, sharey=True)
+        for axes, n in zip(panels.flat, _NUMBERS, strict=True):
+            played = _random_starts(player, n)
+            reached, settled = played.winding[-1], _settled(played)
+            share = np.bincount(reached, minlength=n)[:n] / _STARTS
+            stable = theory.stable_equilibria(n)
+            axes.axvspan(n / 4, 3 * n / 4, color=GREEN, alpha=0.15, lw=0)
+            shown = range(n)
+            axes.bar(shown, share, color=[BLUE if theory.cluster_size(n, p) == 1 else _PALE for p in shown], width=0.7)
+            for p in np.flatnonzero(share):
+                percent = f"{100 * share[p]:.2g}"
+                axes.annotate(
+                    percent, (p, share[p]), xytext=(0, 1.5), textcoords="offset points", ha="center", fontsize=7
+                )
+            axes.set_xlim(-0.6, n - 0.4)
+            axes.set_ylim(0, 1)
+            axes.set_xticks(shown if n < 11 else shown[::2])
+            axes.grid(False, axis="x")
+            panel_name(axes, f"N = {n}")
+            inside = np.isin(reached, stable) & settled
+            words = ", ".join(f"p = {p} {100 * share[p]:.2g} %" for p in np.argsort(-share) if share[p] > 0)
+            claims.append(
+                all_of(
+                    f"N = {n}: random starts converge to p in (N/4, 3N/4) = ({n / 4:g}, {3 * n / 4:g})",
+                    "all",
+                    inside,
+                    "starts",
+                    words,
+                )
+            )
+        for axes in panels[1]:
+            axes.set_xlabel("p of equilibrium (2)")
+        for axes in panels[:, 0]:
+            axes.set_ylabel("share of starts")
+        keys = (
+            (BLUE, 1, "one robot to a place"),
+            (_PALE, 1, "clustered, gcd(N, p) > 1"),
+            (GREEN, 0.2, "N/4 < p < 3N/4"),
+        )
+        patches = [Patch(color=colour, alpha=alpha, lw=0, label=word) for colour, alpha, word in keys]
+        panels[0, 0].legend(handles=patches, loc="upper left", fontsize=7.2, labelspacing=0.25, borderaxespad=0.1)
+        picture = sheet.picture(
+            "All phases uniform at random, ring topology, K = 1, omega = 0.3 rad/s, 200 s. p is counted from 0 "
+            "to N - 1 by "
+            "how often the phases go around along the ring; numbers are percent."
+        )
+    return Part(claims, [picture])
+
+
+def theorem2(player: Player) -> Part:
+    """Theorem 2: stable equilibria with one robot to a place."""
+    numbers = [n for n in range(3, 201) if n not in (4, 6)]
+    # Not by the rule of Theorem 1 but by the eigenvalues of the Jacobian, as numbers.
+    small = [n for n in range(3, 41) if n not in (4, 6)]
+    by_eigenvalues = [any(_is_stable(n, p) and math.gcd(n, p) == 1 for p in range(n)) for n in small]
+    exceptions = [any(_is_stable(n, p) and math.gcd(n, p) == 1 for p in range(n)) for n in (4, 6)]
+    claims = [
+        all_of(
+            "a stable 1-clustered equilibrium exists, N = 3 ... 200 without 4 and 6",
+            "always",
+            [theory.has_unclustered_equilibrium(n) for n in numbers],
+            "numbers of robots",
+            "by the rule p in (N/4, 3N/4)",
+        ),
+        all_of(
+            "the same by the eigenvalues of the Jacobian, N = 3 ... 40", "always", by_eigenvalues, "numbers of robots"
+        ),
+        Claim(
+            "none for N = 4 and 6",
+            "excluded",
+            f"{sum(exceptions)} of 2",
+            "0",
+            not any(exceptions),
+            "robots always share places: p = 2 is the only one of 4, p = 2, 3, 4 none co-prime to 6",
+        ),
+    ]
+    return Part(claims)
+
+
+def lemmas(player: Player) -> Part:
+    """Lemma 1 and 2: clusters, and equilibria made of others."""
+    shared = []
+    for n in _NUMBERS:
+        played = _random_starts(player, n)
+        for reached, phases in zip(played.winding[-1], played.phase[-1], strict=True):
+            apart = np.abs(np.angle(np.exp(1j * (phases[:, None] - phases))))
+            # Of kappa robots in one place every one has kappa robots, itself included, within a hair.
+            shared.append(bool(np.all((apart < 0.02).sum(axis=1) == math.gcd(n, reached))))
+    odd = range(3, 102, 2)
+    manipulated = []
+    for n in odd:
+        base = theory.equilibrium_phases(n, (n - 1) // 2, range(n))
+        for wanted in range(n):
+            alpha = theory.alpha_for(n, (n - 1) // 2, wanted)
+            if alpha is None:
+                manipulated.append(False)
+                continue
+            off = alpha * base - theory.equilibrium_phases(n, wanted, range(n))
+            manipulated.append(bool(np.abs(np.angle(np.exp(1j * off))).max() < 1e-6))
+    claims = [
+        all_of(
+            "Lemma 1: gcd(N, p) robots share a place in the equilibrium reached",
+            "always",
+            shared,
+            "starts",
+            "the end states of theorem1",
+        ),
+        all_of(
+            "Lemma 2: alpha times equilibrium (N - 1) / 2 is any equilibrium, N odd up to 101",
+            "always",
+            manipulated,
+            "equilibria",
+            "alpha = p / ((N - 1) / 2) modulo N; the paper does not say which",
+        ),
+    ]
+    return Part(claims)
+
+
+def _random_starts(player: Player, n: int) -> Played:
+    """Uniform random phases of N points, played to rest."""
+    bare = BARE | {"formation.start": "random", "formation.alpha": 1, "formation.p": None, "robot.count": n}
+    bare |= {"task.step": 0.2, "task.duration": 200.0}
+    bare |= {"sensing.radius": 1.0, "sensing.robots_seen": 0, "sensing.targets_seen": 0}
+    return player.play("kuramoto", scenario("failure", **bare), worlds=_STARTS, only_ends=True)
+
+
+def _settled(played: Played) -> np.ndarray:
+    """Whether all steps along the ring are the same (W,): the state is an equilibrium (2), whichever."""
+    ahead = played.steps_ahead[-1]
+    target = 2 * np.pi * played.winding[-1][:, None] / ahead.shape[-1]
+    return np.abs(np.angle(np.exp(1j * (ahead - target)))).max(axis=-1) < 0.05
+
+
+def _is_stable(n: int, p: int) -> bool:
+    """Whether all eigenvalues of the Jacobian but the one of the common rotation are negative."""
+    ring = np.arange(n)
+    neighbours = np.stack([(ring - 1) % n, (ring + 1) % n], axis=-1)
+    jacobian = theory.kuramoto_jacobian(theory.equilibrium_phases(n, p, range(n)), neighbours)
+    return bool(np.sort(np.linalg.eigvalsh(jacobian))[-2] < -1e-9)
