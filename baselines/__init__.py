@@ -8,7 +8,8 @@ from baselines.coordinated import OnCurve, WithMpcc
 from baselines.kuramoto import Kuramoto
 from baselines.open_loop import OpenLoop
 from baselines.patrol import RandomWaypoint, Still, Sweep
-from baselines.policy import Policy, make, names, register
+from baselines.policy import Policy, make, names, register, register_wrapper
+from baselines.safety import Safe
 from baselines.tracked_reference import TrackedReference
 from baselines.vector_field import WithVectorField
 
@@ -25,3 +26,4 @@ register("kuramoto-arc-mpcc", "car", partial(WithMpcc, KuramotoByArc))
 register("sweep", "car", Sweep)
 register("random", None, RandomWaypoint)
 register("still", None, Still)
+register_wrapper("-safe", "car", Safe)

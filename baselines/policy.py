@@ -71,6 +71,7 @@ class Policy:
 
 _REGISTRY: dict[str, Callable[..., Policy]] = {}
 _KIND: dict[str, str | None] = {}
+_WRAPPERS: dict[str, tuple[str, Callable[[Policy], Policy]]] = {}
 
 
 def register(name: str, kind: str | None, factory: Callable[..., Policy]) -> None:
@@ -78,12 +79,35 @@ def register(name: str, kind: str | None, factory: Callable[..., Policy]) -> Non
     _REGISTRY[name], _KIND[name] = factory, kind
 
 
+def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy]) -> None:
+    """Add every policy for robots of `kind` once more, wrapped, under its name with a suffix."""
+    _WRAPPERS[suffix] = kind, wrapper
+
+
+def _kinds() -> dict[str, str | None]:
+    """Kind of robot that each policy drives, by name; the wrapped ones come last."""
+    kinds = dict(_KIND)
+    for suffix, (kind, _) in _WRAPPERS.items():
+        kinds |= {name + suffix: kind for name, drives in _KIND.items() if drives in (None, kind)}
+    return kinds
+
+
+def _build(name: str, scenario: Scenario, num_worlds: int, device: Any) -> Policy:
+    if name in _REGISTRY:
+        policy = _REGISTRY[name](scenario, num_worlds, device)
+    else:
+        suffix = next(suffix for suffix in _WRAPPERS if name.endswith(suffix))
+        policy = _WRAPPERS[suffix][1](_build(name.removesuffix(suffix), scenario, num_worlds, device))
+    policy.name = name
+    return policy
+
+
 def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
     """Names of the policies; with a scenario, of those that drive its robots."""
     if scenario is None:
-        return tuple(_REGISTRY)
+        return tuple(_kinds())
     kind = make_scenario(scenario).robot.kind
-    return tuple(name for name, drives in _KIND.items() if drives in (None, kind))
+    return tuple(name for name, drives in _kinds().items() if drives in (None, kind))
 
 
 def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
@@ -93,13 +117,11 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
         ValueError: an unknown name (the message offers the nearest), or a policy for another kind of robot.
     """
     made = make_scenario(scenario)
-    if name not in _REGISTRY:
-        nearest = difflib.get_close_matches(str(name), _REGISTRY, n=1, cutoff=0.0)[0]
-        raise ValueError(f"policy must be one of {', '.join(_REGISTRY)}, got {name!r}; did you mean {nearest}?")
+    if name not in (known := _kinds()):
+        nearest = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
+        raise ValueError(f"policy must be one of {', '.join(known)}, got {name!r}; did you mean {nearest}?")
     if name not in names(made):
         raise ValueError(
             f"policy for {made.name} must drive robots of kind {made.robot.kind} ({', '.join(names(made))}), got {name}"
         )
-    policy = _REGISTRY[name](made, num_worlds, device)
-    policy.name = name
-    return policy
+    return _build(name, made, num_worlds, device)

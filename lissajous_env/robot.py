@@ -3,7 +3,7 @@
 import warp as wp
 
 from lissajous_env import draws
-from lissajous_env.compilation import OPTIONS
+from lissajous_env.compilation import MOTION
 from lissajous_env.curve import CurveStruct, curve_parameter, point, point2, project, tangent2, wrap, wrap_phase
 from lissajous_env.faults import FaultsStruct, update_status
 from lissajous_env.scenario import Formation, Noise, Robot
@@ -11,7 +11,7 @@ from lissajous_env.state import NOWHERE, REMOVED, RUNNING, WORKING, Clock, Links
 from lissajous_env.structs import struct_of
 from lissajous_env.trig import cos_sin
 
-wp.set_module_options(OPTIONS)
+wp.set_module_options(MOTION)
 
 RobotStruct = struct_of(Robot)
 FormationStruct = struct_of(Formation)

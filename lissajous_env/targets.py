@@ -3,7 +3,7 @@
 import warp as wp
 
 from lissajous_env import draws
-from lissajous_env.compilation import OPTIONS
+from lissajous_env.compilation import MOTION
 from lissajous_env.curve import CurveStruct, wrap
 from lissajous_env.scenario import Targets
 from lissajous_env.state import (
@@ -21,7 +21,7 @@ from lissajous_env.state import (
 from lissajous_env.structs import struct_of
 from lissajous_env.trig import cos_sin
 
-wp.set_module_options(OPTIONS)
+wp.set_module_options(MOTION)
 
 TargetsStruct = struct_of(Targets)
 

@@ -11,7 +11,7 @@ from baselines.reproduce.table import Claim, all_of
 from lissajous_env import scenario, theory
 
 _NUMBERS = (5, 6, 7, 8, 10, 15)
-_STARTS = 400
+_STARTS = 300
 _PALE = "#9cc7e4"
 
 
@@ -61,7 +61,7 @@ def theorem1(player: Player) -> Part:
         patches = [Patch(color=colour, alpha=alpha, lw=0, label=word) for colour, alpha, word in keys]
         panels[0, 0].legend(handles=patches, loc="upper left", fontsize=7.2, labelspacing=0.25, borderaxespad=0.1)
         picture = sheet.picture(
-            "All phases uniform at random, ring topology, K = 1, omega = 0.3 rad/s, 200 s. p is counted from 0 "
+            "All phases uniform at random, ring topology, K = 1, omega = 0.3 rad/s, 150 s. p is counted from 0 "
             "to N - 1 by "
             "how often the phases go around along the ring; numbers are percent."
         )
@@ -140,7 +140,7 @@ def lemmas(player: Player) -> Part:
 def _random_starts(player: Player, n: int) -> Played:
     """Uniform random phases of N points, played to rest."""
     bare = BARE | {"formation.start": "random", "formation.alpha": 1, "formation.p": None, "robot.count": n}
-    bare |= {"task.step": 0.2, "task.duration": 200.0}
+    bare |= {"task.step": 0.25, "task.duration": 150.0}
     bare |= {"sensing.radius": 1.0, "sensing.robots_seen": 0, "sensing.targets_seen": 0}
     return player.play("kuramoto", scenario("failure", **bare), worlds=_STARTS, only_ends=True)
 

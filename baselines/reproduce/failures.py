@@ -12,7 +12,7 @@ from lissajous_env import scenario
 _FORMATIONS = ((5, 2), (7, 3), (10, 3), (15, 7))
 """N and p of Theorem 4; N = 10, p = 3 is that of Fig. 4."""
 _PAIRS = ((0, 1), (0, 2), (0, 3))
-_LASTING = (1.0, 2.0, 3.0, 5.0, 9.9, 20.0)
+_LASTING = (1.0, 2.0, 5.0, 9.9, 20.0)
 """How long two robots are stuck [s]; 9.9 s as in Fig. 6."""
 
 
@@ -32,7 +32,7 @@ def fig6(player: Player) -> Part:
             phase: np.ndarray = np.unwrap(played.phase[:, 0], axis=0)
             phase -= phase[0, 0]
             phase -= 2 * np.pi * np.floor(phase[0] / (2 * np.pi) + 1e-9)
-            stuck = played.stuck[:, 0].any(axis=0)
+            stuck = np.atleast_1d(played.stuck[:, 0].any(axis=0))
             for robot in range(played.scenario.num_robots):
                 line = {"ls": (0, (4, 1.2)), "lw": 1.9} if stuck[robot] else {"lw": 1.2}
                 column[0].plot(played.time, phase[:, robot], color=SERIES[robot], label=f"{robot + 1}", **line)
@@ -78,7 +78,8 @@ def fig6(player: Player) -> Part:
             f"{kept.min():.2f} rad off at 30 s",
             "no recovery time",
             bool(np.isnan(rival.score("recovery_time")).all()),
-            "the offset stays as it was at t2",
+            f"the offset stays as it was at t2; {rival.score('collisions').mean():.0f} collisions in 30 s, with (1) "
+            f"{ours.score('collisions').mean():.1f}",
         ),
     ]
     return Part(claims, [picture])
@@ -94,7 +95,7 @@ def theorem4(player: Player) -> Part:
     ) as sheet:
         panels = sheet.figure.subplots(1, len(_FORMATIONS), sharey=True)
         for axes, (n, p) in zip(panels, _FORMATIONS, strict=True):
-            for pair, mark, aside in zip(_PAIRS, "os^", (0.91, 1.0, 1.1), strict=True):
+            for pair, mark, aside in zip(_PAIRS, "os^", (0.84, 1.0, 1.19), strict=True):
                 for lasts in _LASTING:
                     played = player.play("kuramoto", _stuck(n, p, pair, lasts))
                     cosine, back = float(played.largest_cosine[0]), bool(played.returned[0])
@@ -149,5 +150,5 @@ def _stuck(n: int, p: int, pair: tuple[int, int], lasts: float) -> Any:
     begin = 0.5
     faults = tuple((robot, begin, begin + lasts) for robot in pair)
     bare = BARE | {"robot.count": n, "formation.p": p, "formation.alpha": 1, "formation.start": "equilibrium"}
-    bare |= {"sensing.radius": 1.0, "faults.schedule": faults, "task.duration": begin + lasts + 45}
+    bare |= {"sensing.radius": 1.0, "faults.schedule": faults, "task.duration": begin + lasts + 30}
     return scenario("failure", **bare)

@@ -67,7 +67,7 @@ def fig5(player: Player) -> Part:
         left.annotate(f"plane: {flat:.3f} m", (0, flat), xytext=(7, -11), textcoords="offset points", fontsize=8)
         panel_name(left, "in formation, on equilibrium (2)")
         panel_name(right, "between two branches of the curve")
-        right.axhline(0.125, color=DARK, lw=0.9, ls=":")
+        right.axhline(0.125, color=DARK, lw=0.9, ls=":", label="body in Section VII, 0.125 m")
         for axes in (left, right):
             axes.set_xlabel("C, half of the extent along z [m]")
             axes.set_xlim(0, depths[-1])
@@ -81,9 +81,7 @@ def fig5(player: Player) -> Part:
             ha="right",
             fontsize=8,
         )
-        right.annotate(
-            "body in Section VII", (1.58, 0.125), xytext=(0, 3), textcoords="offset points", ha="right", fontsize=8
-        )
+        right.legend(loc="upper left")
         left.set_ylabel("$r_{max}$ [m]")
         left.legend(title="c", ncols=3, loc="upper left", handlelength=1.6)
         picture = sheet.picture(

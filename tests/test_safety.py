@@ -1,0 +1,351 @@
+"""The collision filter: its quadratic programme, what it leaves alone, the meetings it resolves, what it achieves."""
+
+import casadi as ca
+import numpy as np
+import pytest
+import warp as wp
+from reference import car_runge_kutta, closest_approach
+from scipy.optimize import linprog
+
+import baselines
+import lissajous_env
+from baselines.policy import Policy
+from baselines.safety import Safe, SafetyParameters, speed_limit
+from baselines.safety_kernel import TOLERANCE, solve_programmes
+from lissajous_env.observation import layout
+
+QUIET = {"print_iter": False, "print_header": False, "print_info": False, "print_time": False, "error_on_fail": False}
+WEIGHT = SafetyParameters().throttle_weight
+TOUCH = 0.25
+"""Distance at which two cars of the experiment touch [m]."""
+TWO_CARS = lissajous_env.scenario(
+    "experiment",
+    **{"robot.count": 2, "formation.ring": None, "faults.schedule": (), "sensing.radius": 1.158},
+).resolve()
+"""Two cars that see as far as those of the experiment."""
+
+
+def programme_by_casadi(rows, top, wanted, slack):
+    """Solve the programme with every row relaxed by `slack`, by CasADi's active-set solver in float64."""
+    u = ca.SX.sym("u", 2)
+    scale = 1 / np.linalg.norm(rows[:, :2], axis=1).clip(1e-6)  # the solver likes its rows of length one
+    cost = (u[0] - wanted[0]) ** 2 + WEIGHT * (u[1] - wanted[1]) ** 2
+    solver = ca.qpsol(
+        "programme", "qrqp", {"x": u, "f": cost, "g": ca.mtimes(ca.DM(scale[:, None] * rows[:, :2]), u)}, QUIET
+    )
+    low = scale * (rows[:, 2] - slack)
+    found = np.array(solver(lbx=[-1, -1], ubx=[1, top], lbg=low, ubg=np.inf)["x"]).ravel()
+    return found, solver.stats()["success"] and (rows[:, 2] - slack - rows[:, :2] @ found).max() < 1e-6
+
+
+def least_violation_by_linprog(rows, top):
+    """Smallest s with g.u >= c - s in the box, by HiGHS."""
+    constraint = np.c_[-rows[:, :2], -np.ones(len(rows))]
+    return linprog([0, 0, 1], constraint, -rows[:, 2], bounds=[(-1, 1), (-1, top), (0, None)]).x[2]
+
+
+def cost_of(u, wanted):
+    return (u[0] - wanted[0]) ** 2 + WEIGHT * (u[1] - wanted[1]) ** 2
+
+
+def agrees_with_independent_solvers(rows, top, wanted, action):
+    """Whether the programme is feasible, and whether CasADi could judge; fails where an action is not its solution."""
+    rows, wanted, action = (np.asarray(each, dtype=float) for each in (rows, wanted, action))
+    least = least_violation_by_linprog(rows, top)
+    assert (rows[:, 2] - rows[:, :2] @ action).max() <= least + 2 * float(TOLERANCE)
+    # The filter may leave twice its tolerance missing: its cost lies between those of the two programmes.
+    exact, found = programme_by_casadi(rows, top, wanted, least + 1e-8)
+    looser, also = programme_by_casadi(rows, top, wanted, least + 2 * float(TOLERANCE))
+    if found and also:
+        assert cost_of(looser, wanted) - 1e-3 <= cost_of(action, wanted) <= cost_of(exact, wanted) + 1e-3
+    return least < 1e-9, found and also
+
+
+def random_programmes(count, rng):
+    """Rows as margins give them: gradients of centimetres per unit of action, from slack to beyond reach."""
+    number = rng.integers(1, 5, count)
+    rows = np.zeros((count, 1, 8, 3), dtype=np.float32)
+    rows[..., :2] = rng.normal(0, 0.05, (count, 1, 8, 2))
+    rows[..., 2] = rng.normal(-0.01, 0.05, (count, 1, 8))
+    wanted = rng.uniform(-1, 1, (count, 1, 2)).astype(np.float32)
+    top = rng.uniform(-0.9, 1, (count, 1)).astype(np.float32)
+    return number, rows, wanted, top
+
+
+def test_the_programme_is_solved_to_the_optimum():
+    """Oracles: CasADi's qrqp where it is feasible, HiGHS for the least violation where not; 1,000 programmes."""
+    number, rows, wanted, top = random_programmes(1000, np.random.default_rng(0))
+    solution = wp.zeros((1000, 1), dtype=wp.vec3, device="cpu")
+    inputs = [
+        WEIGHT,
+        wp.array(rows, dtype=wp.vec3, device="cpu"),
+        wp.array(number[:, None], dtype=wp.int32, device="cpu"),
+        wp.array(top, dtype=wp.float32, device="cpu"),
+        wp.array(wanted, dtype=wp.float32, device="cpu"),
+    ]
+    wp.launch(solve_programmes, (1000, 1), inputs, outputs=[solution], device="cpu")
+    found = solution.numpy()[:, 0]
+    judged = [
+        agrees_with_independent_solvers(rows[k, 0, : number[k]], top[k, 0], wanted[k, 0], found[k, :2])
+        for k in range(1000)
+    ]
+    feasible, judged = np.mean(judged, axis=0)
+    assert 0.3 < feasible < 0.95
+    assert judged > 0.95
+    assert (np.abs(found[:, :2]) <= 1).all()
+    assert (found[:, 1] <= top[:, 0]).all()
+
+
+class Wanting(Policy):
+    """Wants the same action of each robot at all times."""
+
+    kind = "car"
+
+    def want(self, action):
+        self.action.assign(np.broadcast_to(np.asarray(action, dtype=np.float32), self.action.shape).copy())
+        return self
+
+    def _decide(self, observation):
+        pass
+
+
+def observed(cars):
+    """Rows (W, N, D) of cars (W, N, 4) x, y, heading, speed, with the nearest robots in the disc."""
+    scenario, seen = TWO_CARS, 2
+    names = layout(scenario).names
+    rows = np.zeros((*cars.shape[:2], len(names)), dtype=np.float32)
+    column = {name: k for k, name in enumerate(names)}
+    x, y, heading, speed = np.moveaxis(cars, -1, 0)
+    top, radius = scenario.robot.speed_max, scenario.sensing.radius
+    for name, value in {"x": x / scenario.curve.half_width, "y": y / scenario.curve.half_height, "works": 1.0,
+                        "cos_heading": np.cos(heading), "sin_heading": np.sin(heading), "speed": speed / top}.items():  # fmt: skip
+        rows[..., column[name]] = value
+    place = cars[..., :2]
+    velocity = speed[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    for w, i in np.ndindex(cars.shape[:2]):
+        away = place[w] - place[w, i]
+        distance = np.linalg.norm(away, axis=1)
+        near = [j for j in np.argsort(distance) if j != i and distance[j] < radius][:seen]
+        for k, j in enumerate(near):
+            first = column[f"robot_{k}_present"]
+            relative = np.clip((velocity[w, j] - velocity[w, i]) / (2 * top), -1, 1)
+            rows[w, i, first : first + 5] = [1, *away[j] / radius, *relative]
+    return rows
+
+
+def drive(cars, action, step=0.1):
+    """Cars (W, N, 4) after a step by the float64 reference, and the least distance of each world's pairs in it."""
+    robot = TWO_CARS.robot
+    moved, nearest = cars.copy(), np.full(len(cars), np.inf)
+    for _ in range(2):
+        before = moved.copy()
+        for w, i in np.ndindex(cars.shape[:2]):
+            throttle = robot.throttle_min + (action[w, i, 1] + 1) / 2 * (robot.throttle_max - robot.throttle_min)
+            moved[w, i] = car_runge_kutta(robot, before[w, i], action[w, i, 0] * robot.steering_max, throttle, step / 2)
+        for w in range(len(cars)):
+            for i in range(cars.shape[1]):
+                for j in range(i):
+                    apart = closest_approach(before[w, i, :2] - before[w, j, :2], moved[w, i, :2] - moved[w, j, :2])
+                    nearest[w] = min(nearest[w], apart)
+    return moved, nearest
+
+
+def least_distance(cars, wanted, filtered, steps=30):
+    """Least distance [m] in each world when cars (W, N, 4) want an action all the way."""
+    cars = np.asarray(cars, dtype=float)
+    policy = Wanting(TWO_CARS, len(cars)).want(wanted)
+    policy = Safe(policy) if filtered else policy
+    least = np.full(len(cars), np.inf)
+    for _ in range(steps):
+        action = policy.act(observed(cars))
+        assert (np.abs(action) <= 1).all()
+        cars, nearest = drive(cars, action)
+        least = np.minimum(least, nearest)
+    return least
+
+
+def cruising(speed, steering=0.0):
+    """Action that holds a speed [m/s]."""
+    return [steering, 2 * ((0.945 * speed + 3.681) / 36.81 - 0.1) / 0.15 - 1]
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.1, 1.7])
+def test_two_cars_that_meet_head_on_pass(speed):
+    """A physical story; as symmetric as can be, so both must choose the same side."""
+    cars = [[[-1.5, 0, 0, speed], [1.5, 0, np.pi, speed]]]
+    assert least_distance(cars, cruising(speed), filtered=False, steps=40)[0] < 0.05
+    assert least_distance(cars, cruising(speed), filtered=True, steps=40)[0] > TOUCH
+
+
+def test_two_cars_that_meet_head_on_pass_on_the_right():
+    cars = np.array([[[-0.5, 0, 0, 1.1], [0.5, 0, np.pi, 1.1]]])
+    action = Safe(Wanting(TWO_CARS).want(cruising(1.1))).act(observed(cars))
+    assert (action[0, :, 0] < -0.2).all()
+
+
+@pytest.mark.parametrize("angle", [45, 70, 90, 110, 135, 160])
+def test_two_cars_that_cross_do_not_touch(angle):
+    """A physical story: both would be at the crossing at the same time."""
+    heading = np.radians(angle)
+    other = [-1.5 * np.cos(heading), -1.5 * np.sin(heading), heading, 1.1]
+    cars = [[[-1.5, 0, 0, 1.1], other]]
+    assert least_distance(cars, cruising(1.1), filtered=False)[0] < 0.05
+    assert least_distance(cars, cruising(1.1), filtered=True)[0] > TOUCH
+
+
+@pytest.mark.parametrize("aside", [-0.2, -0.1, 0.0, 0.1, 0.2])
+@pytest.mark.parametrize("speed", [0.5, 1.1, 2.0])
+def test_a_car_drives_around_one_that_stands(aside, speed):
+    """A physical story: the car ahead is stuck, and the other cannot brake."""
+    cars = np.array([[[-1.5, 0, 0, speed], [0, aside, 1.0, 0]]])
+    policy = Safe(Wanting(TWO_CARS).want(cruising(speed)))
+    least = np.inf
+    for _ in range(int(3 / speed / 0.1)):
+        action = policy.act(observed(cars))
+        action[0, 1] = [0, -1]
+        cars, nearest = drive(cars, action)
+        least = min(least, nearest[0])
+    assert least > TOUCH
+    assert cars[0, 1, 3] == 0
+
+
+def test_random_meetings_of_two_cars():
+    """A physical story, 200 times: cars aimed to be at one place at one time, from any side, at 0.4 to 2 m/s."""
+    rng = np.random.default_rng(4)
+    heading, speed = rng.uniform(-np.pi, np.pi, (200, 2)), rng.uniform(0.4, 2.0, (200, 1)) * np.ones((200, 2))
+    heading[:, 1] = heading[:, 0] + rng.uniform(0.5, 2 * np.pi - 0.5, 200)
+    away = 1.5 * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    cars = np.concatenate([-away + rng.normal(0, 0.03, away.shape), heading[..., None], speed[..., None]], axis=-1)
+    wanted = np.stack([np.array([cruising(v) for v in each]) for each in speed])
+    assert (least_distance(cars, wanted, filtered=False) < TOUCH).mean() > 0.6
+    assert (least_distance(cars, wanted, filtered=True) < TOUCH).mean() < 0.02
+
+
+def test_far_from_all_the_action_passes_bit_for_bit():
+    """Oracle: the wanted action, for one car alone, for two that part, and for one that another follows."""
+    rng = np.random.default_rng(1)
+    wanted = rng.uniform(-1, 1, (3, 2, 2)).astype(np.float32)
+    cars = np.array([
+        [[-1.5, 0, 0, 1.1], [1.5, 0, 0, 1.1]], [[-0.4, 0, np.pi, 1.1], [0.4, 0, 0, 1.1]], [[-0.5, 0, 0, 1], [0.5, 0, 0, 1]],
+    ])  # fmt: skip
+    policy = Safe(Wanting(TWO_CARS, 3).want(wanted))
+    np.testing.assert_array_equal(policy.act(observed(cars)), wanted)
+    assert (policy.count.numpy() == 0).all()
+
+
+def test_the_throttle_leads_to_the_speed_limit_and_no_further():
+    """Oracle: v' = push - c v, solved for the push of a step; at full throttle the car would do 5.8 m/s."""
+    policy = Safe(Wanting(TWO_CARS).want([0, 1]))
+    limit = speed_limit(TWO_CARS, policy.parameters)
+    assert limit == pytest.approx(2.21, abs=0.01)
+    cars = np.array([[[-50.0, 0, 0, 0.0], [50.0, 0, 0, 4.0]]])
+    fastest = 0.0
+    for _ in range(40):
+        cars, _ = drive(cars, policy.act(observed(cars)))
+        fastest = max(fastest, cars[0, 0, 3])
+    assert limit - 0.02 < fastest < limit + 0.02
+    assert cars[0, 1, 3] < limit + 0.02
+
+
+def played(policy, simulation, steps, on_step=None):
+    policy.reset()
+    observation = simulation.observation
+    for _ in range(steps):
+        observation, *_ = simulation.step(policy.act(observation))
+        if on_step is not None:
+            on_step()
+    return observation.numpy()
+
+
+def test_programmes_met_in_episodes_are_solved():
+    """Oracles: as above, on the programmes that the filter itself sets up; limits and what passes unchanged besides."""
+    policy = baselines.make("random-safe", "rough", num_worlds=16)
+    simulation = lissajous_env.Simulation("rough", num_worlds=16, seed=3)
+    solved = []
+
+    def check():
+        action, wanted = policy.action.numpy(), policy.policy.action.numpy()
+        count, rows, top = policy.count.numpy(), policy.rows.numpy(), policy.top.numpy()
+        assert (np.abs(action) <= 1).all()
+        assert (action[..., 1] <= top).all()
+        free = (count == 0) & (wanted[..., 1] <= top)
+        np.testing.assert_array_equal(action[free], wanted[free])
+        for w, i in np.argwhere(count > 0):
+            if len(solved) < 1000:
+                entry = rows[w, i, : count[w, i]], float(top[w, i]), wanted[w, i], action[w, i]
+                solved.append(agrees_with_independent_solvers(*entry))
+
+    played(policy, simulation, 200, check)
+    assert len(solved) == 1000
+    feasible, judged = np.mean(solved, axis=0)
+    assert 0.3 < feasible < 1
+    assert judged > 0.95
+
+
+@pytest.mark.parametrize("name", ["kuramoto-mpcc", "open-loop-mpcc", "sweep", "random"])
+@pytest.mark.parametrize("scenario", ["experiment", "rough"])
+def test_collisions_are_cut_to_a_tenth(name, scenario):
+    """Oracle: the same policy without the filter, on the same seeds."""
+    rows, plain = (
+        lissajous_env.evaluate(baselines.make(each, scenario, num_worlds=16), scenario, range(16))
+        for each in (f"{name}-safe", name)
+    )
+    collisions, before = (np.mean([row["collisions"] for row in each]) for each in (rows, plain))
+    assert collisions <= 0.1 * before
+    spacing, was = (np.mean([row["spacing_factor"] for row in each]) for each in (rows, plain))
+    assert spacing < was + 0.4
+
+
+def test_names_of_the_safe_policies():
+    """Oracle: the naming rule, for every policy of cars and for no policy of points alone."""
+    cars = [name for name in baselines.names("experiment") if not name.endswith("-safe")]
+    safe = [name for name in baselines.names() if name.endswith("-safe")]
+    assert safe == [f"{name}-safe" for name in cars]
+    assert baselines.make("kuramoto-mpcc-safe", "experiment").name == "kuramoto-mpcc-safe"
+    assert not set(safe) & set(baselines.names("failure"))
+    with pytest.raises(ValueError, match="must drive robots of kind curve"):
+        baselines.make("sweep-safe", "failure")
+    with pytest.raises(ValueError, match="did you mean sweep-safe"):
+        baselines.make("sweep-saf", "experiment")
+
+
+def test_a_robots_action_depends_on_its_own_row_alone():
+    """Oracle: changing every other row leaves robot 2's action as it was, bit for bit, in a step where it swerves."""
+    simulation = lissajous_env.Simulation("experiment", num_worlds=8, seed=5)
+    policy = baselines.make("sweep-safe", "experiment", num_worlds=8)
+    swerved = 0
+    for _ in range(60):
+        seen = simulation.observation.numpy().copy()
+        policy.reset()
+        action = policy.act(seen)
+        swerved += (policy.count.numpy()[:, 2] > 0).sum()
+        changed = seen[:, ::-1].copy()
+        changed[:, 2] = seen[:, 2]
+        policy.reset()
+        np.testing.assert_array_equal(policy.act(changed)[:, 2], action[:, 2])
+        simulation.step(action)
+    assert swerved > 5
+
+
+def test_a_world_is_played_alike_in_any_batch():
+    """Oracle: the batch law, for filter, policy and simulation together."""
+    batch = lissajous_env.Simulation("rough", num_worlds=4, seed=10)
+    single = lissajous_env.Simulation("rough", num_worlds=1, seed=12)
+    together = played(baselines.make("random-safe", "rough", num_worlds=4), batch, 80)[2]
+    alone = played(baselines.make("random-safe", "rough"), single, 80)[0]
+    np.testing.assert_array_equal(together, alone)
+
+
+def test_an_action_that_is_not_a_number_is_passed_on():
+    """The simulation flags such a world by name; the filter must neither hide it nor spread it."""
+    wanted = np.zeros((2, 5, 2), dtype=np.float32)
+    wanted[1, 3, 0] = np.nan
+    simulation = lissajous_env.Simulation("experiment", num_worlds=2)
+    action = Safe(Wanting("experiment", 2).want(wanted)).act(simulation.observation.numpy())
+    assert np.isnan(action[1, 3, 0])
+    assert np.isfinite(action).sum() == action.size - 1
+
+
+def test_points_have_no_filter():
+    with pytest.raises(ValueError, match="must drive robots of kind car, got curve"):
+        Safe(baselines.make("kuramoto", "failure"))
