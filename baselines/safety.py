@@ -24,8 +24,9 @@ contradict one another, all give way by the same least amount. `top` is the thro
 Two cars that avoid each other must not choose alike, so b is what both of them compute: the best pair of ways out for
 the two (`agreed_way_out`). A symmetric pair passes on the right.
 
-What it cannot do: it sees `sensing.robots_seen` robots and none beyond the disc; a car that stops dead less than about
-0.45 m ahead cannot be driven around; and three cars may each agree with another on what does not suit the third.
+What it cannot do: it sees `sensing.robots_seen` robots and none beyond the disc, which in `intruders` is too short for
+cars that meet at 2 m/s; a car that stops dead less than about 0.45 m ahead cannot be driven around; the ways out are
+nine, so a car between two others may find none; and three cars may agree in pairs on what does not suit the third.
 """
 
 import dataclasses
@@ -77,7 +78,7 @@ class Safe(Policy):
         self.top = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
 
     def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
-        """Actions for the wanted ones (W, N, 2) and observations (W, N, D): Warp arrays, the result the filter's own."""
+        """Actions for wanted ones (W, N, 2) and observations (W, N, D): Warp arrays, the result the filter's own."""
         inputs = [self._safety, self._robot, self._seen, observation, wanted, self._others, self._paths]
         outputs = [self.rows, self.count, self.top, self.action]
         wp.launch(keep_clear, self.shape, inputs, outputs=outputs, device=self.device)

@@ -41,7 +41,7 @@ class SafetyParameters(Checked):
     ample: float = non_negative(0.1, "m")
     """Margin beyond which a way out does not get better [m]."""
     effort: float = non_negative(0.1, "m")
-    """Margin that full steering, or full throttle or none twice over, must be worth in a way out [m]."""
+    """Margin that full steering must be worth in a way out, and coasting or full throttle half of it [m]."""
     right: float = finite(0.01, "m")
     """Margin by which a way out to the right counts as better: what breaks a symmetric meeting [m]."""
     throttle_weight: float = positive(0.5)
@@ -57,7 +57,7 @@ SafetyStruct = struct_of(SafetyParameters)
 
 @wp.func
 def drive_on(robot: RobotStruct, speed_max: float, car: wp.vec4, action: wp.vec2, h: float) -> wp.vec4:
-    """Car x, y, heading, v after h [s] at a constant action: (12) by the midpoint rule, never driven above speed_max."""
+    """Car x, y, heading, v after h [s] at a constant action: (12) by the midpoint rule, not driven above speed_max."""
     steering = cos_sin(action[0] * robot.steering_max)
     curvature = steering[1] / (steering[0] * robot.wheelbase)
     throttle = robot.throttle_min + 0.5 * (action[1] + 1.0) * (robot.throttle_max - robot.throttle_min)
@@ -66,11 +66,8 @@ def drive_on(robot: RobotStruct, speed_max: float, car: wp.vec4, action: wp.vec2
     after = before + h * (push - robot.drag * (before + 0.5 * h * (push - robot.drag * before)))
     after = wp.clamp(after, 0.0, wp.max(before, speed_max))
     way = 0.5 * h * (before + after)
-    turn = way * wp.clamp(
-        curvature,
-        -robot.lateral_acceleration_max / wp.max(before * before, 1.0e-6),
-        robot.lateral_acceleration_max / wp.max(before * before, 1.0e-6),
-    )
+    grip = robot.lateral_acceleration_max / wp.max(before * before, 1.0e-6)
+    turn = way * wp.clamp(curvature, -grip, grip)
     ahead = cos_sin(car[2] + 0.5 * turn)
     return wp.vec4(car[0] + way * ahead[0], car[1] + way * ahead[1], car[2] + turn, after)
 

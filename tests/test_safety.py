@@ -117,8 +117,15 @@ def observed(cars):
     column = {name: k for k, name in enumerate(names)}
     x, y, heading, speed = np.moveaxis(cars, -1, 0)
     top, radius = scenario.robot.speed_max, scenario.sensing.radius
-    for name, value in {"x": x / scenario.curve.half_width, "y": y / scenario.curve.half_height, "works": 1.0,
-                        "cos_heading": np.cos(heading), "sin_heading": np.sin(heading), "speed": speed / top}.items():  # fmt: skip
+    own = {
+        "x": x / scenario.curve.half_width,
+        "y": y / scenario.curve.half_height,
+        "cos_heading": np.cos(heading),
+        "sin_heading": np.sin(heading),
+        "speed": speed / top,
+        "works": 1.0,
+    }
+    for name, value in own.items():
         rows[..., column[name]] = value
     place = cars[..., :2]
     velocity = speed[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
@@ -225,9 +232,10 @@ def test_far_from_all_the_action_passes_bit_for_bit():
     """Oracle: the wanted action, for one car alone, for two that part, and for one that another follows."""
     rng = np.random.default_rng(1)
     wanted = rng.uniform(-1, 1, (3, 2, 2)).astype(np.float32)
-    cars = np.array([
-        [[-1.5, 0, 0, 1.1], [1.5, 0, 0, 1.1]], [[-0.4, 0, np.pi, 1.1], [0.4, 0, 0, 1.1]], [[-0.5, 0, 0, 1], [0.5, 0, 0, 1]],
-    ])  # fmt: skip
+    alone = [[-1.5, 0, 0, 1.1], [1.5, 0, 0, 1.1]]
+    parting = [[-0.4, 0, np.pi, 1.1], [0.4, 0, 0, 1.1]]
+    following = [[-0.5, 0, 0, 1.0], [0.5, 0, 0, 1.0]]
+    cars = np.array([alone, parting, following])
     policy = Safe(Wanting(TWO_CARS, 3).want(wanted))
     np.testing.assert_array_equal(policy.act(observed(cars)), wanted)
     assert (policy.count.numpy() == 0).all()
@@ -259,7 +267,7 @@ def played(policy, simulation, steps, on_step=None):
 
 def test_programmes_met_in_episodes_are_solved():
     """Oracles: as above, on the programmes that the filter itself sets up; limits and what passes unchanged besides."""
-    policy = baselines.make("random-safe", "rough", num_worlds=16)
+    policy = Safe(baselines.make("random", "rough", num_worlds=16))
     simulation = lissajous_env.Simulation("rough", num_worlds=16, seed=3)
     solved = []
 
@@ -312,7 +320,7 @@ def test_names_of_the_safe_policies():
 def test_a_robots_action_depends_on_its_own_row_alone():
     """Oracle: changing every other row leaves robot 2's action as it was, bit for bit, in a step where it swerves."""
     simulation = lissajous_env.Simulation("experiment", num_worlds=8, seed=5)
-    policy = baselines.make("sweep-safe", "experiment", num_worlds=8)
+    policy = Safe(baselines.make("sweep", "experiment", num_worlds=8))
     swerved = 0
     for _ in range(60):
         seen = simulation.observation.numpy().copy()
