@@ -21,6 +21,7 @@ DEVICE_CODE = (
             "kuramoto",
             "mpcc_kernel",
             "patrol",
+            "safety_kernel",
             "tracked_reference",
             "vector_field",
         )
