@@ -189,11 +189,13 @@ def move_targets(
     waiting = int(0)
     sighted = int(0)
     for t in range(lane, rogues.stage.shape[1], lanes):
+        if rogues.appears_at[w, t] > now:
+            break  # the slots are in the order of their times
         stage = rogues.stage[w, t]
         if stage == FOUND and targets.leave == 1:
             rogues.stage[w, t] = GONE
             rogues.in_sight[w, t] = 0
-        elif stage != GONE and rogues.appears_at[w, t] <= now:
+        elif stage != GONE:
             place = rogues.position[w, t]
             motion = rogues.motion[w, t]
             nearest = nearest_sensor(w, place, robots)
