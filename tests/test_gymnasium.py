@@ -42,7 +42,10 @@ def actions_of(env, steps, seed=0):
 @EVERY_KIND
 @pytest.mark.filterwarnings("error", NO_SPEC)
 def test_the_checker_of_gymnasium(kind):
-    check_env(lissajous_env.LissajousEnv(**{**SHORT, **KINDS[kind]}), skip_render_check=True)
+    env = lissajous_env.LissajousEnv(**{**SHORT, **KINDS[kind]})
+    check_env(env, skip_render_check=True)
+    # Oracle: the checker above; it leaves the environment usable.
+    assert env.observation_space.contains(env.reset(seed=0)[0])
 
 
 @pytest.mark.parametrize("name", lissajous_env.scenarios())

@@ -10,8 +10,8 @@ from scipy.optimize import linprog
 import baselines
 import lissajous_env
 from baselines.policy import Policy
+from baselines.programme import TOLERANCE, solve_programmes
 from baselines.safety import Safe, SafetyParameters, speed_limit
-from baselines.safety_kernel import TOLERANCE, solve_programmes
 from lissajous_env.observation import layout
 
 QUIET = {"print_iter": False, "print_header": False, "print_info": False, "print_time": False, "error_on_fail": False}
