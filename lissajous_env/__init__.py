@@ -3,12 +3,14 @@
 import gymnasium as _gymnasium
 import pettingzoo as _pettingzoo
 
+from lissajous_env import library as _library
 from lissajous_env.evaluation import evaluate
 from lissajous_env.gymnasium_env import LissajousEnv, LissajousVectorEnv, vector_env
-from lissajous_env.library import scenario, scenarios
 from lissajous_env.pettingzoo_env import LissajousParallelEnv, env, parallel_env
 from lissajous_env.scenario import Scenario
 from lissajous_env.simulation import Simulation
+
+scenario, scenarios = _library.scenario, _library.scenarios
 
 __all__ = [
     "LissajousEnv",

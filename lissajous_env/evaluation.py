@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from lissajous_env.library import scenario as make_scenario
+from lissajous_env import library
 from lissajous_env.scenario import Scenario
 from lissajous_env.score import COLUMNS
 from lissajous_env.simulation import Simulation
@@ -43,7 +43,7 @@ def episodes(
 ) -> Iterator[list[dict[str, Any]]]:
     """Yield the score rows of each batch of episodes when it has ended; `on_step` is called after each step."""
     seeds = list(seeds)
-    simulation = Simulation(make_scenario(scenario), policy.num_worlds, device=device)
+    simulation = Simulation(library.scenario(scenario), policy.num_worlds, device=device)
     name = getattr(policy, "name", type(policy).__name__)
     for first in range(0, len(seeds), policy.num_worlds):
         batch = seeds[first : first + policy.num_worlds]

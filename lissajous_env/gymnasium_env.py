@@ -8,8 +8,8 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from lissajous_env import library
 from lissajous_env.actions import action_table
-from lissajous_env.library import scenario as make_scenario
 from lissajous_env.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.scenario import Scenario
 from lissajous_env.simulation import Simulation, fold_seed
@@ -58,7 +58,7 @@ class LissajousVectorEnv(VectorEnv):
         if name not in modes:
             raise ValueError(f"autoreset_mode must be one of {', '.join(modes)}, got {autoreset_mode!r}")
         self.autoreset_mode = modes[name]
-        made = make_scenario(scenario, **overrides)
+        made = library.scenario(scenario, **overrides)
         self.simulation = Simulation(made, num_envs, device=device, threads=threads)
         self.scenario = self.simulation.scenario
         self.num_envs = num_envs

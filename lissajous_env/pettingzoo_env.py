@@ -9,8 +9,8 @@ from gymnasium.error import ResetNeeded
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec, wrappers
 
+from lissajous_env import library
 from lissajous_env.actions import ActionReader, action_space
-from lissajous_env.library import scenario as make_scenario
 from lissajous_env.scenario import Scenario
 from lissajous_env.simulation import Simulation, fold_seed
 
@@ -51,9 +51,9 @@ class LissajousParallelEnv(ParallelEnv):
     ):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode must be None, rgb_array or human, got {render_mode!r}")
-        made = make_scenario(scenario, **overrides)
+        made = library.scenario(scenario, **overrides)
         if max_cycles is not None:
-            made = make_scenario(made, **{"task.duration": max_cycles * made.task.step})
+            made = library.scenario(made, **{"task.duration": max_cycles * made.task.step})
         self.render_mode = render_mode
         self.simulation = Simulation(made, num_worlds=1, device=device)
         self.scenario = self.simulation.scenario

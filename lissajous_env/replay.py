@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from lissajous_env import library
 from lissajous_env.evaluation import ActingPolicy
 from lissajous_env.files import replacing
-from lissajous_env.library import scenario as make_scenario
 from lissajous_env.render import Renderer, Snapshot, film, snapshot
 from lissajous_env.scenario import PARTS, Scenario
 from lissajous_env.simulation import Simulation, fold_seed
@@ -179,7 +179,7 @@ def record(
         device: Warp device.
         on_step: Called after each step.
     """
-    simulation = Simulation(make_scenario(scenario), policy.num_worlds, device=device)
+    simulation = Simulation(library.scenario(scenario), policy.num_worlds, device=device)
     policy.reset()
     observation = simulation.reset(seeds=[fold_seed(seed)] * policy.num_worlds)
     recorder = Recorder(simulation)

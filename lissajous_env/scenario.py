@@ -322,7 +322,7 @@ class Scenario:
     @cached_property
     def clusters(self) -> int:
         """kappa, how many robots share a place on the curve in the equilibrium (Lemma 1)."""
-        return math.gcd(self.num_robots, self.alpha * self.p)
+        return theory.cluster_size(self.num_robots, self.p, self.alpha)
 
     @cached_property
     def ring(self) -> tuple[int, ...]:

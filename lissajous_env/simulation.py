@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env import theory
+from lissajous_env import library, theory
 from lissajous_env.collision import ON_COLLISION, find_collisions
 from lissajous_env.coverage import cover, reset_cells
 from lissajous_env.curve import CurveStruct
 from lissajous_env.device import as_device, compile_quietly, copy_in, side_by_side
 from lissajous_env.faults import FaultsStruct, removal_steps, reset_losses, schedule_steps
-from lissajous_env.library import scenario as make_scenario
 from lissajous_env.observation import Layout, Scales, layout, observe
 from lissajous_env.reward import TERMS, TaskStruct
 from lissajous_env.robot import FormationStruct, NoiseStruct, RobotStruct, move_cars, move_points, reset_robots
@@ -68,7 +67,7 @@ class Simulation:
             raise ValueError(f"num_worlds must be a whole number of at least 1, got {num_worlds!r}")
         if threads is not None and threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads!r}")
-        self.scenario = make_scenario(scenario).resolve()
+        self.scenario = library.scenario(scenario).resolve()
         self.num_worlds = int(num_worlds)
         self.device = as_device(device)
         self.threads = threads or os.cpu_count() or 1

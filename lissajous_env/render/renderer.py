@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pygame
 
-from lissajous_env.library import scenario as make_scenario
+from lissajous_env import library
 from lissajous_env.render.canvas import View, opaque, pixels
 from lissajous_env.render.ground import Ground
 from lissajous_env.render.panel import Panel
@@ -34,7 +34,7 @@ class Renderer:
     """
 
     def __init__(self, scenario: str | Scenario, size: Sequence[int] | None = None):
-        self.scenario = make_scenario(scenario).resolve()
+        self.scenario = library.scenario(scenario).resolve()
         self.view = View.of(self.scenario, size)
         self.picture = opaque(self.view.size)
         """The latest picture, as a pygame surface."""
