@@ -6,6 +6,9 @@ and the scenario. So any of them could run on a robot, and classical and learned
 
 import difflib
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
 from typing import Any
 
 import numpy as np
@@ -69,14 +72,31 @@ class Policy:
         """Forget the memory of the worlds in a mask (W,)."""
 
 
-_REGISTRY: dict[str, Callable[..., Policy]] = {}
-_KIND: dict[str, str | None] = {}
+GROUP = "lissajous_env.policies"
+"""Entry points of this group name functions that `register` further policies, those of other packages."""
+
+
+@dataclass(frozen=True)
+class _Entry:
+    kind: str | None
+    factory: Callable[..., Policy]
+    made_for: tuple[str, ...]
+
+
+_REGISTRY: dict[str, _Entry] = {}
 _WRAPPERS: dict[str, tuple[str, Callable[[Policy], Policy]]] = {}
 
 
-def register(name: str, kind: str | None, factory: Callable[..., Policy]) -> None:
-    """Add a policy: `factory(scenario, num_worlds, device)` makes it, for robots of `kind` (None: of any)."""
-    _REGISTRY[name], _KIND[name] = factory, kind
+def register(name: str, kind: str | None, factory: Callable[..., Policy], made_for: tuple[str, ...] = ()) -> None:
+    """Add a policy.
+
+    Args:
+        name: Its name.
+        kind: Kind of robots that it drives; None: any.
+        factory: `factory(scenario, num_worlds, device)` makes it.
+        made_for: Names of the scenarios on which a benchmark plays it without being asked to; all by default.
+    """
+    _REGISTRY[name] = _Entry(kind, factory, made_for)
 
 
 def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy]) -> None:
@@ -84,20 +104,46 @@ def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy]
     _WRAPPERS[suffix] = kind, wrapper
 
 
+def made_for(name: str, scenario: str) -> bool:
+    """Whether a benchmark plays a policy on a scenario without being asked to."""
+    entry = _registry().get(_unwrapped(name)[0])
+    return entry is None or not entry.made_for or scenario in entry.made_for
+
+
+@cache
+def _load_entry_points() -> None:
+    for entry in entry_points(group=GROUP):
+        entry.load()()
+
+
+def _registry() -> dict[str, _Entry]:
+    _load_entry_points()
+    return _REGISTRY
+
+
 def _kinds() -> dict[str, str | None]:
     """Kind of robot that each policy drives, by name; the wrapped ones come last."""
-    kinds = dict(_KIND)
+    plain = {name: entry.kind for name, entry in _registry().items()}
+    kinds = dict(plain)
     for suffix, (kind, _) in _WRAPPERS.items():
-        kinds |= {name + suffix: kind for name, drives in _KIND.items() if drives in (None, kind)}
+        kinds |= {name + suffix: kind for name, drives in plain.items() if drives in (None, kind)}
     return kinds
 
 
+def _unwrapped(name: str) -> tuple[str, str]:
+    """Name of the policy inside, and the suffix of what wraps it ("" for nothing)."""
+    if name in _registry():
+        return name, ""
+    suffix = next((suffix for suffix in _WRAPPERS if name.endswith(suffix)), "")
+    return name.removesuffix(suffix), suffix
+
+
 def _build(name: str, scenario: Scenario, num_worlds: int, device: Any) -> Policy:
-    if name in _REGISTRY:
-        policy = _REGISTRY[name](scenario, num_worlds, device)
-    else:
-        suffix = next(suffix for suffix in _WRAPPERS if name.endswith(suffix))
-        policy = _WRAPPERS[suffix][1](_build(name.removesuffix(suffix), scenario, num_worlds, device))
+    plain, suffix = _unwrapped(name)
+    policy = _registry()[plain].factory(scenario, num_worlds, device)
+    if suffix:
+        policy.name = plain
+        policy = _WRAPPERS[suffix][1](policy)
     policy.name = name
     return policy
 
@@ -117,6 +163,12 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
         ValueError: an unknown name (the message offers the nearest), or a policy for another kind of robot.
     """
     made = make_scenario(scenario)
+    check(name, made)
+    return _build(name, made, num_worlds, device)
+
+
+def check(name: str, made: Scenario) -> None:
+    """Raise ValueError where `make` would: an unknown name, or a policy for another kind of robot."""
     if name not in (known := _kinds()):
         nearest = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
         raise ValueError(f"policy must be one of {', '.join(known)}, got {name!r}; did you mean {nearest}?")
@@ -124,4 +176,3 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
         raise ValueError(
             f"policy for {made.name} must drive robots of kind {made.robot.kind} ({', '.join(names(made))}), got {name}"
         )
-    return _build(name, made, num_worlds, device)

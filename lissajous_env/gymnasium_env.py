@@ -11,6 +11,7 @@ from gymnasium.vector.utils import batch_space
 from lissajous_env import library
 from lissajous_env.actions import action_table
 from lissajous_env.pettingzoo_env import LissajousParallelEnv
+from lissajous_env.reward import TERMS
 from lissajous_env.scenario import Scenario
 from lissajous_env.simulation import Simulation, fold_seed
 
@@ -145,7 +146,7 @@ class LissajousVectorEnv(VectorEnv):
 class LissajousEnv(gymnasium.Env):
     """One world as a `gymnasium.Env`; the agent is the team, as in `LissajousVectorEnv`.
 
-    The info holds `reward` (N,), `reward_terms` (N, 5) and, when the episode ends, `score`.
+    The info holds `reward` (N,), `reward_terms` (N, 6) and, when the episode ends, `score`.
     """
 
     metadata = LissajousParallelEnv.metadata
@@ -190,7 +191,7 @@ class LissajousEnv(gymnasium.Env):
 
     def _info(self, rewards: dict[str, float], infos: dict[str, dict]) -> dict[str, Any]:
         agents = self.parallel.possible_agents
-        terms = [infos[agent]["reward_terms"] if agent in infos else np.zeros(5, np.float32) for agent in agents]
+        terms = [infos[agent]["reward_terms"] if agent in infos else np.zeros(len(TERMS), np.float32) for agent in agents]
         reward = np.array([rewards.get(agent, 0.0) for agent in agents], dtype=np.float32)
         return {"reward": reward, "reward_terms": np.stack(terms)}
 

@@ -11,7 +11,7 @@ wp.set_module_options(OPTIONS)
 
 TaskStruct = struct_of(Task)
 
-TERMS = ("detection", "waiting", "collision", "idleness", "effort")
+TERMS = ("detection", "waiting", "collision", "idleness", "effort", "formation")
 
 
 @wp.func
@@ -19,6 +19,7 @@ def give_reward(w: int, over: bool, task: TaskStruct, cells_total: int, step_out
     """Reward each robot for the latest step: the weighted sum of the terms in `TERMS`."""
     waiting = task.reward_waiting * float(step_out.waiting[w]) * task.step
     idleness = task.reward_idleness * float(step_out.idle_ended[w]) * task.step / float(wp.max(cells_total, 1))
+    formation = task.reward_formation * tally.phase_error[w] * task.step
     for i in range(step_out.reward.shape[1]):
         # A robot that a collision removed in an earlier step has no part in what the team earns after it.
         part = wp.where(step_out.terminated[w, i] and step_out.collisions[w, i] == 0, 0.0, 1.0)
@@ -30,7 +31,8 @@ def give_reward(w: int, over: bool, task: TaskStruct, cells_total: int, step_out
         step_out.terms[w, i, 2] = collision
         step_out.terms[w, i, 3] = part * idleness
         step_out.terms[w, i, 4] = effort
-        reward = detection + part * waiting + collision + part * idleness + effort
+        step_out.terms[w, i, 5] = part * formation
+        reward = detection + part * (waiting + idleness + formation) + collision + effort
         step_out.reward[w, i] = reward
         tally.returns[w, i] += reward
         step_out.truncated[w, i] = over
@@ -40,6 +42,6 @@ def give_reward(w: int, over: bool, task: TaskStruct, cells_total: int, step_out
 def give_nothing(w: int, step_out: Step):
     """Reward a world that begins, or that ended in an earlier step."""
     for i in range(step_out.reward.shape[1]):
-        for term in range(5):
+        for term in range(step_out.terms.shape[2]):
             step_out.terms[w, i, term] = 0.0
         step_out.reward[w, i] = 0.0

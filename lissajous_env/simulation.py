@@ -36,7 +36,7 @@ class Simulation:
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
         observation: (W, N, D) float32, one row a robot; `lissajous_env.observation` documents the entries.
         final_observation: (W, N, D) the rows with which each world's episode before ended.
-        reward: (W, N) float32; `reward_terms` (W, N, 5) holds its terms, named by `reward_term_names`.
+        reward: (W, N) float32; `reward_terms` (W, N, 6) holds its terms, named by `reward_term_names`.
         terminated: (W, N) bool, robots that a collision removed.
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and zero was taken instead.
@@ -263,15 +263,30 @@ class Simulation:
         arrays = {f"{s._cls.key}.{name}": getattr(s, name) for s in structs for name in s._cls.vars}
         return arrays | {"observation": self.observation, "final_observation": self.final_observation}
 
+    def save_state(self) -> dict[str, np.ndarray]:
+        """Copy everything that changes during an episode to the host, by name."""
+        return {name: array.numpy().copy() for name, array in self._groups().items()}
+
+    def load_state(self, saved: dict[str, np.ndarray]) -> None:
+        """Go on from what `save_state` returned, in a simulation of the same scenario and number of worlds.
+
+        Raises:
+            ValueError: an array is missing or has another shape.
+        """
+        for name, array in self._groups().items():
+            if name not in saved or saved[name].shape != array.numpy().shape:
+                got = saved[name].shape if name in saved else "none"
+                raise ValueError(f"saved state must hold {name} of shape {array.numpy().shape}, got {got}")
+        for name, array in self._groups().items():
+            array.assign(saved[name])
+
     def __getstate__(self) -> dict[str, Any]:
-        arrays = {name: array.numpy().copy() for name, array in self._groups().items()}
         settings = {"scenario": self.scenario, "num_worlds": self.num_worlds, "device": str(self.device)}
-        return {"settings": settings | {"threads": self.threads}, "arrays": arrays}
+        return {"settings": settings | {"threads": self.threads}, "arrays": self.save_state()}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__init__(**saved["settings"])
-        for name, array in self._groups().items():
-            array.assign(saved["arrays"][name])
+        self.load_state(saved["arrays"])
 
 
 class _Constants:

@@ -143,7 +143,7 @@ class Step:
     idle_ended: wp.array(dtype=wp.int32)
     """(W,) idleness of the cells that were sensed, summed [step]."""
     terms: wp.array3d(dtype=wp.float32)
-    """(W, N, 5) terms of the reward: detection, waiting, collision, idleness, effort."""
+    """(W, N, 6) terms of the reward: `lissajous_env.reward.TERMS`."""
     reward: wp.array2d(dtype=wp.float32)
     """(W, N) their sum."""
     terminated: wp.array2d(dtype=wp.bool)

@@ -154,7 +154,7 @@ class World:
         self.lateral_sum = self.lateral_max = self.spacing_max = 0.0
         self.deviations: list[float] = []
         self.returns = np.zeros(self.n)
-        self.terms = np.zeros((self.n, 5))
+        self.terms = np.zeros((self.n, 6))
         columns, rows = task.grid or (0, 0)
         self.centres = [
             (x, y)
@@ -384,6 +384,7 @@ class World:
                 task.reward_collision * self.new_collisions[i],
                 0.0 if crashed else task.reward_idleness * ended,
                 0.0 if crashed else task.reward_effort * float(np.mean(command[i] ** 2)),
+                0.0 if crashed else task.reward_formation * self.deviations[-1] * self.dt,
             ]
         self.returns += self.terms.sum(axis=1)
 

@@ -12,6 +12,7 @@ WEIGHTS = {
     "task.reward_collision": -5.0,
     "task.reward_idleness": 0.7,
     "task.reward_effort": -0.2,
+    "task.reward_formation": -0.4,
 }
 
 
@@ -59,6 +60,9 @@ def test_each_term_is_its_weight_times_what_happened(name):
     expected = waited - 0.1 * (np.array(found) - at_start)  # the step of its detection is not waited
     assert by_term["waiting"][..., 0].sum(axis=0) / -0.3 == pytest.approx(expected, abs=2e-3)
     assert unfound.max() > 0
+    # The largest phase error of the episode is the score's; all but the one of the start was rewarded.
+    largest = by_term["formation"].min(axis=(0, 2)) / -0.4 / 0.1
+    assert largest == pytest.approx([row["phase_error"] for row in rows], rel=1e-4)
     squares = (np.clip(actions, -1, 1) ** 2).mean(axis=-1)
     np.testing.assert_allclose(by_term["effort"], -0.2 * squares, rtol=1e-5, atol=1e-7)
 
@@ -66,7 +70,7 @@ def test_each_term_is_its_weight_times_what_happened(name):
 def test_terms_of_the_team_are_the_same_for_all_and_terms_of_a_robot_its_own():
     terms, *_ = runs(**WEIGHTS)
     by_term = dict(zip(TERMS, np.moveaxis(terms, -1, 0), strict=True))
-    for name in ("waiting", "idleness"):
+    for name in ("waiting", "idleness", "formation"):
         assert (by_term[name] == by_term[name][..., :1]).all()
     for name in ("detection", "collision", "effort"):
         assert (by_term[name] != by_term[name][..., :1]).any()

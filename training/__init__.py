@@ -1,1 +1,5 @@
-"""Learned policies."""
+"""Learned policies: shipped ones, and what trains them."""
+
+from training.learned import Learned, load, names
+
+__all__ = ["Learned", "load", "names"]

@@ -1,0 +1,127 @@
+"""The BenchMARL tasks: its algorithms train on them, and what they log are the scores of the simulation."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("benchmarl")
+
+from tensordict import TensorDict  # noqa: E402
+
+import lissajous_env  # noqa: E402
+from training.benchmarl import LissajousTask, LissajousTaskClass  # noqa: E402
+from training.mappo_example import Settings, experiment  # noqa: E402
+from training.torchrl import SCORES  # noqa: E402
+
+# Two seconds in which some targets are there from the start: something is detected.
+SHORT = {"task.duration": 2.0, "targets.count": 20}
+
+
+def scalars(folder):
+    """Every curve that was logged: name -> values."""
+    files = list(folder.rglob("scalars/*.csv"))
+    return {path.stem: np.loadtxt(path, delimiter=",", ndmin=2)[:, 1] for path in files}
+
+
+def parameters(run):
+    return torch.cat([p.detach().flatten().clone() for p in run.losses["robot"].parameters() if p.requires_grad])
+
+
+@pytest.mark.filterwarnings("ignore:SyncDataCollector has been deprecated.*:DeprecationWarning")
+@pytest.mark.parametrize(
+    ("algorithm", "iterations", "overrides"),
+    [
+        ("mappo", 3, {}),
+        ("mappo", 1, {"state": True}),
+        # Robots that are out before the others, and worlds that end before their time.
+        ("mappo", 1, {"task.on_collision": "remove", "robot.radius": 0.5, "formation.start": "random"}),
+        ("ippo", 1, {}),
+        ("qmix", 1, {}),
+        ("qmix", 1, {"state": True, "scenario": lissajous_env.scenario("failure")}),
+    ],
+)
+def test_training(algorithm, iterations, overrides, tmp_path):
+    # Oracle: parameters that change; curves with one finite value for each iteration; the action that was asked for.
+    settings = Settings("intruders", algorithm, iterations, worlds=4, out=tmp_path, overrides={**SHORT, **overrides})
+    run = experiment(settings)
+    before = parameters(run)
+    run.run()
+    after = parameters(run)
+    assert torch.isfinite(after).all()
+    assert not torch.equal(before, after)
+    assert run.total_frames == iterations * 4 * 20
+    assert run.continuous_actions == (algorithm != "qmix")
+    assert run.group_map == {"robot": [f"robot_{i}" for i in range(5)]}
+    assert (run.state_spec is not None) == overrides.get("state", False)
+    curves = scalars(tmp_path)
+    for name in (
+        "collection_reward_reward_mean",
+        "collection_reward_episode_reward_mean",
+        "collection_robot_info_reward_detection",
+        "collection_score_detected_fraction",
+        "collection_score_detection_time_mean",
+    ):
+        assert curves[name].shape == (iterations,)
+    for name, values in curves.items():
+        assert np.isfinite(values).all(), name
+
+
+def test_the_example_as_a_program(tmp_path):
+    # Oracle: exit code and the files that it promises.
+    command = [sys.executable, "-m", "training.mappo_example", "--iterations", "2", "--worlds", "2"]
+    command += ["--out", str(tmp_path), "--set", "task.duration=1", "targets.count=5"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert scalars(tmp_path)["collection_reward_episode_reward_mean"].shape == (2,)
+
+
+def test_every_scenario_is_a_task():
+    # Oracle: the library of scenarios.
+    names = {task.name.lower().replace("_", "-") for task in LissajousTask}
+    assert names == set(lissajous_env.scenarios())
+    for task in LissajousTask:
+        made = task.get_task()
+        assert made.scenario == lissajous_env.scenario(task.name.lower().replace("_", "-"))
+        assert made.max_steps(None) == made.scenario.task.steps
+
+
+def test_the_config_of_a_task():
+    task = LissajousTask.INTRUDERS.get_task({"task.duration": 30.0, "state": True})
+    assert task.scenario == lissajous_env.scenario("intruders", **{"task.duration": 30.0})
+    env = task.get_env_fun(num_envs=3, continuous_actions=False, seed=7, device="cpu")()
+    assert env.batch_size == (3,)
+    assert task.state_spec(env)["state"].shape == env.reset()["state"].shape[1:]
+    assert task.action_spec(env)["robot", "action"].shape == (5,)
+    assert list(task.observation_spec(env).keys(True, True)) == [("robot", "observation")]
+    own = lissajous_env.scenario("rough", **{"robot.radius": 0.1})
+    assert LissajousTaskClass("mine", {"scenario": own}).scenario == own
+    with pytest.raises(ValueError, match=r"did you mean"):
+        LissajousTask.INTRUDERS.get_task({"task.duraton": 30.0})
+    with pytest.raises(ValueError, match=r"did you mean"):
+        LissajousTaskClass("intruder")
+
+
+def test_logged_scores_are_means_over_the_episodes_that_ended():
+    # Oracle: by hand: two of three worlds ended, one of them without a target to detect.
+    values = torch.tensor([[[0.25], [99.0]], [[0.75], [torch.nan]], [[torch.nan], [torch.nan]]])
+    score = dict.fromkeys(SCORES, values[:, :1])
+    score["detection_time_mean"] = torch.tensor([[[4.0]], [[torch.nan]], [[8.0]]])
+    score["idleness_mean"] = torch.full((3, 1, 1), torch.nan)
+    done = torch.tensor([[[True]], [[True]], [[False]]])
+    batch = TensorDict({"next": {"done": done, "score": score}}, batch_size=(3, 1))
+    logged = LissajousTaskClass.log_info(batch)
+    assert logged["collection/score/detected_fraction"] == 0.5
+    assert logged["collection/score/detection_time_mean"] == 4.0
+    assert "collection/score/idleness_mean" not in logged
+    assert len(logged) == len(SCORES) - 1
+
+
+def test_a_film_is_small():
+    task = LissajousTask.EXPERIMENT.get_task()
+    env = task.get_env_fun(num_envs=2, continuous_actions=True, seed=0, device="cpu")()
+    env.reset()
+    assert task.has_render(env)
+    assert task.render_callback(None, env, None).nbytes < 500_000

@@ -1,0 +1,288 @@
+"""The TorchRL environment: the library's checker, and what it misses: equality with the simulation stepped by hand."""
+
+import pickle
+
+import numpy as np
+import pytest
+import warp as wp
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("torchrl")
+
+from torchrl.envs import check_env_specs  # noqa: E402
+
+import lissajous_env  # noqa: E402
+from lissajous_env.actions import action_table  # noqa: E402
+from training.torchrl import SCORES, LissajousTorchEnv  # noqa: E402
+
+SHORT = {"task.duration": 1.0}
+CRASHING = {"task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}
+KINDS = {
+    "default": {},
+    "points": {"scenario": "failure"},
+    "discrete": {"discrete_actions": True},
+    "discrete points": {"scenario": "failure", "discrete_actions": True},
+    "with state": {"state": True},
+    "removing": CRASHING,
+    "all removed": {"scenario": "failure", "robot.count": 2, "formation.p": 0, "faults.schedule": (), **CRASHING},
+}
+EVERY_KIND = pytest.mark.parametrize("kind", KINDS)
+DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.skipif(not wp.is_cuda_available(), reason="needs CUDA"))]
+
+
+def make(kind="default", num_worlds=4, **settings):
+    return LissajousTorchEnv(num_worlds=num_worlds, **{**SHORT, **KINDS[kind], **settings})
+
+
+def by_hand(kind="default", num_worlds=4, seed=0, **settings):
+    """The simulation that such an environment should hold."""
+    settings = {**SHORT, **KINDS[kind], **settings}
+    for name in ("discrete_actions", "state"):
+        settings.pop(name, None)
+    made = lissajous_env.scenario(settings.pop("scenario", "experiment"), **settings)
+    return lissajous_env.Simulation(made, num_worlds, seed=seed)
+
+
+def actions_of(env, steps, seed=0):
+    """Actions of each step, (steps, W, N, ...)."""
+    shape = (steps, *env.full_action_spec["robot", "action"].shape)
+    draw = np.random.default_rng(seed)
+    if env.full_action_spec["robot", "action"].dtype == torch.int64:
+        return torch.from_numpy(draw.integers(0, len(action_table(env.scenario)), shape))
+    return torch.from_numpy(draw.uniform(-1, 1, shape).astype(np.float32))
+
+
+def play(env, actions, **settings):
+    """Roll out with given actions: a TensorDict (W, steps); worlds that end are reset, each on its own."""
+    given = iter(actions.to(env.device))
+
+    def policy(tensordict):
+        return tensordict.set(("robot", "action"), next(given))
+
+    return env.rollout(len(actions), policy, break_when_any_done=False, **settings)
+
+
+@EVERY_KIND
+def test_the_checker_of_torchrl(kind):
+    # Oracle: the library's checker, on a fresh environment, in mid-episode and after some worlds alone were reset.
+    env = make(kind)
+    check_env_specs(env, break_when_any_done="both")
+    data = env.rollout(7)
+    assert data.batch_size == (4, 7) or kind == "all removed"
+    mask = torch.tensor([[True], [False], [True], [False]])
+    env.reset(data[:, -1]["next"].clone().set("_reset", mask))
+    check_env_specs(env, seed=3, break_when_any_done="both")
+
+
+@EVERY_KIND
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_rollout_is_the_simulation_stepped_by_hand(kind, device):
+    # Oracle: `Simulation` with the same seeds and NumPy actions, bit for bit over three episodes of each world.
+    env = make(kind, seed=20, device=device)
+    actions = actions_of(env, 33)
+    data = play(env, actions).cpu()
+    simulation = by_hand(kind, seed=20) if device == "cpu" else lissajous_env.Simulation(env.scenario, 4, device, 20)
+    table = action_table(env.scenario)
+    ends = 0
+    for t, batch in enumerate(actions.numpy()):
+        now = data[:, t]
+        assert now["robot", "observation"].numpy().tobytes() == simulation.observation.numpy().tobytes()
+        assert not now["done"].any()
+        observation, reward, terminated, truncated = simulation.step(
+            table[batch] if env.full_action_spec["robot", "action"].dtype == torch.int64 else batch
+        )
+        after = now["next"]
+        assert after["robot", "observation"].numpy().tobytes() == observation.numpy().tobytes()
+        np.testing.assert_array_equal(after["robot", "reward"][..., 0], reward.numpy())
+        np.testing.assert_array_equal(after["robot", "terminated"][..., 0], terminated.numpy())
+        np.testing.assert_array_equal(after["robot", "truncated"][..., 0], truncated.numpy())
+        np.testing.assert_array_equal(after["robot", "done"][..., 0], terminated.numpy() | truncated.numpy())
+        for k, name in enumerate(simulation.reward_term_names):
+            term = after["robot", "info", f"reward_{name}"][..., 0]
+            np.testing.assert_array_equal(term, simulation.reward_terms.numpy()[:, :, k])
+        over = simulation.over
+        np.testing.assert_array_equal(after["done"][:, 0], over)
+        rows = dict(zip(np.flatnonzero(over), simulation.score(over), strict=True))
+        for name in SCORES:
+            expected = np.array([rows[w][name] if w in rows else np.nan for w in range(4)], dtype=np.float32)
+            np.testing.assert_array_equal(after["score", name][:, 0], expected)
+        ends += over.sum()
+        if over.any():
+            simulation.reset(over)
+    assert ends >= 12
+
+
+def test_resetting_one_world_leaves_the_others_alone():
+    # Oracle: the same worlds without that reset, and the reset world of the simulation, bit for bit.
+    actions = actions_of(make(), 8)
+    undisturbed = play(make(seed=5), actions)
+    env = make(seed=5)
+    first = play(env, actions[:3])
+    mask = torch.tensor([[False], [True], [False], [False]])
+    begun = env.reset(first[:, -1]["next"].clone().set("_reset", mask))
+    second = play(env, actions[3:], auto_reset=False, tensordict=begun)
+    others = [0, 2, 3]
+    np.testing.assert_array_equal(
+        second["next", "robot", "observation"][others], undisturbed["next", "robot", "observation"][others, 3:]
+    )
+    simulation = by_hand(seed=5)
+    for batch in actions[:3].numpy():
+        simulation.step(batch)
+    simulation.reset([1])
+    np.testing.assert_array_equal(begun["robot", "observation"].numpy(), simulation.observation.numpy())
+    for t, batch in enumerate(actions[3:].numpy()):
+        simulation.step(batch)
+        np.testing.assert_array_equal(
+            second["next", "robot", "observation"][:, t].numpy(), simulation.observation.numpy()
+        )
+
+
+def test_seeds():
+    # Oracle: an environment that was made with the seed; and worlds of one seed are one world, wherever they stand.
+    fresh = make(seed=11).rollout(3, lambda td: td.set(("robot", "action"), torch.zeros(4, 5, 2)))
+    env = make(seed=0)
+    env.rollout(5)
+    env.set_seed(11)
+    again = env.rollout(3, lambda td: td.set(("robot", "action"), torch.zeros(4, 5, 2)))
+    np.testing.assert_array_equal(fresh["robot", "observation"], again["robot", "observation"])
+    assert not torch.equal(again["robot", "observation"][0], again["robot", "observation"][1])
+    np.testing.assert_array_equal(make(seed=12).reset()["robot", "observation"][0], again["robot", "observation"][1, 0])
+    # The seed waits for the worlds that are not reset at once.
+    env.set_seed(11)
+    begun = env.reset().set("_reset", torch.tensor([[True], [False], [True], [True]]))
+    env.set_seed(30)
+    env.reset(begun)
+    env.reset(begun.set("_reset", torch.tensor([[False], [True], [False], [False]])))
+    np.testing.assert_array_equal(begun["robot", "observation"], make(seed=30).reset()["robot", "observation"])
+    # Without a seed, torch's generator gives one.
+    torch.manual_seed(1)
+    drawn = [make(seed=None).reset()["robot", "observation"] for _ in range(2)]
+    assert not torch.equal(*drawn)
+    torch.manual_seed(1)
+    assert torch.equal(make(seed=None).reset()["robot", "observation"], drawn[0])
+
+
+@pytest.mark.parametrize("name", lissajous_env.scenarios())
+def test_the_specs_contain_what_is_returned(name):
+    # Oracle: the library's own containment, entry by entry, for each named scenario.
+    env = LissajousTorchEnv(name, num_worlds=2, **{"targets.count": 20})
+    data = play(env, actions_of(env, 12))
+    for t in range(12):
+        now = data[:, t]
+        assert env.observation_spec.is_in(now.select("robot", "score").exclude(("robot", "action")))
+        assert env.full_action_spec.is_in(now.select(("robot", "action")))
+        assert env.full_reward_spec.is_in(now["next"].select(("robot", "reward")))
+        assert env.full_done_spec.is_in(now["next"].select(*env.done_keys))
+    space = lissajous_env.parallel_env(name).observation_space("robot_0")
+    rows = env.observation_spec["robot", "observation"].space
+    np.testing.assert_array_equal(rows.low[1, -1].numpy(), space.low)
+    np.testing.assert_array_equal(rows.high[1, -1].numpy(), space.high)
+    assert not env.observation_spec["robot", "observation"].is_in(data["robot", "observation"][:, 0] + 5)
+
+
+def test_what_is_returned_does_not_change_later():
+    # Oracle: copies taken at once, after ten more steps and a reset; and the memory of the simulation itself.
+    env = make("with state")
+    begun = env.reset()
+    stepped = env.step(begun.clone().set(("robot", "action"), torch.ones(4, 5, 2)))["next"]
+    kept = [(values, values.clone()) for values in (begun, stepped)]
+    env.rollout(10)
+    for values, copy in kept:
+        assert (values == copy).all() or values["score"].isnan().all()
+        for key in values.keys(True, True):
+            np.testing.assert_array_equal(values[key].numpy(), copy[key].numpy())
+    sim = env.simulation
+    arrays = [sim.observation, sim.reward, sim.reward_terms, sim.terminated, sim.truncated]
+    live = {wp.to_torch(array).untyped_storage().data_ptr() for array in arrays}
+    assert not live & {value.untyped_storage().data_ptr() for value in stepped.values(True, True)}
+
+
+def test_no_robot_is_dropped():
+    # Oracle: a physical story: who alone steers otherwise ends up elsewhere, and nobody else does.
+    env = make()
+    assert env.group_map == {"robot": lissajous_env.parallel_env().possible_agents}
+    still = torch.zeros(5, *env.full_action_spec["robot", "action"].shape)
+    before = play(make(), still)["next", "robot", "observation"][0, -1]
+    for robot in range(5):
+        steered = still.clone()
+        steered[:, :, robot, 0] = 1.0
+        after = play(make(), steered)["next", "robot", "observation"][0, -1]
+        moved = (after[:, :4] != before[:, :4]).any(-1)
+        assert moved.tolist() == [k == robot for k in range(5)]
+
+
+def test_the_end_of_the_time_is_a_truncation():
+    # Oracle: one second has ten steps; nothing was terminated; the last observation is of the old episode.
+    data = play(make(), actions_of(make(), 25))
+    after = data["next"]
+    assert after["truncated"][:, :, 0].nonzero()[:, 1].unique().tolist() == [9, 19]
+    assert torch.equal(after["truncated"], after["done"])
+    assert torch.equal(after["robot", "truncated"], after["done"].unsqueeze(2).expand(4, 25, 5, 1))
+    assert not after["terminated"].any()
+    assert not after["robot", "terminated"].any()
+    assert (after["robot", "observation"][:, 9] != data["robot", "observation"][:, 10]).any(-1).all()
+    assert torch.equal(after["robot", "observation"][:, 8], data["robot", "observation"][:, 9])
+
+
+def test_a_removed_robot_is_terminated_alone():
+    # Oracle: a physical story: big robots that begin anywhere collide; two of each collision are out, the rest go on.
+    data = play(make("removing", seed=1), actions_of(make(), 10))["next"]
+    out = data["robot", "terminated"][..., 0]
+    assert out.any()
+    assert not out.all()
+    assert (out[:, 1:] >= out[:, :-1]).all(), "removed is for good"
+    gone = out[:, :-1] & out[:, 1:]
+    assert (data["robot", "reward"][:, 1:, :, 0][gone] == 0).all()
+    np.testing.assert_array_equal(data["terminated"][..., 0], out.all(-1))
+    # Both of two robots: the world is terminated before its time, and begins anew.
+    data = play(make("all removed", num_worlds=16, seed=1), actions_of(make("all removed", 16), 9))["next"]
+    assert data["terminated"].any()
+    assert not data["truncated"].any()
+    assert torch.equal(data["robot", "terminated"].all(2), data["terminated"])
+
+
+def test_the_state_is_that_of_the_parallel_environment():
+    # Oracle: `LissajousParallelEnv.state`, written in NumPy, for worlds of the same seeds and actions.
+    env = make("with state", seed=3)
+    actions = actions_of(env, 6)
+    data = play(env, actions)
+    for world in range(4):
+        single = lissajous_env.parallel_env(**SHORT)
+        single.reset(seed=3 + world)
+        for t in range(6):
+            np.testing.assert_allclose(data["state"][world, t], single.state(), atol=1e-6)
+            single.step({agent: actions[t, world, i].numpy() for i, agent in enumerate(single.agents)})
+        np.testing.assert_allclose(data["next", "state"][world, -1], single.state(), atol=1e-6)
+    assert data["state"].shape[-1] == single.state_space.shape[0]
+
+
+def test_a_picture():
+    env = make()
+    env.reset()
+    assert env.render().dtype == np.uint8
+    assert env.render(world=3, size=(320, 240)).shape == (240, 320, 3)
+    with pytest.raises(ValueError, match="mode must be rgb_array"):
+        env.render("human")
+
+
+def test_pickled_in_mid_episode():
+    # Oracle: the environment that was pickled.
+    env = make()
+    actions = actions_of(env, 8)
+    begun = play(env, actions[:4])[:, -1]["next"].exclude(("robot", "reward"))
+    other = pickle.loads(pickle.dumps(env))
+    one, two = (play(each, actions[4:], auto_reset=False, tensordict=begun.clone()) for each in (env, other))
+    np.testing.assert_array_equal(one["next", "robot", "observation"], two["next", "robot", "observation"])
+
+
+def test_refusals():
+    env = make()
+    with pytest.raises(ValueError, match="_reset must be of worlds"):
+        env.reset(env.reset().set(("robot", "_reset"), torch.ones(4, 5, 1, dtype=torch.bool)))
+    with pytest.raises(ValueError, match="device must be cpu, for which the environment was made, got meta"):
+        env.to("meta")
+    assert env.to("cpu") is env
+    with pytest.raises(ValueError, match="did you mean intruders"):
+        LissajousTorchEnv("intruder")
+    with pytest.raises(ValueError, match="seed must be a whole number"):
+        env.set_seed(-1)

@@ -1,0 +1,74 @@
+"""What a training shows in the terminal: a bar while it learns, a line for each evaluation."""
+
+import time
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from rich import progress as bars
+from rich.console import Console
+from rich.markup import escape
+
+from training.settings import Train
+
+if TYPE_CHECKING:
+    from training.train import Course
+
+
+class Display:
+    """Bar with return, detection time, collisions and steps per second; lines for evaluations."""
+
+    def __init__(self, settings: Train, console: Console, course: "Course"):
+        self._settings, self._console, self._course = settings, console, course
+        self._from, self._since = course.steps, time.monotonic()
+        self._bar = bars.Progress(
+            bars.TextColumn("{task.description}"),
+            bars.BarColumn(bar_width=None),
+            bars.TextColumn("{task.fields[words]}"),
+            bars.TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            expand=True,
+            disable=not console.is_terminal,
+        )
+        self._task = self._bar.add_task("", total=settings.steps, completed=course.steps, words="")
+
+    def __enter__(self) -> "Display":
+        settings, course = self._settings, self._course
+        title = f"[b]{escape(settings.scenario)}[/b], {settings.algorithm}, {settings.worlds} worlds"
+        went_on = f", from {course.steps / 1e6:.1f} M steps" if course.steps else ""
+        self.say(f"{title}, {settings.steps / 1e6:.1f} M steps{went_on}, to {escape(str(settings.out))}")
+        for name, scores in course.rivals.items():
+            self.say(f"{escape(name)}: {_words(scores)}")
+        self._bar.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._bar.__exit__(*error)
+
+    def say(self, text: str) -> None:
+        """Print a line above the bar."""
+        self._console.print(text, highlight=False, soft_wrap=True)
+
+    def update(self, recent: Mapping[str, float | None]) -> None:
+        """Show the scores of the latest episodes."""
+        course, now = self._course, time.monotonic()
+        pace = (course.steps - self._from) / max(now - self._since, 1e-9)
+        words = f"{pace / 1e3:.0f} k/s" + (f", {_words(recent)}" if recent else "")
+        self._bar.update(
+            self._task, description=f"{course.steps / 1e6:.1f} M steps", completed=course.steps, words=words
+        )
+
+    def evaluated(self, point: Mapping[str, float | None]) -> None:
+        """Print a line for an evaluation."""
+        at = f"{(point['steps'] or 0) / 1e6:6.1f} M steps {point['seconds'] or 0:6.0f} s"
+        self.say(f"{at}  {_words(point)}")
+
+
+def _words(scores: Mapping[str, float | None]) -> str:
+    def number(name: str, digits: int) -> str:
+        value = scores.get(name)
+        return "none" if value is None else f"{value:.{digits}f}"
+
+    return (
+        f"detection {number('detection_time', 2)} s, collisions {number('collisions', 2)}, return {number('return', 2)}"
+    )

@@ -1,0 +1,48 @@
+"""The training curve as a picture."""
+
+import json
+from pathlib import Path
+
+from lissajous_env.files import replacing
+from training.checkpoint import FILE
+
+_PANELS = (
+    ("detection_time", "detection time, interquartile mean [s]"),
+    ("collisions", "collisions an episode"),
+    ("return", "return of a robot"),
+)
+
+
+def draw_curve(folder: str | Path, path: str | Path | None = None) -> Path:
+    """Draw what the evaluations of a checkpoint's training were over its steps, its rivals as lines; returns the file.
+
+    Args:
+        folder: The checkpoint.
+        path: PNG to write; `curve.png` in the folder by default.
+    """
+    from matplotlib.figure import Figure
+
+    path = Path(path or Path(folder) / "curve.png")
+    text = json.loads((Path(folder) / FILE).read_text(encoding="utf-8"))
+    curve, rivals = text["curve"], text["rivals"]
+    steps = [point["steps"] / 1e6 for point in curve]
+    figure = Figure(figsize=(12, 3.6), layout="constrained", dpi=120)
+    axes = figure.subplots(1, len(_PANELS))
+    for axis, (name, title) in zip(axes, _PANELS, strict=True):
+        values = [float("nan") if point[name] is None else point[name] for point in curve]
+        axis.plot(steps, values, color="tab:blue", marker="." if len(curve) < 30 else "", label="policy")
+        for k, (rival, scores) in enumerate(rivals.items()):
+            if scores[name] is not None:
+                axis.axhline(scores[name], color=f"C{k + 1}", linestyle="--", linewidth=1, label=rival)
+        axis.set(xlabel="steps of a robot [million]", title=title)
+        axis.grid(alpha=0.3)
+        axis.spines[["top", "right"]].set_visible(False)
+        if name != "return":
+            axis.set_ylim(bottom=0)
+    axes[0].legend(frameon=False, fontsize=8)
+    policy = text["policy"]
+    base = f" on top of {policy['base']}" if policy["base"] else ""
+    figure.suptitle(f"{policy['scenario']}: {text['settings']['algorithm']}{base}, seed {text['settings']['seed']}")
+    with replacing(path) as temporary:
+        figure.savefig(temporary)
+    return path

@@ -1,0 +1,53 @@
+"""Copy a trained policy to where shipped ones live: `python -m training.publish runs/x learned-x`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from baselines.statistics import summarize
+from lissajous_env import evaluate, library
+from training import checkpoint, learned
+from training.pictures import draw_curve
+
+HELD_OUT = range(10_000, 10_064)
+
+
+def publish(
+    source: Annotated[Path, tyro.conf.Positional],
+    name: Annotated[str, tyro.conf.Positional],
+    made_for: tuple[str, ...] = (),
+    folder: Path = Path(__file__).parent / "policies",
+    command: str = "",
+) -> None:
+    """Copy a policy without what training goes on from, with its curve and its scores on the held-out seeds.
+
+    Args:
+        source: checkpoint that is copied.
+        name: name that the policy is shipped under.
+        made_for: scenarios on which a benchmark plays it without being asked to; by default the one it was trained on.
+        folder: where the shipped ones live.
+        command: command that trained it, where its settings alone do not say it.
+    """
+    network, card, text = checkpoint.read(source)
+    made_for = made_for or (card.scenario,)
+    scores = {}
+    for each in made_for:
+        policy = learned.Learned(network, card, library.scenario(each), len(HELD_OUT))
+        rows = evaluate(policy, each, HELD_OUT)
+        columns = ("detection_time_mean", "collisions", "recovery_time", "return_mean")
+        scores[each] = {column: _rounded(summarize([row[column] for row in rows])) for column in columns}
+        print(each, scores[each])
+    kept = {key: text[key] for key in ("counters", "rivals", "curve") if key in text}
+    notes = {"made_for": made_for, "command": command, "held_out_scores": scores, **kept}
+    checkpoint.save(folder / name, network, card, notes=notes)
+    draw_curve(folder / name)
+
+
+def _rounded(found) -> dict[str, float | None]:
+    numbers = {"iqm": found.iqm, "low": found.low, "high": found.high, "mean": found.mean}
+    return {name: round(value, 4) if value == value else None for name, value in numbers.items()}
+
+
+if __name__ == "__main__":
+    tyro.cli(publish)

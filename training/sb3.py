@@ -1,0 +1,250 @@
+"""Stable-Baselines3: the batch of worlds as its `VecEnv`, one row for each robot of each world, and PPO on it."""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any, cast
+
+import gymnasium
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.utils import ConstantSchedule, LinearSchedule
+from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
+
+import baselines
+from lissajous_env import Scenario, Simulation
+from lissajous_env.observation import layout
+from training.checkpoint import Card
+from training.network import Network
+from training.settings import Train
+
+_RECENT = 256
+"""Episodes whose scores are kept."""
+
+_FIRST_SEED = 1_000_000
+
+
+class RobotVecEnv(VecEnv):
+    """`Simulation` as a `VecEnv` with shared parameters: row k N + i is robot i of world k.
+
+    A world whose robots are all done begins anew in the same step. A robot that ran out of time has its last
+    observation in its info as `terminal_observation`, with `TimeLimit.truncated`; one that was removed ends as a
+    termination does, and its row stands still until its world begins anew.
+
+    Args:
+        scenario: What is simulated.
+        num_worlds: W; there are W N rows.
+        card: Which entries of the observation a row holds, and what its action is added to; by default the whole
+            observation, and nothing.
+        device: Warp device.
+        seed: Seed of world 0; world k has seed + k, and draws its next seeds from it.
+        threads: CPU threads; all cores by default.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        card: Card | None = None,
+        device: Any = "cpu",
+        seed: int = 0,
+        threads: int | None = None,
+    ):
+        self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed, threads=threads)
+        self.scenario = self.simulation.scenario
+        self.card = card or Card.of(self.scenario)
+        self.base = None
+        if self.card.base is not None:
+            self.base = baselines.make(self.card.base, self.scenario, num_worlds, device)
+        self.scores: deque[dict[str, Any]] = deque(maxlen=_RECENT)
+        self.render_mode = None
+        columns = self.card.columns(self.scenario)
+        whole = len(columns) == self.simulation.layout.size
+        self._columns = None if whole and (columns == np.arange(len(columns))).all() else columns
+        super().__init__(num_worlds * self.simulation.num_robots, *row_spaces(self.scenario, self.card))
+
+    def reset(self) -> np.ndarray:
+        """Begin an episode in every world; returns the rows (W N, inputs)."""
+        n, seeds = self.simulation.num_robots, None
+        if self._seeds[0] is not None:
+            seeds = np.array(self._seeds[::n], dtype=np.int64) % 2**31
+        self.simulation.reset(seeds=seeds)
+        self._reset_seeds()
+        self._reset_options()
+        return self.resume()
+
+    def resume(self) -> np.ndarray:
+        """Go on from the simulation as it is, the base without its memory; returns the rows (W N, inputs)."""
+        self._done = self.simulation.terminated.numpy().astype(bool).reshape(-1)
+        if self.base is not None:
+            self.base.reset()
+            self._base_action = self.base.act(self.simulation.observation.numpy())
+        return self._rows(self.simulation.observation.numpy())
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Take the actions (W N, action_size) of the next step."""
+        self._actions = np.asarray(actions, dtype=np.float32).reshape(self.simulation.action_shape)
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Take the step: rows, rewards, dones, infos."""
+        simulation, actions = self.simulation, self._actions
+        if self.base is not None:
+            actions = np.clip(self._base_action + self.card.residual * actions, -1.0, 1.0)
+        simulation.step(actions)
+        rewards = simulation.reward.numpy().reshape(-1).copy()
+        terminated = simulation.terminated.numpy().astype(bool).reshape(-1)
+        over = simulation.over
+        ended = terminated | np.repeat(over, simulation.num_robots)
+        dones = ended & ~self._done | np.repeat(over, simulation.num_robots)
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if dones.any():
+            last = self._rows(simulation.observation.numpy())
+            for k in np.flatnonzero(dones):
+                infos[k]["terminal_observation"] = last[k]
+                infos[k]["TimeLimit.truncated"] = not terminated[k]
+        if over.any():
+            self.scores.extend(simulation.score(over))
+            simulation.reset(over)
+            if self.base is not None:
+                self.base.reset(over)
+            ended = simulation.terminated.numpy().astype(bool).reshape(-1)
+        self._done = ended
+        if self.base is not None:
+            self._base_action = self.base.act(simulation.observation.numpy())
+        return self._rows(simulation.observation.numpy()), rewards, dones, infos
+
+    def _rows(self, observation: np.ndarray) -> np.ndarray:
+        if self._columns is not None:
+            observation = observation[:, :, self._columns]
+        if self.base is not None:
+            # Of a last observation the base's action is the one of the step before: only its value is asked for.
+            observation = np.concatenate([observation, self._base_action], axis=2)
+        return observation.reshape(self.num_envs, -1).copy()
+
+    def close(self) -> None:
+        """Nothing is held that needs closing."""
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute of the batch, once for each of the rows that are asked for."""
+        return [getattr(self, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute of the whole batch; rows do not have their own."""
+        if indices is not None and len(list(self._get_indices(indices))) != self.num_envs:
+            raise ValueError(f"{attr_name} must be set for all rows at once, got indices {indices!r}")
+        setattr(self, attr_name, value)
+
+    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+        """Call a method of the batch once; its result is repeated for each of the rows that are asked for."""
+        result = getattr(self, method_name)(*method_args, **method_kwargs)
+        return [result for _ in self._get_indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """Rows are not wrapped one by one."""
+        return [False for _ in self._get_indices(indices)]
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Give world k the seed + k N at the next reset (N rows share a world, and the seed of the first)."""
+        return super().seed(seed)
+
+
+def row_spaces(scenario: Scenario, card: Card) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
+    """Observation and action space of a row."""
+    ranges, columns = layout(scenario), card.columns(scenario)
+    base = np.ones(card.action_size if card.base else 0, dtype=np.float32)
+    low, high = np.concatenate([ranges.low[columns], -base]), np.concatenate([ranges.high[columns], base])
+    return gymnasium.spaces.Box(low, high), gymnasium.spaces.Box(-1.0, 1.0, (card.action_size,), np.float32)
+
+
+def make_ppo(settings: Train, env: VecEnv) -> PPO:
+    """Make Stable-Baselines3's PPO with the settings."""
+    rows = env.num_envs * settings.rollout
+    model = PPO(
+        "MlpPolicy",
+        env,
+        learning_rate=LinearSchedule(settings.learning_rate, settings.learning_rate / 50, 1.0),
+        n_steps=settings.rollout,
+        batch_size=min(settings.batch_size, rows),
+        n_epochs=settings.epochs,
+        gamma=settings.gamma,
+        gae_lambda=settings.gae_lambda,
+        clip_range=ConstantSchedule(settings.clip_range),
+        ent_coef=settings.entropy,
+        vf_coef=settings.value_weight,
+        max_grad_norm=settings.gradient_max,
+        policy_kwargs={
+            "net_arch": list(settings.layers),
+            "activation_fn": {"relu": nn.ReLU, "tanh": nn.Tanh}[settings.activation],
+            "log_std_init": settings.log_std,
+        },
+        seed=settings.seed,
+        device=settings.device,
+    )
+    # PPO seeds the worlds with the number itself; they begin far from the seeds that evaluations are played on.
+    env.seed(_FIRST_SEED * (1 + settings.seed))
+    return model
+
+
+def policy_layers(model: PPO) -> list[nn.Linear]:
+    """Linear layers of a model's policy, from the observation to the mean of the action."""
+    hidden = [layer for layer in model.policy.mlp_extractor.policy_net if isinstance(layer, nn.Linear)]
+    return [*hidden, cast(nn.Linear, model.policy.action_net)]
+
+
+def to_network(model: PPO, activation: str) -> Network:
+    """Copy a model's policy, the mean of its action, as plain arrays."""
+    layers = policy_layers(model)
+    return Network(
+        tuple(layer.weight.detach().cpu().numpy().copy() for layer in layers),
+        tuple(layer.bias.detach().cpu().numpy().copy() for layer in layers),
+        activation,
+    )
+
+
+def from_network(model: PPO, network: Network) -> None:
+    """Give a model's policy the weights of a network.
+
+    Raises:
+        ValueError: its layers have other sizes.
+    """
+    layers = policy_layers(model)
+    want = [tuple(layer.weight.shape) for layer in layers]
+    got = [weight.shape for weight in network.weights]
+    if want != got:
+        raise ValueError(f"start must have layers of shapes {want}, got {got}")
+    with torch.no_grad():
+        for layer, weight, bias in zip(layers, network.weights, network.biases, strict=True):
+            layer.weight.copy_(torch.from_numpy(weight))
+            layer.bias.copy_(torch.from_numpy(bias))
+
+
+def save_model(model: PPO) -> dict[str, np.ndarray]:
+    """Copy what training goes on from: weights, optimizer, random streams, the rows to act on next."""
+    arrays = {f"model.{name}": tensor.detach().cpu().numpy() for name, tensor in model.policy.state_dict().items()}
+    for k, moments in model.policy.optimizer.state_dict()["state"].items():
+        arrays |= {f"optimizer.{k}.{name}": tensor.cpu().numpy() for name, tensor in moments.items()}
+    _, keys, position, *_ = np.random.get_state(legacy=True)
+    arrays["random.torch"] = torch.get_rng_state().numpy()
+    arrays["random.numpy"] = np.append(keys, np.uint32(position)).astype(np.uint32)
+    arrays["rows"] = np.asarray(model._last_obs)
+    arrays["starts"] = np.asarray(model._last_episode_starts)
+    return {name: np.array(array) for name, array in arrays.items()}
+
+
+def load_model(model: PPO, arrays: dict[str, np.ndarray], steps: int, updates: int) -> None:
+    """Go on from what `save_model` returned, in a model of the same settings."""
+    weights = {name.removeprefix("model."): array for name, array in arrays.items() if name.startswith("model.")}
+    model.policy.load_state_dict({name: torch.from_numpy(array) for name, array in weights.items()})
+    optimizer = model.policy.optimizer.state_dict()
+    for name, array in arrays.items():
+        if name.startswith("optimizer."):
+            _, k, moment = name.split(".")
+            optimizer["state"].setdefault(int(k), {})[moment] = torch.from_numpy(array)
+    model.policy.optimizer.load_state_dict(optimizer)
+    torch.set_rng_state(torch.from_numpy(arrays["random.torch"]))
+    keys, position = arrays["random.numpy"][:-1], int(arrays["random.numpy"][-1])
+    np.random.set_state(("MT19937", keys, position, 0, 0.0))
+    model._last_obs = arrays["rows"]
+    model._last_episode_starts = arrays["starts"].astype(bool)
+    model.num_timesteps, model._n_updates = steps, updates

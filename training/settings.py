@@ -1,0 +1,162 @@
+"""The settings of a training: one dataclass, which is the command line of `lissajous train`."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from baselines import policy as registry
+from lissajous_env import Scenario
+from lissajous_env import scenario as make_scenario
+from training.network import ACTIVATIONS
+
+CHANGES_NOTHING = ("steps", "out", "threads", "engine", "address", "workers", "evaluation_episodes", "rivals")
+"""Settings that may differ when a training goes on: they do not change what is learned from a step."""
+
+
+@dataclass(frozen=True)
+class Train:
+    """What is trained, how, and where it goes. The defaults are for two cores of a laptop."""
+
+    scenario: str = "intruders"
+    """Scenario to train on."""
+    algorithm: Literal["ppo", "dagger"] = "ppo"
+    """ppo: proximal policy optimization of Stable-Baselines3, after a start by imitation. dagger: imitation alone."""
+    steps: int = 100_000_000
+    """Steps of a robot to train for, over all robots of all worlds."""
+    worlds: int = 512
+    """Worlds that are stepped together; each robot of each is one row."""
+    seed: int = 0
+    """Seed of the worlds, the initial weights and the exploration."""
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/train")
+    """Folder of the results; the same command goes on there from the last checkpoint."""
+    start: Annotated[str | None, tyro.conf.arg(metavar="CHECKPOINT")] = None
+    """Checkpoint, or name of a shipped policy, whose network is the first one."""
+    base: str | None = None
+    """Classical policy that the network's output is added to, as kuramoto-mpcc; without it the network acts alone."""
+    residual: float = 0.3
+    """What the network's output is multiplied with where there is a base."""
+    teacher: str | None = None
+    """Policy that is imitated, in the states that the student reaches (DAgger); none goes without. By default none with
+    `start` or `base`, else kuramoto for points and kuramoto-arc-mpcc for cars."""
+    imitation_steps: int = 4_000_000
+    """Steps of a robot, the first of `steps`, in which ppo imitates."""
+    inputs: tuple[str, ...] = ()
+    """Entries of the observation that the network reads; all by default."""
+    layers: tuple[int, ...] = (64, 64)
+    """Sizes of the hidden layers."""
+    activation: Literal["relu", "tanh"] = "relu"
+    """Activation between layers."""
+    learning_rate: float = 7e-4
+    """Learning rate at the start; it falls linearly to a fiftieth."""
+    rollout: int = 64
+    """Steps of each world between updates."""
+    batch_size: int = 8192
+    """Rows of a minibatch."""
+    epochs: int = 4
+    """Passes over a rollout."""
+    gamma: float = 0.99
+    """Discount per step."""
+    gae_lambda: float = 0.95
+    """lambda of the generalized advantage estimate."""
+    clip_range: float = 0.2
+    """Largest change of a ratio of probabilities that is still rewarded."""
+    entropy: float = 0.0
+    """Weight of the entropy bonus."""
+    value_weight: float = 0.5
+    """Weight of the value loss."""
+    gradient_max: float = 0.5
+    """Largest norm of a gradient."""
+    log_std: float = -0.7
+    """Logarithm of the standard deviation of the exploration at the start."""
+    evaluate_every: int = 5_000_000
+    """Robot steps between evaluations, each of which ends in a checkpoint."""
+    evaluation_episodes: int = 32
+    """Episodes of an evaluation; their seeds, from 20,000, are kept from training."""
+    rivals: tuple[str, ...] = ("kuramoto-mpcc",)
+    """Policies that the evaluations are compared with."""
+    device: str = "cpu"
+    """cpu, cuda or cuda:k."""
+    threads: int | None = None
+    """CPU threads of torch and of the worlds; all cores by default."""
+    engine: Literal["sb3", "ray"] = "sb3"
+    """sb3: this process. ray: RLlib, over a cluster."""
+    address: str | None = None
+    """Address of a Ray cluster; without it one is started here."""
+    workers: int = 2
+    """Processes that collect episodes, with ray."""
+    overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
+    """Fields changed in the scenario, as {"task.reward_collision": -5.0}."""
+
+    def __post_init__(self) -> None:
+        for name in (
+            "steps",
+            "worlds",
+            "rollout",
+            "batch_size",
+            "epochs",
+            "evaluate_every",
+            "evaluation_episodes",
+            "workers",
+        ):
+            self._require(name, getattr(self, name) >= 1, "must be at least 1")
+        self._require("seed", 0 <= self.seed < 2**11, "must be from 0 to 2047")
+        self._require("layers", all(size >= 1 for size in self.layers), "must be sizes of at least 1")
+        self._require("activation", self.activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}")
+        self._require("threads", self.threads is None or self.threads >= 1, "must be at least 1")
+        for name in ("learning_rate", "residual", "clip_range", "gradient_max"):
+            self._require(name, getattr(self, name) > 0, "must be positive")
+        for name in ("gamma", "gae_lambda"):
+            self._require(name, 0 <= getattr(self, name) <= 1, "must be from 0 to 1")
+        for name in ("entropy", "value_weight"):
+            self._require(name, getattr(self, name) >= 0, "must not be negative")
+        self._require("imitation_steps", self.imitation_steps >= 0, "must not be negative")
+        self._require("teacher", self.imitated is None or self.base is None, "must be none where there is a base")
+        self._require("teacher", self.imitated is not None or self.algorithm == "ppo", "must be given for dagger")
+        for name in (self.base, self.imitated, *self.rivals):
+            if name is not None:
+                registry.check(name, self.make_scenario())
+
+    @property
+    def imitated(self) -> str | None:
+        """Policy that is imitated."""
+        if self.teacher is not None:
+            return None if self.teacher == "none" else self.teacher
+        if self.start is not None or self.base is not None:
+            return None
+        return "kuramoto" if self.make_scenario().robot.kind == "curve" else "kuramoto-arc-mpcc"
+
+    @property
+    def imitated_until(self) -> int:
+        """Steps of a robot after which imitation ends."""
+        if self.imitated is None:
+            return 0
+        return self.steps if self.algorithm == "dagger" else min(self.imitation_steps, self.steps)
+
+    def make_scenario(self) -> Scenario:
+        """Make the scenario, without the coverage grid unless the reward asks for it."""
+        made = make_scenario(self.scenario, **self.overrides)
+        if made.task.reward_idleness == 0:
+            made = make_scenario(made, **{"task.grid": None})
+        return made
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, as written into a checkpoint: those that change what is learned, and the number of steps."""
+        kept = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        plain = {name: list(value) if isinstance(value, tuple) else value for name, value in kept.items()}
+        return plain | {"out": str(self.out), "overrides": dict(self.overrides)}
+
+    def differences(self, stored: Mapping[str, Any]) -> list[str]:
+        """Settings that keep a training from going on with what is stored, each in words."""
+        return [
+            f"{name} = {stored.get(name)!r} there, {value!r} here"
+            for name, value in self.to_dict().items()
+            if name not in CHANGES_NOTHING and stored.get(name) != value
+        ]
+
+    def _require(self, name: str, holds: bool, rule: str) -> None:
+        if not holds:
+            raise ValueError(f"{name} {rule}, got {getattr(self, name)!r}")
