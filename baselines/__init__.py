@@ -7,7 +7,7 @@ from baselines.consensus import Consensus
 from baselines.coordinated import OnCurve, WithMpcc
 from baselines.kuramoto import Kuramoto
 from baselines.open_loop import OpenLoop
-from baselines.patrol import RandomWaypoint, Still, Sweep
+from baselines.patrol import Laps, RandomWaypoint, Still, Sweep
 from baselines.policy import Policy, make, names, register, register_wrapper
 from baselines.safety import Safe
 from baselines.tracked_reference import TrackedReference
@@ -24,6 +24,7 @@ register("tracked-reference-mpcc", "car", partial(WithMpcc, TrackedReference))
 register("consensus-gvf", "car", partial(WithVectorField, Consensus))
 register("kuramoto-arc-mpcc", "car", partial(WithMpcc, KuramotoByArc))
 register("sweep", "car", Sweep)
+register("laps", "car", Laps)
 register("random", None, RandomWaypoint)
 register("still", None, Still)
 register_wrapper("-safe", "car", Safe)

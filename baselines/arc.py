@@ -31,6 +31,7 @@ Robots at the formation's mean speed, 1.31 m/s rather than 1.7 m/s, need 5.3 s: 
 """
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ from baselines.observed import hears, lead, message_age, own_phase
 from lissajous_env import theory
 from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import TWO_PI
+from lissajous_env.fields import Checked, positive
 from lissajous_env.geometry import curve_length
 from lissajous_env.scenario import Curve, Scenario
 
@@ -48,6 +50,16 @@ wp.set_module_options(OPTIONS)
 
 PREVIEW = 0.6
 """Time over which the phase rate is averaged [s]: less than this makes the ground speed unsteady before tight turns."""
+
+
+@dataclass(frozen=True)
+class ArcParameters(Checked):
+    """What the coordinator is given besides the scenario."""
+
+    speed: float | None = positive(None, "m/s")
+    """v, speed along the curve [m/s]; None is `ground_speed`."""
+    preview: float = positive(PREVIEW, "s")
+    """Time over which the phase rate is averaged [s]."""
 
 
 @wp.func
@@ -92,15 +104,17 @@ def kuramoto_by_arc(
 class KuramotoByArc:
     """Coordinator: phase rates (W, N) [rad/s] by (1) on arc phases."""
 
-    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ArcParameters | None = None):
+        self._parameters = parameters or ArcParameters()
         self._alpha, self._coupling = float(scenario.alpha), scenario.formation.coupling
-        self._rate = 2 * math.pi * ground_speed(scenario) / (curve_length(scenario.curve) * scenario.alpha)
+        speed = self._parameters.speed or ground_speed(scenario)
+        self._rate = 2 * math.pi * speed / (curve_length(scenario.curve) * scenario.alpha)
         self._tables = [wp.array(table, dtype=wp.float32, device=device) for table in arc_tables(scenario.curve)]
         self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
 
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
-        inputs = [self._alpha, self._rate, self._coupling, PREVIEW, *self._tables, observation]
+        inputs = [self._alpha, self._rate, self._coupling, self._parameters.preview, *self._tables, observation]
         outputs = [self.phase_rate]
         wp.launch(kuramoto_by_arc, self.phase_rate.shape, inputs, outputs=outputs, device=self.phase_rate.device)
 

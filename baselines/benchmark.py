@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
@@ -46,6 +46,10 @@ class Benchmark:
     """cpu, cuda or cuda:k."""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("results/benchmark")
     """Folder of the results. A second call with the same settings goes on there; more episodes extend it."""
+    engine: Literal["local", "ray"] = "local"
+    """local plays here; ray plays over a cluster, and needs the extra `cluster`. It changes no result."""
+    address: str | None = None
+    """Address of the Ray cluster, as auto or HOST:PORT; without one, engine ray starts its own on this machine."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
 
@@ -61,6 +65,16 @@ class Benchmark:
                 raise ValueError(f"{name} must name each one once, got {', '.join(getattr(self, name))}")
         if not self.scenarios:
             raise ValueError("scenarios must name at least one")
+        if self.engine not in ("local", "ray"):
+            raise ValueError(f"engine must be local or ray, got {self.engine!r}")
+        if self.address is not None and self.engine != "ray":
+            raise ValueError(f"address must be given with engine ray alone, got {self.address!r}")
+
+    @property
+    def worlds(self) -> int:
+        """Episodes that are played together."""
+        # This never depends on what is left to do: a policy may round otherwise in another batch.
+        return min(self.batch, self.episodes)
 
 
 @dataclass(frozen=True)
@@ -171,7 +185,7 @@ def plan(
     cells = []
     for scenario in made:
         fitting = registry.names(scenario)
-        chosen = [name for name in named if name in fitting] if named or own else _usual(fitting)
+        chosen = [name for name in named if name in fitting] if named or own else _usual(fitting, scenario)
         cells += [Cell(scenario, name, _registered(name)) for name in chosen]
         cells += [Cell(scenario, name, factory) for name, factory in own.items()]
         if not chosen and not own:
@@ -179,13 +193,17 @@ def plan(
             raise ValueError(f"policies must hold one for {scenario.name}, which has {kind}; got {', '.join(named)}")
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
         raise ValueError(f"scenarios must differ in name, got {', '.join(scenario.name for scenario in made)}")
-    as_device(settings.device)
+    if settings.engine == "ray":
+        _cluster().check(settings.device)
+    else:
+        as_device(settings.device)
     return cells
 
 
-def _usual(names: Iterable[str]) -> list[str]:
+def _usual(names: Iterable[str], scenario: Scenario) -> list[str]:
     """Policies that are played where none is named: of those with the collision filter, the paper's method alone."""
-    return [name for name in names if not name.endswith("-safe") or name == "kuramoto-mpcc-safe"]
+    plain = [name for name in names if not name.endswith("-safe") or name == "kuramoto-mpcc-safe"]
+    return [name for name in plain if registry.made_for(name, scenario.name)]
 
 
 def play(
@@ -195,8 +213,7 @@ def play(
 
     After each step, `on_step` is called with the number of worlds that took it.
     """
-    # The size of a batch never depends on what is left to do: a policy may round otherwise in another batch.
-    worlds = min(settings.batch, settings.episodes)
+    worlds = settings.worlds
     policy = cell.factory(cell.scenario, worlds, settings.device)
     numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
@@ -204,34 +221,49 @@ def play(
         yield [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
 
 
+def failure(cell: Cell, error: Exception) -> Failure:
+    """Put an error that a policy raised into words."""
+    words = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
+    return Failure(cell.scenario.name, cell.policy, words, "".join(traceback.format_exception(error)))
+
+
 def _play_all(settings: Benchmark, cells: list[Cell], kept: stored.Episodes, quiet: bool) -> list[Failure]:
-    left = {(cell.scenario.name, cell.policy): kept.missing(cell) for cell in cells}
+    work = [(cell, kept.missing(cell)) for cell in cells]
+    with Progress(work, quiet) as progress:
+        if settings.engine == "ray":
+            return _cluster().play_all(settings, work, kept, progress)
+        return _play_here(settings, work, kept, progress)
+
+
+def _play_here(
+    settings: Benchmark, work: list[tuple[Cell, list[int]]], kept: stored.Episodes, progress: Progress
+) -> list[Failure]:
     failures = []
-    with Progress([(cell, left[cell.scenario.name, cell.policy]) for cell in cells], quiet) as progress:
-        for cell in cells:
-            numbers = left[cell.scenario.name, cell.policy]
-            if not numbers:
-                continue
-            progress.begin(cell)
-            batches = play(cell, settings, numbers, progress.step)
-            while True:
-                try:
-                    batch = next(batches, None)
-                except Exception as error:
-                    failures.append(_failure(cell, error))
-                    progress.end("failed")
-                    break
-                if batch is None:
-                    progress.end()
-                    break
-                kept.add(batch)
-                progress.finished(len(batch))
+    for cell, numbers in work:
+        if not numbers:
+            continue
+        progress.begin(cell)
+        batches = play(cell, settings, numbers, progress.step)
+        while True:
+            try:
+                batch = next(batches, None)
+            except Exception as error:
+                failures.append(failure(cell, error))
+                progress.end("failed")
+                break
+            if batch is None:
+                progress.end()
+                break
+            kept.add(batch)
+            progress.finished(len(batch))
     return failures
 
 
-def _failure(cell: Cell, error: Exception) -> Failure:
-    words = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
-    return Failure(cell.scenario.name, cell.policy, words, "".join(traceback.format_exception(error)))
+def _cluster() -> Any:
+    """Return `baselines.cluster`, which needs this module."""
+    from baselines import cluster
+
+    return cluster
 
 
 def _registered(name: str) -> Factory:

@@ -1,5 +1,6 @@
 """A coordinator over a tracker: who decides the phase rates, and what makes a robot follow them."""
 
+from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -95,17 +96,28 @@ class OnCurve(Policy):
 
 
 class WithMpcc(Policy):
-    """Cars that follow a coordinator by model predictive contouring control."""
+    """Cars that follow a coordinator by model predictive contouring control.
+
+    `parameters` are the controller's; None is `MpccParameters.of` the scenario's robot. `coordinator(scenario,
+    num_worlds, device)` makes the coordinator: its class, or a `partial` of it that fixes parameters of its own.
+    """
 
     kind = "car"
 
-    def __init__(self, coordinator: type, scenario: Scenario, num_worlds: int, device: Any):
+    def __init__(
+        self,
+        coordinator: Callable[[Scenario, int, Any], Coordinator],
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: MpccParameters | None = None,
+    ):
         super().__init__(scenario, num_worlds, device)
-        self.coordinator: Coordinator = coordinator(self.scenario, num_worlds, self.device)
+        self.coordinator = coordinator(self.scenario, num_worlds, self.device)
         self._curve = to_struct(CurveStruct, self.scenario.curve)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._speed_scale = self.scenario.robot.speed_max
-        parameters = MpccParameters.of(self.scenario.robot, step=self.scenario.task.step)
+        parameters = parameters or MpccParameters.of(self.scenario.robot, step=self.scenario.task.step)
         self.mpcc = Mpcc(self.scenario.curve, parameters, batch=num_worlds * self.num_robots, device=self.device)
 
     def _forget(self, mask: np.ndarray) -> None:

@@ -1,10 +1,12 @@
 """The loop that a patrol goes around, with corners that a car can drive."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from lissajous_env import theory
+from lissajous_env.fields import Checked, non_negative, positive, whole
 from lissajous_env.scenario import Scenario
 
 _CRUISE = 0.85
@@ -13,36 +15,63 @@ _ROOM = 1.15
 """Corners are wider than a car's tightest turn by this factor."""
 
 
-def cruising_speed(scenario: Scenario) -> float:
-    """Speed of a patrol [m/s]: below the cars' top speed, and below the formation's where the curve is fastest."""
+@dataclass(frozen=True)
+class SweepParameters(Checked):
+    """What a patrol is given besides the scenario; None is derived from it."""
+
+    cruise: float | None = positive(None, "m/s")
+    """Speed of the patrol [m/s]; None is `cruising_speed`."""
+    inset: float | None = non_negative(None, "m")
+    """Distance of the loop from the boundary [m]; None is 0.1 sensing radii where targets enter at the
+    boundary, else 0.7. Less where the corners would not fit."""
+    lanes: int | None = whole(None, at_least=2, at_most=64)
+    """Lanes of the loop, an even number; 2 goes around the rectangle. None is what `patrol_loop` says."""
+    lookahead: float | None = positive(None, "m")
+    """Distance of the goal ahead of a car's place [m]; None is 0.3 s at cruising speed, 4 wheelbases at least."""
+
+    def _check_together(self) -> None:
+        self._require(self.lanes is None or self.lanes % 2 == 0, "lanes", "must be even")
+
+
+def fastest_speed(scenario: Scenario) -> float:
+    """The cars' top speed, or the formation's where the curve is fastest, if that is less [m/s]."""
     lap = np.linspace(0, 2 * math.pi, 4096)
-    formation = scenario.formation.phase_rate * theory.curve_speed(scenario.curve, lap).max()
-    return _CRUISE * min(scenario.robot.speed_max, formation)
+    formation = scenario.formation.phase_rate * float(theory.curve_speed(scenario.curve, lap).max())
+    return min(scenario.robot.speed_max, formation)
 
 
-def corner_radius(scenario: Scenario) -> float:
+def cruising_speed(scenario: Scenario) -> float:
+    """Speed of a patrol [m/s]: so far below the fastest that a car can catch up with its place."""
+    return _CRUISE * fastest_speed(scenario)
+
+
+def corner_radius(scenario: Scenario, cruise: float | None = None) -> float:
     """Radius of the loop's corners [m]: what steering and, at cruising speed, grip allow, with some room."""
     robot = scenario.robot
     by_steering = robot.wheelbase / math.tan(robot.steering_max)
-    by_grip = cruising_speed(scenario) ** 2 / robot.lateral_acceleration_max
+    by_grip = (cruise or cruising_speed(scenario)) ** 2 / robot.lateral_acceleration_max
     return _ROOM * max(by_steering, by_grip)
 
 
-def patrol_loop(scenario: Scenario, points: int = 2048) -> np.ndarray:
+def patrol_loop(scenario: Scenario, points: int = 2048, parameters: SweepParameters | None = None) -> np.ndarray:
     """(points, 2) evenly spaced points of the loop [m], counter-clockwise.
 
-    Around the rectangle, so far inside that a disc still reaches the boundary, where targets enter at the boundary or
-    a disc on that way reaches the middle; else up and down in lanes two sensing radii apart and back along one side.
+    Around the rectangle, where targets enter at the boundary, close to it, or where a disc that reaches the boundary
+    reaches the middle too; else up and down in lanes two sensing radii apart and back along one side.
     """
+    parameters = parameters or SweepParameters()
     curve, radius = scenario.curve, scenario.sensing_radius
     A, B = curve.half_width, curve.half_height
-    corner = corner_radius(scenario)
-    inset = max(min(0.7 * radius, B - corner, A - corner), 0.0)
-    if scenario.targets.entry == "boundary" or B - inset <= radius:
+    corner = corner_radius(scenario, parameters.cruise)
+    at_boundary = scenario.targets.entry == "boundary"
+    wanted = (0.1 if at_boundary else 0.7) * radius if parameters.inset is None else parameters.inset
+    inset = max(min(wanted, B - corner, A - corner), 0.0)
+    around = at_boundary or B - inset <= radius
+    # An even number of lanes ends on the side where it began; the way back runs beside their turns.
+    lanes = parameters.lanes or (2 if around else 2 * math.ceil((B - inset) / (2 * radius) + 0.5))
+    if lanes == 2:
         corners = [(-A + inset, -B + inset), (A - inset, -B + inset), (A - inset, B - inset), (-A + inset, B - inset)]
     else:
-        # An even number of lanes ends on the side where it began; the way back runs beside their turns.
-        lanes = 2 * math.ceil((B - inset) / (2 * radius) + 0.5)
         near, far = -A + inset + 2 * corner, A - inset
         corners = [(-A + inset, B - inset), (-A + inset, -B + inset)]
         for k, y in enumerate(np.linspace(-B + inset, B - inset, lanes)):

@@ -1,11 +1,12 @@
 """What a person would try first: patrol a loop in file, drive to random places, stand still."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from baselines.loop import cruising_speed, patrol_loop
+from baselines.loop import SweepParameters, cruising_speed, fastest_speed, patrol_loop
 from baselines.observed import own_heading, own_phase, own_position
 from baselines.policy import Policy
 from lissajous_env import draws
@@ -120,6 +121,43 @@ def follow_loop(
     action_out[w, i, 1] = action[1]
 
 
+@wp.kernel
+def go_around(
+    curve: CurveStruct,
+    robot: RobotStruct,
+    loop: wp.array(dtype=wp.vec2),
+    cruise: float,
+    ahead: int,
+    memory: wp.array2d(dtype=int),
+    observation: wp.array3d(dtype=float),
+    action_out: wp.array3d(dtype=float),
+):
+    """Chase the loop's point that lies `ahead` points further than the nearest one, at cruising speed [m/s].
+
+    A robot's memory is the index of the nearest point, plus one: the next is looked for around it.
+    """
+    w, i = wp.tid()
+    size = loop.shape[0]
+    position = own_position(w, i, curve, observation)
+    here = memory[w, i] - 1
+    if here < 0:
+        here = nearest_on_loop(loop, position)
+    else:
+        around = here
+        least = float(1.0e30)
+        for k in range(around - ahead, around + ahead + 1):
+            square = wp.length_sq(loop[(k + size) % size] - position)
+            if square < least:
+                least = square
+                here = (k + size) % size
+    memory[w, i] = here + 1
+    goal = loop[(here + ahead) % size]
+    speed = observation[w, i, 4] * robot_speed_max(robot)
+    action = drive_towards(robot, position, own_heading(w, i, observation), speed, goal, cruise)
+    action_out[w, i, 0] = action[0]
+    action_out[w, i, 1] = action[1]
+
+
 @wp.func
 def row_key(w: int, i: int, observation: wp.array3d(dtype=float)) -> int:
     """Key of a robot's random draws, made of where it is: the same in any batch, at any place in it."""
@@ -172,17 +210,24 @@ class Sweep(Policy):
 
     kind = "car"
 
-    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: SweepParameters | None = None,
+    ):
         super().__init__(scenario, num_worlds, device)
+        self.parameters = parameters or SweepParameters()
         robot = self.scenario.robot
-        loop = patrol_loop(self.scenario)
+        loop = patrol_loop(self.scenario, parameters=self.parameters)
         length = float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum())
         self._curve, self._robot = to_struct(CurveStruct, self.scenario.curve), to_struct(RobotStruct, robot)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
-        self._cruise = cruising_speed(self.scenario)
+        self._cruise = self.parameters.cruise or cruising_speed(self.scenario)
         self._spacing = length / len(loop)
-        self._lookahead = max(4 * robot.wheelbase, 0.3 * self._cruise)
+        self._lookahead = self.parameters.lookahead or max(4 * robot.wheelbase, 0.3 * self._cruise)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
     def _forget(self, mask: np.ndarray) -> None:
@@ -192,6 +237,41 @@ class Sweep(Policy):
         inputs = [self._curve, self._robot, float(self.scenario.alpha), self._equilibrium, self._loop, self._cruise,
                   self._spacing, self._lookahead, self.scenario.task.step, self._memory, observation]  # fmt: skip
         wp.launch(follow_loop, self.shape, inputs, outputs=[self.action], device=self.device)
+
+
+class Laps(Policy):
+    """Cars that go around the loop of `Sweep` from where they are, each for itself, as fast as the formation's fastest.
+
+    Nobody keeps a distance: cars that come to the loop together stay together.
+    """
+
+    kind = "car"
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: SweepParameters | None = None,
+    ):
+        super().__init__(scenario, num_worlds, device)
+        parameters = parameters or SweepParameters()
+        self._cruise = parameters.cruise or fastest_speed(self.scenario)
+        loop = patrol_loop(self.scenario, parameters=dataclasses.replace(parameters, cruise=self._cruise))
+        length = float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum())
+        lookahead = parameters.lookahead or max(4 * self.scenario.robot.wheelbase, 0.3 * self._cruise)
+        self._ahead = round(lookahead / length * len(loop))
+        self._curve = to_struct(CurveStruct, self.scenario.curve)
+        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
+        self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
+
+    def _forget(self, mask: np.ndarray) -> None:
+        self._memory.assign(np.where(mask[:, None], 0, self._memory.numpy()).astype(np.int32))
+
+    def _decide(self, observation: wp.array) -> None:
+        inputs = [self._curve, self._robot, self._loop, self._cruise, self._ahead, self._memory, observation]
+        wp.launch(go_around, self.shape, inputs, outputs=[self.action], device=self.device)
 
 
 class RandomWaypoint(Policy):

@@ -28,6 +28,8 @@ error is 0.147 m in the mean, against 0.182 m of `open-loop-mpcc`.
 """
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -39,6 +41,7 @@ from baselines.patrol import robot_speed_max
 from baselines.policy import Policy
 from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import CurveStruct, point2, tangent2, wrap
+from lissajous_env.fields import Checked, fraction, positive
 from lissajous_env.geometry import curve_length
 from lissajous_env.robot import RobotStruct
 from lissajous_env.scenario import Scenario
@@ -47,24 +50,35 @@ from lissajous_env.trig import cos_sin
 
 wp.set_module_options(OPTIONS)
 
-PULL = 4.0
-"""Largest k, the pull towards the path [1/m]."""
-TURN = wp.constant(6.0)
-"""Rate at which a car turns into the field [1/s]."""
-SPEED = wp.constant(8.0)
-"""Rate at which a car takes the field's speed [1/s]."""
-SLOWEST = wp.constant(0.3)
-"""Share of the field's speed that a car keeps while it turns into it: a car that stands does not turn."""
+
+@dataclass(frozen=True)
+class FieldParameters(Checked):
+    """What the tracker is given besides the scenario."""
+
+    pull: float = positive(4.0, "1/m")
+    """Largest k, the pull towards the path [1/m]."""
+    turn: float = positive(6.0, "1/s")
+    """TURN, the rate at which a car turns into the field [1/s]."""
+    speed: float = positive(8.0, "1/s")
+    """SPEED, the rate at which a car takes the field's speed [1/s]."""
+    slowest: float = fraction(0.3)
+    """SLOWEST, the share of the field's speed that a car keeps while it turns: a car that stands does not turn."""
 
 
 @wp.struct
 class Field:
-    """Constants of the field; `rate` is omega [rad/s], `scale` L / 2 pi [m/rad], `pull` k [1/m], `step` [s]."""
+    """Constants of the field; `rate` is omega [rad/s], `scale` L / 2 pi [m/rad], `pull` k [1/m], `step` [s].
+
+    `turn`, `speed` and `slowest` are those of `FieldParameters`.
+    """
 
     rate: float
     scale: float
     pull: float
     step: float
+    turn: float
+    speed: float
+    slowest: float
 
 
 @wp.func
@@ -105,11 +119,11 @@ def follow_field(
     heading = own_heading(w, i, observation)
     speed = observation[w, i, 4] * robot_speed_max(robot)
     turn = wrap(wp.atan2(velocity[1], velocity[0]) - heading)
-    steering = wp.atan(robot.wheelbase * TURN * turn / wp.max(speed, 0.1))
-    wanted = wp.length(velocity) * wp.max(cos_sin(turn)[0], SLOWEST)
+    steering = wp.atan(robot.wheelbase * field.turn * turn / wp.max(speed, 0.1))
+    wanted = wp.length(velocity) * wp.max(cos_sin(turn)[0], field.slowest)
     if wp.dot(velocity, tangent) < 0.0:
         wanted = 0.0
-    throttle = (robot.drag * wanted + robot.model_offset + SPEED * (wanted - speed)) / robot.drive
+    throttle = (robot.drag * wanted + robot.model_offset + field.speed * (wanted - speed)) / robot.drive
     span = robot.throttle_max - robot.throttle_min
     action_out[w, i, 0] = wp.clamp(steering / robot.steering_max, -1.0, 1.0)
     action_out[w, i, 1] = wp.clamp(2.0 * (throttle - robot.throttle_min) / span - 1.0, -1.0, 1.0)
@@ -120,12 +134,19 @@ class WithVectorField(Policy):
 
     kind = "car"
 
-    def __init__(self, coordinator: type, scenario: Scenario, num_worlds: int, device: Any):
+    def __init__(
+        self,
+        coordinator: Callable[[Scenario, int, Any], Coordinator],
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: FieldParameters | None = None,
+    ):
         super().__init__(scenario, num_worlds, device)
-        self.coordinator: Coordinator = coordinator(self.scenario, num_worlds, self.device)
+        self.coordinator = coordinator(self.scenario, num_worlds, self.device)
         self._curve = to_struct(CurveStruct, self.scenario.curve)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._field = field_of(self.scenario)
+        self._field = field_of(self.scenario, parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
     def _forget(self, mask: np.ndarray) -> None:
@@ -140,10 +161,12 @@ class WithVectorField(Policy):
         wp.launch(follow_field, self.shape, inputs, outputs=[self.action], device=self.device)
 
 
-def field_of(scenario: Scenario) -> Any:
+def field_of(scenario: Scenario, parameters: FieldParameters | None = None) -> Any:
     """Constants of the field; the pull is less where, at the formation's speed, a step would correct half of `off`."""
+    parameters = parameters or FieldParameters()
     field = Field()
+    field.turn, field.speed, field.slowest = parameters.turn, parameters.speed, parameters.slowest
     field.rate, field.step = scenario.formation.phase_rate, scenario.task.step
     field.scale = curve_length(scenario.curve) / (2 * math.pi)
-    field.pull = min(PULL, 0.5 / (field.rate * field.scale * field.step))
+    field.pull = min(parameters.pull, 0.5 / (field.rate * field.scale * field.step))
     return field

@@ -81,12 +81,12 @@ def compile_quietly() -> Iterator[None]:
 
 @cache
 def _start() -> None:
-    with compile_quietly(), _silent_stderr():
+    with compile_quietly(), silent_stderr():
         wp.init()
 
 
 @contextlib.contextmanager
-def _silent_stderr() -> Iterator[None]:
+def silent_stderr() -> Iterator[None]:
     """Keep native code from writing to standard error: Warp warns there of every machine without a CUDA driver."""
     try:
         kept = os.dup(2)

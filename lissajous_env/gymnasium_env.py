@@ -191,7 +191,8 @@ class LissajousEnv(gymnasium.Env):
 
     def _info(self, rewards: dict[str, float], infos: dict[str, dict]) -> dict[str, Any]:
         agents = self.parallel.possible_agents
-        terms = [infos[agent]["reward_terms"] if agent in infos else np.zeros(len(TERMS), np.float32) for agent in agents]
+        nothing = np.zeros(len(TERMS), np.float32)
+        terms = [infos[agent]["reward_terms"] if agent in infos else nothing for agent in agents]
         reward = np.array([rewards.get(agent, 0.0) for agent in agents], dtype=np.float32)
         return {"reward": reward, "reward_terms": np.stack(terms)}
 

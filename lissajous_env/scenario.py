@@ -248,7 +248,7 @@ class Task(Checked):
     reward_effort: float = finite(0.0)
     """Reward of a robot per step and mean square of its action."""
     reward_formation: float = finite(0.0, "1/s")
-    """Reward of every robot per second and radian of the phase error, the largest deviation from the equilibrium (2)."""
+    """Reward of every robot per second and radian of phase error: the largest deviation from the equilibrium (2)."""
 
     def _check_together(self) -> None:
         self._require(self.duration >= self.step, "duration", f"must be at least one step of {self.step} s")

@@ -68,7 +68,6 @@ def test_the_checker_of_torchrl(kind):
     env = make(kind)
     check_env_specs(env, break_when_any_done="both")
     data = env.rollout(7)
-    assert data.batch_size == (4, 7) or kind == "all removed"
     mask = torch.tensor([[True], [False], [True], [False]])
     env.reset(data[:, -1]["next"].clone().set("_reset", mask))
     check_env_specs(env, seed=3, break_when_any_done="both")
@@ -222,6 +221,18 @@ def test_the_end_of_the_time_is_a_truncation():
     assert not after["robot", "terminated"].any()
     assert (after["robot", "observation"][:, 9] != data["robot", "observation"][:, 10]).any(-1).all()
     assert torch.equal(after["robot", "observation"][:, 8], data["robot", "observation"][:, 9])
+
+
+def test_a_world_that_ended_waits_for_its_reset():
+    # Oracle: the contract of `Simulation`: it stands still with reward 0; the episode is scored once, as it ends.
+    env = make()
+    last = play(env, actions_of(env, 10))[:, -1]["next"]
+    assert not last["score", "detected_fraction"].isnan().any()
+    later = env.step(last.clone().set(("robot", "action"), torch.ones(4, 5, 2)))["next"]
+    assert later["done"].all()
+    assert torch.equal(later["robot", "observation"], last["robot", "observation"])
+    assert (later["robot", "reward"] == 0).all()
+    assert all(later["score", name].isnan().all() for name in SCORES)
 
 
 def test_a_removed_robot_is_terminated_alone():

@@ -46,7 +46,7 @@ class Card:
     The network reads the base's action too, after `inputs`.
     """
     residual: float = 1.0
-    """What the network's output is multiplied with before it is added to the base's action."""
+    """What the network's output, clipped to [-1, 1], is multiplied with before it is added to the base's action."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """How it was trained."""
 

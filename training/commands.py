@@ -1,6 +1,7 @@
 """The command `lissajous train`."""
 
 import dataclasses
+import importlib
 
 import tyro
 
@@ -16,8 +17,9 @@ def train(settings: tyro.conf.OmitArgPrefixes[Train], overrides: Overrides = ())
         overrides: fields changed in the scenario, as in --set task.reward_collision=-5 targets.count=5
     """
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
+    extra = "cluster" if settings.engine == "ray" else "train"
     try:
-        from training import train as training
+        engine = importlib.import_module("training.rllib" if settings.engine == "ray" else "training.train")
     except ImportError as error:
-        raise ValueError(f'train must have its libraries ({error}): pip install "lissajous-env[train]"') from error
-    training.train(settings)
+        raise ValueError(f'train must have its libraries ({error}): pip install "lissajous-env[{extra}]"') from error
+    engine.train(settings)

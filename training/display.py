@@ -11,7 +11,7 @@ from rich.markup import escape
 from training.settings import Train
 
 if TYPE_CHECKING:
-    from training.train import Course
+    from training.trainer import Course
 
 
 class Display:

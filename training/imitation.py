@@ -1,8 +1,8 @@
-"""Imitation of a classical policy in the states that the student reaches (DAgger).
+"""Imitation of a classical policy: in the states that it reaches (cloning), or that the student reaches (DAgger).
 
 S. Ross, G. J. Gordon, J. A. Bagnell, "A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
-Learning" (AISTATS 2011). The teacher drives all worlds at first, fewer and fewer of them over the first half,
-then none; in every state that is met, its action is asked for.
+Learning" (AISTATS 2011). With DAgger the teacher drives all worlds at first, fewer and fewer of them over the first
+half, then none; in every state that is met, its action is asked for.
 
 Differs from the paper: states are not aggregated over rounds. A round of the batch holds so many that each learns from
 fresh ones alone, and nothing but the worlds has to be kept to go on.
@@ -17,10 +17,10 @@ import torch
 import baselines
 
 if TYPE_CHECKING:
-    from training.train import Trainer
+    from training.train import Sb3Trainer
 
 
-def imitate(trainer: "Trainer") -> None:
+def imitate(trainer: "Sb3Trainer") -> None:
     """Let the model of a trainer learn the teacher's action, by least squares, as long as the settings say."""
     settings, env, model, course = trainer.settings, trainer.env, trainer.model, trainer.course
     teacher = baselines.make(str(settings.imitated), trainer.scenario, settings.worlds, settings.device)
@@ -35,7 +35,8 @@ def imitate(trainer: "Trainer") -> None:
         began = time.monotonic()
         model._update_current_progress_remaining(course.steps, until)
         model._update_learning_rate(model.policy.optimizer)
-        rows, wanted = _collect(trainer, teacher, taught_share=max(0.0, 1.0 - 2.0 * course.steps / until))
+        taught_share = max(0.0, 1.0 - 2.0 * course.steps / until) if settings.student_drives else 1.0
+        rows, wanted = _collect(trainer, teacher, taught_share)
         loss = _fit(trainer, rows, wanted)
         course.steps += settings.rollout * env.num_envs
         course.updates += settings.epochs
@@ -45,7 +46,9 @@ def imitate(trainer: "Trainer") -> None:
         model.logger.dump(course.steps)
 
 
-def _collect(trainer: "Trainer", teacher: baselines.Policy, taught_share: float) -> tuple[torch.Tensor, torch.Tensor]:
+def _collect(
+    trainer: "Sb3Trainer", teacher: baselines.Policy, taught_share: float
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Play a rollout; return the rows that were met (K, inputs) and the teacher's action in each (K, action_size)."""
     env, model = trainer.env, trainer.model
     worlds, n, _ = env.simulation.action_shape
@@ -64,7 +67,7 @@ def _collect(trainer: "Trainer", teacher: baselines.Policy, taught_share: float)
     return torch.cat(rows), torch.cat(wanted)
 
 
-def _fit(trainer: "Trainer", rows: torch.Tensor, wanted: torch.Tensor) -> float:
+def _fit(trainer: "Sb3Trainer", rows: torch.Tensor, wanted: torch.Tensor) -> float:
     """Pass over the rows in minibatches; returns the mean squared error of the last pass."""
     settings, policy = trainer.settings, trainer.model.policy
     policy.set_training_mode(True)

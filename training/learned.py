@@ -18,7 +18,7 @@ from training.network import Network
 
 
 class Learned(Policy):
-    """A network's action: clipped, and where the policy has a base, added to the base's action.
+    """A network's action, clipped to [-1, 1]; where the policy has a base, a share of it is added to the base's action.
 
     Each row of the observation gives the action of its own robot, for all robots by the same network.
 
@@ -72,7 +72,7 @@ class Learned(Policy):
             np.clip(self.network(rows), -1.0, 1.0, out=action)
         else:
             base_rows = base.numpy().reshape(action.shape)
-            added = self.network(np.concatenate([rows, base_rows], axis=1))
+            added = np.clip(self.network(np.concatenate([rows, base_rows], axis=1)), -1.0, 1.0)
             np.clip(base_rows + np.float32(self.card.residual) * added, -1.0, 1.0, out=action)
 
     def _by_torch(self, observation: wp.array, base: wp.array | None) -> None:
@@ -85,7 +85,7 @@ class Learned(Policy):
                 action.copy_(self._torch_network(rows).clamp_(-1.0, 1.0))
             else:
                 base_rows = wp.to_torch(base).flatten(0, 1)
-                added = self._torch_network(torch.cat([rows, base_rows], dim=1))
+                added = self._torch_network(torch.cat([rows, base_rows], dim=1)).clamp_(-1.0, 1.0)
                 action.copy_((base_rows + self.card.residual * added).clamp_(-1.0, 1.0))
 
 

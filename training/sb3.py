@@ -37,6 +37,7 @@ class RobotVecEnv(VecEnv):
         num_worlds: W; there are W N rows.
         card: Which entries of the observation a row holds, and what its action is added to; by default the whole
             observation, and nothing.
+        residual_penalty: Reward that an action costs per step and mean square, where it is added to a base's.
         device: Warp device.
         seed: Seed of world 0; world k has seed + k, and draws its next seeds from it.
         threads: CPU threads; all cores by default.
@@ -47,6 +48,7 @@ class RobotVecEnv(VecEnv):
         scenario: Scenario,
         num_worlds: int = 1,
         card: Card | None = None,
+        residual_penalty: float = 0.0,
         device: Any = "cpu",
         seed: int = 0,
         threads: int | None = None,
@@ -54,6 +56,7 @@ class RobotVecEnv(VecEnv):
         self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed, threads=threads)
         self.scenario = self.simulation.scenario
         self.card = card or Card.of(self.scenario)
+        self.residual_penalty = residual_penalty
         self.base = None
         if self.card.base is not None:
             self.base = baselines.make(self.card.base, self.scenario, num_worlds, device)
@@ -84,7 +87,8 @@ class RobotVecEnv(VecEnv):
 
     def step_async(self, actions: np.ndarray) -> None:
         """Take the actions (W N, action_size) of the next step."""
-        self._actions = np.asarray(actions, dtype=np.float32).reshape(self.simulation.action_shape)
+        actions = np.asarray(actions, dtype=np.float32).reshape(self.simulation.action_shape)
+        self._actions = np.clip(actions, -1.0, 1.0)
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take the step: rows, rewards, dones, infos."""
@@ -93,6 +97,8 @@ class RobotVecEnv(VecEnv):
             actions = np.clip(self._base_action + self.card.residual * actions, -1.0, 1.0)
         simulation.step(actions)
         rewards = simulation.reward.numpy().reshape(-1).copy()
+        if self.residual_penalty > 0:
+            rewards -= self.residual_penalty * np.square(self._actions).mean(axis=2).reshape(-1)
         terminated = simulation.terminated.numpy().astype(bool).reshape(-1)
         over = simulation.over
         ended = terminated | np.repeat(over, simulation.num_robots)
@@ -203,18 +209,9 @@ def to_network(model: PPO, activation: str) -> Network:
 
 
 def from_network(model: PPO, network: Network) -> None:
-    """Give a model's policy the weights of a network.
-
-    Raises:
-        ValueError: its layers have other sizes.
-    """
-    layers = policy_layers(model)
-    want = [tuple(layer.weight.shape) for layer in layers]
-    got = [weight.shape for weight in network.weights]
-    if want != got:
-        raise ValueError(f"start must have layers of shapes {want}, got {got}")
+    """Give a model's policy the weights of a network of the same layers."""
     with torch.no_grad():
-        for layer, weight, bias in zip(layers, network.weights, network.biases, strict=True):
+        for layer, weight, bias in zip(policy_layers(model), network.weights, network.biases, strict=True):
             layer.weight.copy_(torch.from_numpy(weight))
             layer.bias.copy_(torch.from_numpy(bias))
 

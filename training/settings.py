@@ -23,8 +23,9 @@ class Train:
 
     scenario: str = "intruders"
     """Scenario to train on."""
-    algorithm: Literal["ppo", "dagger"] = "ppo"
-    """ppo: proximal policy optimization of Stable-Baselines3, after a start by imitation. dagger: imitation alone."""
+    algorithm: Literal["ppo", "dagger", "clone"] = "ppo"
+    """ppo: proximal policy optimization of Stable-Baselines3, after a start by imitation. dagger: imitation alone, in
+    the states that the student reaches; clone: in those that the teacher reaches."""
     steps: int = 100_000_000
     """Steps of a robot to train for, over all robots of all worlds."""
     worlds: int = 512
@@ -39,9 +40,13 @@ class Train:
     """Classical policy that the network's output is added to, as kuramoto-mpcc; without it the network acts alone."""
     residual: float = 0.3
     """What the network's output is multiplied with where there is a base."""
+    residual_penalty: float = 0.0
+    """Reward that a residual costs, per step and mean square of the output: it leaves the base only where that pays."""
     teacher: str | None = None
-    """Policy that is imitated, in the states that the student reaches (DAgger); none goes without. By default none with
-    `start` or `base`, else kuramoto for points and kuramoto-arc-mpcc for cars."""
+    """Policy that is imitated; none goes without. By default none with `start` or `base`, else kuramoto for points and
+    sweep for cars."""
+    imitation: Literal["dagger", "clone"] = "clone"
+    """How ppo imitates at its start."""
     imitation_steps: int = 4_000_000
     """Steps of a robot, the first of `steps`, in which ppo imitates."""
     inputs: tuple[str, ...] = ()
@@ -111,11 +116,13 @@ class Train:
             self._require(name, getattr(self, name) > 0, "must be positive")
         for name in ("gamma", "gae_lambda"):
             self._require(name, 0 <= getattr(self, name) <= 1, "must be from 0 to 1")
-        for name in ("entropy", "value_weight"):
+        for name in ("entropy", "value_weight", "residual_penalty"):
             self._require(name, getattr(self, name) >= 0, "must not be negative")
         self._require("imitation_steps", self.imitation_steps >= 0, "must not be negative")
         self._require("teacher", self.imitated is None or self.base is None, "must be none where there is a base")
-        self._require("teacher", self.imitated is not None or self.algorithm == "ppo", "must be given for dagger")
+        self._require(
+            "teacher", self.imitated is not None or self.algorithm == "ppo", "must be given for imitation alone"
+        )
         for name in (self.base, self.imitated, *self.rivals):
             if name is not None:
                 registry.check(name, self.make_scenario())
@@ -127,14 +134,19 @@ class Train:
             return None if self.teacher == "none" else self.teacher
         if self.start is not None or self.base is not None:
             return None
-        return "kuramoto" if self.make_scenario().robot.kind == "curve" else "kuramoto-arc-mpcc"
+        return "kuramoto" if self.make_scenario().robot.kind == "curve" else "sweep"
 
     @property
     def imitated_until(self) -> int:
         """Steps of a robot after which imitation ends."""
         if self.imitated is None:
             return 0
-        return self.steps if self.algorithm == "dagger" else min(self.imitation_steps, self.steps)
+        return min(self.imitation_steps, self.steps) if self.algorithm == "ppo" else self.steps
+
+    @property
+    def student_drives(self) -> bool:
+        """Whether the states that are imitated in become those that the student reaches."""
+        return (self.imitation if self.algorithm == "ppo" else self.algorithm) == "dagger"
 
     def make_scenario(self) -> Scenario:
         """Make the scenario, without the coverage grid unless the reward asks for it."""

@@ -1,0 +1,221 @@
+"""The benchmark on many machines: Ray plays its batches of episodes over a cluster.
+
+The driver alone writes the journal, a batch at a time, when it has come back whole. So the loss of a worker, of a node
+or of the driver itself costs the batches that were being played, and these are played again: no episode is lost or
+doubled. Machines of one kind give the rows of the engine `local`, bit for bit.
+"""
+
+import contextlib
+import importlib
+import logging
+import socket
+from collections import Counter, deque
+from collections.abc import Iterator
+from importlib.metadata import version
+from typing import Any
+
+from baselines import benchmark, stored
+from baselines.benchmark import Benchmark, Cell, Failure
+from baselines.progress import Progress
+
+_RETRIES = 3
+"""Times that a batch is played again after its worker or node was lost: a policy that kills its process must end."""
+_AHEAD = 2
+"""Batches handed out for each CPU, so that none waits for work."""
+_PATIENCE = 10.0
+"""Time in which a cluster must answer [s]."""
+_STORE = 100_000_000
+"""Memory that the workers of a Ray of our own share [bytes]; what they exchange is small."""
+
+
+def check(device: str) -> None:
+    """Refuse what no Ray cluster can do.
+
+    Raises:
+        ValueError: Ray is not installed, or a device by its number.
+    """
+    _ray()
+    if device not in ("cpu", "cuda"):
+        raise ValueError(f"device of engine ray must be cpu or cuda, for Ray chooses which one; got {device!r}")
+
+
+@contextlib.contextmanager
+def connected(address: str | None) -> Iterator[Any]:
+    """Yield Ray, connected to the cluster at an address, or to one on this machine that ends with the block.
+
+    A process that is connected already stays with the cluster that it has.
+
+    Raises:
+        ValueError: Ray is not installed, or cannot join that cluster.
+        ConnectionError: nothing answers at the address.
+    """
+    ray = _ray()
+    if ray.is_initialized():
+        yield ray
+        return
+    if address:
+        _knock(address)
+    own = {} if address else {"object_store_memory": _STORE, "include_dashboard": False}
+    try:
+        ray.init(address or "local", log_to_driver=False, logging_level=logging.ERROR, **own)
+    except ConnectionError as error:
+        raise ConnectionError(f"no Ray cluster answers at {address}: {_first_line(error)}") from error
+    except (RuntimeError, ValueError) as error:
+        where = f"the Ray cluster at {address} cannot be joined" if address else "Ray cannot be started"
+        raise ValueError(f"{where}: {_first_line(error)}") from error
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
+
+
+def play_all(
+    settings: Benchmark, work: list[tuple[Cell, list[int]]], kept: stored.Episodes, progress: Progress
+) -> list[Failure]:
+    """Play what is left over a cluster and keep each batch when it comes; return the policies that failed.
+
+    A policy that raises, or whose batch has lost its worker again and again, fails; its other batches that ended are
+    kept, and the other policies go on.
+
+    Args:
+        settings: What is played.
+        work: Cells, each with the numbers of the episodes that are left to play.
+        kept: Where the rows go.
+        progress: Where to show them.
+
+    Raises:
+        ValueError: Ray cannot be had, a policy cannot be sent to it, or a node lacks what the settings ask for.
+        ConnectionError: nothing answers at the address.
+    """
+    size = settings.worlds
+    waiting = deque((cell, numbers[k : k + size]) for cell, numbers in work for k in range(0, len(numbers), size))
+    if not waiting:
+        return []
+    shown = _Shown(progress, work)
+    failures: dict[str, Failure] = {}
+    with connected(settings.address) as ray:
+        play = _remote(ray, settings)
+        sent = {_name(cell): ray.put(_packed(ray, cell, settings)) for cell, numbers in work if numbers}
+        playing: dict[Any, tuple[Cell, list[int]]] = {}
+        while waiting or playing:
+            # Counted anew each time: nodes come and go.
+            room = max(_AHEAD * int(ray.cluster_resources().get("CPU", 0)), 1)
+            while waiting and len(playing) < room:
+                cell, numbers = waiting.popleft()
+                if _name(cell) not in failures:
+                    playing[play(sent[_name(cell)], numbers)] = cell, numbers
+            for reference in ray.wait(list(playing), timeout=1.0)[0] if playing else []:
+                cell, numbers = playing.pop(reference)
+                result = _result(ray, reference, cell)
+                if isinstance(result, Failure):
+                    failures.setdefault(_name(cell), result)
+                    shown.failed(cell)
+                else:
+                    kept.add(result)
+                    shown.finished(cell, len(result))
+    return [failures[_name(cell)] for cell, _ in work if _name(cell) in failures]
+
+
+def _knock(address: str) -> None:
+    """Refuse an address at which nobody is: Ray itself tries for minutes."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not colon or not port.isdigit():
+        return
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), _PATIENCE).close()
+    except (OSError, OverflowError) as error:
+        raise ConnectionError(f"no Ray cluster answers at {address}: {error}") from error
+
+
+class _Shown:
+    """Shows the cells in their order, though their batches end in any."""
+
+    def __init__(self, progress: Progress, work: list[tuple[Cell, list[int]]]):
+        self._progress = progress
+        self._left = deque((cell, len(numbers)) for cell, numbers in work if numbers)
+        self._finished: Counter[str] = Counter()
+        self._failed: set[str] = set()
+        progress.begin(self._left[0][0])
+
+    def finished(self, cell: Cell, episodes: int) -> None:
+        self._finished[_name(cell)] += episodes
+        self._show()
+
+    def failed(self, cell: Cell) -> None:
+        self._failed.add(_name(cell))
+        self._show()
+
+    def _show(self) -> None:
+        while self._left:
+            cell, left = self._left.popleft()
+            episodes = self._finished.pop(_name(cell), 0)
+            if episodes:
+                for _ in range(cell.scenario.task.steps):
+                    self._progress.step(episodes)
+                self._progress.finished(episodes)
+            failed = _name(cell) in self._failed
+            if episodes < left and not failed:
+                self._left.appendleft((cell, left - episodes))
+                return
+            self._progress.end("failed" if failed else "")
+            if self._left:
+                self._progress.begin(self._left[0][0])
+
+
+def _remote(ray: Any, settings: Benchmark) -> Any:
+    """Return a function that hands a batch of a cell to the cluster."""
+    gpus = 1 if settings.device == "cuda" else 0
+    if gpus and not ray.cluster_resources().get("GPU"):
+        raise ValueError("device must be one that the Ray cluster has, got cuda; none of its nodes has a GPU")
+    versions = stored.as_settings(settings, [])["versions"]
+    needs = {"num_cpus": 1, "num_gpus": gpus, "scheduling_strategy": "SPREAD"}
+    remote = ray.remote(**needs, max_retries=_RETRIES)(_play)
+    return lambda packed, numbers: remote.remote(packed, numbers, versions)
+
+
+def _play(packed: bytes, numbers: list[int], versions: dict[str, str]) -> list[dict[str, Any]] | Failure:
+    """Play one batch; this runs on a worker."""
+    ray = _ray()
+    here = {name: version(name) for name in versions}
+    if here != versions:
+        raise ValueError(f"every node must have {versions}, got {here} on {ray.util.get_node_ip_address()}")
+    cell, settings = ray.cloudpickle.loads(packed)
+    try:
+        return next(benchmark.play(cell, settings, numbers, lambda _: None))
+    except Exception as error:
+        # As words: the error itself may be of a class that the driver cannot load.
+        return benchmark.failure(cell, error)
+
+
+def _packed(ray: Any, cell: Cell, settings: Benchmark) -> bytes:
+    try:
+        return ray.cloudpickle.dumps((cell, settings))
+    except Exception as error:
+        raise ValueError(
+            f"policy {cell.policy} cannot be sent to another process ({_first_line(error)}); "
+            "give a function (scenario, num_worlds, device) that makes it, or module:factory"
+        ) from error
+
+
+def _result(ray: Any, reference: Any, cell: Cell) -> list[dict[str, Any]] | Failure:
+    try:
+        return ray.get(reference)
+    except ray.exceptions.RayTaskError as error:
+        raise ValueError(f"a node of the Ray cluster cannot play: {_first_line(error.cause)}") from error
+    except ray.exceptions.RayError as error:
+        return benchmark.failure(cell, error)
+
+
+def _name(cell: Cell) -> str:
+    return f"{cell.scenario.name} {cell.policy}"
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).strip().partition("\n")[0] or type(error).__name__
+
+
+def _ray() -> Any:
+    try:
+        return importlib.import_module("ray")
+    except ImportError as error:
+        raise ValueError(f'engine ray must have Ray ({error}): pip install "lissajous-env[cluster]"') from error

@@ -1,0 +1,325 @@
+"""How good the classical policies are once somebody tunes them: `python benchmarks/tuning.py --out FOLDER`.
+
+Learned policies are trained on a scenario, so the classical ones that they are compared with are tuned on it, on
+training seeds (0, 1 ...) alone: each by as many trials, and by four times as many where no controller is to be solved,
+which costs a tenth. A setting is scored by the interquartile mean over episodes of the detection time, and by
+collisions an episode; two are chosen for each policy:
+
+* `fast`: the shortest detection time of those that collide no more than the default does;
+* `careful`, where the default collides: the fewest collisions of those that detect no later than the default does.
+
+Both, and the default, then play the held-out seeds once. A trial changes what belongs to the policy and never the
+world, which is always the scenario as it is: the policy is made from it with another `formation.phase_rate` and
+`coupling`, and with parameters of its own. Left as they are: `alpha` and `ring`, which are the world's (they say what
+the observed phase means, and who hears whom), and `p`, which permutes the robots over the same places.
+
+The search: what was chosen for the policies before, as far as it applies, and random settings around the default;
+then generations of changed copies of the best; all on the first quarter of the training seeds, and the best of these
+on all of them. The paper's method comes after those with the same controller, and `-safe` after the policy under it.
+FOLDER holds every trial (`trials.jsonl`, `trials.csv`), the chosen settings (`tuned.json`) and the table (`tuned.md`);
+killed and called again with the same FOLDER and options, it goes on. After a change of the code take another FOLDER.
+"""
+
+import argparse
+import csv
+import json
+import math
+import time
+import zlib
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import lissajous_env
+from baselines.arc import ArcParameters, KuramotoByArc, ground_speed
+from baselines.consensus import Consensus
+from baselines.coordinated import WithMpcc
+from baselines.kuramoto import Kuramoto
+from baselines.loop import SweepParameters, cruising_speed
+from baselines.mpcc import MpccParameters
+from baselines.open_loop import OpenLoop
+from baselines.patrol import Sweep
+from baselines.policy import Policy
+from baselines.safety import Safe, SafetyParameters
+from baselines.statistics import bootstrap_interval, interquartile_mean
+from baselines.tracked_reference import TrackedReference
+from baselines.vector_field import FieldParameters, WithVectorField
+from lissajous_env.files import Journal, locked, replacing, write_atomically
+from lissajous_env.scenario import Scenario
+
+POLICIES = (
+    "open-loop-mpcc", "tracked-reference-mpcc", "kuramoto-mpcc", "kuramoto-mpcc-safe", "kuramoto-arc-mpcc",
+    "kuramoto-arc-mpcc-safe", "consensus-gvf", "consensus-gvf-safe", "sweep", "sweep-safe",
+)  # fmt: skip
+HELD_OUT = range(10_000, 10_064)
+BATCH = 64
+COLUMNS = ("detection_time_mean", "detection_time_p95", "collisions", "return_mean")
+SLACK = 0.05
+"""Collisions an episode that are not worth a choice: one in twenty minutes."""
+ELITE = 3
+"""Settings that go on, by each goal."""
+COORDINATORS = {"kuramoto": Kuramoto, "open-loop": OpenLoop, "tracked-reference": TrackedReference}
+
+Settings = dict[str, float | int]
+"""What differs from the default, as `part.name`; part is `formation` or the parameters of a piece of the policy."""
+
+
+def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+    """Make a policy by name with some of its parameters changed."""
+    parts: dict[str, dict[str, Any]] = {}
+    for key, value in settings.items():
+        part, field = key.split(".")
+        parts.setdefault(part, {})[field] = value
+    if name.endswith("-safe"):
+        under = {key: value for key, value in settings.items() if not key.startswith("safety.")}
+        wanted = make(name.removesuffix("-safe"), scenario, under, num_worlds, device)
+        return Safe(wanted, SafetyParameters(**parts.get("safety", {})))
+    planned = lissajous_env.scenario(scenario, formation=parts.get("formation", {}))
+    if name == "sweep":
+        policy = Sweep(planned, num_worlds, device, SweepParameters(**parts.get("sweep", {})))
+    elif name == "consensus-gvf":
+        field = FieldParameters(**parts.get("field", {}))
+        policy = WithVectorField(Consensus, planned, num_worlds, device, field)
+    else:
+        mpcc = MpccParameters.of(scenario.robot, step=scenario.task.step, **parts.get("mpcc", {}))
+        arc = partial(KuramotoByArc, parameters=ArcParameters(**parts.get("arc", {})))
+        coordinator = COORDINATORS.get(name.removesuffix("-mpcc"), arc)
+        policy = WithMpcc(coordinator, planned, num_worlds, device, mpcc)
+    policy.name = name
+    return policy
+
+
+def space(name: str, scenario: Scenario) -> dict[str, tuple[float, float] | list[int]]:
+    """What a trial may change: a range, drawn from evenly in the logarithm, or a list of choices.
+
+    Rates and speeds that the cars cannot reach are among them: asked for too much, a car goes as fast as it can.
+    """
+    rate, top = scenario.formation.phase_rate, scenario.robot.speed_max
+    found: dict[str, tuple[float, float] | list[int]] = {}
+    if name.endswith("-safe"):
+        found |= space(name.removesuffix("-safe"), scenario)
+        found |= {"safety.clearance": (0.02, 0.3), "safety.growth": (0.05, 0.6), "safety.effort": (0.02, 0.4),
+                  "safety.horizon": [5, 8, 12, 16], "safety.speed_max": (0.3, top)}  # fmt: skip
+        return found
+    if name == "sweep":
+        cruise = cruising_speed(scenario)
+        deepest = 0.9 * scenario.curve.half_height
+        return {"sweep.cruise": (0.3 * cruise, min(2.5 * cruise, top)), "sweep.inset": (0.02, deepest),
+                "sweep.lanes": [2, 4, 6], "sweep.lookahead": (0.3, 2.0)}  # fmt: skip
+    if name.startswith("kuramoto-arc"):
+        speed = ground_speed(scenario)
+        found |= {"arc.speed": (0.3 * speed, 2.5 * speed), "arc.preview": (0.2, 1.5)}
+    else:
+        found |= {"formation.phase_rate": (0.3 * rate, 4.0 * rate)}
+    if name.startswith(("kuramoto", "consensus")):
+        found |= {"formation.coupling": (0.05, 4.0)}
+    if name == "consensus-gvf":
+        return found | {"field.pull": (0.5, 10.0), "field.turn": (2.0, 20.0), "field.speed": (1.0, 20.0),
+                        "field.slowest": (0.1, 1.0)}  # fmt: skip
+    return found | {"mpcc.weight_lateral": (0.001, 1.0), "mpcc.weight_lag": (0.001, 1.0),
+                    "mpcc.weight_steering": (3e-4, 0.1), "mpcc.weight_throttle": (3e-4, 0.1),
+                    "mpcc.stages": [10, 15, 20]}  # fmt: skip
+
+
+def drawn(bounds: Any, random: np.random.Generator, near: float | None = None) -> float | int:
+    """Draw a value within bounds; where `near` is given, within a factor of about 1.3 of it."""
+    if isinstance(bounds, list):
+        return int(random.choice(bounds))
+    low, high = bounds
+    wide = random.uniform(math.log(low), math.log(high))
+    value = math.exp(wide if near is None else math.log(near) + 0.3 * random.standard_normal())
+    return float(f"{min(max(value, low), high):.3g}")
+
+
+def changed(settings: Settings, bounds: dict[str, Any], random: np.random.Generator) -> Settings:
+    """Copy of settings in which about a third of the values are others, one of ten the default."""
+    child = dict(settings)
+    for key in random.permutation(list(bounds))[: 1 + random.binomial(len(bounds) - 1, 0.33)]:
+        if key in child and random.random() < 0.1:
+            del child[key]
+        else:
+            child[key] = drawn(bounds[key], random, near=child.get(key))
+    return child
+
+
+class Trials:
+    """Plays settings, and remembers in a journal what was played."""
+
+    def __init__(self, journal: Journal, device: Any):
+        self.journal, self.device = journal, device
+        self.entries = {self._key(entry): entry for entry in journal.entries}
+
+    def play(self, name: str, scenario: Scenario, settings: Settings, seeds: range) -> dict[str, Any]:
+        """Return the scores of a setting on some seeds, an episode each."""
+        entry: dict[str, Any] = {"scenario": scenario.name, "digest": scenario.digest(), "policy": name,
+                                 "settings": settings, "first_seed": seeds[0], "seeds": len(seeds)}  # fmt: skip
+        if self._key(entry) not in self.entries:
+            begin = time.perf_counter()
+            policy = make(name, scenario, settings, min(len(seeds), BATCH), self.device)
+            rows = lissajous_env.evaluate(policy, scenario, seeds, self.device)
+            entry["seconds"] = round(time.perf_counter() - begin, 2)
+            # An episode in which no target came has no detection time.
+            entry |= {column: [row[column] for row in rows if math.isfinite(row[column])] for column in COLUMNS}
+            self.journal.append([entry])
+            self.entries[self._key(entry)] = entry
+        return self.entries[self._key(entry)]
+
+    @staticmethod
+    def _key(entry: dict[str, Any]) -> str:
+        return json.dumps([entry[k] for k in ("digest", "policy", "settings", "first_seed", "seeds")], sort_keys=True)
+
+
+def detection(entry: dict[str, Any]) -> float:
+    """Interquartile mean of the detection time [s]."""
+    return interquartile_mean(entry["detection_time_mean"])
+
+
+def collisions(entry: dict[str, Any]) -> float:
+    """Collisions an episode, mean."""
+    return float(np.mean(entry["collisions"]))
+
+
+def ranked(entries: list[dict[str, Any]], default: dict[str, Any], goal: str) -> list[dict[str, Any]]:
+    """Sort entries, the best first, by a goal relative to the default's entry on the same seeds."""
+    if goal == "fast":
+        allowed = max(collisions(default), SLACK)
+        return sorted(entries, key=lambda entry: (max(collisions(entry) - allowed, 0.0), detection(entry)))
+    allowed = detection(default)
+    return sorted(entries, key=lambda entry: (max(detection(entry) - allowed, 0.0), collisions(entry)))
+
+
+def tune(
+    trials: Trials, name: str, scenario: Scenario, known: list[Settings], options: argparse.Namespace
+) -> tuple[dict[str, Settings], list[dict[str, Any]]]:
+    """Settings of a policy by goal, `default` among them, and the finalists' entries on all training seeds."""
+    random = np.random.default_rng([options.seed, zlib.crc32(f"{scenario.name}/{name}".encode())])
+    bounds, few = space(name, scenario), range(max(options.seeds // 4, 1))
+    default = trials.play(name, scenario, {}, few)
+    goals = ["fast", "careful"] if collisions(default) > SLACK else ["fast"]
+    # The latest are the nearest kin; half of the trials at least are new.
+    begin = _distinct([{key: value for key, value in one.items() if key in bounds} for one in reversed(known)])
+    begin = begin[: options.random // 2]
+    effort = 1 if "mpcc" in name else 4
+    for k in range(effort * options.random - len(begin)):
+        # A few values, some, and all others than the default's, in turn: many values at once are seldom all good.
+        count = (1 + k % 2, math.ceil(0.4 * len(bounds)), len(bounds))[k % 3]
+        begin.append({key: drawn(bounds[key], random) for key in random.permutation(list(bounds))[:count]})
+    played = [default] + [trials.play(name, scenario, settings, few) for settings in begin]
+    for _ in range(options.generations):
+        parents = _elite(played, default, goals)
+        children = effort * options.children
+        for k in range(children):
+            settings = changed(parents[k * len(parents) // children], bounds, random)
+            played.append(trials.play(name, scenario, settings, few))
+    every = range(options.seeds)
+    on_all = trials.play(name, scenario, {}, every)
+    best = _elite(played, default, goals)
+    finalists = [on_all] + [trials.play(name, scenario, settings, every) for settings in _distinct(best)]
+    chosen: dict[str, Settings] = {"default": {}}
+    chosen |= {goal: ranked(finalists, on_all, goal)[0]["settings"] for goal in goals}
+    return chosen, finalists
+
+
+def _elite(played: list[dict[str, Any]], default: dict[str, Any], goals: list[str]) -> list[Settings]:
+    """Settings that are best by each goal, `ELITE` of each."""
+    best = [_distinct([entry["settings"] for entry in ranked(played, default, goal)])[:ELITE] for goal in goals]
+    return [settings for few in best for settings in few] or [{}]
+
+
+def _distinct(settings: list[Settings]) -> list[Settings]:
+    """Settings without repetitions and the default."""
+    return [one for k, one in enumerate(settings) if one and one not in settings[:k]]
+
+
+def front(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Entries to which no other is better in one of detection time and collisions, and no worse in the other."""
+    kept: list[dict[str, Any]] = []
+    for entry in sorted(entries, key=lambda entry: (detection(entry), collisions(entry))):
+        if not kept or collisions(entry) < collisions(kept[-1]):
+            kept.append(entry)
+    return kept
+
+
+def described(settings: Settings) -> str:
+    """Settings on one line."""
+    return ", ".join(f"{key} {value:g}" for key, value in sorted(settings.items())) or "-"
+
+
+def table(results: dict[str, dict[str, dict[str, Any]]]) -> list[str]:
+    """Lines of the table of the held-out seeds of one scenario, in Markdown; `*` is on the front of all policies."""
+    best = front([entry for by_goal in results.values() for entry in by_goal.values()])
+    lines = ["| policy | chosen | detection time, IQM [s] | 95 % interval | collisions | return | settings |",
+             "|---|---|---|---|---|---|---|"]  # fmt: skip
+    for name, by_goal in results.items():
+        for entry in {id(entry): entry for entry in by_goal.values()}.values():
+            goals = " = ".join(goal for goal, other in by_goal.items() if other is entry)
+            low, high = bootstrap_interval(entry["detection_time_mean"])
+            star = "*" if any(entry is one for one in best) else ""
+            times = f"{detection(entry):.3f} | {low:.3f} to {high:.3f}"
+            others = f"{collisions(entry):.2f} | {np.mean(entry['return_mean']):.2f}"
+            lines.append(f"| {name} | {goals}{star} | {times} | {others} | {described(entry['settings'])} |")
+    return lines
+
+
+def write_csv(path: Path, entries: list[dict[str, Any]]) -> None:
+    """Write every trial as one row."""
+    with replacing(path) as temporary, open(temporary, "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(
+            ["scenario", "policy", "first_seed", "seeds", "detection_time_iqm", "collisions", "return_mean", "settings"]
+        )
+        for entry in entries:
+            numbers = [detection(entry), collisions(entry), float(np.mean(entry["return_mean"]))]
+            where = [entry[key] for key in ("scenario", "policy", "first_seed", "seeds")]
+            writer.writerow([*where, *(f"{number:.5g}" for number in numbers), described(entry["settings"])])
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Tune the classical policies on training seeds, test them on others.")
+    parser.add_argument("--scenario", nargs="+", default=["intruders", "rough"])
+    parser.add_argument("--policies", nargs="+", default=POLICIES, choices=POLICIES)
+    parser.add_argument("--seeds", type=int, default=32, help="training seeds, from 0")
+    parser.add_argument("--random", type=int, default=32, help="random settings of each policy")
+    parser.add_argument("--generations", type=int, default=4)
+    parser.add_argument("--children", type=int, default=8, help="settings in a generation")
+    parser.add_argument("--seed", type=int, default=0, help="of the search")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--out", type=Path, default=Path("results/tuning"))
+    options = parser.parse_args()
+    if not 1 <= options.seeds <= HELD_OUT[0]:
+        parser.error(f"--seeds must be from 1 to {HELD_OUT[0]}, the first held-out one, got {options.seeds}")
+    options.out.mkdir(parents=True, exist_ok=True)
+    begin, lines, tuned = time.perf_counter(), [], {}
+    with locked(options.out), Journal(options.out / "trials.jsonl") as journal:
+        trials = Trials(journal, options.device)
+        for scenario in map(lissajous_env.scenario, options.scenario):
+            chosen: dict[str, dict[str, Settings]] = {}
+            finalists: list[dict[str, Any]] = []
+            for name in options.policies:
+                known = [settings for by_goal in chosen.values() for settings in by_goal.values()]
+                chosen[name], entries = tune(trials, name, scenario, known, options)
+                finalists += entries
+                print(f"{scenario.name:12s}{name:26s}{time.perf_counter() - begin:7.0f} s", flush=True)
+            # Only now, when everything is chosen, are the held-out seeds looked at, once.
+            results = {
+                name: {goal: trials.play(name, scenario, settings, HELD_OUT) for goal, settings in by_goal.items()}
+                for name, by_goal in chosen.items()
+            }
+            lines += [f"\n`{scenario.name}`, held-out seeds {HELD_OUT[0]} to {HELD_OUT[-1]}\n", *table(results)]
+            lines += [f"\n`{scenario.name}`, the trade-off on training seeds: no finalist is better in both\n"]
+            lines += ["| detection time, IQM [s] | collisions | policy | settings |", "|---|---|---|---|"]
+            for entry in front(finalists):
+                numbers = f"| {detection(entry):.3f} | {collisions(entry):.2f} "
+                lines.append(f"{numbers}| {entry['policy']} | {described(entry['settings'])} |")
+            tuned[scenario.name] = chosen
+        write_csv(options.out / "trials.csv", list(trials.entries.values()))
+    write_atomically(options.out / "tuned.json", json.dumps(tuned, indent=2) + "\n")
+    write_atomically(options.out / "tuned.md", "\n".join(lines).strip() + "\n")
+    print("\n".join(lines))
+    print(f"\n{len(trials.entries)} trials, {time.perf_counter() - begin:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

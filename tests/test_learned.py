@@ -1,0 +1,153 @@
+"""Learned policies: the same interface as the classical ones, and nothing seen but the observation."""
+
+import sys
+
+import numpy as np
+import pytest
+import warp as wp
+
+import baselines
+import lissajous_env
+import training
+from lissajous_env import Simulation
+from tests.test_network import make_network
+from training import checkpoint
+from training.checkpoint import Card
+from training.learned import Learned
+
+
+def played(policy, simulation, steps):
+    """Observations and actions (steps, W, N ...) of an episode."""
+    observations, actions = [], []
+    observation = simulation.observation
+    for _ in range(steps):
+        observations.append(observation.numpy().copy())
+        actions.append(policy.act(observations[-1]))
+        observation, *_ = simulation.step(actions[-1])
+    return np.array(observations), np.array(actions)
+
+
+def home(name):
+    return checkpoint.read(training.learned.find(name))[1].scenario
+
+
+@pytest.mark.parametrize("name", training.names())
+def test_shipped_policies_are_small_and_say_where_they_come_from(name):
+    folder = training.learned.find(name)
+    assert sum(path.stat().st_size for path in folder.iterdir()) < 1_000_000
+    _, card, text = checkpoint.read(folder)
+    assert text["command"].startswith("lissajous train")
+    assert card.settings["seed"] >= 0
+    assert (folder / "curve.png").stat().st_size > 10_000
+    assert text["curve"][-1]["steps"] > 0
+    assert set(text["held_out_scores"]) == set(text["made_for"])
+
+
+@pytest.mark.parametrize("name", training.names())
+def test_torch_and_numpy_give_the_same_actions(name):
+    # Oracle: torch, on the observations of an episode.
+    pytest.importorskip("torch")
+    by_numpy, by_torch = (training.load(name, num_worlds=4, backend=backend) for backend in ("numpy", "torch"))
+    observations, actions = played(by_numpy, Simulation(home(name), 4, seed=5), 60)
+    for observation, action in zip(observations, actions, strict=True):
+        assert by_torch.act(observation) == pytest.approx(action, abs=2e-6)
+
+
+def test_torch_tensors_come_back_as_torch_tensors():
+    torch = pytest.importorskip("torch")
+    policy = training.load("learned-rough", num_worlds=2, backend="torch")
+    simulation = Simulation("rough", 2, seed=3)
+    got = policy.act(wp.to_torch(simulation.observation))
+    assert isinstance(got, torch.Tensor)
+    assert got.shape == (2, 5, 2)
+    assert got.numpy() == pytest.approx(policy.act(simulation.observation.numpy()))
+
+
+@pytest.mark.parametrize("name", training.names())
+def test_a_policy_sees_nothing_but_the_observation(name):
+    # Oracle: a world whose hidden state is another, with the same observation.
+    first, second = Simulation(home(name), 2, seed=1), Simulation(home(name), 2, seed=1)
+    one, two = training.load(name, num_worlds=2), training.load(name, num_worlds=2)
+    for step in range(30):
+        for hidden in (second.rogues.position, second.robots.position, second.robots.heading, second.tally.returns):
+            hidden.assign(hidden.numpy() + np.float32(0.1 + 0.01 * step))
+        seen = first.observation.numpy().copy()
+        second.observation.assign(seen)
+        action = one.act(seen)
+        assert (two.act(second.observation).numpy() == action).all()
+        first.step(action)
+
+
+@pytest.mark.parametrize("name", training.names())
+def test_what_a_robot_does_depends_on_its_own_row(name):
+    # Oracle: the rows of all other robots replaced by noise.
+    simulation, draw = Simulation(home(name), 1, seed=2), np.random.default_rng(0)
+    policy, other = training.load(name), training.load(name)
+    for step in range(20):
+        observation = simulation.observation.numpy().copy()
+        i = step % simulation.num_robots
+        noisy = np.where(
+            np.arange(simulation.num_robots)[:, None] == i, observation[0], draw.normal(size=observation[0].shape)
+        )
+        action = policy.act(observation)
+        policy.reset()
+        other.reset()
+        alone = other.act(noisy[None].astype(np.float32))
+        assert alone[0, i] == pytest.approx(training.load(name).act(observation)[0, i], abs=1e-6)
+        simulation.step(action)
+
+
+def test_a_base_carries_the_network():
+    # Oracle: the base itself under a network of zeros, and a constant one by hand.
+    base = baselines.make("sweep", "intruders", 2)
+    card = Card.of(lissajous_env.scenario("intruders"), base="sweep", residual=0.25)
+    zeros = make_network((44, 2))
+    zeros.weights[0][:] = 0.0
+    zeros.biases[0][:] = 0.0
+    policy = Learned(zeros, card, "intruders", 2)
+    simulation = Simulation("intruders", 2)
+    _, actions = played(policy, simulation, 20)
+    _, expected = played(base, Simulation("intruders", 2), 20)
+    assert (actions == expected).all()
+    zeros.biases[0][:] = (7.0, -0.4)
+    policy.reset()
+    base.reset()
+    observation = simulation.observation.numpy().copy()
+    wanted = np.clip(base.act(observation) + 0.25 * np.array([1.0, -0.4], np.float32), -1, 1)
+    assert policy.act(observation) == pytest.approx(wanted, abs=1e-6)
+
+
+def test_shipped_policies_are_played_like_the_classical_ones():
+    assert "learned-rough" in baselines.names("rough")
+    assert "learned-rough" not in baselines.names("failure")
+    rows = lissajous_env.evaluate(baselines.make("learned-rough", "rough", 2), "rough", seeds=range(2))
+    assert [row["policy"] for row in rows] == ["learned-rough"] * 2
+    assert baselines.make("learned-rough-safe", "rough").name == "learned-rough-safe"
+    assert baselines.policy.made_for("learned-rough", "rough")
+    assert not baselines.policy.made_for("learned-rough-safe", "experiment")
+
+
+def test_a_policy_of_a_folder_is_for_the_scenario_it_was_trained_on(tmp_path):
+    settings = {"overrides": {"sensing.targets_seen": 2}}
+    card = Card.of(lissajous_env.scenario("intruders", **settings["overrides"]), settings=settings)
+    checkpoint.save(tmp_path, make_network((36, 2)), card)
+    policy = training.load(tmp_path)
+    assert policy.scenario.sensing.targets_seen == 2
+    with pytest.raises(ValueError, match="must drive robots of kind car"):
+        training.load(tmp_path, "failure")
+
+
+@pytest.mark.parametrize("name", ["learned-nothing", "", "/nowhere/at/all"])
+def test_an_unknown_name_is_refused_with_what_there_is(name):
+    with pytest.raises(ValueError, match=r"policy must be one of learned-.*, or a folder that holds checkpoint.json"):
+        training.load(name)
+
+
+def test_the_numpy_path_needs_no_torch(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    policy = training.load("learned-rough", num_worlds=3)
+    assert policy.act(Simulation("rough", 3).observation.numpy()).shape == (3, 5, 2)
+    with pytest.raises(ImportError):
+        training.load("learned-rough", backend="torch")
+    with pytest.raises(ValueError, match="backend must be numpy"):
+        training.load("learned-rough", backend="jax")

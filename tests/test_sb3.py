@@ -1,0 +1,189 @@
+"""The batch as a VecEnv of Stable-Baselines3: rows are robots, and a time limit is not a death."""
+
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+
+pytest.importorskip("stable_baselines3")
+
+import gymnasium
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecCheckNan, VecEnv, VecMonitor, VecNormalize
+
+from training.checkpoint import Card
+from training.sb3 import RobotVecEnv
+
+
+def make_env(name="intruders", worlds=3, card=None, **overrides):
+    scenario = lissajous_env.scenario(name, **overrides)
+    inputs = card or {}
+    return RobotVecEnv(scenario, worlds, Card.of(scenario, **inputs) if card else None)
+
+
+def test_rows_are_the_robots_of_the_simulation_bit_for_bit():
+    # Oracle: the simulation, stepped by hand, over the end of an episode.
+    env = make_env(**{"task.duration": 2.0})
+    simulation = lissajous_env.Simulation(env.scenario, 3, seed=0)
+    draw, rows = np.random.default_rng(0), env.reset()
+    simulation.reset()
+    for step in range(45):
+        assert (rows == simulation.observation.numpy().reshape(15, -1)).all(), step
+        actions = draw.uniform(-1.5, 1.5, (15, 2)).astype(np.float32)
+        rows, rewards, dones, infos = env.step(actions)
+        simulation.step(actions.reshape(3, 5, 2))
+        assert (rewards == simulation.reward.numpy().reshape(-1)).all()
+        assert dones.all() == dones.any() == (step % 20 == 19)
+        if dones.any():
+            last = simulation.observation.numpy().reshape(15, -1).copy()
+            for row, info in zip(last, infos, strict=True):
+                assert (info["terminal_observation"] == row).all()
+                assert info["TimeLimit.truncated"] is True
+            simulation.reset(simulation.over)
+        else:
+            assert infos == [{}] * 15
+    assert len(env.scores) == 6
+
+
+def test_rows_do_not_change_afterwards():
+    env = make_env()
+    rows = env.reset()
+    kept = rows.copy()
+    after, *_ = env.step(np.ones((15, 2)))
+    assert (rows == kept).all()
+    assert not (after == kept).all()
+
+
+def test_a_removed_robot_ends_without_its_time_running_out():
+    # Two robots begin in each other: they crash in the first step, and their world goes on with the others.
+    env = make_env("experiment", 4, **{"task.on_collision": "remove", "robot.radius": 0.4, "task.duration": 3.0})
+    env.reset()
+    ended, truncated = np.zeros(20, int), np.zeros(20, int)
+    for _ in range(30):
+        rows, rewards, dones, infos = env.step(np.zeros((20, 2)))
+        for k in np.flatnonzero(dones):
+            ended[k] += 1
+            truncated[k] += infos[k]["TimeLimit.truncated"]
+            assert infos[k]["terminal_observation"].shape == rows[k].shape
+        if dones.all():
+            break
+        assert (rewards[(ended > 0) & ~dones] == 0).all(), "a row that stands still earns nothing"
+    assert ended.min() >= 1, "every robot has ended: by a crash, or with its world"
+    assert truncated.sum() < ended.sum(), "a crash is not a time limit"
+
+
+def test_stable_baselines_checks_and_wrappers_pass():
+    env = make_env(**{"task.duration": 1.0})
+    assert isinstance(env, VecEnv)
+    assert env.observation_space.shape == (42,)
+    wrapped = VecNormalize(VecMonitor(VecCheckNan(env, raise_exception=True)))
+    model = PPO("MlpPolicy", wrapped, n_steps=32, batch_size=96, n_epochs=1, device="cpu")
+    model.learn(1000)
+    assert len(model.ep_info_buffer) > 0
+    assert all(info["l"] == 10 for info in model.ep_info_buffer)
+    returns, lengths = evaluate_policy(model, wrapped, n_eval_episodes=30, return_episode_rewards=True, warn=False)
+    assert set(lengths) == {10}
+    assert np.isfinite(returns).all()
+    assert env.env_is_wrapped(VecMonitor) == [False] * 15
+    assert env.get_attr("num_envs", [0, 1]) == [15, 15]
+
+
+def test_observations_lie_in_their_space_and_seeds_repeat():
+    env, other = make_env("rough"), make_env("rough")
+    runs = []
+    for each in (env, other):
+        each.seed(7)
+        rows = [each.reset()]
+        draw = np.random.default_rng(1)
+        for _ in range(50):
+            rows.append(each.step(draw.uniform(-1, 1, (15, 2)))[0])
+        runs.append(np.stack(rows))
+    assert (runs[0] == runs[1]).all()
+    assert (runs[0] >= env.observation_space.low).all()
+    assert (runs[0] <= env.observation_space.high).all()
+
+
+def test_a_base_acts_and_the_action_is_added_to_it():
+    # Oracle: the classical policy itself, when nothing is added.
+    env = make_env(card={"base": "sweep", "residual": 0.5}, **{"task.duration": 3.0})
+    assert env.observation_space.shape == (44,)
+    policy = baselines.make("sweep", env.scenario, 3)
+    simulation = lissajous_env.Simulation(env.scenario, 3)
+    rows = env.reset()
+    for _ in range(2):
+        observation = simulation.reset()
+        policy.reset()
+        for _ in range(30):
+            action = policy.act(observation.numpy())
+            assert (rows[:, 42:] == action.reshape(15, 2)).all()
+            rows, *_ = env.step(np.zeros((15, 2)))
+            observation, *_ = simulation.step(action)
+    shown = rows[:, 42:].copy()
+    env.step(np.full((15, 2), 9.0))
+    applied = env.simulation.action.numpy().reshape(15, 2)
+    assert applied == pytest.approx(np.clip(shown + 0.5, -1, 1)), "an action is clipped before it is added"
+
+
+def test_inputs_are_the_entries_of_these_names():
+    names = ("speed", "x", "target_0_present")
+    env = make_env(card={"inputs": names})
+    whole = lissajous_env.Simulation(env.scenario, 3)
+    columns = [whole.layout.names.index(name) for name in names]
+    assert (env.reset() == whole.reset().numpy()[:, :, columns].reshape(15, 3)).all()
+
+
+class Countdown(VecEnv):
+    """Two rows that earn 1 a step; row 0 runs out of time after two steps, row 1 dies then."""
+
+    def __init__(self):
+        self.render_mode = None
+        super().__init__(2, gymnasium.spaces.Box(-9, 9, (1,)), gymnasium.spaces.Box(-1, 1, (1,)))
+
+    def reset(self):
+        self.count = 0
+        return np.zeros((2, 1), np.float32)
+
+    def step_async(self, actions):
+        self.count += 1
+
+    def step_wait(self):
+        rows, dones = np.full((2, 1), self.count, np.float32), np.full(2, self.count == 2)
+        infos = [{}, {}]
+        if self.count == 2:
+            infos = [{"terminal_observation": rows[k], "TimeLimit.truncated": k == 0} for k in range(2)]
+            self.count, rows = 0, np.zeros((2, 1), np.float32)
+        return rows, np.ones(2, np.float32), dones, infos
+
+    close = get_attr = set_attr = env_method = lambda self, *_: [None, None]
+
+    def env_is_wrapped(self, *_):
+        return [False, False]
+
+
+def test_a_time_limit_is_bootstrapped_and_a_death_is_not():
+    # Oracle: by hand. With V(s) = 10 everywhere, gamma 0.5, lambda 1: a row that runs out of time earns
+    # 1 + 0.5 (1 + 0.5 * 10) = 4 from the start and 6 from the second step; one that dies 1.5 and 1.
+    model = PPO("MlpPolicy", Countdown(), n_steps=2, batch_size=4, gamma=0.5, gae_lambda=1.0, device="cpu")
+    with torch.no_grad():
+        model.policy.value_net.weight.zero_()
+        model.policy.value_net.bias.fill_(10.0)
+    _, callback = model._setup_learn(4)
+    model.collect_rollouts(model.env, callback, model.rollout_buffer, 2)
+    assert pytest.approx(np.array([[4.0, 6.0], [1.5, 1.0]])) == model.rollout_buffer.returns.T
+
+
+def test_our_rows_are_bootstrapped_at_the_end_of_an_episode():
+    # Oracle: by hand, as above: no target ever comes, so every reward is 0, and with V = 10 and gamma 0.5 the returns
+    # of the last three steps before the time limit are 5, 2.5, 1.25.
+    quiet = {"targets.arrival_rate": 0.0, "targets.count": 0, "task.duration": 0.3, "task.reward_collision": 0.0}
+    env = make_env(**quiet)
+    model = PPO("MlpPolicy", env, n_steps=3, batch_size=45, gamma=0.5, gae_lambda=1.0, device="cpu")
+    with torch.no_grad():
+        model.policy.value_net.weight.zero_()
+        model.policy.value_net.bias.fill_(10.0)
+    _, callback = model._setup_learn(45)
+    model.collect_rollouts(model.env, callback, model.rollout_buffer, 3)
+    assert model.rollout_buffer.returns == pytest.approx(np.array([[1.25], [2.5], [5.0]]) * np.ones((1, 15)))

@@ -1,0 +1,188 @@
+"""What every training does, whichever library learns: count, evaluate, keep, stop gently and go on."""
+
+import contextlib
+import math
+import signal
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from rich.console import Console
+
+import baselines
+from baselines.statistics import interquartile_mean
+from lissajous_env import evaluate
+from training import checkpoint
+from training.checkpoint import Card
+from training.display import Display
+from training.learned import Learned, find
+from training.network import Network
+from training.pictures import draw_curve
+from training.settings import Train
+
+FIRST_EVALUATION_SEED = 20_000
+
+
+@dataclass
+class Course:
+    """How a training has gone so far: written into each checkpoint, and read again to go on."""
+
+    steps: int = 0
+    """Steps of a robot."""
+    updates: int = 0
+    """Passes over rollouts."""
+    seconds: float = 0.0
+    """Time that it took, evaluations left out [s]."""
+    curve: list[dict[str, Any]] = field(default_factory=list)
+    """Evaluations, in order: steps, seconds, detection_time [s], collisions, return, detected_fraction."""
+    rivals: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """The same of the policies that it is compared with."""
+
+
+class Trainer:
+    """One training in its folder. A subclass says what learns: `network`, `save` and `_learn`."""
+
+    def __init__(self, settings: Train, console: Console):
+        self.settings, self.console = settings, console
+        self.scenario = settings.make_scenario()
+        self.card = Card.of(
+            self.scenario,
+            settings.inputs,
+            base=settings.base,
+            residual=settings.residual if settings.base else 1.0,
+            settings=settings.to_dict(),
+        )
+        self.course, self.stopping = Course(), False
+
+    def network(self) -> Network:
+        """Copy the policy that has been learned so far."""
+        raise NotImplementedError
+
+    def save(self) -> None:
+        """Write a checkpoint that a training can go on from."""
+        raise NotImplementedError
+
+    def _learn(self) -> None:
+        """Learn to the end of the steps; call `due`, `evaluate_and_save` and `stop_if_asked` between updates."""
+        raise NotImplementedError
+
+    def run(self) -> Course:
+        """Train to the end."""
+        course, settings = self.course, self.settings
+        if course.steps >= settings.steps:
+            self.console.print(f"{settings.out} is trained: {course.steps:,} steps of {settings.steps:,}")
+            return course
+        self._meet_rivals()
+        with Display(settings, self.console, course) as self.display, self._stopping_gently():
+            self._learn()
+            self.evaluate_and_save()
+        draw_curve(settings.out)
+        return course
+
+    def due(self) -> bool:
+        """Whether an evaluation is due."""
+        every, done = self.settings.evaluate_every, self.course.curve[-1]["steps"] if self.course.curve else 0
+        return self.course.steps // every > done // every
+
+    def evaluate_and_save(self) -> None:
+        """Evaluate the policy and write a checkpoint; of the best one so far, one more under `best`."""
+        network, settings, course = self.network(), self.settings, self.course
+        policy = Learned(network, self.card, self.scenario, settings.evaluation_episodes, settings.device)
+        point: dict[str, Any] = {"steps": course.steps, "seconds": round(course.seconds, 1)}
+        point |= self._evaluated(policy)
+        best = max((earlier["return"] for earlier in course.curve), default=-math.inf)
+        course.curve.append(point)
+        self.display.evaluated(point)
+        self.save()
+        if point["return"] > best:
+            checkpoint.save(settings.out / "best", network, self.card, notes={"scores": point})
+
+    def stop_if_asked(self) -> None:
+        """After Ctrl-C, write a checkpoint and end."""
+        if self.stopping:
+            self.save()
+            raise KeyboardInterrupt(
+                f"{self.course.steps:,} steps are kept in {self.settings.out}, the same command goes on from there"
+            )
+
+    def _meet_rivals(self) -> None:
+        for name in self.settings.rivals:
+            if name not in self.course.rivals:
+                episodes = self.settings.evaluation_episodes
+                rival = baselines.make(name, self.scenario, episodes, self.settings.device)
+                self.course.rivals[name] = self._evaluated(rival)
+
+    def _evaluated(self, policy: Any) -> dict[str, float | None]:
+        seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + self.settings.evaluation_episodes)
+        return summarize_scores(evaluate(policy, self.scenario, seeds, self.settings.device))
+
+    def _notes(self) -> dict[str, Any]:
+        """What a checkpoint says about the course."""
+        course = self.course
+        return {
+            "counters": {"steps": course.steps, "updates": course.updates, "seconds": round(course.seconds, 1)},
+            "scores": course.curve[-1] if course.curve else None,
+            "rivals": course.rivals,
+            "curve": course.curve,
+        }
+
+    def _check_same(self, stored: Mapping[str, Any]) -> None:
+        """Raise ValueError where a training with other settings is in the folder."""
+        if differences := self.settings.differences(stored):
+            raise ValueError(
+                f"out must be a folder that is empty or holds a training of the same settings, "
+                f"got {self.settings.out}: {'; '.join(differences)}"
+            )
+
+    def _network_to_start_from(self) -> Network | None:
+        """Read the network that `start` names.
+
+        Raises:
+            ValueError: it reads other inputs, is added to another base, or has other layers.
+        """
+        name = self.settings.start
+        if name is None:
+            return None
+        network, card, _ = checkpoint.read(find(name))
+        theirs = {"inputs": card.inputs, "base": card.base, "layers": network.hidden, "activation": network.activation}
+        settings = self.settings
+        ours = {"inputs": self.card.inputs, "base": self.card.base, "layers": tuple(settings.layers)}
+        for what, wanted in (ours | {"activation": settings.activation}).items():
+            if theirs[what] != wanted:
+                raise ValueError(f"start must have the same {what} ({wanted}), got {name} with {theirs[what]}")
+        return network
+
+    @contextlib.contextmanager
+    def _stopping_gently(self) -> Iterator[None]:
+        """Let the first Ctrl-C end the training where a checkpoint can be written; a second one ends it at once."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def stop(*_: Any) -> None:
+            self.stopping = True
+            signal.signal(signal.SIGINT, before)
+            self.display.say("stopping after this update; once more stops at once")
+
+        before = signal.signal(signal.SIGINT, stop)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+
+def summarize_scores(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:
+    """Interquartile mean of the detection time [s], and means of what else a training is watched for."""
+    times = [row["detection_time_mean"] for row in rows if math.isfinite(row["detection_time_mean"])]
+
+    def mean(column: str) -> float | None:
+        values = [row[column] for row in rows if math.isfinite(row[column])]
+        return sum(values) / len(values) if values else None
+
+    return {
+        "detection_time": interquartile_mean(times) if times else None,
+        "collisions": mean("collisions"),
+        "return": mean("return_mean"),
+        "detected_fraction": mean("detected_fraction"),
+    }
