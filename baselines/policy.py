@@ -5,7 +5,7 @@ and the scenario. So any of them could run on a robot, and classical and learned
 """
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -65,11 +65,29 @@ class Policy:
             self._decide(self._observation)
             return wp.to_torch(self.action).clone() if is_torch(observation) else self.action.numpy().copy()
 
+    def save_state(self) -> dict[str, np.ndarray]:
+        """Copy what the policy keeps, its memory among it, to the host, by name."""
+        return {name: array.numpy().copy() for name, array in _arrays(self)}
+
+    def load_state(self, saved: dict[str, np.ndarray]) -> None:
+        """Go on from what `save_state` returned, in a policy of the same name, scenario and number of worlds."""
+        for name, array in _arrays(self):
+            array.assign(saved[name])
+
     def _decide(self, observation: wp.array) -> None:
         raise NotImplementedError
 
     def _forget(self, mask: np.ndarray) -> None:
         """Forget the memory of the worlds in a mask (W,)."""
+
+
+def _arrays(owner: Any, prefix: str = "") -> Iterator[tuple[str, wp.array]]:
+    """Warp arrays of a policy and of what it is made of, by name: all that can change while it acts."""
+    for name, value in sorted(vars(owner).items()):
+        if isinstance(value, wp.array):
+            yield prefix + name, value
+        elif type(value).__module__.startswith("baselines.") and hasattr(value, "__dict__"):
+            yield from _arrays(value, f"{prefix}{name}.")
 
 
 GROUP = "lissajous_env.policies"

@@ -20,17 +20,15 @@ if TYPE_CHECKING:
     from training.train import Sb3Trainer
 
 
-def imitate(trainer: "Sb3Trainer") -> None:
+def imitate(trainer: "Sb3Trainer", teacher: baselines.Policy) -> None:
     """Let the model of a trainer learn the teacher's action, by least squares, as long as the settings say."""
     settings, env, model, course = trainer.settings, trainer.env, trainer.model, trainer.course
-    teacher = baselines.make(str(settings.imitated), trainer.scenario, settings.worlds, settings.device)
     if model._last_obs is None:
         model._last_obs = np.asarray(env.reset())
         model._last_episode_starts = np.ones(env.num_envs, dtype=bool)
     while course.steps < (until := settings.imitated_until):
         if trainer.due():
             trainer.evaluate_and_save()
-            teacher.reset()
         trainer.stop_if_asked()
         began = time.monotonic()
         model._update_current_progress_remaining(course.steps, until)

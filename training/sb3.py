@@ -75,15 +75,27 @@ class RobotVecEnv(VecEnv):
         self.simulation.reset(seeds=seeds)
         self._reset_seeds()
         self._reset_options()
-        return self.resume()
-
-    def resume(self) -> np.ndarray:
-        """Go on from the simulation as it is, the base without its memory; returns the rows (W N, inputs)."""
-        self._done = self.simulation.terminated.numpy().astype(bool).reshape(-1)
+        self._done = np.zeros(self.num_envs, dtype=bool)
         if self.base is not None:
             self.base.reset()
             self._base_action = self.base.act(self.simulation.observation.numpy())
         return self._rows(self.simulation.observation.numpy())
+
+    def save_state(self) -> dict[str, np.ndarray]:
+        """Copy everything that changes while the worlds go on, by name."""
+        saved = {f"world.{name}": array for name, array in self.simulation.save_state().items()}
+        if self.base is not None:
+            saved |= {f"base.{name}": array for name, array in self.base.save_state().items()}
+            saved["base_action"] = self._base_action
+        return saved
+
+    def load_state(self, saved: dict[str, np.ndarray]) -> None:
+        """Go on from what `save_state` returned."""
+        self.simulation.load_state(named("world.", saved))
+        self._done = self.simulation.terminated.numpy().astype(bool).reshape(-1)
+        if self.base is not None:
+            self.base.load_state(named("base.", saved))
+            self._base_action = saved["base_action"]
 
     def step_async(self, actions: np.ndarray) -> None:
         """Take the actions (W N, action_size) of the next step."""
@@ -216,6 +228,11 @@ def from_network(model: PPO, network: Network) -> None:
             layer.bias.copy_(torch.from_numpy(bias))
 
 
+def named(prefix: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays whose names begin with a prefix, by the rest of their names."""
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+
+
 def save_model(model: PPO) -> dict[str, np.ndarray]:
     """Copy what training goes on from: weights, optimizer, random streams, the rows to act on next."""
     arrays = {f"model.{name}": tensor.detach().cpu().numpy() for name, tensor in model.policy.state_dict().items()}
@@ -231,8 +248,7 @@ def save_model(model: PPO) -> dict[str, np.ndarray]:
 
 def load_model(model: PPO, arrays: dict[str, np.ndarray], steps: int, updates: int) -> None:
     """Go on from what `save_model` returned, in a model of the same settings."""
-    weights = {name.removeprefix("model."): array for name, array in arrays.items() if name.startswith("model.")}
-    model.policy.load_state_dict({name: torch.from_numpy(array) for name, array in weights.items()})
+    model.policy.load_state_dict({name: torch.from_numpy(array) for name, array in named("model.", arrays).items()})
     optimizer = model.policy.optimizer.state_dict()
     for name, array in arrays.items():
         if name.startswith("optimizer."):

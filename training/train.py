@@ -11,6 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard.writer import SummaryWriter
 
+import baselines
 from lissajous_env.files import locked, remove_leftovers
 from training import checkpoint, imitation, sb3
 from training.network import Network
@@ -41,6 +42,9 @@ class Sb3Trainer(Trainer):
         penalty = settings.residual_penalty if settings.base else 0.0
         self.env = sb3.RobotVecEnv(self.scenario, settings.worlds, self.card, penalty, settings.device, threads=threads)
         self.model = sb3.make_ppo(settings, self.env)
+        self.teacher = None
+        if settings.imitated is not None:
+            self.teacher = baselines.make(settings.imitated, self.scenario, settings.worlds, settings.device)
         if (settings.out / checkpoint.FILE).exists():
             self._go_on()
         elif (network := self._network_to_start_from()) is not None:
@@ -51,13 +55,10 @@ class Sb3Trainer(Trainer):
         return sb3.to_network(self.model, self.settings.activation)
 
     def save(self) -> None:
-        """Write a checkpoint, and let both this run and one that goes on from it begin at the same point."""
-        rows = self.env.resume()
-        if self.env.base is not None:
-            self.model._last_obs = rows
-        state = sb3.save_model(self.model) | {
-            f"world.{name}": array for name, array in self.env.simulation.save_state().items()
-        }
+        """Write a checkpoint; a run that goes on from it does bit for bit what this one does."""
+        state = sb3.save_model(self.model) | self.env.save_state()
+        if self.teacher is not None:
+            state |= {f"teacher.{name}": array for name, array in self.teacher.save_state().items()}
         checkpoint.save(self.settings.out, self.network(), self.card, state=state, notes=self._notes())
 
     def observe_rollout(self, extra: dict[str, float] | None = None) -> None:
@@ -75,8 +76,8 @@ class Sb3Trainer(Trainer):
     def _learn(self) -> None:
         with _logging_to(self.settings.out / "tensorboard", self.course.steps) as logger:
             self.model.set_logger(logger)
-            if self.course.steps < self.settings.imitated_until:
-                imitation.imitate(self)
+            if self.teacher is not None:
+                imitation.imitate(self, self.teacher)
             left = self.settings.steps - self.course.steps
             if left > 0:
                 # The model counts on from the steps that it has.
@@ -87,10 +88,9 @@ class Sb3Trainer(Trainer):
         self._check_same(card.settings)
         arrays = checkpoint.read_state(self.settings.out, text)
         self.course = Course(**text["counters"], curve=text["curve"], rivals=text["rivals"])
-        prefix = "world."
-        worlds = {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
-        self.env.simulation.load_state(worlds)
-        self.env.resume()
+        self.env.load_state(arrays)
+        if self.teacher is not None:
+            self.teacher.load_state(sb3.named("teacher.", arrays))
         sb3.load_model(self.model, arrays, self.course.steps, self.course.updates)
 
 

@@ -93,10 +93,10 @@ class Trainer:
         point |= self._evaluated(policy)
         best = max((earlier["return"] for earlier in course.curve), default=-math.inf)
         course.curve.append(point)
-        self.display.evaluated(point)
         self.save()
         if point["return"] > best:
             checkpoint.save(settings.out / "best", network, self.card, notes={"scores": point})
+        self.display.evaluated(point)
 
     def stop_if_asked(self) -> None:
         """After Ctrl-C, write a checkpoint and end."""

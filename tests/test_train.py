@@ -1,0 +1,221 @@
+"""Training: it learns, shows what it does, and goes on after a kill as if nothing had happened."""
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+pytest.importorskip("stable_baselines3")
+
+import training
+from lissajous_env import Simulation
+from training import checkpoint
+from training.settings import Train
+from training.train import train
+
+QUIET = Console(quiet=True)
+SMALL = {
+    "scenario": "experiment",
+    "worlds": 8,
+    "rollout": 16,
+    "batch_size": 320,
+    "steps": 6400,
+    "evaluate_every": 1280,
+    "evaluation_episodes": 2,
+    "layers": (8,),
+    "threads": 1,
+    "rivals": (),
+    "imitation_steps": 1920,
+    "overrides": {"task.duration": 6.0},
+}
+
+
+def small(tmp_path, **changes):
+    return Train(**SMALL | {"out": tmp_path / "run"} | changes)
+
+
+def weights_of(folder):
+    network, *_ = checkpoint.read(folder)
+    return np.concatenate([array.ravel() for array in (*network.weights, *network.biases)])
+
+
+def test_ppo_learns_a_two_line_problem(tmp_path):
+    # One robot on the curve, no target: the reward is minus the square of its action. The best is to stand still.
+    alone = {"robot.count": 1, "targets.count": 0, "targets.arrival_rate": 0.0, "faults.schedule": ()}
+    effort = {"task.reward_effort": -1.0, "task.duration": 2.0}
+    settings = Train(
+        "failure", steps=60_000, worlds=64, rollout=20, batch_size=320, layers=(8,), teacher="none", log_std=-0.5,
+        learning_rate=1e-2, gamma=0.0, threads=1, rivals=(), evaluation_episodes=2, evaluate_every=60_000,
+        out=tmp_path / "run", overrides=alone | effort,
+    )  # fmt: skip
+    first = dataclasses.replace(settings, steps=1280, out=tmp_path / "first", overrides=alone | effort)
+    before, after = train(first, QUIET).curve[-1], train(settings, QUIET).curve[-1]
+    assert after["return"] > -0.01
+    policy = training.load(tmp_path / "run", num_worlds=4)
+    seen = Simulation(policy.scenario, 4, seed=9).observation.numpy()
+    assert np.abs(policy.act(seen)).max() < 0.05
+    assert before["steps"] == 1280
+
+
+def test_imitation_comes_close_to_its_teacher(tmp_path):
+    # Oracle: the teacher's own action.
+    settings = small(
+        tmp_path, scenario="failure", algorithm="clone", teacher="kuramoto", steps=100_000, worlds=64, layers=(32,),
+        learning_rate=3e-3, evaluate_every=50_000, overrides={"task.duration": 6.0, "formation.start_noise": 0.3},
+    )  # fmt: skip
+    train(settings, QUIET)
+    import baselines
+
+    scenario = settings.make_scenario()
+    student, teacher = training.load(settings.out, scenario, 16), baselines.make("kuramoto", scenario, 16)
+    seen = Simulation(scenario, 16, seed=99).observation.numpy()
+    wanted = teacher.act(seen)
+    assert np.abs(student.act(seen) - wanted).mean() < 0.1 * np.abs(wanted - wanted.mean()).mean()
+
+
+def command(out, extra=()):
+    options = [
+        "--scenario", "experiment", "--worlds", "8", "--rollout", "16", "--batch-size", "320", "--steps", "12800",
+        "--evaluate-every", "1280", "--evaluation-episodes", "2", "--layers", "8", "--threads", "1", "--rivals",
+        "--imitation-steps", "3840", "--set", "task.duration=6.0", "--out", str(out), *extra,
+    ]  # fmt: skip
+    return [sys.executable, "-m", "lissajous_env", "train", *options]
+
+
+@pytest.mark.parametrize(("base", "killed_at"), [((), 2), ((), 6), (("--base", "kuramoto-mpcc"), 4)])
+def test_a_killed_training_ends_with_the_same_weights(tmp_path, base, killed_at):
+    # Oracle: the run that nobody killed, on one thread. Killed in the imitation and in the reinforcement learning.
+    subprocess.run(command(tmp_path / "whole", base), check=True, capture_output=True, timeout=300)
+    with subprocess.Popen(command(tmp_path / "cut", base), stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        lines = [line for _, line in zip(range(killed_at + 1), process.stdout, strict=False)]
+        process.send_signal(signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL
+    kept = json.loads((tmp_path / "cut" / checkpoint.FILE).read_text())
+    assert 0 < kept["counters"]["steps"] < 12800, lines
+    again = subprocess.run(command(tmp_path / "cut", base), check=True, capture_output=True, text=True, timeout=300)
+    assert "from 0.0 M steps" in again.stdout
+    assert (weights_of(tmp_path / "cut") == weights_of(tmp_path / "whole")).all()
+    whole, cut = (json.loads((tmp_path / name / checkpoint.FILE).read_text()) for name in ("whole", "cut"))
+    for text in (whole, cut):
+        text["counters"].pop("seconds")
+        for point in text["curve"]:
+            point.pop("seconds")
+    assert whole["counters"] == cut["counters"]
+    assert whole["curve"] == cut["curve"]
+
+
+def test_ctrl_c_keeps_what_was_learned(tmp_path):
+    extra = ("--steps", "100000000", "--teacher", "none")
+    with subprocess.Popen(command(tmp_path, extra), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        for line in run.stdout:
+            if "detection" in line:
+                break
+        before = json.loads((tmp_path / checkpoint.FILE).read_text())["counters"]["steps"]
+        time.sleep(0.5)
+        run.send_signal(signal.SIGINT)
+        _, errors = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert "the same command goes on from there" in errors
+    assert json.loads((tmp_path / checkpoint.FILE).read_text())["counters"]["steps"] > before
+
+
+def test_a_finished_training_is_left_alone_and_more_steps_extend_it(tmp_path):
+    settings = small(tmp_path, steps=1280, teacher="none")
+    train(settings, QUIET)
+    kept = weights_of(settings.out)
+    written = (settings.out / checkpoint.FILE).stat().st_mtime_ns
+    train(settings, QUIET)
+    assert (settings.out / checkpoint.FILE).stat().st_mtime_ns == written
+    course = train(dataclasses.replace(settings, steps=2560), QUIET)
+    assert course.steps == 2560
+    assert not (weights_of(settings.out) == kept).all()
+
+
+def test_other_settings_are_refused_by_name(tmp_path):
+    settings = small(tmp_path, steps=1280, teacher="none")
+    train(settings, QUIET)
+    with pytest.raises(ValueError, match=r"gamma = 0.99 there, 0.5 here"):
+        train(dataclasses.replace(settings, gamma=0.5), QUIET)
+    with pytest.raises(ValueError, match=r"overrides = .* there"):
+        train(dataclasses.replace(settings, overrides={"task.duration": 5.0}), QUIET)
+
+
+def test_a_damaged_state_is_refused_by_name(tmp_path):
+    settings = small(tmp_path, steps=1280, teacher="none")
+    train(settings, QUIET)
+    (state,) = settings.out.glob("state-*")
+    state.write_bytes(state.read_bytes()[:-10])
+    with pytest.raises(ValueError, match=rf"{state.name} is damaged"):
+        train(dataclasses.replace(settings, steps=2560), QUIET)
+
+
+def test_a_training_starts_from_another(tmp_path):
+    settings = small(tmp_path, steps=1280, teacher="none")
+    train(settings, QUIET)
+    after = dataclasses.replace(settings, out=tmp_path / "next", start=str(settings.out), learning_rate=1e-9)
+    train(after, QUIET)
+    assert weights_of(after.out) == pytest.approx(weights_of(settings.out), abs=1e-5)
+    with pytest.raises(ValueError, match=r"start must have the same layers \(\(4,\)\)"):
+        train(dataclasses.replace(after, out=tmp_path / "other", layers=(4,)), QUIET)
+
+
+def test_what_a_training_leaves(tmp_path):
+    settings = small(tmp_path, rivals=("sweep",))
+    course = train(settings, QUIET)
+    assert [point["steps"] for point in course.curve] == [1280, 2560, 3840, 5120, 6400]
+    assert course.rivals["sweep"]["detection_time"] is not None
+    assert {path.name.partition("-")[0] for path in settings.out.iterdir()} == {
+        "checkpoint.json", "weights", "state", "best", "curve.png", "tensorboard", ".lock",
+    }  # fmt: skip
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    events = EventAccumulator(str(settings.out / "tensorboard"))
+    events.Reload()
+    tags = set(events.Tags()["scalars"])
+    assert {"rollout/collisions", "evaluation/detection_time", "train/approx_kl", "imitation/error"} <= tags
+    assert events.Scalars("train/approx_kl")[-1].step == 6400
+    rows = training.load(settings.out / "best", num_worlds=2).act(
+        Simulation(settings.make_scenario(), 2).observation.numpy()
+    )
+    assert np.isfinite(rows).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"steps": 0}, "steps must be at least 1, got 0"),
+        ({"seed": -1}, "seed must be from 0 to 2047, got -1"),
+        ({"learning_rate": -1.0}, "learning_rate must be positive, got -1.0"),
+        ({"gamma": 1.5}, "gamma must be from 0 to 1, got 1.5"),
+        ({"layers": (0,)}, r"layers must be sizes of at least 1, got \(0,\)"),
+        ({"activation": "gelu"}, "activation must be one of relu, tanh, got 'gelu'"),
+        ({"scenario": "intruder"}, "scenario must be one of .*did you mean intruders"),
+        ({"base": "swep"}, "did you mean sweep"),
+        ({"base": "kuramoto"}, "must drive robots of kind car"),
+        ({"base": "sweep", "teacher": "sweep"}, "teacher must be none where there is a base, got 'sweep'"),
+        ({"algorithm": "dagger", "teacher": "none"}, "teacher must be given for imitation alone, got 'none'"),
+        ({"inputs": ("speeed",)}, "lacks speeed"),
+        ({"overrides": {"task.stepp": 1}}, "did you mean step"),
+    ],
+)
+def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, words):
+    with pytest.raises(ValueError, match=words):
+        train(small(tmp_path, **changes), QUIET)
+
+
+def test_two_trainings_do_not_share_a_folder(tmp_path):
+    from lissajous_env.files import locked
+
+    settings = small(tmp_path, steps=1280)
+    settings.out.mkdir()
+    with locked(settings.out), pytest.raises(ValueError, match=f"in use by another process.*{os.getpid()}"):
+        train(settings, QUIET)
