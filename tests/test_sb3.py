@@ -15,7 +15,8 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecCheckNan, VecEnv, VecMonitor, VecNormalize
 
 from training.checkpoint import Card
-from training.sb3 import RobotVecEnv
+from training.sb3 import RobotVecEnv, make_ppo, to_network
+from training.settings import Train
 
 
 def make_env(name="intruders", worlds=3, card=None, **overrides):
@@ -133,6 +134,54 @@ def test_inputs_are_the_entries_of_these_names():
     whole = lissajous_env.Simulation(env.scenario, 3)
     columns = [whole.layout.names.index(name) for name in names]
     assert (env.reset() == whole.reset().numpy()[:, :, columns].reshape(15, 3)).all()
+
+
+def test_a_central_critic_sees_the_world():
+    # Oracle: the state of the worlds, robot by robot and target by target.
+    scenario = lissajous_env.scenario("intruders", **{"formation.ring": (0, 2, 4, 1, 3), "targets.arrival_rate": 3.0})
+    env = RobotVecEnv(scenario, 3, central=True)
+    env.reset()
+    for _ in range(100):
+        rows, *_ = env.step(np.full((15, 2), 0.3))
+    simulation = env.simulation
+    position, heading = simulation.robots.position.numpy(), simulation.robots.heading.numpy()
+    stage, places = simulation.rogues.stage.numpy(), simulation.rogues.position.numpy()
+    plain = simulation.layout.size
+    assert (rows[:, :plain] == simulation.observation.numpy().reshape(15, plain)).all()
+    for k, row in enumerate(rows[:, plain:]):
+        w, i = divmod(k, 5)
+        place = scenario.ring.index(i)
+        for j in range(5):
+            other = scenario.ring[(place + j) % 5]
+            x, y, _ = position[w, other]
+            expected = [x / 5.4, y / 2.4, np.cos(heading[w, other]), np.sin(heading[w, other])]
+            assert row[6 * j : 6 * j + 4] == pytest.approx(expected, abs=1e-5)
+            assert row[6 * j + 4] == pytest.approx(simulation.robots.speed.numpy()[w, other] / 2.0, abs=1e-5)
+            assert row[6 * j + 5] == 1
+        waiting = [places[w, t] for t in range(stage.shape[1]) if stage[w, t] == 1]
+        zones = np.zeros((12, 6))
+        for x, y in waiting:
+            zones[min(int((x + 5.4) / 0.9), 11), min(int((y + 2.4) / 0.8), 5)] += 1
+        assert row[30:] == pytest.approx(np.array([100 / 600, len(waiting) / 8, *zones.ravel() / 8]), abs=1e-6)
+        assert waiting
+        assert simulation.latest.waiting.numpy()[w] == len(waiting)
+
+
+def test_a_policy_with_a_central_critic_acts_on_its_own_inputs(tmp_path):
+    settings = Train(critic="world", layers=(8, 8), worlds=3, rollout=4, out=tmp_path)
+    scenario = settings.make_scenario()
+    card = Card.of(scenario)
+    env = RobotVecEnv(scenario, 3, card, central=True)
+    model = make_ppo(settings, env, card)
+    rows = env.reset()
+    other = rows.copy()
+    other[:, card.network_inputs :] += np.random.default_rng(0).normal(size=other[:, card.network_inputs :].shape)
+    assert (model.predict(rows, deterministic=True)[0] == model.predict(other, deterministic=True)[0]).all()
+    with torch.no_grad():
+        values = [model.policy.predict_values(torch.from_numpy(each)) for each in (rows, other)]
+    assert not torch.equal(*values)
+    own = np.clip(to_network(model, "relu")(rows[:, : card.network_inputs]), -1, 1)
+    assert own == pytest.approx(model.predict(rows, deterministic=True)[0], abs=1e-6)
 
 
 class Countdown(VecEnv):

@@ -77,7 +77,7 @@ def test_imitation_comes_close_to_its_teacher(tmp_path):
     student, teacher = training.load(settings.out, scenario, 16), baselines.make("kuramoto", scenario, 16)
     seen = Simulation(scenario, 16, seed=99).observation.numpy()
     wanted = teacher.act(seen)
-    assert np.abs(student.act(seen) - wanted).mean() < 0.1 * np.abs(wanted - wanted.mean()).mean()
+    assert np.abs(student.act(seen) - wanted).mean() < 0.2 * np.abs(wanted - wanted.mean()).mean()
 
 
 def command(out, extra=()):
@@ -89,7 +89,10 @@ def command(out, extra=()):
     return [sys.executable, "-m", "lissajous_env", "train", *options]
 
 
-@pytest.mark.parametrize(("base", "killed_at"), [((), 2), ((), 6), (("--base", "kuramoto-mpcc"), 4)])
+@pytest.mark.parametrize(
+    ("base", "killed_at"),
+    [((), 2), (("--critic", "world"), 6), (("--base", "kuramoto-mpcc"), 4)],
+)
 def test_a_killed_training_ends_with_the_same_weights(tmp_path, base, killed_at):
     # Oracle: the run that nobody killed, on one thread. Killed in the imitation and in the reinforcement learning.
     subprocess.run(command(tmp_path / "whole", base), check=True, capture_output=True, timeout=300)

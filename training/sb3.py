@@ -16,6 +16,7 @@ import baselines
 from lissajous_env import Scenario, Simulation
 from lissajous_env.observation import layout
 from training.checkpoint import Card
+from training.critic import CentralCriticPolicy, WorldView
 from training.network import Network
 from training.settings import Train
 
@@ -41,6 +42,7 @@ class RobotVecEnv(VecEnv):
         device: Warp device.
         seed: Seed of world 0; world k has seed + k, and draws its next seeds from it.
         threads: CPU threads; all cores by default.
+        central: Whether a row ends in what `WorldView` shows of the world, for a critic.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class RobotVecEnv(VecEnv):
         device: Any = "cpu",
         seed: int = 0,
         threads: int | None = None,
+        central: bool = False,
     ):
         self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed, threads=threads)
         self.scenario = self.simulation.scenario
@@ -65,7 +68,9 @@ class RobotVecEnv(VecEnv):
         columns = self.card.columns(self.scenario)
         whole = len(columns) == self.simulation.layout.size
         self._columns = None if whole and (columns == np.arange(len(columns))).all() else columns
-        super().__init__(num_worlds * self.simulation.num_robots, *row_spaces(self.scenario, self.card))
+        self._view = WorldView(self.simulation) if central else None
+        observation_space, action_space = row_spaces(self.scenario, self.card, self._view)
+        super().__init__(num_worlds * self.simulation.num_robots, observation_space, action_space)
 
     def reset(self) -> np.ndarray:
         """Begin an episode in every world; returns the rows (W N, inputs)."""
@@ -138,7 +143,8 @@ class RobotVecEnv(VecEnv):
         if self.base is not None:
             # Of a last observation the base's action is the one of the step before: only its value is asked for.
             observation = np.concatenate([observation, self._base_action], axis=2)
-        return observation.reshape(self.num_envs, -1).copy()
+        rows = observation.reshape(self.num_envs, -1)
+        return rows.copy() if self._view is None else np.concatenate([rows, self._view.rows()], axis=1)
 
     def close(self) -> None:
         """Nothing is held that needs closing."""
@@ -167,19 +173,24 @@ class RobotVecEnv(VecEnv):
         return super().seed(seed)
 
 
-def row_spaces(scenario: Scenario, card: Card) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
+def row_spaces(
+    scenario: Scenario, card: Card, view: WorldView | None = None
+) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
     """Observation and action space of a row."""
     ranges, columns = layout(scenario), card.columns(scenario)
     base = np.ones(card.action_size if card.base else 0, dtype=np.float32)
-    low, high = np.concatenate([ranges.low[columns], -base]), np.concatenate([ranges.high[columns], base])
+    more = np.full(0 if view is None else view.size, np.inf, dtype=np.float32)
+    low = np.concatenate([ranges.low[columns], -base, -more])
+    high = np.concatenate([ranges.high[columns], base, more])
     return gymnasium.spaces.Box(low, high), gymnasium.spaces.Box(-1.0, 1.0, (card.action_size,), np.float32)
 
 
-def make_ppo(settings: Train, env: VecEnv) -> PPO:
+def make_ppo(settings: Train, env: VecEnv, card: Card) -> PPO:
     """Make Stable-Baselines3's PPO with the settings."""
     rows = env.num_envs * settings.rollout
+    central = {"actor_inputs": card.network_inputs} if settings.critic == "world" else {}
     model = PPO(
-        "MlpPolicy",
+        CentralCriticPolicy if central else "MlpPolicy",
         env,
         learning_rate=LinearSchedule(settings.learning_rate, settings.learning_rate / 50, 1.0),
         n_steps=settings.rollout,
@@ -195,6 +206,7 @@ def make_ppo(settings: Train, env: VecEnv) -> PPO:
             "net_arch": list(settings.layers),
             "activation_fn": {"relu": nn.ReLU, "tanh": nn.Tanh}[settings.activation],
             "log_std_init": settings.log_std,
+            **central,
         },
         seed=settings.seed,
         device=settings.device,

@@ -51,6 +51,8 @@ class Train:
     """Steps of a robot, the first of `steps`, in which ppo imitates."""
     inputs: tuple[str, ...] = ()
     """Entries of the observation that the network reads; all by default."""
+    critic: Literal["robot", "world"] = "robot"
+    """What the critic of ppo sees: the policy's inputs, or the whole world besides (MAPPO)."""
     layers: tuple[int, ...] = (64, 64)
     """Sizes of the hidden layers."""
     activation: Literal["relu", "tanh"] = "relu"

@@ -40,8 +40,11 @@ class Sb3Trainer(Trainer):
         threads = settings.threads or torch.get_num_threads()
         torch.set_num_threads(threads)
         penalty = settings.residual_penalty if settings.base else 0.0
-        self.env = sb3.RobotVecEnv(self.scenario, settings.worlds, self.card, penalty, settings.device, threads=threads)
-        self.model = sb3.make_ppo(settings, self.env)
+        central = settings.critic == "world"
+        self.env = sb3.RobotVecEnv(
+            self.scenario, settings.worlds, self.card, penalty, settings.device, threads=threads, central=central
+        )
+        self.model = sb3.make_ppo(settings, self.env, self.card)
         self.teacher = None
         if settings.imitated is not None:
             self.teacher = baselines.make(settings.imitated, self.scenario, settings.worlds, settings.device)
