@@ -80,9 +80,15 @@ class OnCurve(Policy):
 
     kind = "curve"
 
-    def __init__(self, coordinator: type, scenario: Scenario, num_worlds: int, device: Any):
+    def __init__(
+        self,
+        coordinator: Callable[[Scenario, int, Any], Coordinator],
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+    ):
         super().__init__(scenario, num_worlds, device)
-        self.coordinator: Coordinator = coordinator(self.scenario, num_worlds, self.device)
+        self.coordinator = coordinator(self.scenario, num_worlds, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
 
     def _forget(self, mask: np.ndarray) -> None:

@@ -1,6 +1,7 @@
 """The classical policies: what they compute, what they see, and what they achieve on the paper's scenarios."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,7 +9,14 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from baselines.loop import corner_radius, patrol_loop
+from baselines.arc import ArcParameters, KuramotoByArc
+from baselines.consensus import Consensus
+from baselines.coordinated import OnCurve, WithMpcc
+from baselines.kuramoto import Kuramoto
+from baselines.loop import SweepParameters, corner_radius, fastest_speed, patrol_loop
+from baselines.mpcc import MpccParameters
+from baselines.patrol import Sweep
+from baselines.vector_field import FieldParameters, WithVectorField
 from lissajous_env import theory
 
 CARS = ("kuramoto-mpcc", "open-loop-mpcc", "sweep", "random", "still")
@@ -202,3 +210,96 @@ def test_the_experiment_is_the_papers():
     assert np.mean([row["phase_error"] for row in without]) > 2.5 * np.mean([row["phase_error"] for row in rows])
     assert np.mean([row["spacing_factor"] for row in without]) > 1.35
     assert np.mean([r["collisions"] for r in without]) > 10 * np.mean([r["collisions"] for r in rows])
+
+
+def test_laps_are_driven_as_fast_as_the_formation():
+    """Oracle: the loop itself, and the formation's top speed less what corners and chords cost."""
+    scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0})
+    simulation = lissajous_env.Simulation(scenario)
+    policy = baselines.make("laps", scenario)
+    played(policy, simulation, 200)
+    before = simulation.robots.position.numpy()[0, :, :2].copy()
+    played(policy, simulation, 10)
+    after = simulation.robots.position.numpy()[0, :, :2]
+    assert (np.linalg.norm(after - before, axis=1) > 0.85 * fastest_speed(scenario)).all()
+    away = np.linalg.norm(after[:, None] - patrol_loop(scenario)[None], axis=2).min(axis=1)
+    assert away.max() < 0.3
+    assert (before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] > 0).all(), "counter-clockwise"
+
+
+def test_a_patrol_is_what_its_parameters_say():
+    scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0})
+    half = np.array([scenario.curve.half_width, scenario.curve.half_height])
+    loop = patrol_loop(scenario, parameters=SweepParameters(inset=0.5))
+    assert np.abs(loop).max(axis=0) == pytest.approx(half - 0.5, abs=1e-3)
+    lanes = patrol_loop(scenario, parameters=SweepParameters(lanes=4))
+    crossings = np.flatnonzero(np.diff(np.sign(lanes[:, 0] - 0.1)))
+    assert len(crossings) == 4
+    policy = Sweep(scenario, parameters=SweepParameters(cruise=0.8))
+    simulation = lissajous_env.Simulation(scenario)
+    played(policy, simulation, 300)
+    before = simulation.robots.position.numpy()[0, :, :2].copy()
+    played(policy, simulation, 10)
+    gone = np.linalg.norm(simulation.robots.position.numpy()[0, :, :2] - before, axis=1)
+    assert gone == pytest.approx(0.8, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("make", "rule"),
+    [
+        (lambda: SweepParameters(lanes=3), "lanes must be even, got 3"),
+        (lambda: SweepParameters(cruise=0.0), "cruise must be positive .*got 0.0"),
+        (lambda: SweepParameters(inset=-0.1), "inset must be .*got -0.1"),
+        (lambda: ArcParameters(speed=-1.0), "speed must be positive .*got -1.0"),
+        (lambda: FieldParameters(slowest=1.5), "slowest must be .*got 1.5"),
+    ],
+)
+def test_bad_parameters_are_refused(make, rule):
+    with pytest.raises(ValueError, match=rule):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [
+        ("kuramoto-mpcc", lambda s: WithMpcc(Kuramoto, s, parameters=MpccParameters.of(s.robot, step=s.task.step))),
+        ("kuramoto-arc-mpcc", lambda s: WithMpcc(partial(KuramotoByArc, parameters=ArcParameters()), s)),
+        ("consensus-gvf", lambda s: WithVectorField(Consensus, s, parameters=FieldParameters())),
+        ("sweep", lambda s: Sweep(s, parameters=SweepParameters())),
+    ],
+)
+def test_default_parameters_are_those_of_the_registry(name, make):
+    simulation = lissajous_env.Simulation("experiment")
+    own, registered = make(simulation.scenario), baselines.make(name, "experiment")
+    for _ in range(20):
+        wanted = own.act(simulation.observation).numpy()
+        np.testing.assert_array_equal(wanted, registered.act(simulation.observation).numpy())
+        simulation.step(wanted)
+
+
+@pytest.mark.parametrize(
+    ("default", "changed"),
+    [
+        (partial(WithMpcc, Kuramoto), lambda s: MpccParameters.of(s.robot, step=s.task.step, weight_throttle=0.5)),
+        (partial(WithVectorField, Consensus), lambda s: FieldParameters(turn=2.0)),
+        (Sweep, lambda s: SweepParameters(lookahead=1.5)),
+    ],
+)
+def test_parameters_reach_the_controller(default, changed):
+    simulation = lissajous_env.Simulation("experiment")
+    scenario = simulation.scenario
+    one, other = default(scenario), default(scenario, parameters=changed(scenario))
+    played(one, simulation, 10)
+    assert np.abs(one.act(simulation.observation).numpy() - other.act(simulation.observation).numpy()).max() > 0.01
+
+
+def test_the_speed_of_the_arc_is_the_speed_over_ground():
+    """Oracle: distances that points on the curve cover in a second."""
+    scenario = lissajous_env.scenario("failure", faults={"schedule": ()})
+    policy = OnCurve(partial(KuramotoByArc, parameters=ArcParameters(speed=0.25)), scenario, 1, "cpu")
+    simulation = lissajous_env.Simulation(scenario)
+    played(policy, simulation, 200)
+    before = simulation.robots.position.numpy()[0].copy()
+    played(policy, simulation, 1)
+    gone = np.linalg.norm(simulation.robots.position.numpy()[0] - before, axis=1)
+    assert gone == pytest.approx(0.25 * scenario.task.step, rel=0.1)

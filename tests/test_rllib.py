@@ -238,7 +238,7 @@ def run_command(out, steps):
 def test_killed_and_called_again_it_goes_on_with_equal_counters(tmp_path):
     # Oracle: steps = iterations x rows at every checkpoint, before and after; nothing is lost, nothing counted twice.
     process = run_command(tmp_path, 1000 * ROWS)
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 300
     while time.monotonic() < deadline and process.poll() is None and len(courses(tmp_path)) < 2:
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
@@ -254,7 +254,7 @@ def test_killed_and_called_again_it_goes_on_with_equal_counters(tmp_path):
     steps, iterations = before[-2]
 
     process = run_command(tmp_path, steps + 3 * ROWS)
-    said = process.communicate(timeout=150)[0]
+    said = process.communicate(timeout=300)[0]
     assert process.returncode == 0, said
     assert f"{damaged} is damaged" in said
     assert courses(tmp_path) == [(steps + k * ROWS, iterations + k) for k in (1, 2, 3)]

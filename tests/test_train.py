@@ -90,20 +90,20 @@ def command(out, extra=()):
 
 
 @pytest.mark.parametrize(
-    ("base", "killed_at"),
-    [((), 2), (("--critic", "world"), 6), (("--base", "kuramoto-mpcc"), 4)],
+    ("extra", "killed_at"),
+    [((), 2), (("--critic", "world", "--noise-steps", "5"), 6), (("--base", "kuramoto-mpcc"), 4)],
 )
-def test_a_killed_training_ends_with_the_same_weights(tmp_path, base, killed_at):
+def test_a_killed_training_ends_with_the_same_weights(tmp_path, extra, killed_at):
     # Oracle: the run that nobody killed, on one thread. Killed in the imitation and in the reinforcement learning.
-    subprocess.run(command(tmp_path / "whole", base), check=True, capture_output=True, timeout=300)
-    with subprocess.Popen(command(tmp_path / "cut", base), stdout=subprocess.PIPE, text=True) as process:
+    subprocess.run(command(tmp_path / "whole", extra), check=True, capture_output=True, timeout=300)
+    with subprocess.Popen(command(tmp_path / "cut", extra), stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         lines = [line for _, line in zip(range(killed_at + 1), process.stdout, strict=False)]
         process.send_signal(signal.SIGKILL)
     assert process.returncode == -signal.SIGKILL
     kept = json.loads((tmp_path / "cut" / checkpoint.FILE).read_text())
     assert 0 < kept["counters"]["steps"] < 12800, lines
-    again = subprocess.run(command(tmp_path / "cut", base), check=True, capture_output=True, text=True, timeout=300)
+    again = subprocess.run(command(tmp_path / "cut", extra), check=True, capture_output=True, text=True, timeout=300)
     assert "from 0.0 M steps" in again.stdout
     assert (weights_of(tmp_path / "cut") == weights_of(tmp_path / "whole")).all()
     whole, cut = (json.loads((tmp_path / name / checkpoint.FILE).read_text()) for name in ("whole", "cut"))

@@ -202,6 +202,8 @@ def make_ppo(settings: Train, env: VecEnv, card: Card) -> PPO:
         ent_coef=settings.entropy,
         vf_coef=settings.value_weight,
         max_grad_norm=settings.gradient_max,
+        use_sde=settings.noise_steps > 1,
+        sde_sample_freq=settings.noise_steps,
         policy_kwargs={
             "net_arch": list(settings.layers),
             "activation_fn": {"relu": nn.ReLU, "tanh": nn.Tanh}[settings.activation],

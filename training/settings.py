@@ -79,6 +79,8 @@ class Train:
     """Largest norm of a gradient."""
     log_std: float = -0.7
     """Logarithm of the standard deviation of the exploration at the start."""
+    noise_steps: int = 1
+    """Steps for which a robot explores with one random function of its inputs (gSDE); 1 draws noise in each step."""
     evaluate_every: int = 5_000_000
     """Robot steps between evaluations, each of which ends in a checkpoint."""
     evaluation_episodes: int = 32
@@ -107,6 +109,7 @@ class Train:
             "epochs",
             "evaluate_every",
             "evaluation_episodes",
+            "noise_steps",
             "workers",
         ):
             self._require(name, getattr(self, name) >= 1, "must be at least 1")

@@ -114,6 +114,10 @@ class _Watch(BaseCallback):
             trainer.evaluate_and_save()
             self._since = time.monotonic()
         trainer.stop_if_asked()
+        if self.model.use_sde:
+            # The noise has been drawn before this moment: draw it anew, from what a run that goes on knows too.
+            torch.manual_seed(trainer.settings.seed << 40 | trainer.course.steps)
+            self.model.policy.reset_noise(trainer.env.num_envs)
 
     def _on_step(self) -> bool:
         return True
