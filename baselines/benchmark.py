@@ -35,7 +35,8 @@ class Benchmark:
     scenarios: tuple[str, ...] = ("ideal", "failure", "experiment", "intruders", "rough")
     """Scenarios to play."""
     policies: tuple[str, ...] = ()
-    """Policies to play, each where it drives the robots; without any, all of them. `module:factory` is your own."""
+    """Policies to play, each where it drives the robots; without any, all of them. Your own: a checkpoint's
+    folder, or `module:factory`."""
     episodes: int = 16
     """Episodes of each policy on each scenario."""
     seed: int = 0
@@ -174,6 +175,7 @@ def plan(
     """
     settings.check()
     own = {name: _imported(name) for name in settings.policies if ":" in name}
+    own |= {name: _registered(name) for name in settings.policies if registry.is_folder(name)}
     own |= {name: _as_factory(policy) for name, policy in (policies or {}).items()}
     named = [name for name in settings.policies if name not in own]
     made = [

@@ -49,7 +49,7 @@ def evaluate(
     """Play one policy on scenarios and print statistics of every score.
 
     Args:
-        policy: name of the policy, or module:factory.
+        policy: name of the policy, folder of a checkpoint, or module:factory.
         scenarios: names of the scenarios.
         episodes: episodes on each scenario.
         seed: seed of episode 0; episode k has seed + k.
@@ -92,7 +92,7 @@ def run(
 
     Args:
         scenario: name of the scenario.
-        policy: name of the policy, or module:factory.
+        policy: name of the policy, folder of a checkpoint, or module:factory.
         seed: seed of the episode.
         device: cpu, cuda or cuda:k.
         out: .gif, .png or .npz to write; without it a window opens where there is a display.

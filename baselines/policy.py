@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,7 @@ class _Entry:
 
 _REGISTRY: dict[str, _Entry] = {}
 _WRAPPERS: dict[str, tuple[str, Callable[[Policy], Policy]]] = {}
+_opener: Callable[..., Policy] | None = None
 
 
 def register(name: str, kind: str | None, factory: Callable[..., Policy], made_for: tuple[str, ...] = ()) -> None:
@@ -120,6 +122,17 @@ def register(name: str, kind: str | None, factory: Callable[..., Policy], made_f
 def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy]) -> None:
     """Add every policy for robots of `kind` once more, wrapped, under its name with a suffix."""
     _WRAPPERS[suffix] = kind, wrapper
+
+
+def register_opener(opener: Callable[..., Policy]) -> None:
+    """Let `make` take a folder for a name: `opener(folder, scenario, num_worlds, device)` makes the policy in it."""
+    global _opener
+    _opener = opener
+
+
+def is_folder(name: str) -> bool:
+    """Whether a name is none of the registry's, but a folder that a policy may be in."""
+    return name not in _kinds() and _opener is not None and Path(name).is_dir()
 
 
 def made_for(name: str, scenario: str) -> bool:
@@ -175,12 +188,14 @@ def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
 
 
 def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
-    """Make a policy by name.
+    """Make a policy by name, or of the folder of a checkpoint.
 
     Raises:
-        ValueError: an unknown name (the message offers the nearest), or a policy for another kind of robot.
+        ValueError: an unknown name (the message offers the nearest), or a policy that does not fit the scenario.
     """
     made = make_scenario(scenario)
+    if _opener is not None and is_folder(name):
+        return _opener(name, made, num_worlds, device)
     check(name, made)
     return _build(name, made, num_worlds, device)
 

@@ -40,7 +40,7 @@ from baselines.kuramoto import Kuramoto
 from baselines.loop import SweepParameters, cruising_speed
 from baselines.mpcc import MpccParameters
 from baselines.open_loop import OpenLoop
-from baselines.patrol import Sweep
+from baselines.patrol import Laps, Sweep
 from baselines.policy import Policy
 from baselines.safety import Safe, SafetyParameters
 from baselines.statistics import bootstrap_interval, interquartile_mean
@@ -60,6 +60,7 @@ SLACK = 0.05
 """Collisions an episode that are not worth a choice: one in twenty minutes."""
 ELITE = 3
 """Settings that go on, by each goal."""
+PATROLS = {"sweep": Sweep, "laps": Laps}
 COORDINATORS = {"kuramoto": Kuramoto, "open-loop": OpenLoop, "tracked-reference": TrackedReference}
 
 Settings = dict[str, float | int]
@@ -77,8 +78,8 @@ def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1,
         wanted = make(name.removesuffix("-safe"), scenario, under, num_worlds, device)
         return Safe(wanted, SafetyParameters(**parts.get("safety", {})))
     planned = lissajous_env.scenario(scenario, formation=parts.get("formation", {}))
-    if name == "sweep":
-        policy = Sweep(planned, num_worlds, device, SweepParameters(**parts.get("sweep", {})))
+    if name in PATROLS:
+        policy = PATROLS[name](planned, num_worlds, device, SweepParameters(**parts.get("sweep", {})))
     elif name == "consensus-gvf":
         field = FieldParameters(**parts.get("field", {}))
         policy = WithVectorField(Consensus, planned, num_worlds, device, field)
@@ -103,7 +104,7 @@ def space(name: str, scenario: Scenario) -> dict[str, tuple[float, float] | list
         found |= {"safety.clearance": (0.02, 0.3), "safety.growth": (0.05, 0.6), "safety.effort": (0.02, 0.4),
                   "safety.horizon": [5, 8, 12, 16], "safety.speed_max": (0.3, top)}  # fmt: skip
         return found
-    if name == "sweep":
+    if name in PATROLS:
         cruise = cruising_speed(scenario)
         deepest = 0.9 * scenario.curve.half_height
         return {"sweep.cruise": (0.3 * cruise, min(2.5 * cruise, top)), "sweep.inset": (0.02, deepest),

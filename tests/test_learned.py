@@ -137,6 +137,19 @@ def test_a_policy_of_a_folder_is_for_the_scenario_it_was_trained_on(tmp_path):
         training.load(tmp_path, "failure")
 
 
+def test_the_commands_take_a_folder_for_a_name(tmp_path):
+    from baselines.benchmark import Benchmark, plan
+
+    checkpoint.save(tmp_path, make_network((42, 2)), Card.of(lissajous_env.scenario("intruders")))
+    assert isinstance(baselines.make(str(tmp_path), "rough"), Learned)
+    cells = plan(Benchmark(("intruders",), (str(tmp_path), "still")))
+    assert {cell.policy for cell in cells} == {str(tmp_path), "still"}
+    assert isinstance(cells[-1].factory(cells[-1].scenario, 2, "cpu"), Learned)
+    with pytest.raises(ValueError, match=r"or a folder that holds checkpoint.json, got .*nothing"):
+        (tmp_path / "nothing").mkdir()
+        baselines.make(str(tmp_path / "nothing"), "rough")
+
+
 @pytest.mark.parametrize("name", ["learned-nothing", "", "/nowhere/at/all"])
 def test_an_unknown_name_is_refused_with_what_there_is(name):
     with pytest.raises(ValueError, match=r"policy must be one of learned-.*, or a folder that holds checkpoint.json"):

@@ -236,3 +236,17 @@ def test_our_rows_are_bootstrapped_at_the_end_of_an_episode():
     _, callback = model._setup_learn(45)
     model.collect_rollouts(model.env, callback, model.rollout_buffer, 3)
     assert model.rollout_buffer.returns == pytest.approx(np.array([[1.25], [2.5], [5.0]]) * np.ones((1, 15)))
+
+
+def test_some_worlds_begin_anew_early():
+    # Oracle: the clocks of the worlds; an early end is a time limit, not a death, and no score.
+    scenario = lissajous_env.scenario("intruders", **{"task.duration": 2.0})
+    env = RobotVecEnv(scenario, 4, short=0.5, short_time=0.6)
+    env.reset()
+    for step in range(1, 41):
+        _, _, dones, infos = env.step(np.zeros((20, 2)))
+        assert dones.reshape(4, 5).all(axis=1).tolist() == [
+            step % 6 == 0 if w < 2 else step % 20 == 0 for w in range(4)
+        ]
+        assert all(info["TimeLimit.truncated"] for info, done in zip(infos, dones, strict=True) if done)
+    assert len(env.scores) == 4

@@ -126,7 +126,11 @@ def find(name: str | Path) -> Path:
 
 
 def register_shipped() -> None:
-    """Add the shipped policies to the registry of `baselines`; their weights are read when one is made."""
+    """Add the shipped policies to the registry of `baselines`, which then takes a checkpoint's folder for a name too.
+
+    Weights are read when a policy is made.
+    """
+    baselines.register_opener(load)
     for name in names():
         text = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
         baselines.register(name, text["policy"]["kind"], partial(load, name), tuple(text["made_for"]))

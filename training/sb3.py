@@ -43,6 +43,8 @@ class RobotVecEnv(VecEnv):
         seed: Seed of world 0; world k has seed + k, and draws its next seeds from it.
         threads: CPU threads; all cores by default.
         central: Whether a row ends in what `WorldView` shows of the world, for a critic.
+        short: Share of the worlds, the first ones, that begin anew after `short_time`.
+        short_time: Time after which they do [s].
     """
 
     def __init__(
@@ -55,6 +57,8 @@ class RobotVecEnv(VecEnv):
         seed: int = 0,
         threads: int | None = None,
         central: bool = False,
+        short: float = 0.0,
+        short_time: float = 3.0,
     ):
         self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed, threads=threads)
         self.scenario = self.simulation.scenario
@@ -69,6 +73,9 @@ class RobotVecEnv(VecEnv):
         whole = len(columns) == self.simulation.layout.size
         self._columns = None if whole and (columns == np.arange(len(columns))).all() else columns
         self._view = WorldView(self.simulation) if central else None
+        last_step = np.full(num_worlds, self.scenario.task.steps)
+        last_step[: round(short * num_worlds)] = max(round(short_time / self.scenario.task.step), 1)
+        self._last_step = np.minimum(last_step, self.scenario.task.steps)
         observation_space, action_space = row_spaces(self.scenario, self.card, self._view)
         super().__init__(num_worlds * self.simulation.num_robots, observation_space, action_space)
 
@@ -117,7 +124,7 @@ class RobotVecEnv(VecEnv):
         if self.residual_penalty > 0:
             rewards -= self.residual_penalty * np.square(self._actions).mean(axis=2).reshape(-1)
         terminated = simulation.terminated.numpy().astype(bool).reshape(-1)
-        over = simulation.over
+        over = simulation.over | (simulation.clock.step.numpy() >= self._last_step)
         ended = terminated | np.repeat(over, simulation.num_robots)
         dones = ended & ~self._done | np.repeat(over, simulation.num_robots)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -127,7 +134,7 @@ class RobotVecEnv(VecEnv):
                 infos[k]["terminal_observation"] = last[k]
                 infos[k]["TimeLimit.truncated"] = not terminated[k]
         if over.any():
-            self.scores.extend(simulation.score(over))
+            self.scores.extend(simulation.score(simulation.over))
             simulation.reset(over)
             if self.base is not None:
                 self.base.reset(over)

@@ -30,6 +30,10 @@ class Train:
     """Steps of a robot to train for, over all robots of all worlds."""
     worlds: int = 512
     """Worlds that are stepped together; each robot of each is one row."""
+    short: float = 0.0
+    """Share of the worlds that begin anew after `short_time`: more is learned of how an episode begins."""
+    short_time: float = 3.0
+    """Time after which these worlds begin anew [s]."""
     seed: int = 0
     """Seed of the worlds, the initial weights and the exploration."""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/train")
@@ -117,9 +121,9 @@ class Train:
         self._require("layers", all(size >= 1 for size in self.layers), "must be sizes of at least 1")
         self._require("activation", self.activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}")
         self._require("threads", self.threads is None or self.threads >= 1, "must be at least 1")
-        for name in ("learning_rate", "residual", "clip_range", "gradient_max"):
+        for name in ("learning_rate", "residual", "clip_range", "gradient_max", "short_time"):
             self._require(name, getattr(self, name) > 0, "must be positive")
-        for name in ("gamma", "gae_lambda"):
+        for name in ("gamma", "gae_lambda", "short"):
             self._require(name, 0 <= getattr(self, name) <= 1, "must be from 0 to 1")
         for name in ("entropy", "value_weight", "residual_penalty"):
             self._require(name, getattr(self, name) >= 0, "must not be negative")

@@ -40,9 +40,16 @@ class Sb3Trainer(Trainer):
         threads = settings.threads or torch.get_num_threads()
         torch.set_num_threads(threads)
         penalty = settings.residual_penalty if settings.base else 0.0
-        central = settings.critic == "world"
         self.env = sb3.RobotVecEnv(
-            self.scenario, settings.worlds, self.card, penalty, settings.device, threads=threads, central=central
+            self.scenario,
+            settings.worlds,
+            self.card,
+            penalty,
+            settings.device,
+            threads=threads,
+            central=settings.critic == "world",
+            short=settings.short,
+            short_time=settings.short_time,
         )
         self.model = sb3.make_ppo(settings, self.env, self.card)
         self.teacher = None

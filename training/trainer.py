@@ -95,7 +95,7 @@ class Trainer:
         course.curve.append(point)
         self.save()
         if point["return"] > best:
-            checkpoint.save(settings.out / "best", network, self.card, notes={"scores": point})
+            checkpoint.save(settings.out / "best", network, self.card, notes=self._notes())
         self.display.evaluated(point)
 
     def stop_if_asked(self) -> None:
