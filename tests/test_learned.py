@@ -145,8 +145,8 @@ def test_the_commands_take_a_folder_for_a_name(tmp_path):
     cells = plan(Benchmark(("intruders",), (str(tmp_path), "still")))
     assert {cell.policy for cell in cells} == {str(tmp_path), "still"}
     assert isinstance(cells[-1].factory(cells[-1].scenario, 2, "cpu"), Learned)
+    (tmp_path / "nothing").mkdir()
     with pytest.raises(ValueError, match=r"or a folder that holds checkpoint.json, got .*nothing"):
-        (tmp_path / "nothing").mkdir()
         baselines.make(str(tmp_path / "nothing"), "rough")
 
 
