@@ -51,7 +51,7 @@ from lissajous_env.scenario import Scenario
 
 POLICIES = (
     "open-loop-mpcc", "tracked-reference-mpcc", "kuramoto-mpcc", "kuramoto-mpcc-safe", "kuramoto-arc-mpcc",
-    "kuramoto-arc-mpcc-safe", "consensus-gvf", "consensus-gvf-safe", "sweep", "sweep-safe",
+    "kuramoto-arc-mpcc-safe", "consensus-gvf", "consensus-gvf-safe", "sweep", "sweep-safe", "laps", "laps-safe",
 )  # fmt: skip
 HELD_OUT = range(10_000, 10_064)
 BATCH = 64

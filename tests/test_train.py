@@ -16,9 +16,9 @@ pytest.importorskip("stable_baselines3")
 
 import training
 from lissajous_env import Simulation
-from training import checkpoint
+from training import checkpoint, sb3
 from training.settings import Train
-from training.train import train
+from training.train import Sb3Trainer, train
 
 QUIET = Console(quiet=True)
 SMALL = {
@@ -91,7 +91,11 @@ def command(out, extra=()):
 
 @pytest.mark.parametrize(
     ("extra", "killed_at"),
-    [((), 2), (("--critic", "world", "--noise-steps", "5"), 6), (("--base", "kuramoto-mpcc"), 4)],
+    [
+        ((), 2),
+        (("--critic", "world", "--noise-steps", "5", "--averaging", "0.5", "--critic-steps", "1280"), 6),
+        (("--base", "kuramoto-mpcc"), 4),
+    ],
 )
 def test_a_killed_training_ends_with_the_same_weights(tmp_path, extra, killed_at):
     # Oracle: the run that nobody killed, on one thread. Killed in the imitation and in the reinforcement learning.
@@ -169,6 +173,35 @@ def test_a_training_starts_from_another(tmp_path):
     assert weights_of(after.out) == pytest.approx(weights_of(settings.out), abs=1e-5)
     with pytest.raises(ValueError, match=r"start must have the same layers \(\(4,\)\)"):
         train(dataclasses.replace(after, out=tmp_path / "other", layers=(4,)), QUIET)
+
+
+def test_the_critic_may_learn_alone_first(tmp_path):
+    # Oracle: the weights that a training begins with.
+    settings = small(tmp_path, steps=2560, teacher="none", critic_steps=1280)
+    fresh = Sb3Trainer(dataclasses.replace(settings, out=tmp_path / "fresh"), QUIET).network().to_arrays()
+    train(dataclasses.replace(settings, steps=1280, critic_steps=1280), QUIET)
+    kept = checkpoint.read(settings.out)[0].to_arrays()
+    assert all((kept[name] == array).all() for name, array in fresh.items())
+    train(settings, QUIET)
+    assert not (weights_of(settings.out) == np.concatenate([array.ravel() for array in fresh.values()])).all()
+
+
+def test_the_result_may_be_an_average(tmp_path, monkeypatch):
+    # Oracle: the weights after each update, averaged by hand.
+    seen = []
+    average_in = Sb3Trainer.average_in
+
+    def recorded(trainer):
+        seen.append(sb3.to_network(trainer.model, "relu").to_arrays())
+        average_in(trainer)
+
+    monkeypatch.setattr(Sb3Trainer, "average_in", recorded)
+    settings = small(tmp_path, teacher="none", steps=2560, averaging=0.5)
+    train(settings, QUIET)
+    assert len(seen) == 4
+    for name, array in checkpoint.read(settings.out)[0].to_arrays().items():
+        first, second, third, last = (each[name] for each in seen)
+        assert array == pytest.approx(first / 8 + second / 8 + third / 4 + last / 2, abs=1e-6)
 
 
 def test_what_a_training_leaves(tmp_path):

@@ -231,6 +231,11 @@ def policy_layers(model: PPO) -> list[nn.Linear]:
     return [*hidden, cast(nn.Linear, model.policy.action_net)]
 
 
+def critic_parameters(policy: nn.Module) -> list[str]:
+    """Names of a policy's parameters that the critic alone uses."""
+    return [name for name, _ in policy.named_parameters() if "value_net" in name]
+
+
 def to_network(model: PPO, activation: str) -> Network:
     """Copy a model's policy, the mean of its action, as plain arrays."""
     layers = policy_layers(model)

@@ -57,6 +57,9 @@ class Train:
     """Entries of the observation that the network reads; all by default."""
     critic: Literal["robot", "world"] = "robot"
     """What the critic of ppo sees: the policy's inputs, or the whole world besides (MAPPO)."""
+    critic_steps: int = 0
+    """Steps of a robot, the first of ppo, in which the critic alone learns: what it says of a policy that was learned
+    elsewhere is wrong at first, and would spoil it."""
     layers: tuple[int, ...] = (64, 64)
     """Sizes of the hidden layers."""
     activation: Literal["relu", "tanh"] = "relu"
@@ -81,6 +84,8 @@ class Train:
     """Weight of the value loss."""
     gradient_max: float = 0.5
     """Largest norm of a gradient."""
+    averaging: float = 0.0
+    """Share that the average of the policy's weights keeps in each update; above 0, that average is the result."""
     log_std: float = -0.7
     """Logarithm of the standard deviation of the exploration at the start."""
     noise_steps: int = 1
@@ -125,9 +130,11 @@ class Train:
             self._require(name, getattr(self, name) > 0, "must be positive")
         for name in ("gamma", "gae_lambda", "short"):
             self._require(name, 0 <= getattr(self, name) <= 1, "must be from 0 to 1")
+        self._require("averaging", 0 <= self.averaging < 1, "must be at least 0 and below 1")
         for name in ("entropy", "value_weight", "residual_penalty"):
             self._require(name, getattr(self, name) >= 0, "must not be negative")
-        self._require("imitation_steps", self.imitation_steps >= 0, "must not be negative")
+        for name in ("imitation_steps", "critic_steps"):
+            self._require(name, getattr(self, name) >= 0, "must not be negative")
         self._require("teacher", self.imitated is None or self.base is None, "must be none where there is a base")
         self._require(
             "teacher", self.imitated is not None or self.algorithm == "ppo", "must be given for imitation alone"

@@ -4,11 +4,14 @@ import contextlib
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import cast
 
+import numpy as np
 import torch
 from rich.console import Console
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.policies import ActorCriticPolicy
 from torch.utils.tensorboard.writer import SummaryWriter
 
 import baselines
@@ -52,6 +55,7 @@ class Sb3Trainer(Trainer):
             short_time=settings.short_time,
         )
         self.model = sb3.make_ppo(settings, self.env, self.card)
+        self.average: dict[str, np.ndarray] | None = None
         self.teacher = None
         if settings.imitated is not None:
             self.teacher = baselines.make(settings.imitated, self.scenario, settings.worlds, settings.device)
@@ -62,13 +66,24 @@ class Sb3Trainer(Trainer):
 
     def network(self) -> Network:
         """Copy the policy that has been learned so far."""
-        return sb3.to_network(self.model, self.settings.activation)
+        learned = sb3.to_network(self.model, self.settings.activation)
+        return learned if self.average is None else Network.from_arrays(self.average, learned.activation)
+
+    def average_in(self) -> None:
+        """Add the weights as they are to their average."""
+        kept, learned = self.settings.averaging, sb3.to_network(self.model, self.settings.activation).to_arrays()
+        if kept > 0:
+            before = self.average or learned
+            self.average = {
+                name: (kept * before[name] + (1 - kept) * array).astype(np.float32) for name, array in learned.items()
+            }
 
     def save(self) -> None:
         """Write a checkpoint; a run that goes on from it does bit for bit what this one does."""
         state = sb3.save_model(self.model) | self.env.save_state()
         if self.teacher is not None:
             state |= {f"teacher.{name}": array for name, array in self.teacher.save_state().items()}
+        state |= {f"average.{name}": array for name, array in (self.average or {}).items()}
         checkpoint.save(self.settings.out, self.network(), self.card, state=state, notes=self._notes())
 
     def observe_rollout(self, extra: dict[str, float] | None = None) -> None:
@@ -101,6 +116,7 @@ class Sb3Trainer(Trainer):
         self.env.load_state(arrays)
         if self.teacher is not None:
             self.teacher.load_state(sb3.named("teacher.", arrays))
+        self.average = sb3.named("average.", arrays) or None
         sb3.load_model(self.model, arrays, self.course.steps, self.course.updates)
 
 
@@ -115,6 +131,8 @@ class _Watch(BaseCallback):
     def _on_rollout_start(self) -> None:
         # The one moment between an update and the next step: what is saved here is all there is.
         trainer = self.trainer
+        if self.model._n_updates > trainer.course.updates:
+            trainer.average_in()
         trainer.course.updates = self.model._n_updates
         if trainer.due():
             self._count_time()
@@ -124,7 +142,7 @@ class _Watch(BaseCallback):
         if self.model.use_sde:
             # The noise has been drawn before this moment: draw it anew, from what a run that goes on knows too.
             torch.manual_seed(trainer.settings.seed << 40 | trainer.course.steps)
-            self.model.policy.reset_noise(trainer.env.num_envs)
+            cast(ActorCriticPolicy, self.model.policy).reset_noise(trainer.env.num_envs)
 
     def _on_step(self) -> bool:
         return True
@@ -132,11 +150,17 @@ class _Watch(BaseCallback):
     def _on_rollout_end(self) -> None:
         trainer = self.trainer
         self._count_time()
+        settings, policy = trainer.settings, self.model.policy
+        # An update follows: of the critic alone, as long as the settings say.
+        both = trainer.course.steps >= settings.imitated_until + settings.critic_steps
+        for name, parameter in policy.named_parameters():
+            parameter.requires_grad_(both or name in sb3.critic_parameters(policy))
         trainer.course.steps = self.model.num_timesteps
         trainer.observe_rollout()
 
     def _on_training_end(self) -> None:
         self._count_time()
+        self.trainer.average_in()
         self.trainer.course.updates = self.model._n_updates
 
     def _count_time(self) -> None:
