@@ -1,7 +1,7 @@
 """Copy a trained policy to where shipped ones live: `python -m training.publish runs/x learned-x`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -17,6 +17,7 @@ def publish(
     source: Annotated[Path, tyro.conf.Positional],
     name: Annotated[str, tyro.conf.Positional],
     made_for: tuple[str, ...] = (),
+    before: tuple[Path, ...] = (),
     folder: Path = Path(__file__).parent / "policies",
     command: str = "",
 ) -> None:
@@ -25,6 +26,7 @@ def publish(
     Args:
         source: checkpoint that is copied.
         name: name that the policy is shipped under.
+        before: checkpoints that the training started from, the first one first; their curves are put before its own.
         made_for: scenarios on which a benchmark plays it without being asked to; by default the one it was trained on.
         folder: where the shipped ones live.
         command: command that trained it, where its settings alone do not say it.
@@ -38,10 +40,20 @@ def publish(
         columns = ("detection_time_mean", "collisions", "recovery_time", "return_mean")
         scores[each] = {column: _rounded(summarize([row[column] for row in rows])) for column in columns}
         print(each, scores[each])
-    kept = {key: text[key] for key in ("counters", "rivals", "curve") if key in text}
-    notes = {"made_for": made_for, "command": command, "held_out_scores": scores, **kept}
+    notes = {"made_for": made_for, "command": command, "held_out_scores": scores, "rivals": text["rivals"]}
+    notes["curve"] = _joined([checkpoint.read(stage)[2]["curve"] for stage in (*before, source)])
+    notes["counters"] = {"steps": notes["curve"][-1]["steps"]}
     checkpoint.save(folder / name, network, card, notes=notes)
     draw_curve(folder / name)
+
+
+def _joined(curves: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """One curve of those of stages, each of which goes on from the end of the one before."""
+    joined: list[dict[str, Any]] = []
+    for curve in curves:
+        done = joined[-1]["steps"] if joined else 0
+        joined += [point | {"steps": done + point["steps"]} for point in curve]
+    return joined
 
 
 def _rounded(found) -> dict[str, float | None]:
