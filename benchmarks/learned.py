@@ -9,6 +9,7 @@ import argparse
 import json
 import tempfile
 import time
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +35,9 @@ CLASSICAL = {
     "ideal": ("kuramoto", "open-loop"),
 }
 COLUMNS = {
-    "detection_time_mean": "detection [s], IQM (95 % interval)",
+    "detection_time_mean": "detection in s, IQM (95 % interval)",
     "collisions": "collisions, mean",
-    "recovery_time": "recovery [s], IQM",
+    "recovery_time": "recovery in s, IQM",
 }
 
 
@@ -47,9 +48,11 @@ def candidates(scenario: str, worlds: int) -> dict[str, Policy]:
     found |= {name: baselines.make(name, made, worlds) for name in CLASSICAL[scenario]}
     tuned: dict[str, Any] = json.loads(TUNED.read_text()).get(scenario, {})
     for name, by_goal in tuned.items():
+        played: list[Any] = [{}]
         for goal, settings in by_goal.items():
-            if settings:
+            if settings not in played:
                 found[f"{name}, tuned ({goal})"] = make(name, made, settings, worlds)
+                played.append(settings)
     return found
 
 
@@ -131,8 +134,9 @@ def main() -> None:
     for scenario in options.scenarios:
         ratios(scenario, compare(scenario, options.episodes, console), console)
     for name in dict.fromkeys(LEARNED[scenario] for scenario in options.scenarios):
-        by_numpy, by_torch = time_per_row(name, "numpy"), time_per_row(name, "torch")
-        console.print(f"{name}, one world: {by_numpy:.1f} us per robot by NumPy, {by_torch:.1f} us by torch")
+        console.print(f"{name}, one world: {time_per_row(name, 'numpy'):.1f} us per robot by NumPy")
+        if find_spec("torch") is not None:
+            console.print(f"{name}, one world: {time_per_row(name, 'torch'):.1f} us per robot by torch")
     if options.training:
         throughput(console, options.training_steps)
 
