@@ -48,8 +48,8 @@ class Train:
     """Reward that a residual costs, per step and mean square of the output: it leaves the base only where that pays."""
     teacher: str | None = None
     """Policy that is imitated; none goes without. By default none with `start` or `base`, else kuramoto for points and
-    sweep for cars."""
-    imitation: Literal["dagger", "clone"] = "clone"
+    kuramoto-arc-mpcc for cars."""
+    imitation: Literal["dagger", "clone"] = "dagger"
     """How ppo imitates at its start."""
     imitation_steps: int = 4_000_000
     """Steps of a robot, the first of `steps`, in which ppo imitates."""
@@ -150,7 +150,7 @@ class Train:
             return None if self.teacher == "none" else self.teacher
         if self.start is not None or self.base is not None:
             return None
-        return "kuramoto" if self.make_scenario().robot.kind == "curve" else "sweep"
+        return "kuramoto" if self.make_scenario().robot.kind == "curve" else "kuramoto-arc-mpcc"
 
     @property
     def imitated_until(self) -> int:
