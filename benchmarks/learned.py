@@ -28,9 +28,9 @@ TUNED = Path(__file__).parent / "tuned.json"
 LEARNED = {
     "intruders": "learned-intruders", "rough": "learned-rough", "failure": "learned-ring", "ideal": "learned-ring",
 }  # fmt: skip
-CLASSICAL = {
-    "intruders": ("kuramoto-mpcc", "kuramoto-arc-mpcc", "sweep", "sweep-safe", "laps"),
-    "rough": ("kuramoto-mpcc", "kuramoto-mpcc-safe", "kuramoto-arc-mpcc-safe", "sweep-safe"),
+OTHERS = {
+    "intruders": ("learned-intruders-safe", "kuramoto-mpcc", "kuramoto-arc-mpcc", "sweep", "sweep-safe", "laps"),
+    "rough": ("learned-rough-safe", "kuramoto-mpcc", "kuramoto-mpcc-safe", "kuramoto-arc-mpcc-safe", "sweep-safe"),
     "failure": ("kuramoto", "open-loop"),
     "ideal": ("kuramoto", "open-loop"),
 }
@@ -45,7 +45,7 @@ def candidates(scenario: str, worlds: int) -> dict[str, Policy]:
     """Policies that play a scenario, by what the table calls them."""
     made = lissajous_env.scenario(scenario)
     found = {LEARNED[scenario]: baselines.make(LEARNED[scenario], made, worlds)}
-    found |= {name: baselines.make(name, made, worlds) for name in CLASSICAL[scenario]}
+    found |= {name: baselines.make(name, made, worlds) for name in OTHERS[scenario]}
     tuned: dict[str, Any] = json.loads(TUNED.read_text()).get(scenario, {})
     for name, by_goal in tuned.items():
         played: list[Any] = [{}]
