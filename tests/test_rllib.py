@@ -333,6 +333,8 @@ def test_a_checkpoint_is_whole_or_not_there(tmp_path):
     ("changes", "words"),
     [
         ({"algorithm": "dagger", "teacher": "kuramoto"}, "algorithm of engine ray must be ppo"),
+        ({"critic": "world"}, "critic of engine ray must be robot, got world"),
+        ({"noise_steps": 30}, "noise_steps of engine ray must be 1, got 30"),
         ({"teacher": "kuramoto"}, "teacher of engine ray must be none"),
         ({"device": "cuda:1"}, "device of engine ray"),
     ],

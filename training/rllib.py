@@ -42,6 +42,9 @@ def train(settings: Train, console: Console | None = None) -> Course:
         raise ValueError(f"algorithm of engine ray must be ppo, got {settings.algorithm}")
     if settings.teacher not in (None, "none"):
         raise ValueError(f"teacher of engine ray must be none, for it does not imitate, got {settings.teacher}")
+    for name, value in {"critic": "robot", "critic_steps": 0, "noise_steps": 1, "short": 0.0, "averaging": 0.0}.items():
+        if getattr(settings, name) != value:
+            raise ValueError(f"{name} of engine ray must be {value}, got {getattr(settings, name)}")
     if settings.imitated is not None:
         console.print("engine ray does not imitate first; --start takes the network of a training that did")
     settings.out.mkdir(parents=True, exist_ok=True)
