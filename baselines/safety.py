@@ -6,8 +6,9 @@ formation opens for a while, and targets between two cars are found later. `Safe
 
 The car has no brakes: from 1.1 m/s it coasts 1.2 m, so what saves it is steering, and that in time. The filter
 therefore judges an action u by what can still be done after it. The car takes u for one step and then one of nine
-ways out b (full right, straight on, full left; each coasting, at its speed, or driving on). Another car k in the disc,
-of which position and velocity are seen, goes straight on. With d_k(t) their distance and D = 2 r + clearance,
+ways out b (full right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes
+straight on: one in the disc, whose place and velocity are seen, or a ring neighbour beyond it, whose messages give its
+place and, by their difference, its velocity. With d_k(t) their distance and D = 2 r + clearance,
 
     m_k(u; b) = min over t in [0, horizon) of d_k(t) - D - growth t        [m]
     V(u)      = max_b min_k m_k(u; b)
@@ -24,9 +25,10 @@ contradict one another, all give way by the same least amount. `top` is the thro
 Two cars that avoid each other must not choose alike, so b is what both of them compute: the best pair of ways out for
 the two (`agreed_way_out`). A symmetric pair passes on the right.
 
-What it cannot do: it sees `sensing.robots_seen` robots and none beyond the disc, which in `intruders` is too short for
-cars that meet at 2 m/s; a car that stops dead less than about 0.45 m ahead cannot be driven around; the ways out are
-nine, so a car between two others may find none; and three cars may agree in pairs on what does not suit the third.
+What it cannot do: it sees `sensing.robots_seen` robots and, beyond the disc, knows of its ring neighbours alone, while
+their messages come at once; others that are met at 2 m/s in `intruders` are seen too late; a car that stops dead less
+than about 0.45 m ahead cannot be driven around; the ways out are nine, so a car between two others may find none; and
+three cars may agree in pairs on what does not suit the third.
 """
 
 import dataclasses
@@ -39,6 +41,7 @@ import warp as wp
 from baselines.policy import Policy
 from baselines.safety_kernel import MANOEUVRES, NEAREST, SafetyParameters, SafetyStruct, keep_clear
 from lissajous_env import theory
+from lissajous_env.curve import CurveStruct
 from lissajous_env.observation import Scales
 from lissajous_env.robot import RobotStruct
 from lissajous_env.scenario import Scenario
@@ -48,7 +51,7 @@ __all__ = ["Safe", "SafetyParameters", "speed_limit"]
 
 
 class Safe(Policy):
-    """A policy of cars whose actions pass through the filter; it keeps no memory of its own.
+    """A policy of cars whose actions pass through the filter; it remembers where its ring neighbours were.
 
     After `act`, the last programme of each robot can be read: `rows` (W, N, 8) of g_0, g_1, c for g.u >= c, `count`
     (W, N) of how many of them hold (0 where there was no programme), `top` (W, N), and the wanted action in
@@ -70,6 +73,8 @@ class Safe(Policy):
         self._safety = to_struct(SafetyStruct, self.parameters)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._seen = _scales(self.scenario)
+        self._curve = to_struct(CurveStruct, self.scenario.curve)
+        self._memory = wp.zeros((*self.shape, 2), dtype=wp.vec3, device=self.device)
         near, paths = (int(NEAREST),), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
         self._others = wp.zeros((*self.shape, *near), dtype=wp.vec4, device=self.device)
         self._paths = wp.zeros((*self.shape, *paths), dtype=wp.vec2, device=self.device)
@@ -79,7 +84,8 @@ class Safe(Policy):
 
     def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
         """Actions for wanted ones (W, N, 2) and observations (W, N, D): Warp arrays, the result the filter's own."""
-        inputs = [self._safety, self._robot, self._seen, observation, wanted, self._others, self._paths]
+        inputs = [self._safety, self._robot, self._curve, self._seen, self._memory, observation, wanted]
+        inputs += [self._others, self._paths]
         outputs = [self.rows, self.count, self.top, self.action]
         wp.launch(keep_clear, self.shape, inputs, outputs=outputs, device=self.device)
         return self.action
@@ -89,6 +95,7 @@ class Safe(Policy):
 
     def _forget(self, mask: np.ndarray) -> None:
         self.policy.reset(mask)
+        self._memory.assign(np.where(mask[:, None, None, None], 0.0, self._memory.numpy()).astype(np.float32))
 
 
 def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from baselines.observed import own_heading, own_works
+from baselines.observed import own_heading, own_position, own_works
 from baselines.programme import TOLERANCE, into_box, solve_programme
 from lissajous_env.compilation import OPTIONS
+from lissajous_env.curve import CurveStruct
 from lissajous_env.fields import Checked, finite, non_negative, positive, whole
 from lissajous_env.observation import LINK, OWN, ROBOT, Scales
 from lissajous_env.robot import RobotStruct
@@ -275,11 +276,47 @@ def see(
     return n
 
 
+@wp.func
+def hear(
+    w: int,
+    i: int,
+    n: int,
+    curve: CurveStruct,
+    scales: Scales,
+    memory: wp.array3d(dtype=wp.vec3),
+    observation: wp.array3d(dtype=float),
+    others_out: wp.array3d(dtype=wp.vec4),
+) -> int:
+    """Add the ring neighbours beyond the disc that sent in this step and in the one before; returns how many there are.
+
+    Velocity is the difference of the two places that they sent. Memory is the place sent last, and 1 if there is one.
+    """
+    own = own_position(w, i, curve, observation)
+    found = int(n)
+    for side in range(2):
+        start = OWN + LINK * side
+        before = memory[w, i, side]
+        memory[w, i, side] = wp.vec3(0.0, 0.0, 0.0)
+        if observation[w, i, start] > 0.5 and observation[w, i, start + 1] < 0.5 * scales.step:
+            x = 2.0 * curve.half_width * observation[w, i, start + 4]
+            y = 2.0 * curve.half_height * observation[w, i, start + 5]
+            away = wp.vec2(x, y)
+            place = own + away
+            memory[w, i, side] = wp.vec3(place[0], place[1], 1.0)
+            if before[2] > 0.0 and wp.length(away) >= scales.radius and found < NEAREST:
+                velocity = (place - wp.vec2(before[0], before[1])) / scales.step
+                others_out[w, i, found] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
+                found += 1
+    return found
+
+
 @wp.kernel
 def keep_clear(
     safety: SafetyStruct,
     robot: RobotStruct,
+    curve: CurveStruct,
     scales: Scales,
+    memory: wp.array3d(dtype=wp.vec3),
     observation: wp.array3d(dtype=float),
     wanted: wp.array3d(dtype=float),
     others: wp.array3d(dtype=wp.vec4),
@@ -296,18 +333,19 @@ def keep_clear(
     top_out[w, i] = 1.0
     action_out[w, i, 0] = u[0]
     action_out[w, i, 1] = u[1]
-    if not own_works(w, i, observation) or not wp.isfinite(u[0]) or not wp.isfinite(u[1]):
-        return
     step = scales.step
     speed = wp.max(observation[w, i, 4] * scales.speed, 0.0)
     heading = own_heading(w, i, observation)
+    n = see(w, i, scales, heading, speed, observation, others)
+    n = hear(w, i, n, curve, scales, memory, observation, others)
+    if not own_works(w, i, observation) or not wp.isfinite(u[0]) or not wp.isfinite(u[1]):
+        return
     car = wp.vec4(0.0, 0.0, heading, speed)
     top = throttle_action(robot, (safety.speed_max - speed) / step + robot.drag * speed)
     top_out[w, i] = top
     u = into_box(u, top)
     action_out[w, i, 0] = u[0]
     action_out[w, i, 1] = u[1]
-    n = see(w, i, scales, heading, speed, observation, others)
     if n == 0:
         return
     for b in range(MANOEUVRES):
