@@ -203,9 +203,13 @@ def plan(
 
 
 def _usual(names: Iterable[str], scenario: Scenario) -> list[str]:
-    """Policies that are played where none is named: of those with the collision filter, the paper's method alone."""
-    plain = [name for name in names if not name.endswith("-safe") or name == "kuramoto-mpcc-safe"]
-    return [name for name in plain if registry.made_for(name, scenario.name)]
+    """Policies that are played where none is named.
+
+    Of those with the collision filter, the paper's method alone and what was made for this very scenario.
+    """
+    chosen = [name for name in names if registry.made_for(name, scenario.name)]
+    filtered = [name for name in chosen if name == "kuramoto-mpcc-safe" or registry.is_specialist(name)]
+    return [name for name in chosen if not name.endswith("-safe") or name in filtered]
 
 
 def play(

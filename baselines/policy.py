@@ -141,6 +141,12 @@ def made_for(name: str, scenario: str) -> bool:
     return entry is None or not entry.made_for or scenario in entry.made_for
 
 
+def is_specialist(name: str) -> bool:
+    """Whether a policy was made for some scenarios."""
+    entry = _registry().get(_unwrapped(name)[0])
+    return entry is not None and bool(entry.made_for)
+
+
 @cache
 def _load_entry_points() -> None:
     for entry in entry_points(group=GROUP):

@@ -7,8 +7,9 @@ formation opens for a while, and targets between two cars are found later. `Safe
 The car has no brakes: from 1.1 m/s it coasts 1.2 m, so what saves it is steering, and that in time. The filter
 therefore judges an action u by what can still be done after it. The car takes u for one step and then one of nine
 ways out b (full right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes
-straight on: one in the disc, whose place and velocity are seen, or a ring neighbour beyond it, whose messages give its
-place and, by their difference, its velocity. With d_k(t) their distance and D = 2 r + clearance,
+straight on: one in the disc, whose place and velocity are seen; or, where the disc is too short for the speed of the
+formation (`speed_in_sight`), a ring neighbour beyond it, whose messages give its place and, by their difference, its
+velocity. With d_k(t) their distance and D = 2 r + clearance,
 
     m_k(u; b) = min over t in [0, horizon) of d_k(t) - D - growth t        [m]
     V(u)      = max_b min_k m_k(u; b)
@@ -71,6 +72,7 @@ class Safe(Policy):
             limit = speed_limit(self.scenario, self.parameters)
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
         self._safety = to_struct(SafetyStruct, self.parameters)
+        self._hears = int(speed_in_sight(self.scenario, self.parameters) < _formation_speed(self.scenario))
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._seen = _scales(self.scenario)
         self._curve = to_struct(CurveStruct, self.scenario.curve)
@@ -84,7 +86,7 @@ class Safe(Policy):
 
     def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
         """Actions for wanted ones (W, N, 2) and observations (W, N, D): Warp arrays, the result the filter's own."""
-        inputs = [self._safety, self._robot, self._curve, self._seen, self._memory, observation, wanted]
+        inputs = [self._safety, self._robot, self._curve, self._seen, self._hears, self._memory, observation, wanted]
         inputs += [self._others, self._paths]
         outputs = [self.rows, self.count, self.top, self.action]
         wp.launch(keep_clear, self.shape, inputs, outputs=outputs, device=self.device)
@@ -99,20 +101,32 @@ class Safe(Policy):
 
 
 def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
+    """Speed [m/s] that the filter does not drive above: `speed_in_sight`.
+
+    Not below what the formation drives, nor above what the car can.
+    """
+    limit = max(speed_in_sight(scenario, parameters), _formation_speed(scenario))
+    return float(min(limit, scenario.robot.speed_max))
+
+
+def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
     """Speed [m/s] up to which two cars that meet head on can still pass each other once they see each other.
 
     On its tightest circle, of radius R = l / tan(delta_max), a car moves aside by half of D = 2 r + clearance within
     s = sqrt(R^2 - (R - D / 2)^2), whatever its speed. A step may pass before either sees the other, so
-    r_s - 2 s = 2 v step. Not below what the formation drives, nor above what the car can.
+    r_s - 2 s = 2 v step.
     """
     robot = scenario.robot
     tightest = robot.wheelbase / math.tan(robot.steering_max)
     aside = min(robot.radius + 0.5 * parameters.clearance, tightest)
     reach = math.sqrt(tightest**2 - (tightest - aside) ** 2)
+    return (scenario.sensing_radius - 2 * reach) / (2 * scenario.task.step)
+
+
+def _formation_speed(scenario: Scenario) -> float:
+    """Speed of the formation where the curve is fastest [m/s]."""
     lap = np.linspace(0, 2 * math.pi, 4096)
-    formation = scenario.formation.phase_rate * theory.curve_speed(scenario.curve, lap).max()
-    limit = (scenario.sensing_radius - 2 * reach) / (2 * scenario.task.step)
-    return float(min(max(limit, formation), robot.speed_max))
+    return scenario.formation.phase_rate * float(theory.curve_speed(scenario.curve, lap).max())
 
 
 def _scales(scenario: Scenario) -> Any:

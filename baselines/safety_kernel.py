@@ -316,6 +316,7 @@ def keep_clear(
     robot: RobotStruct,
     curve: CurveStruct,
     scales: Scales,
+    hears: int,
     memory: wp.array3d(dtype=wp.vec3),
     observation: wp.array3d(dtype=float),
     wanted: wp.array3d(dtype=float),
@@ -337,7 +338,8 @@ def keep_clear(
     speed = wp.max(observation[w, i, 4] * scales.speed, 0.0)
     heading = own_heading(w, i, observation)
     n = see(w, i, scales, heading, speed, observation, others)
-    n = hear(w, i, n, curve, scales, memory, observation, others)
+    if hears == 1:
+        n = hear(w, i, n, curve, scales, memory, observation, others)
     if not own_works(w, i, observation) or not wp.isfinite(u[0]) or not wp.isfinite(u[1]):
         return
     car = wp.vec4(0.0, 0.0, heading, speed)
