@@ -127,6 +127,31 @@ def test_shipped_policies_are_played_like_the_classical_ones():
     assert not baselines.policy.made_for("learned-rough-safe", "experiment")
 
 
+@pytest.mark.parametrize(
+    ("name", "rival", "scenario", "share", "collisions"),
+    [
+        ("learned-intruders-safe", "kuramoto-mpcc", "intruders", 0.3, 0.0),
+        ("learned-rough", "kuramoto-mpcc", "rough", 0.9, 4.0),
+        ("learned-ring", "kuramoto", "ideal", 0.5, 0.0),
+    ],
+)
+def test_shipped_policies_beat_the_papers_method(name, rival, scenario, share, collisions):
+    # Oracle: the paper's method, on the same seeds.
+    worlds = 4 if scenario == "ideal" else 32
+    scores = []
+    for each in (name, rival):
+        rows = lissajous_env.evaluate(baselines.make(each, scenario, worlds), scenario, range(100, 100 + worlds))
+        scores.append([np.mean([row[column] for row in rows]) for column in ("detection_time_mean", "collisions")])
+    assert scores[0][0] < share * scores[1][0]
+    assert scores[0][1] <= collisions
+
+
+def test_the_learned_gain_recovers_sooner():
+    # Oracle: Kuramoto itself, which has recovered 2.0 s after the fault.
+    rows = lissajous_env.evaluate(baselines.make("learned-ring", "failure", 16), "failure", range(16))
+    assert max(row["recovery_time"] for row in rows) < 1.8
+
+
 def test_a_policy_of_a_folder_is_for_the_scenario_it_was_trained_on(tmp_path):
     settings = {"overrides": {"sensing.targets_seen": 2}}
     card = Card.of(lissajous_env.scenario("intruders", **settings["overrides"]), settings=settings)
