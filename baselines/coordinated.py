@@ -75,10 +75,12 @@ def scale_controls(robot: RobotStruct, control: wp.array3d(dtype=float), action_
     action_out[w, i, 1] = 2.0 * (control[k, 0, 1] - robot.throttle_min) / span - 1.0
 
 
-class OnCurve(Policy):
-    """Points that follow a coordinator exactly."""
+class Coordinated(Policy):
+    """Robots that follow a coordinator, each kind in its own way.
 
-    kind = "curve"
+    `coordinator(scenario, num_worlds, device)` makes the coordinator: its class, or a `partial` of it that fixes
+    parameters of its own.
+    """
 
     def __init__(
         self,
@@ -89,11 +91,18 @@ class OnCurve(Policy):
     ):
         super().__init__(scenario, num_worlds, device)
         self.coordinator = coordinator(self.scenario, num_worlds, self.device)
+        self._curve = to_struct(CurveStruct, self.scenario.curve)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
 
     def _forget(self, mask: np.ndarray) -> None:
         if isinstance(self.coordinator, Remembering):
             self.coordinator.forget(mask)
+
+
+class OnCurve(Coordinated):
+    """Points that follow a coordinator exactly."""
+
+    kind = "curve"
 
     def _decide(self, observation: wp.array) -> None:
         self.coordinator.coordinate(observation)
@@ -101,11 +110,10 @@ class OnCurve(Policy):
         wp.launch(follow_as_point, self.shape, inputs, outputs=[self.action], device=self.device)
 
 
-class WithMpcc(Policy):
+class WithMpcc(Coordinated):
     """Cars that follow a coordinator by model predictive contouring control.
 
-    `parameters` are the controller's; None is `MpccParameters.of` the scenario's robot. `coordinator(scenario,
-    num_worlds, device)` makes the coordinator: its class, or a `partial` of it that fixes parameters of its own.
+    `parameters` are the controller's; None is `MpccParameters.of` the scenario's robot.
     """
 
     kind = "car"
@@ -118,18 +126,14 @@ class WithMpcc(Policy):
         device: Any = "cpu",
         parameters: MpccParameters | None = None,
     ):
-        super().__init__(scenario, num_worlds, device)
-        self.coordinator = coordinator(self.scenario, num_worlds, self.device)
-        self._curve = to_struct(CurveStruct, self.scenario.curve)
-        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        super().__init__(coordinator, scenario, num_worlds, device)
         self._speed_scale = self.scenario.robot.speed_max
         parameters = parameters or MpccParameters.of(self.scenario.robot, step=self.scenario.task.step)
         self.mpcc = Mpcc(self.scenario.curve, parameters, batch=num_worlds * self.num_robots, device=self.device)
 
     def _forget(self, mask: np.ndarray) -> None:
+        super()._forget(mask)
         self.mpcc.reset(np.repeat(mask, self.num_robots))
-        if isinstance(self.coordinator, Remembering):
-            self.coordinator.forget(mask)
 
     def _decide(self, observation: wp.array) -> None:
         self.coordinator.coordinate(observation)

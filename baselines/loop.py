@@ -53,6 +53,16 @@ def corner_radius(scenario: Scenario, cruise: float | None = None) -> float:
     return _ROOM * max(by_steering, by_grip)
 
 
+def lookahead(scenario: Scenario, cruise: float, parameters: SweepParameters) -> float:
+    """Distance of the goal ahead of a car [m]."""
+    return parameters.lookahead or max(4 * scenario.robot.wheelbase, 0.3 * cruise)
+
+
+def loop_spacing(loop: np.ndarray) -> float:
+    """Distance between the points of a loop [m]."""
+    return float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()) / len(loop)
+
+
 def patrol_loop(scenario: Scenario, points: int = 2048, parameters: SweepParameters | None = None) -> np.ndarray:
     """(points, 2) evenly spaced points of the loop [m], counter-clockwise.
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.loop import SweepParameters, cruising_speed, fastest_speed, patrol_loop
+from baselines.loop import SweepParameters, cruising_speed, fastest_speed, lookahead, loop_spacing, patrol_loop
 from baselines.observed import own_heading, own_phase, own_position
 from baselines.policy import Policy
 from lissajous_env import draws
@@ -219,15 +219,14 @@ class Sweep(Policy):
     ):
         super().__init__(scenario, num_worlds, device)
         self.parameters = parameters or SweepParameters()
-        robot = self.scenario.robot
         loop = patrol_loop(self.scenario, parameters=self.parameters)
-        length = float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum())
-        self._curve, self._robot = to_struct(CurveStruct, self.scenario.curve), to_struct(RobotStruct, robot)
+        self._curve = to_struct(CurveStruct, self.scenario.curve)
+        self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._cruise = self.parameters.cruise or cruising_speed(self.scenario)
-        self._spacing = length / len(loop)
-        self._lookahead = self.parameters.lookahead or max(4 * robot.wheelbase, 0.3 * self._cruise)
+        self._spacing = loop_spacing(loop)
+        self._lookahead = lookahead(self.scenario, self._cruise, self.parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
     def _forget(self, mask: np.ndarray) -> None:
@@ -258,9 +257,7 @@ class Laps(Policy):
         parameters = parameters or SweepParameters()
         self._cruise = parameters.cruise or fastest_speed(self.scenario)
         loop = patrol_loop(self.scenario, parameters=dataclasses.replace(parameters, cruise=self._cruise))
-        length = float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum())
-        lookahead = parameters.lookahead or max(4 * self.scenario.robot.wheelbase, 0.3 * self._cruise)
-        self._ahead = round(lookahead / length * len(loop))
+        self._ahead = round(lookahead(self.scenario, self._cruise, parameters) / loop_spacing(loop))
         self._curve = to_struct(CurveStruct, self.scenario.curve)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)

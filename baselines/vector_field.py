@@ -35,17 +35,15 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.coordinated import Coordinator, Remembering
+from baselines.coordinated import Coordinated, Coordinator
 from baselines.observed import own_heading, own_phase, own_position, own_works
 from baselines.patrol import robot_speed_max
-from baselines.policy import Policy
 from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import CurveStruct, point2, tangent2, wrap
 from lissajous_env.fields import Checked, fraction, positive
 from lissajous_env.geometry import curve_length
 from lissajous_env.robot import RobotStruct
 from lissajous_env.scenario import Scenario
-from lissajous_env.structs import to_struct
 from lissajous_env.trig import cos_sin
 
 wp.set_module_options(OPTIONS)
@@ -129,7 +127,7 @@ def follow_field(
     action_out[w, i, 1] = wp.clamp(2.0 * (throttle - robot.throttle_min) / span - 1.0, -1.0, 1.0)
 
 
-class WithVectorField(Policy):
+class WithVectorField(Coordinated):
     """Cars that follow a coordinator by a guiding vector field."""
 
     kind = "car"
@@ -142,17 +140,13 @@ class WithVectorField(Policy):
         device: Any = "cpu",
         parameters: FieldParameters | None = None,
     ):
-        super().__init__(scenario, num_worlds, device)
-        self.coordinator = coordinator(self.scenario, num_worlds, self.device)
-        self._curve = to_struct(CurveStruct, self.scenario.curve)
-        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        super().__init__(coordinator, scenario, num_worlds, device)
         self._field = field_of(self.scenario, parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
     def _forget(self, mask: np.ndarray) -> None:
+        super()._forget(mask)
         self._memory.assign(np.where(mask[:, None, None], 0.0, self._memory.numpy()).astype(np.float32))
-        if isinstance(self.coordinator, Remembering):
-            self.coordinator.forget(mask)
 
     def _decide(self, observation: wp.array) -> None:
         self.coordinator.coordinate(observation)

@@ -70,6 +70,7 @@ def test_the_checker_of_torchrl(kind):
     data = env.rollout(7)
     mask = torch.tensor([[True], [False], [True], [False]])
     env.reset(data[:, -1]["next"].clone().set("_reset", mask))
+    assert env.simulation.clock.step.numpy().tolist() == [0, 7, 0, 7]
     check_env_specs(env, seed=3, break_when_any_done="both")
 
 
