@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from baselines.policy import names
 from baselines.statistics import Statistics
@@ -45,7 +46,13 @@ _COLOURS = (
     "#17BECF",
     "#333333",
     "#A6761D",
+    "#F781BF",
+    "#66A61E",
+    "#1B4F72",
 )
+_FILTERED = "-safe"
+"""Ending of a policy with the collision filter under it: its colour is the policy's own, its dot hollow, its line
+dashed."""
 _PANEL = 3.8
 """Width of a panel [inch]."""
 
@@ -60,7 +67,9 @@ def draw(
         return {}
     # A policy has the same colour in every benchmark, whatever others were played.
     policies = dict.fromkeys([*names(), *(row["policy"] for row in rows)])
-    colour = {policy: _COLOURS[k % len(_COLOURS)] for k, policy in enumerate(policies)}
+    plain = dict.fromkeys(policy.removesuffix(_FILTERED) for policy in policies)
+    colour_of = {policy: _COLOURS[k % len(_COLOURS)] for k, policy in enumerate(plain)}
+    colour = {policy: colour_of[policy.removesuffix(_FILTERED)] for policy in policies}
     played, most = list(cells), max(map(len, cells.values()))
 
     def times(axes: Axes, name: str) -> None:
@@ -99,7 +108,8 @@ def _panels(
     columns = min(len(played), 3)
     rows = -(-len(played) // columns)
     height = max(2.7, 0.9 + 0.3 * most)
-    figure = Figure(figsize=(max(_PANEL * columns + 0.6, 4.6), height * rows + 0.8), layout="constrained")
+    layout = ConstrainedLayoutEngine(w_pad=0.12)  # room for half of a last tick's label
+    figure = Figure(figsize=(max(_PANEL * columns + 0.6, 4.6), height * rows + 0.8), layout=layout)
     figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
     for k, name in enumerate(played):
         axes = figure.add_subplot(rows, columns, k + 1)
@@ -115,7 +125,8 @@ def _panels(
         for line in shown.get_lines():
             line.set_linewidth(3)
     else:
-        figure.supxlabel("point: interquartile mean; bar: 95 % bootstrap interval", fontsize=8.5, color="#555555")
+        meaning = "dot: interquartile mean, hollow with the collision filter; bar: 95 % bootstrap interval"
+        figure.supxlabel(meaning, fontsize=8.5, color="#555555")
     file = io.BytesIO()
     figure.savefig(file, format="png", metadata={"Software": None})
     return file.getvalue()
@@ -130,7 +141,8 @@ def _points(axes: Axes, of: dict[str, Statistics], colour: dict[str, str], many:
         axes.plot(
             [values.low, values.high], [place, place], color=colour[policy], lw=5, alpha=0.35, solid_capstyle="butt"
         )
-        axes.plot([values.iqm], [place], "o", color=colour[policy], ms=6, clip_on=False, zorder=3)
+        face = "white" if policy.endswith(_FILTERED) else colour[policy]
+        axes.plot([values.iqm], [place], "o", color=colour[policy], mfc=face, mew=1.5, ms=6, clip_on=False, zorder=3)
     axes.set_yticks(range(len(of)), list(of))
     axes.set_ylim(len(of) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0)
@@ -154,7 +166,8 @@ def _steps(axes: Axes, values: dict[str, list[float]], colour: dict[str, str]) -
         ordered = np.sort([value for value in of if np.isfinite(value)])
         share = np.arange(1, len(ordered) + 1) / len(of)
         ends = share[-1:] if len(share) else [0]
-        line = {"color": colour[policy], "lw": max(4.5 - 0.8 * k, 1.2), "label": policy}
+        style = (0, (3, 1)) if policy.endswith(_FILTERED) else "-"
+        line = {"color": colour[policy], "lw": max(4.5 - 0.8 * k, 1.2), "ls": style, "label": policy}
         axes.step([0, *ordered, 1.05 * largest], [0, *share, *ends], where="post", **line)
     axes.set_ylim(0, 1.03)
     axes.set_xlim(0, 1.05 * largest)
