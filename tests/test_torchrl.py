@@ -65,7 +65,6 @@ def play(env, actions, **settings):
 @EVERY_KIND
 def test_the_checker_of_torchrl(kind):
     # Oracle: the library's checker, on a fresh environment, in mid-episode and after some worlds alone were reset.
-    torch.manual_seed(0)
     env = make(kind)
     check_env_specs(env, break_when_any_done="both")
     data = env.rollout(7)
