@@ -157,13 +157,18 @@ def test_evaluate_prints_statistics_and_writes_the_rows(tmp_path):
 def test_ctrl_c_ends_with_130_and_says_how_to_go_on(tmp_path):
     arguments = ["benchmark", "--scenarios", "failure", "--policies", "still", "--episodes", "100000", "--batch", "1"]
     command = [sys.executable, "-m", "lissajous_env", *arguments, "--out", str(tmp_path)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     episodes = tmp_path / "episodes.jsonl"
-    deadline = time.monotonic() + 40
-    while time.monotonic() < deadline and not (episodes.exists() and episodes.stat().st_size):
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=20)
+    deadline = time.monotonic() + 60
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    # Tests that a shell runs in the background ignore Ctrl-C, and so would their children.
+    with subprocess.Popen(command, **pipes, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)) as process:
+        try:
+            while time.monotonic() < deadline and not (episodes.exists() and episodes.stat().st_size):
+                time.sleep(0.02)
+            process.send_signal(signal.SIGINT)
+            _, error = process.communicate(timeout=60)
+        finally:
+            process.kill()
     assert process.returncode == 130
     assert "Traceback" not in error
     assert f"finished episodes are kept in {tmp_path}, the same command goes on from there" in error
