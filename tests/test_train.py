@@ -14,9 +14,11 @@ from rich.console import Console
 
 pytest.importorskip("stable_baselines3")
 
+import lissajous_env
 import training
 from lissajous_env import Simulation
 from training import checkpoint, sb3
+from training.publish import publish
 from training.settings import Train
 from training.train import Sb3Trainer, train
 
@@ -133,6 +135,28 @@ def test_ctrl_c_keeps_what_was_learned(tmp_path):
     assert run.returncode == 130
     assert "the same command goes on from there" in errors
     assert json.loads((tmp_path / checkpoint.FILE).read_text())["counters"]["steps"] > before
+
+
+def test_a_policy_of_two_stages_is_published_with_one_curve(tmp_path):
+    # Oracle: the two trainings' own curves and weights, and the scores of the command that evaluates.
+    points = {"scenario": "failure", "overrides": {"task.duration": 2.0}, "teacher": "none", "layers": ()}
+    one = small(tmp_path, out=tmp_path / "one", steps=2560, **points)
+    two = small(tmp_path, out=tmp_path / "two", steps=2560, start=str(one.out), **points)
+    curves = [train(settings, QUIET).curve for settings in (one, two)]
+    publish(two.out, "shipped", before=(one.out,), folder=tmp_path, command="how")
+    assert (weights_of(tmp_path / "shipped") == weights_of(two.out)).all()
+    text = checkpoint.read(tmp_path / "shipped")[2]
+    done = curves[0][-1]["steps"]
+    assert [point["steps"] for point in text["curve"]] == [
+        *(point["steps"] for point in curves[0]),
+        *(done + point["steps"] for point in curves[1]),
+    ]
+    assert [point["stage"] for point in text["curve"]] == [1] * len(curves[0]) + [2] * len(curves[1])
+    assert (text["command"], text["made_for"]) == ("how", ["failure"])
+    rows = lissajous_env.evaluate(training.load(two.out, "failure", 64), "failure", range(10_000, 10_064))
+    found = text["held_out_scores"]["failure"]["collisions"]["mean"]
+    assert found == pytest.approx(np.mean([row["collisions"] for row in rows]), abs=1e-4)
+    assert not list((tmp_path / "shipped").glob("state*"))
 
 
 def test_a_finished_training_is_left_alone_and_more_steps_extend_it(tmp_path):

@@ -1,6 +1,7 @@
 """The training curve as a picture."""
 
 import json
+from itertools import groupby
 from pathlib import Path
 
 from lissajous_env.files import replacing
@@ -16,6 +17,8 @@ _PANELS = (
 def draw_curve(folder: str | Path, path: str | Path | None = None) -> Path:
     """Draw what the evaluations of a checkpoint's training were over its steps, its rivals as lines; returns the file.
 
+    Where a training had stages, dotted lines part them.
+
     Args:
         folder: The checkpoint.
         path: PNG to write; `curve.png` in the folder by default.
@@ -25,12 +28,18 @@ def draw_curve(folder: str | Path, path: str | Path | None = None) -> Path:
     path = Path(path or Path(folder) / "curve.png")
     text = json.loads((Path(folder) / FILE).read_text(encoding="utf-8"))
     curve, rivals = text["curve"], text["rivals"]
-    steps = [point["steps"] / 1e6 for point in curve]
+    # Stages have settings of their own, so that what is earned in one does not compare with the next.
+    stages = [list(points) for _, points in groupby(curve, key=lambda point: point.get("stage"))]
     figure = Figure(figsize=(12, 3.6), layout="constrained", dpi=120)
     axes = figure.subplots(1, len(_PANELS))
     for axis, (name, title) in zip(axes, _PANELS, strict=True):
-        values = [float("nan") if point[name] is None else point[name] for point in curve]
-        axis.plot(steps, values, color="tab:blue", marker="." if len(curve) < 30 else "", label="policy")
+        for points in stages:
+            steps = [point["steps"] / 1e6 for point in points]
+            values = [float("nan") if point[name] is None else point[name] for point in points]
+            label = "policy" if points is stages[0] else None
+            axis.plot(steps, values, color="tab:blue", marker="." if len(curve) < 30 else "", label=label)
+            if points is not stages[-1]:
+                axis.axvline(steps[-1], color="tab:blue", linestyle=":", linewidth=1)
         for k, (rival, scores) in enumerate(rivals.items()):
             if scores[name] is not None:
                 axis.axhline(scores[name], color=f"C{k + 1}", linestyle="--", linewidth=1, label=rival)
@@ -42,7 +51,9 @@ def draw_curve(folder: str | Path, path: str | Path | None = None) -> Path:
     axes[0].legend(frameon=False, fontsize=8)
     policy = text["policy"]
     base = f" on top of {policy['base']}" if policy["base"] else ""
-    figure.suptitle(f"{policy['scenario']}: {text['settings']['algorithm']}{base}, seed {text['settings']['seed']}")
+    parts = f", {len(stages)} stages" if len(stages) > 1 else ""
+    way = f"{text['settings']['algorithm']}{base}{parts}"
+    figure.suptitle(f"{policy['scenario']}: {way}, seed {text['settings']['seed']}")
     with replacing(path) as temporary:
         figure.savefig(temporary)
     return path

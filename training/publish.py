@@ -48,11 +48,11 @@ def publish(
 
 
 def _joined(curves: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """One curve of those of stages, each of which goes on from the end of the one before."""
+    """One curve of those of stages, each of which goes on from the end of the one before; a point says its `stage`."""
     joined: list[dict[str, Any]] = []
-    for curve in curves:
+    for stage, curve in enumerate(curves, 1):
         done = joined[-1]["steps"] if joined else 0
-        joined += [point | {"steps": done + point["steps"]} for point in curve]
+        joined += [point | {"stage": stage, "steps": done + point["steps"]} for point in curve]
     return joined
 
 
