@@ -11,92 +11,13 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from reference_motion import car_runge_kutta, closest_approach, curve_point, curve_tangent, projection, wrapped
 
 STILL, DRIFTING, WANDERING, FLEEING = range(4)
-PROJECTION_LIMIT = 0.1
-"""Largest correction of a car's curve parameter in a control step [rad]."""
 PARTED = 1.05
 """Distance over the sum of the radii, above which a collision is over."""
 RECOVERED = 0.05
 """Deviation from the equilibrium below which a formation has recovered [rad]."""
-
-
-def wrapped(angle: float) -> float:
-    """The same angle in (-pi, pi] [rad]."""
-    return math.remainder(angle, 2 * math.pi)
-
-
-def curve_point(curve, gamma: float) -> np.ndarray:
-    """Equation (10), which is (3) where C = 0 [m]."""
-    return np.array(
-        [
-            curve.half_width * math.cos(curve.a * gamma),
-            curve.half_height * math.sin(curve.b * gamma),
-            curve.half_depth * math.sin(curve.c * gamma),
-        ]
-    )
-
-
-def curve_tangent(curve, gamma: float) -> np.ndarray:
-    """Derivative of (3) with respect to its parameter [m/rad]."""
-    return np.array(
-        [
-            -curve.half_width * curve.a * math.sin(curve.a * gamma),
-            curve.half_height * curve.b * math.cos(curve.b * gamma),
-        ]
-    )
-
-
-def projection(curve, place: np.ndarray, gamma: float) -> float:
-    """Newton's step for r'.(q - r) = 0 [rad], limited; where the curve bends much, twice that of Gauss and Newton."""
-    tangent, away = curve_tangent(curve, gamma), place - curve_point(curve, gamma)[:2]
-    second = np.array(
-        [
-            -curve.half_width * curve.a**2 * math.cos(curve.a * gamma),
-            -curve.half_height * curve.b**2 * math.sin(curve.b * gamma),
-        ]
-    )
-    slope = tangent @ tangent - second @ away
-    lag = float(tangent @ away / max(slope, tangent @ tangent / 2))
-    return min(max(lag, -PROJECTION_LIMIT), PROJECTION_LIMIT)
-
-
-def motor_acceleration(robot, throttle: float) -> float:
-    """Drive less offset, and nothing in the dead zone [m/s^2]."""
-    return robot.drive * throttle - robot.offset if throttle > robot.dead_zone else 0.0
-
-
-def car_rates(robot, state: np.ndarray, steering: float, throttle: float) -> np.ndarray:
-    """Right side of (12) for [x, y, heading, speed], with the limit of grip on the yaw rate."""
-    _, _, heading, speed = state
-    speed = max(speed, 0.0)
-    yaw_rate = speed * math.tan(steering) / robot.wheelbase
-    if speed > 0:
-        most = robot.lateral_acceleration_max / speed
-        yaw_rate = min(max(yaw_rate, -most), most)
-    acceleration = motor_acceleration(robot, throttle) - robot.drag * speed
-    return np.array([speed * math.cos(heading), speed * math.sin(heading), yaw_rate, acceleration])
-
-
-def car_runge_kutta(robot, state: np.ndarray, steering: float, throttle: float, h: float) -> np.ndarray:
-    """One step of the classical Runge-Kutta method; the car does not reverse."""
-    first = car_rates(robot, state, steering, throttle)
-    second = car_rates(robot, state + h / 2 * first, steering, throttle)
-    third = car_rates(robot, state + h / 2 * second, steering, throttle)
-    fourth = car_rates(robot, state + h * third, steering, throttle)
-    after = state + h * (first + 2 * second + 2 * third + fourth) / 6
-    after[3] = max(after[3], 0.0)
-    return after
-
-
-def closest_approach(before: np.ndarray, after: np.ndarray) -> float:
-    """Shortest distance of the origin from the straight way between two offsets [m]."""
-    way = after - before
-    length = float(np.linalg.norm(way))
-    if length == 0:
-        return float(np.linalg.norm(before))
-    along = min(max(-float(before @ way) / length, 0.0), length)
-    return float(np.linalg.norm(before + along * way / length))
 
 
 @dataclass
@@ -166,7 +87,6 @@ class World:
         self.visits = [[0] for _ in self.centres]
         self.sensed_by = [set() for _ in self.centres]
         self.covered_at = self.covered_each_at = None
-        self.speed_unit = self._speed_unit()
         self.at_work = [self.works(i) for i in range(self.n)]
         self.resumed_at: int | None = None
         self._sense(begin=True)
@@ -431,7 +351,7 @@ class World:
             recovered -= 1
         return (recovered - self.resumed_at) * self.dt
 
-    # Observation.
+    # Messages.
 
     def _send(self) -> None:
         messages = [None if self.removed(i) else (r.phase, *r.position[:2]) for i, r in enumerate(self.robots)]
@@ -445,62 +365,6 @@ class World:
                 message = self.sent[self.now - self.delay][j] if j >= 0 else None
                 if message is not None:
                     self.heard[i][side] = (self.now - self.delay, message)
-
-    def observation(self) -> np.ndarray:
-        """(N, D) rows, as the table in `lissajous_env.observation`."""
-        return np.array([self._row(i) for i in range(self.n)])
-
-    def _speed_unit(self) -> float:
-        robot, curve = self.scenario.robot, self.scenario.curve
-        if robot.kind == "car":
-            return (robot.drive * robot.throttle_max - robot.offset) / robot.drag
-        speeds = [float(np.linalg.norm(curve_tangent(curve, gamma))) for gamma in np.linspace(0, 2 * math.pi, 20001)]
-        return max(speeds) * self.scenario.formation.phase_rate
-
-    def _row(self, i: int) -> list[float]:
-        scenario, own = self.scenario, self.robots[i]
-        width, height = scenario.curve.half_width, scenario.curve.half_height
-        sensing, unit = scenario.sensing, self.speed_unit
-
-        def far(value):
-            return min(max(value, -4.0), 4.0)
-
-        row = [far(own.position[0] / width), far(own.position[1] / height)]
-        row += [math.cos(own.heading), math.sin(own.heading), far(own.speed / unit)]
-        row += [math.cos(own.phase), math.sin(own.phase), float(self.works(i))]
-        for heard in self.heard[i]:
-            if heard is None or self.removed(i):
-                row += [0.0] * 6
-                continue
-            at, (phase, x, y) = heard
-            row += [1.0, min((self.now - at) * self.dt, 1.0)]
-            row += [math.cos(phase - own.phase), math.sin(phase - own.phase)]
-            row += [far((x - own.position[0]) / (2 * width)), far((y - own.position[1]) / (2 * height))]
-        robots, targets = [], []
-        if self.works(i):
-            robots = [r for j, r in enumerate(self.robots) if j != i and not self.removed(j)]
-            targets = [t for t in self.targets if t.in_sight]
-        row += self._nearest(own, robots, sensing.robots_seen, unit)
-        row += self._nearest(own, targets, sensing.targets_seen, None)
-        return row
-
-    def _nearest(self, own: Car, others: list, room: int, unit: float | None) -> list[float]:
-        radius, width = self.scenario.sensing.radius, 3 if unit is None else 5
-        offsets = [(other.position[:2] - own.position[:2], other) for other in others]
-        near = sorted(
-            (pair for pair in offsets if np.linalg.norm(pair[0]) < radius), key=lambda p: np.linalg.norm(p[0])
-        )
-        row: list[float] = []
-        for offset, other in near[:room]:
-            row += [1.0, *(offset / radius)]
-            if unit is not None:
-                relative = (self._velocity(other) - self._velocity(own)) / (2 * unit)
-                row += list(np.clip(relative, -1, 1))
-        return row + [0.0] * (width * room - len(row))
-
-    @staticmethod
-    def _velocity(robot: Car) -> np.ndarray:
-        return robot.speed * np.array([math.cos(robot.heading), math.sin(robot.heading)])
 
 
 def world_like(simulation, world: int = 0) -> World:
@@ -516,33 +380,3 @@ def world_like(simulation, world: int = 0) -> World:
     robots = simulation.robots
     bodies = zip(robots.wheelbase.numpy()[world].tolist(), robots.drive.numpy()[world].tolist(), strict=True)
     return World(simulation.scenario, robots.phase.numpy()[world].tolist(), bodies, list(targets))
-
-
-def smooth_actions(shape: tuple[int, int], steps: int, seed: int, low: float = -1.0, high: float = 1.0) -> np.ndarray:
-    """(steps, *shape) actions that change smoothly: three sines of random rates for each, mostly in [low, high]."""
-    draw = np.random.default_rng(seed)
-    rates, turns = draw.uniform(0.02, 0.3, (2, 3, *shape)) * np.array([1, 20])[:, None, None, None]
-    times = np.arange(steps)[:, None, None, None]
-    waves = np.sin(rates * times + turns).sum(axis=1) / 2
-    return ((low + high) / 2 + (high - low) / 2 * waves).astype(np.float32)
-
-
-def pursuit(world: World, ahead: float, speed: float) -> np.ndarray:
-    """(N, 2) actions that drive each car towards the point of the curve `ahead` of it [m], at a speed [m/s].
-
-    Keeps cars near the curve, where the point of the curve that is nearest to a car is well defined.
-    """
-    robot, rows = world.scenario.robot, []
-    for car in world.robots:
-        gamma = world.alpha * car.phase
-        aim = curve_point(world.scenario.curve, gamma)[:2]
-        while np.linalg.norm(aim - car.position[:2]) < ahead:
-            gamma += 0.01
-            aim = curve_point(world.scenario.curve, gamma)[:2]
-        way = aim - car.position[:2]
-        angle = math.atan2(way[1], way[0]) - car.heading
-        steering = math.atan2(2 * robot.wheelbase * math.sin(angle), float(np.linalg.norm(way)))
-        throttle = (robot.drag * speed + robot.offset) / robot.drive + 0.03 * (speed - car.speed)
-        span = robot.throttle_max - robot.throttle_min
-        rows.append([steering / robot.steering_max, 2 * (throttle - robot.throttle_min) / span - 1])
-    return np.array(rows)

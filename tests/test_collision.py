@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import reference
+import reference_motion
 import warp as wp
 
 import lissajous_env
@@ -35,7 +35,9 @@ def test_closest_approach_is_the_distance_of_a_segment_from_the_origin():
     before, after = draw.normal(size=(2, 500, 3)).astype(np.float32)
     after[:50] = before[:50]  # robots that stand still
     after[50:100] = before[50:100] * 3  # robots that part
-    expected = np.array([reference.closest_approach(*way) for way in zip(before.astype(float), after, strict=True)])
+    expected = np.array(
+        [reference_motion.closest_approach(*way) for way in zip(before.astype(float), after, strict=True)]
+    )
     dense = [
         np.linalg.norm(a + np.linspace(0, 1, 10_001)[:, None] * (b - a), axis=1).min()
         for a, b in zip(before, after, strict=True)

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-import reference
+import reference_motion
 
 import lissajous_env
 from lissajous_env import observation
@@ -190,7 +190,10 @@ def test_the_measured_phase_is_that_of_the_measured_place(alpha):
     robots, curve = simulation.robots, simulation.scenario.curve
     truth, measured = robots.phase.numpy(), robots.measured.numpy()[..., :2].astype(float)
     expected = [
-        [phase + reference.projection(curve, place, alpha * phase) / alpha for phase, place in zip(*world, strict=True)]
+        [
+            phase + reference_motion.projection(curve, place, alpha * phase) / alpha
+            for phase, place in zip(*world, strict=True)
+        ]
         for world in zip(truth, measured, strict=True)
     ]
     got = np.exp(1j * robots.measured_phase.numpy())

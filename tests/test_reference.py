@@ -10,6 +10,8 @@ import math
 import numpy as np
 import pytest
 import reference
+import reference_driving
+import reference_observation
 
 import lissajous_env
 
@@ -85,9 +87,9 @@ class Both:
         self.differences = dict.fromkeys(("position", "observation", "reward", "idleness", "target"), 0.0)
         self.disagreements: list[str] = []
         self._compare()
-        for action in reference.smooth_actions(self.simulation.action_shape[1:], steps, seed):
+        for action in reference_driving.smooth_actions(self.simulation.action_shape[1:], steps, seed):
             if self.world.scenario.robot.kind == "car":
-                action = 0.3 * action + reference.pursuit(self.world, ahead=0.4, speed=1.0)
+                action = 0.3 * action + reference_driving.pursuit(self.world, ahead=0.4, speed=1.0)
             action = action.astype(np.float32)
             self.simulation.step(action[None])
             self.world.step(action)
@@ -96,7 +98,7 @@ class Both:
     def _compare(self) -> None:
         simulation, world = self.simulation, self.world
         self._differ("position", simulation.robots.position, [robot.position for robot in world.robots])
-        self._differ("observation", simulation.observation, world.observation())
+        self._differ("observation", simulation.observation, reference_observation.rows(world))
         terms = simulation.reward_terms.numpy()
         self._differ("reward", terms[..., [0, 1, 2, 4]], world.terms[:, [0, 1, 2, 4]])
         self._differ("idleness", terms[..., 3], world.terms[:, 3])

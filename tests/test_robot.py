@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 import reference
+import reference_driving
+import reference_motion
 import warp as wp
 
 import lissajous_env
@@ -71,7 +73,7 @@ def integrated(robot, start, steering, throttle, time, steps):
     """(len(steps), 4) end states of the device's integrator with these numbers of steps, in float32."""
     out = wp.empty(len(steps), dtype=wp.vec4, device="cpu")
     curvature = math.tan(steering) / robot.wheelbase
-    push = reference.motor_acceleration(robot, throttle)
+    push = reference_motion.motor_acceleration(robot, throttle)
     inputs = [to_struct(RobotStruct, robot), wp.vec4(*start), curvature, push, time, wp.array(steps, dtype=int), out]
     wp.launch(integrate, dim=len(steps), inputs=inputs, device="cpu")
     return out.numpy().astype(float)
@@ -80,7 +82,7 @@ def integrated(robot, start, steering, throttle, time, steps):
 def finely_integrated(robot, start, steering, throttle, time, steps=2000):
     state = np.array(start, dtype=float)
     for _ in range(steps):
-        state = reference.car_runge_kutta(robot, state, steering, throttle, time / steps)
+        state = reference_motion.car_runge_kutta(robot, state, steering, throttle, time / steps)
     return state
 
 
@@ -204,8 +206,8 @@ def test_the_phase_of_a_car_is_that_of_the_nearest_point_of_its_branch():
     world = reference.world_like(simulation)
     curve, around = simulation.scenario.curve, np.linspace(-0.3, 0.3, 6001)
     excess, phases = [], []
-    for action in reference.smooth_actions((1, 2), 400, seed=1):
-        action = (reference.pursuit(world, ahead=0.4, speed=1.0) + 0.2 * action).astype(np.float32)
+    for action in reference_driving.smooth_actions((1, 2), 400, seed=1):
+        action = (reference_driving.pursuit(world, ahead=0.4, speed=1.0) + 0.2 * action).astype(np.float32)
         simulation.step(action[None])
         world.step(action)
         place = simulation.robots.position.numpy()[0, 0, :2]

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import warp as wp
-from reference import car_runge_kutta, closest_approach
+from reference_motion import car_runge_kutta, closest_approach
 from scipy.optimize import linprog
 
 import baselines

@@ -1,0 +1,86 @@
+"""Formulas of the reference in float64: the curve, the bicycle with its motor, the closest approach."""
+
+import math
+
+import numpy as np
+
+PROJECTION_LIMIT = 0.1
+"""Largest correction of a car's curve parameter in a control step [rad]."""
+
+
+def wrapped(angle: float) -> float:
+    """The same angle in (-pi, pi] [rad]."""
+    return math.remainder(angle, 2 * math.pi)
+
+
+def curve_point(curve, gamma: float) -> np.ndarray:
+    """Equation (10), which is (3) where C = 0 [m]."""
+    return np.array(
+        [
+            curve.half_width * math.cos(curve.a * gamma),
+            curve.half_height * math.sin(curve.b * gamma),
+            curve.half_depth * math.sin(curve.c * gamma),
+        ]
+    )
+
+
+def curve_tangent(curve, gamma: float) -> np.ndarray:
+    """Derivative of (3) with respect to its parameter [m/rad]."""
+    return np.array(
+        [
+            -curve.half_width * curve.a * math.sin(curve.a * gamma),
+            curve.half_height * curve.b * math.cos(curve.b * gamma),
+        ]
+    )
+
+
+def projection(curve, place: np.ndarray, gamma: float) -> float:
+    """Newton's step for r'.(q - r) = 0 [rad], limited; where the curve bends much, twice that of Gauss and Newton."""
+    tangent, away = curve_tangent(curve, gamma), place - curve_point(curve, gamma)[:2]
+    second = np.array(
+        [
+            -curve.half_width * curve.a**2 * math.cos(curve.a * gamma),
+            -curve.half_height * curve.b**2 * math.sin(curve.b * gamma),
+        ]
+    )
+    slope = tangent @ tangent - second @ away
+    lag = float(tangent @ away / max(slope, tangent @ tangent / 2))
+    return min(max(lag, -PROJECTION_LIMIT), PROJECTION_LIMIT)
+
+
+def motor_acceleration(robot, throttle: float) -> float:
+    """Drive less offset, and nothing in the dead zone [m/s^2]."""
+    return robot.drive * throttle - robot.offset if throttle > robot.dead_zone else 0.0
+
+
+def car_rates(robot, state: np.ndarray, steering: float, throttle: float) -> np.ndarray:
+    """Right side of (12) for [x, y, heading, speed], with the limit of grip on the yaw rate."""
+    _, _, heading, speed = state
+    speed = max(speed, 0.0)
+    yaw_rate = speed * math.tan(steering) / robot.wheelbase
+    if speed > 0:
+        most = robot.lateral_acceleration_max / speed
+        yaw_rate = min(max(yaw_rate, -most), most)
+    acceleration = motor_acceleration(robot, throttle) - robot.drag * speed
+    return np.array([speed * math.cos(heading), speed * math.sin(heading), yaw_rate, acceleration])
+
+
+def car_runge_kutta(robot, state: np.ndarray, steering: float, throttle: float, h: float) -> np.ndarray:
+    """One step of the classical Runge-Kutta method; the car does not reverse."""
+    first = car_rates(robot, state, steering, throttle)
+    second = car_rates(robot, state + h / 2 * first, steering, throttle)
+    third = car_rates(robot, state + h / 2 * second, steering, throttle)
+    fourth = car_rates(robot, state + h * third, steering, throttle)
+    after = state + h * (first + 2 * second + 2 * third + fourth) / 6
+    after[3] = max(after[3], 0.0)
+    return after
+
+
+def closest_approach(before: np.ndarray, after: np.ndarray) -> float:
+    """Shortest distance of the origin from the straight way between two offsets [m]."""
+    way = after - before
+    length = float(np.linalg.norm(way))
+    if length == 0:
+        return float(np.linalg.norm(before))
+    along = min(max(-float(before @ way) / length, 0.0), length)
+    return float(np.linalg.norm(before + along * way / length))
