@@ -209,7 +209,7 @@ def _usual(names: Iterable[str], scenario: Scenario) -> list[str]:
     """
     chosen = [name for name in names if registry.made_for(name, scenario.name)]
     filtered = [name for name in chosen if name == "kuramoto-mpcc-safe" or registry.is_specialist(name)]
-    return [name for name in chosen if not name.endswith("-safe") or name in filtered]
+    return [name for name in chosen if not registry.unwrapped(name)[1] or name in filtered]
 
 
 def play(

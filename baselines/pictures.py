@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from baselines.policy import names
+from baselines.policy import names, unwrapped
 from baselines.statistics import Statistics
 from lissajous_env.scenario import Scenario
 
@@ -50,9 +50,6 @@ _COLOURS = (
     "#66A61E",
     "#1B4F72",
 )
-_FILTERED = "-safe"
-"""Ending of a policy with the collision filter under it: its colour is the policy's own, its dot hollow, its line
-dashed."""
 _PANEL = 3.8
 """Width of a panel [inch]."""
 
@@ -65,11 +62,11 @@ def draw(
     """Draw the pictures and return each as a PNG, by file name."""
     if not rows:
         return {}
-    # A policy has the same colour in every benchmark, whatever others were played.
+    # A policy has the same colour in every benchmark, whatever others were played, and with the filter as without.
     policies = dict.fromkeys([*names(), *(row["policy"] for row in rows)])
-    plain = dict.fromkeys(policy.removesuffix(_FILTERED) for policy in policies)
+    plain = dict.fromkeys(unwrapped(policy)[0] for policy in policies)
     colour_of = {policy: _COLOURS[k % len(_COLOURS)] for k, policy in enumerate(plain)}
-    colour = {policy: colour_of[policy.removesuffix(_FILTERED)] for policy in policies}
+    colour = {policy: colour_of[unwrapped(policy)[0]] for policy in policies}
     played, most = list(cells), max(map(len, cells.values()))
 
     def times(axes: Axes, name: str) -> None:
@@ -141,7 +138,7 @@ def _points(axes: Axes, of: dict[str, Statistics], colour: dict[str, str], many:
         axes.plot(
             [values.low, values.high], [place, place], color=colour[policy], lw=5, alpha=0.35, solid_capstyle="butt"
         )
-        face = "white" if policy.endswith(_FILTERED) else colour[policy]
+        face = "white" if unwrapped(policy)[1] else colour[policy]
         axes.plot([values.iqm], [place], "o", color=colour[policy], mfc=face, mew=1.5, ms=6, clip_on=False, zorder=3)
     axes.set_yticks(range(len(of)), list(of))
     axes.set_ylim(len(of) - 0.5, -0.5)
@@ -166,7 +163,7 @@ def _steps(axes: Axes, values: dict[str, list[float]], colour: dict[str, str]) -
         ordered = np.sort([value for value in of if np.isfinite(value)])
         share = np.arange(1, len(ordered) + 1) / len(of)
         ends = share[-1:] if len(share) else [0]
-        style = (0, (3, 1)) if policy.endswith(_FILTERED) else "-"
+        style = (0, (3, 1)) if unwrapped(policy)[1] else "-"
         line = {"color": colour[policy], "lw": max(4.5 - 0.8 * k, 1.2), "ls": style, "label": policy}
         axes.step([0, *ordered, 1.05 * largest], [0, *share, *ends], where="post", **line)
     axes.set_ylim(0, 1.03)

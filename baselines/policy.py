@@ -137,13 +137,13 @@ def is_folder(name: str) -> bool:
 
 def made_for(name: str, scenario: str) -> bool:
     """Whether a benchmark plays a policy on a scenario without being asked to."""
-    entry = _registry().get(_unwrapped(name)[0])
+    entry = _registry().get(unwrapped(name)[0])
     return entry is None or not entry.made_for or scenario in entry.made_for
 
 
 def is_specialist(name: str) -> bool:
     """Whether a policy was made for some scenarios."""
-    entry = _registry().get(_unwrapped(name)[0])
+    entry = _registry().get(unwrapped(name)[0])
     return entry is not None and bool(entry.made_for)
 
 
@@ -167,7 +167,7 @@ def _kinds() -> dict[str, str | None]:
     return kinds
 
 
-def _unwrapped(name: str) -> tuple[str, str]:
+def unwrapped(name: str) -> tuple[str, str]:
     """Name of the policy inside, and the suffix of what wraps it ("" for nothing)."""
     if name in _registry():
         return name, ""
@@ -176,7 +176,7 @@ def _unwrapped(name: str) -> tuple[str, str]:
 
 
 def _build(name: str, scenario: Scenario, num_worlds: int, device: Any) -> Policy:
-    plain, suffix = _unwrapped(name)
+    plain, suffix = unwrapped(name)
     policy = _registry()[plain].factory(scenario, num_worlds, device)
     if suffix:
         policy.name = plain
