@@ -102,6 +102,8 @@ def commanded(
     command = wp.vec2(action[w, i, 0], action[w, i, action.shape[2] - 1])
     if not (wp.isfinite(command[0]) and wp.isfinite(command[1])):
         clock.invalid[w] = 1
+        if clock.invalid_at[w] == 0:
+            clock.invalid_at[w] = clock.step[w] + 1
         command = wp.vec2(0.0, 0.0)
     command = wp.vec2(wp.clamp(command[0], -1.0, 1.0), wp.clamp(command[1], -1.0, 1.0))
     step_out.effort[w, i] = 0.5 * wp.dot(command, command)

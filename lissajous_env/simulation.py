@@ -40,6 +40,7 @@ class Simulation:
         terminated: (W, N) bool, robots that a collision removed.
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and zero was taken instead.
+        invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
     threads. A world whose episode has ended stands still, with reward 0, until it is reset.
@@ -163,7 +164,7 @@ class Simulation:
         self._seeds = wp.zeros(w, dtype=wp.int32, device=self.device)
         self.reward, self.reward_terms = self.latest.reward, self.latest.terms
         self.terminated, self.truncated = self.latest.terminated, self.latest.truncated
-        self.invalid = self.clock.invalid
+        self.invalid, self.invalid_at = self.clock.invalid, self.clock.invalid_at
 
     def _record(self) -> None:
         """Record the launches of a reset and of a step, once for each thread's block of worlds."""

@@ -40,6 +40,8 @@ class Clock:
     """1 where the world is being reset."""
     invalid: wp.array(dtype=wp.int32)
     """1 where an action of this episode was not finite and zero was taken instead."""
+    invalid_at: wp.array(dtype=wp.int32)
+    """Step in which that happened first, counted from 1; 0 for none."""
 
 
 @wp.struct

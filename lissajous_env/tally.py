@@ -30,6 +30,7 @@ def reset_clock(first: int, seeds: wp.array(dtype=int), clock: Clock):
     clock.step[w] = 0
     clock.stage[w] = RUNNING
     clock.invalid[w] = 0
+    clock.invalid_at[w] = 0
 
 
 @wp.func

@@ -212,7 +212,7 @@ def test_an_action_that_is_not_finite_flags_its_world_and_counts_as_zero(scenari
     good, flagged = (run(scenario, range(5), each) for each in (zeroed, spoiled))
     assert flagged.invalid.numpy().tolist() == [0, 0, 1, 0, 0]
     assert good.invalid.numpy().tolist() == [0] * 5
-    assert_same(state_of(good), state_of(flagged), but=("Clock.invalid",))
+    assert_same(state_of(good), state_of(flagged), but=("Clock.invalid", "Clock.invalid_at"))
     assert np.isfinite(flagged.observation.numpy()).all()
     flagged.reset([2])
     assert flagged.invalid.numpy().tolist() == [0] * 5

@@ -1,0 +1,87 @@
+"""Attacks the package as strangers do, and writes the table of what held: `python benchmarks/attack.py`.
+
+Every try is drawn from the seed, the attack and its number, so that a failure can be tried again alone:
+`python benchmarks/attack.py --only NAME --seed S`.
+"""
+
+import importlib
+import pkgutil
+import sys
+import time
+import traceback
+from pathlib import Path
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import Progress
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import attacks
+
+from lissajous_env.files import write_atomically
+
+_SHOWN = 3
+"""Failures of an attack that are shown in full."""
+
+
+def attack(only: str = "", share: float = 1.0, seed: int = 0, out: Path | None = None) -> int:
+    """Try every attack, print what held and what did not.
+
+    Args:
+        only: tries only attacks whose names hold these words.
+        share: share of the tries of each attack; at least one is made.
+        seed: another seed draws other tries.
+        out: Markdown file whose table is replaced.
+    """
+    console, rows, failed = Console(), [], 0
+    for number, each in enumerate(_attacks()):
+        if only not in each.name:
+            continue
+        began, seen = time.monotonic(), []
+        tries = max(round(share * each.tries), 1)
+        with Progress(console=console, transient=True) as progress:
+            for k in progress.track(range(tries), description=each.name):
+                words = _tried(each, np.random.default_rng([seed, number, k]))
+                if words is not None:
+                    seen.append(f"try {k}: {words}")
+        failed += len(seen)
+        rows.append((each.name, each.promise, tries, tries - len(seen)))
+        console.print(
+            f"{each.name}: {tries - len(seen)} of {tries} held, {time.monotonic() - began:.1f} s", markup=False
+        )
+        for words in seen[:_SHOWN]:
+            console.print(f"  {words}", style="red", markup=False)
+    if out is not None:
+        _replace_table(out, rows, seed)
+    total = sum(row[2] for row in rows)
+    console.print(f"{total - failed} of {total} tries held")
+    return 1 if failed else 0
+
+
+def _attacks() -> list[attacks.Attack]:
+    names = sorted(module.name for module in pkgutil.iter_modules(attacks.__path__))
+    return [each for name in names for each in importlib.import_module(f"attacks.{name}").ATTACKS]
+
+
+def _tried(each: attacks.Attack, draw: np.random.Generator) -> str | None:
+    try:
+        return each.attempt(draw)
+    except Exception as error:
+        return "".join(traceback.format_exception(error)[-3:])
+
+
+def _replace_table(path: Path, rows: list[tuple[str, str, int, int]], seed: int) -> None:
+    """Replace what stands between the two marks of the table."""
+    begin, end = "<!-- table: begin -->", "<!-- table: end -->"
+    before, _, rest = path.read_text(encoding="utf-8").partition(begin)
+    lines = ["| attack | what must hold | tries | held |", "|---|---|---:|---:|"]
+    lines += [f"| {name} | {promise} | {tries:,} | {held:,} |" for name, promise, tries, held in rows]
+    tries, held = sum(row[2] for row in rows), sum(row[3] for row in rows)
+    table = "\n".join([*lines, f"| **all**, seed {seed} | | **{tries:,}** | **{held:,}** |"])
+    write_atomically(path, f"{before}{begin}\n{table}\n{end}{rest.partition(end)[2]}")
+
+
+if __name__ == "__main__":
+    sys.exit(tyro.cli(attack))
