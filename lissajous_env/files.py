@@ -161,9 +161,10 @@ def moved_into_place(temporary: Path, path: Path) -> Iterator[Path]:
             finally:
                 os.close(descriptor)
             os.replace(temporary, path)
-            sync_folder(path.parent)
-        finally:
+        except BaseException:
             temporary.unlink(missing_ok=True)
+            raise
+        sync_folder(path.parent)
     except OSError as error:
         if error.filename in (None, temporary, str(temporary)):
             raise OSError(error.errno, error.strerror or str(error), str(path)) from error

@@ -17,6 +17,7 @@ pytest.importorskip("stable_baselines3")
 import lissajous_env
 import training
 from lissajous_env import Simulation
+from lissajous_env.folder import LIST, Folder
 from training import checkpoint, sb3
 from training.publish import publish
 from training.settings import Train
@@ -202,7 +203,8 @@ def test_a_training_starts_from_another(tmp_path):
 def test_the_critic_may_learn_alone_first(tmp_path):
     # Oracle: the weights that a training begins with.
     settings = small(tmp_path, steps=2560, teacher="none", critic_steps=1280)
-    fresh = Sb3Trainer(dataclasses.replace(settings, out=tmp_path / "fresh"), QUIET).network().to_arrays()
+    with Folder(tmp_path / "fresh") as folder:
+        fresh = Sb3Trainer(settings, QUIET, folder).network().to_arrays()
     train(dataclasses.replace(settings, steps=1280, critic_steps=1280), QUIET)
     kept = checkpoint.read(settings.out)[0].to_arrays()
     assert all((kept[name] == array).all() for name, array in fresh.items())
@@ -234,7 +236,7 @@ def test_what_a_training_leaves(tmp_path):
     assert [point["steps"] for point in course.curve] == [1280, 2560, 3840, 5120, 6400]
     assert course.rivals["sweep"]["detection_time"] is not None
     assert {path.name.partition("-")[0] for path in settings.out.iterdir()} == {
-        "checkpoint.json", "weights", "state", "best", "curve.png", "tensorboard", ".lock",
+        "checkpoint.json", "weights", "state", "best", "curve.png", "tensorboard", LIST,
     }  # fmt: skip
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -273,9 +275,6 @@ def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, wo
 
 
 def test_two_trainings_do_not_share_a_folder(tmp_path):
-    from lissajous_env.files import locked
-
     settings = small(tmp_path, steps=1280)
-    settings.out.mkdir()
-    with locked(settings.out), pytest.raises(ValueError, match=f"in use by another process.*{os.getpid()}"):
+    with Folder(settings.out), pytest.raises(ValueError, match=f"in use by another process.*{os.getpid()}"):
         train(settings, QUIET)

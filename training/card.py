@@ -74,8 +74,10 @@ class Card:
         names = ("scenario", "kind", "inputs", "action_size", "base", "residual")
         for name in names:
             require("policy", name in policy, f"must hold {name}", list(policy))
-        values = [policy[name] for name in names]
-        return cls(*(tuple(value) if isinstance(value, list) else value for value in values), settings=settings)
+        values: dict[str, Any] = {name: policy[name] for name in names}
+        if isinstance(values["inputs"], list):
+            values["inputs"] = tuple(values["inputs"])
+        return cls(**values, settings=settings)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values of all but the settings."""
