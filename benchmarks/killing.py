@@ -7,6 +7,7 @@ can be tried, one after the other. The processes are forked from one that has th
 import errno
 import itertools
 import json
+import logging
 import multiprocessing
 import os
 import signal
@@ -91,9 +92,7 @@ class _Points:
             path, _, flags = arguments
             if flags & (os.O_CREAT | os.O_TRUNC) and self._is_inside(path):
                 self._at(event)
-        elif event in ("os.mkdir", "os.remove", "os.truncate") and self._is_inside(arguments[0]):
-            self._at(event)
-        elif event == "os.rename" and self._is_inside(arguments[1]):
+        elif event in ("os.mkdir", "os.remove", "os.rename", "os.truncate") and self._is_inside(arguments[0]):
             self._at(event)
 
     def _writing(self, descriptor: int, data: Any) -> int:
@@ -154,7 +153,7 @@ def reproduce(folder: Path) -> None:
     """Make two parts of the paper, one with a picture."""
     from baselines import reproduce
 
-    reproduce.reproduce(("lemmas", "bounds"), out=folder)
+    reproduce.reproduce(("theorem2", "fig8"), out=folder)
 
 
 def result_of_train(folder: Path) -> dict[str, Any]:
@@ -172,6 +171,7 @@ def result_of_train(folder: Path) -> dict[str, Any]:
     highest = max(curve, key=lambda point: point["return"])
     if _untimed([best_text["scores"]])[0] != highest or best_text["curve"][-1]["steps"] != highest["steps"]:
         raise ValueError(f"best must be the policy of {highest}, got {best_text['scores']}")
+    names = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if "tfevents" not in path.name)
     rows = tensorboard_rows(folder / "tensorboard")
     for name in ("detection_time", "collisions", "return", "detected_fraction"):
         logged = [(step, round(value, 5)) for step, value in rows.get(f"evaluation/{name}", [])]
@@ -186,9 +186,7 @@ def result_of_train(folder: Path) -> dict[str, Any]:
         "best": [array.tolist() for array in best.weights],
         "rows": rows,
         "picture": (folder / "curve.png").read_bytes(),
-        "names": sorted(
-            path.relative_to(folder).as_posix() for path in folder.rglob("*") if "tfevents" not in path.name
-        ),
+        "names": sorted(names),
     }
 
 
@@ -200,6 +198,7 @@ def tensorboard_rows(folder: Path) -> dict[str, list[tuple[int, float]]]:
     """
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+    logging.getLogger("tensorboard").setLevel(logging.ERROR)
     events = EventAccumulator(str(folder), size_guidance={"scalars": 0})
     events.Reload()
     rows = {}

@@ -223,10 +223,10 @@ def _named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _depth(found: Any) -> int:
     """Objects and lists inside each other."""
-    deepest, waiting = 0, [(found, 0)]
+    deepest, waiting = 0, [(found, 1)]
     while waiting:
         value, depth = waiting.pop()
-        deepest = max(deepest, depth)
         if isinstance(value, (dict, list)):
+            deepest = max(deepest, depth)
             waiting += [(each, depth + 1) for each in (value.values() if isinstance(value, dict) else value)]
     return deepest

@@ -200,7 +200,6 @@ class _Watch(BaseCallback):
 @contextlib.contextmanager
 def _logging_to(folder: Path, steps: int) -> Iterator[Logger]:
     """Log to TensorBoard; what an earlier process logged after its last checkpoint is taken back."""
-    logger = Logger(str(folder), [_Rows(folder, steps)])
     before = threading.excepthook
 
     def quiet(told: threading.ExceptHookArgs) -> None:
@@ -210,12 +209,15 @@ def _logging_to(folder: Path, steps: int) -> Iterator[Logger]:
 
     threading.excepthook = quiet
     try:
-        yield logger
+        logger = Logger(str(folder), [_Rows(folder, steps)])
+        with contextlib.closing(logger):
+            yield logger
+    except OSError as error:
+        if error.filename is None:
+            raise OSError(error.errno, error.strerror or str(error), str(folder)) from error
+        raise
     finally:
-        try:
-            logger.close()
-        finally:
-            threading.excepthook = before
+        threading.excepthook = before
 
 
 class _Rows(TensorBoardOutputFormat):
