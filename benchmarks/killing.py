@@ -18,6 +18,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 QUIET = Console(quiet=True)
@@ -174,9 +175,11 @@ def result_of_train(folder: Path) -> dict[str, Any]:
     names = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if "tfevents" not in path.name)
     rows = tensorboard_rows(folder / "tensorboard")
     for name in ("detection_time", "collisions", "return", "detected_fraction"):
-        logged = [(step, round(value, 5)) for step, value in rows.get(f"evaluation/{name}", [])]
-        evaluated = [(point["steps"], round(point[name], 5)) for point in curve if point[name] is not None]
-        if logged != evaluated:
+        logged = np.array(rows.get(f"evaluation/{name}", [])).reshape(-1, 2)
+        evaluated = np.array([(point["steps"], point[name]) for point in curve if point[name] is not None]).reshape(
+            -1, 2
+        )
+        if logged.shape != evaluated.shape or not np.allclose(logged, evaluated):
             raise ValueError(f"TensorBoard must show {name} as the curve has it, {evaluated}, got {logged}")
     return {
         "files": text["files"],

@@ -43,7 +43,8 @@ class Card:
 
     def __post_init__(self) -> None:
         for name in ("scenario", "kind"):
-            require(name, isinstance(getattr(self, name), str), "must be a word", getattr(self, name))
+            value = getattr(self, name)
+            require(name, isinstance(value, str) and value.isprintable() and len(value) < 100, "must be a word", value)
         words = isinstance(self.inputs, tuple) and all(isinstance(name, str) for name in self.inputs)
         require("inputs", words and len(set(self.inputs)) == len(self.inputs), "must be words, each once", self.inputs)
         size = self.action_size

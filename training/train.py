@@ -114,20 +114,23 @@ class Sb3Trainer(Trainer):
             if left > 0:
                 # The model counts on from the steps that it has.
                 first = self.model._last_obs is None
-                try:
+                with self._telling_divergence():
                     self.model.learn(left, callback=_Watch(self), reset_num_timesteps=first)
-                except ValueError as error:
-                    self._require_finite(error)
-                    raise
-                self._require_finite()
+                    self.network()
             self.evaluate_and_save()
 
-    def _require_finite(self, cause: Exception | None = None) -> None:
-        """Say what to do about a training that has diverged: torch prints tensors."""
-        if not all(torch.isfinite(parameter).all() for parameter in self.model.policy.parameters()):
+    @contextlib.contextmanager
+    def _telling_divergence(self) -> Iterator[None]:
+        """Say what to do about a training that has diverged, where torch would print tensors."""
+        try:
+            yield
+        except ValueError as error:
+            finite = all(torch.isfinite(parameter).all() for parameter in self.model.policy.parameters())
+            if finite and "of distribution" not in str(error):
+                raise
             steps, rate = self.course.steps, self.settings.learning_rate
             words = f"learning_rate must be low enough that weights stay finite, got {rate:g} after {steps:,} steps"
-            raise ValueError(words) from cause
+            raise ValueError(words) from None
 
     def _go_on(self) -> None:
         _, card, text = checkpoint.read(self.settings.out)

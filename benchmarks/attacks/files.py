@@ -263,14 +263,14 @@ def _strict_json(draw: np.random.Generator, folder: Path) -> str | None:
 
 _SAME = "the same command, called again, ends as if nothing had happened: the same bits"
 ATTACKS = [
-    Attack("files of the user in --out", "they and what links lead to stay as they are", 40, _files_of_the_user),
+    Attack("files of the user in --out", "they and what links lead to stay as they are", 20, _files_of_the_user),
     Attack("a training killed at each write", _SAME, 143, _AtEachWrite("train")),
     Attack("a benchmark killed at each write", _SAME, 40, _AtEachWrite("benchmark")),
     Attack("a reproduction killed at each write", _SAME, 26, _AtEachWrite("reproduce")),
     Attack("disk full in a training", _SAME + ", and the error is one line", 20, _AtEachWrite("train", True, 10)),
     Attack("disk full in a benchmark", _SAME + ", and the error is one line", 14, _AtEachWrite("benchmark", True, 5)),
     Attack("disk full in a reproduction", _SAME + ", and the error is one line", 8, _AtEachWrite("reproduce", True, 5)),
-    Attack("a checkpoint that was changed", "refused in a line, or it plays finite actions", 1000, _changed_checkpoint),
+    Attack("a checkpoint that was changed", "refused in a line, or it plays finite actions", 500, _changed_checkpoint),
     Attack("results that were changed", "refused by name, or all episodes are there", 60, _changed_results),
     Attack("JSON that was changed", "refused in a line, or it can be written again", 3000, _strict_json),
 ]
