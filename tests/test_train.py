@@ -121,7 +121,7 @@ def test_ctrl_c_keeps_what_was_learned(tmp_path, monkeypatch):
         observe(trainer, extra)
 
     monkeypatch.setattr(Sb3Trainer, "observe_rollout", pressed)
-    with pytest.raises(KeyboardInterrupt, match="1,920 steps are kept in .*, the same command goes on from there"):
+    with pytest.raises(KeyboardInterrupt, match=r"1,920 steps are kept in .*, the same command goes on from there"):
         train(small(tmp_path, steps=10**9, evaluate_every=10**9, teacher="none"), QUIET)
     assert seen == [640, 1280, 1920]
     assert checkpoint.read_text(tmp_path / "run")["counters"]["steps"] == 1920
