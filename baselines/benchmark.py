@@ -21,7 +21,7 @@ from baselines.progress import Progress
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device import as_device
 from lissajous_env.evaluation import ActingPolicy, episodes
-from lissajous_env.files import locked, remove_leftovers
+from lissajous_env.folder import Folder
 from lissajous_env.scenario import Scenario
 
 Factory = Callable[[Scenario, int, Any], ActingPolicy]
@@ -148,10 +148,8 @@ def measure(
     """Do the same as `run`, and tell which policies failed as well."""
     cells = plan(settings, policies, scenarios)
     console = console or report.wide_console()
-    folder = stored.make_folder(settings.out)
     started = time.monotonic()
-    with locked(folder):
-        remove_leftovers(folder)
+    with Folder(settings.out, (*stored.NAMES, *report.NAMES)) as folder:
         stored.keep_settings(folder, settings, cells)
         with stored.open_episodes(folder, settings, cells) as kept:
             found = len(kept)

@@ -22,6 +22,7 @@ from baselines.statistics import Statistics, summarize
 from baselines.stored import NUMBER_COLUMNS, as_settings, plain
 from lissajous_env.device import as_device
 from lissajous_env.files import write_atomically
+from lissajous_env.folder import Folder
 from lissajous_env.scenario import Faults, Scenario
 from lissajous_env.score import COLUMNS
 
@@ -157,11 +158,15 @@ def print_row(console: Console, row: dict[str, Any]) -> None:
     console.print(table)
 
 
-def write_files(folder: Path, outcome: "Outcome") -> None:
+NAMES = ("episodes.csv", "summary.json", "detection_time.png", "detection_time_distribution.png", "collisions.png")
+"""Files that are made from the episodes."""
+
+
+def write_files(folder: Folder, outcome: "Outcome") -> None:
     """Write episodes.csv, summary.json and the pictures."""
     from baselines import pictures
 
-    write_csv(folder / "episodes.csv", outcome.rows)
+    folder.write("episodes.csv", as_csv(outcome.rows))
     settings, cells = outcome.settings, statistics(outcome.rows)
     summary = {
         "machine": machine(settings.device),
@@ -179,19 +184,24 @@ def write_files(folder: Path, outcome: "Outcome") -> None:
         },
         "failures": [asdict(failure) for failure in outcome.failures],
     }
-    write_atomically(folder / "summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
+    folder.write("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
     for name, data in pictures.draw(outcome.rows, cells, outcome.scenarios).items():
-        write_atomically(folder / name, data)
+        folder.write(name, data)
 
 
 def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write score rows with the columns of `lissajous_env.score.COLUMNS`; NaN is empty."""
+    """Write score rows to a file of their own, as `as_csv` has them."""
+    write_atomically(path, as_csv(rows))
+
+
+def as_csv(rows: Iterable[dict[str, Any]]) -> str:
+    """Score rows with the columns of `lissajous_env.score.COLUMNS`; NaN is empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     for row in rows:
         writer.writerow(["" if row[name] != row[name] else row[name] for name in COLUMNS])
-    write_atomically(path, text.getvalue())
+    return text.getvalue()
 
 
 def machine(device: str) -> dict[str, Any]:

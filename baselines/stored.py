@@ -2,13 +2,13 @@
 
 import json
 import math
-import os
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lissajous_env.files import Journal, write_atomically
+from lissajous_env.files import read_json
+from lissajous_env.folder import Folder
 from lissajous_env.score import COLUMNS
 
 if TYPE_CHECKING:
@@ -19,32 +19,21 @@ NUMBER_COLUMNS = tuple(name for name in COLUMNS if name not in (*TEXT_COLUMNS, "
 """Columns of a score row that statistics are made of."""
 
 
-def make_folder(path: Path) -> Path:
-    """Make the folder of the results.
-
-    Raises:
-        ValueError: there cannot be such a folder, or nothing can be written to it.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"out must be a folder that can be made, got {path}: {error.strerror}") from error
-    if not os.access(path, os.W_OK):
-        raise ValueError(f"out must be a folder that can be written to, got {path}")
-    return path
+NAMES = ("settings.json", "episodes.jsonl")
+"""Files that are kept."""
 
 
-def keep_settings(folder: Path, settings: "Benchmark", cells: Sequence["Cell"]) -> None:
+def keep_settings(folder: Folder, settings: "Benchmark", cells: Sequence["Cell"]) -> None:
     """Write the settings beside the results; where there are some, they must agree. More episodes are an extension.
 
     Raises:
         ValueError: the folder holds results of other settings; the message shows where they differ.
     """
-    path = folder / "settings.json"
+    path = folder.path / "settings.json"
     now = as_settings(settings, cells)
     if path.exists():
         try:
-            there = json.loads(path.read_text(encoding="utf-8"))
+            there = read_json(path)
             episodes_there = int(there["episodes"])
         except (ValueError, KeyError, TypeError) as error:
             raise ValueError(f"{path} is damaged ({error}); take another --out, or delete the folder") from error
@@ -52,12 +41,14 @@ def keep_settings(folder: Path, settings: "Benchmark", cells: Sequence["Cell"]) 
         if episodes_there > settings.episodes:
             differing.append(("episodes", str(episodes_there), str(settings.episodes)))
         if differing:
-            raise ValueError(_refusal(folder, differing))
+            raise ValueError(_refusal(folder.path, differing))
         if episodes_there == settings.episodes:
             return
-    elif (folder / "episodes.jsonl").exists():
-        raise ValueError(f"{folder} holds episodes.jsonl but no settings.json, so it cannot go on; take another --out")
-    write_atomically(path, json.dumps(now, indent=2) + "\n")
+    elif (folder.path / "episodes.jsonl").exists():
+        raise ValueError(
+            f"{folder.path} holds episodes.jsonl but no settings.json, so it cannot go on; take another --out"
+        )
+    folder.write("settings.json", json.dumps(now, indent=2) + "\n")
 
 
 def as_settings(settings: "Benchmark", cells: Sequence["Cell"]) -> dict[str, Any]:
@@ -74,9 +65,9 @@ def as_settings(settings: "Benchmark", cells: Sequence["Cell"]) -> dict[str, Any
     })  # fmt: skip
 
 
-def open_episodes(folder: Path, settings: "Benchmark", cells: Sequence["Cell"]) -> "Episodes":
+def open_episodes(folder: Folder, settings: "Benchmark", cells: Sequence["Cell"]) -> "Episodes":
     """Open the episodes that a folder holds, to add the others to them."""
-    return Episodes(folder / "episodes.jsonl", settings, cells)
+    return Episodes(folder, settings, cells)
 
 
 class Episodes:
@@ -86,16 +77,18 @@ class Episodes:
         ValueError: the file is damaged or holds an episode that is none of this benchmark's; file and line are named.
     """
 
-    def __init__(self, path: Path, settings: "Benchmark", cells: Sequence["Cell"]):
+    def __init__(self, folder: Folder, settings: "Benchmark", cells: Sequence["Cell"]):
         self._settings = settings
         self._rows: dict[tuple[str, str, int], dict[str, Any]] = {}
-        self._journal = Journal(path)
+        self._journal = folder.journal("episodes.jsonl")
         asked = {(cell.scenario.name, cell.policy) for cell in cells}
         try:
             for line, row in enumerate(self._journal.entries, start=1):
                 wrong = self._what_is_wrong(row, asked)
                 if wrong:
-                    raise ValueError(f"{path}, line {line} {wrong}; delete that line to have its episode played again")
+                    raise ValueError(
+                        f"{self._journal.path}, line {line} {wrong}; delete that line to have its episode played again"
+                    )
                 self._rows[_key(row)] = row | {c: math.nan for c in NUMBER_COLUMNS if row[c] is None}
         except ValueError:
             self._journal.close()

@@ -46,7 +46,8 @@ from baselines.safety import Safe, SafetyParameters
 from baselines.statistics import bootstrap_interval, interquartile_mean
 from baselines.tracked_reference import TrackedReference
 from baselines.vector_field import FieldParameters, WithVectorField
-from lissajous_env.files import Journal, locked, replacing, write_atomically
+from lissajous_env.folder import Folder
+from lissajous_env.journal import Journal
 from lissajous_env.scenario import Scenario
 
 POLICIES = (
@@ -60,6 +61,8 @@ SLACK = 0.05
 """Collisions an episode that are not worth a choice: one in twenty minutes."""
 ELITE = 3
 """Settings that go on, by each goal."""
+NAMES = ("trials.jsonl", "trials.csv", "tuned.json", "tuned.md")
+"""Files of the results."""
 PATROLS = {"sweep": Sweep, "laps": Laps}
 COORDINATORS = {"kuramoto": Kuramoto, "open-loop": OpenLoop, "tracked-reference": TrackedReference}
 
@@ -264,9 +267,9 @@ def table(results: dict[str, dict[str, dict[str, Any]]]) -> list[str]:
     return lines
 
 
-def write_csv(path: Path, entries: list[dict[str, Any]]) -> None:
+def write_csv(folder: Folder, entries: list[dict[str, Any]]) -> None:
     """Write every trial as one row."""
-    with replacing(path) as temporary, open(temporary, "w", newline="") as file:
+    with folder.replacing("trials.csv") as temporary, open(temporary, "w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(
             ["scenario", "policy", "first_seed", "seeds", "detection_time_iqm", "collisions", "return_mean", "settings"]
@@ -291,9 +294,8 @@ def main():
     options = parser.parse_args()
     if not 1 <= options.seeds <= HELD_OUT[0]:
         parser.error(f"--seeds must be from 1 to {HELD_OUT[0]}, the first held-out one, got {options.seeds}")
-    options.out.mkdir(parents=True, exist_ok=True)
     begin, lines, tuned = time.perf_counter(), [], {}
-    with locked(options.out), Journal(options.out / "trials.jsonl") as journal:
+    with Folder(options.out, NAMES) as folder, folder.journal("trials.jsonl") as journal:
         trials = Trials(journal, options.device)
         for scenario in map(lissajous_env.scenario, options.scenario):
             chosen: dict[str, dict[str, Settings]] = {}
@@ -315,9 +317,9 @@ def main():
                 numbers = f"| {detection(entry):.3f} | {collisions(entry):.2f} "
                 lines.append(f"{numbers}| {entry['policy']} | {described(entry['settings'])} |")
             tuned[scenario.name] = chosen
-        write_csv(options.out / "trials.csv", list(trials.entries.values()))
-    write_atomically(options.out / "tuned.json", json.dumps(tuned, indent=2) + "\n")
-    write_atomically(options.out / "tuned.md", "\n".join(lines).strip() + "\n")
+        write_csv(folder, list(trials.entries.values()))
+        folder.write("tuned.json", json.dumps(tuned, indent=2) + "\n")
+        folder.write("tuned.md", "\n".join(lines).strip() + "\n")
     print("\n".join(lines))
     print(f"\n{len(trials.entries)} trials, {time.perf_counter() - begin:.0f} s")
 

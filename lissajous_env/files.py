@@ -1,148 +1,193 @@
-"""Files that survive a kill at any moment: replaced as a whole, or appended line by line; and a lock on a folder."""
+"""Files: written so that a kill at any moment is survived and no file of a user is hit, and read strictly.
+
+A file is replaced as a whole; a link is replaced too, never followed. What only grows is a `lissajous_env.journal`;
+files that belong together are kept in a `lissajous_env.folder`.
+"""
 
 import contextlib
+import errno
 import json
+import math
 import os
-from collections.abc import Iterable, Iterator
+import secrets
+import stat
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-if os.name == "nt":
-    import msvcrt
-else:
-    import fcntl
+LARGEST_JSON = 1 << 26
+"""Size up to which JSON is read [bytes]."""
+_DEEPEST = 100
+_WITHOUT_LINKS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+"""A link is not followed, and a pipe not waited for."""
+_PLAIN = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 
-_LOCK_AT = 1 << 30
-"""Byte that is locked where a file is locked by ranges: far behind the text, which others may go on reading."""
+
+def read_json(path: str | Path, largest: int = LARGEST_JSON) -> Any:
+    """Read a JSON file as `parse_json` does.
+
+    Raises:
+        ValueError: it is missing, a link, larger than `largest` [bytes], or not strictly JSON; the message names it.
+    """
+    return parse_json(read_bytes(path, largest), path)
+
+
+def parse_json(text: bytes | str, source: str | Path) -> Any:
+    """Read JSON strictly: what it holds can be written again, and counted with.
+
+    Args:
+        text: What is read, in UTF-8.
+        source: Where it stands, for the message.
+
+    Raises:
+        ValueError: no JSON, NaN or infinity, a number beyond a float, a name twice in an object, or more than 100
+            objects and lists inside each other.
+    """
+    try:
+        text = text.decode() if isinstance(text, bytes) else text
+        found = json.loads(
+            text, parse_constant=_number, parse_float=_number, parse_int=_whole, object_pairs_hook=_named_once
+        )
+        if _depth(found) > _DEEPEST:
+            raise RecursionError
+    except RecursionError:
+        raise ValueError(f"{source} is damaged: it must nest at most {_DEEPEST} levels, and nests more") from None
+    except ValueError as error:
+        raise ValueError(f"{source} is damaged: {error}") from None
+    return found
+
+
+def read_bytes(path: str | Path, largest: int) -> bytes:
+    """Read a file that is no link.
+
+    Raises:
+        ValueError: it is missing, no plain file, or larger than `largest` [bytes]; the message names it.
+    """
+    path = Path(path)
+    try:
+        descriptor = open_plainly(path, os.O_RDONLY)
+    except FileNotFoundError:
+        raise ValueError(f"{path} is missing") from None
+    except OSError as error:
+        raise ValueError(f"{path} must be a file that can be read: {error.strerror}") from None
+    with open(descriptor, "rb") as file:
+        size = os.fstat(descriptor).st_size
+        if size > largest:
+            raise ValueError(f"{path} must be at most {largest:,} bytes, got {size:,}")
+        return file.read()
+
+
+def open_plainly(path: Path, flags: int) -> int:
+    """Open a file by its descriptor, which must be a file of its own and no link to another.
+
+    Raises:
+        ValueError: a symbolic link, a folder, a pipe; to write to, a file that has a second name too.
+        OSError: it cannot be opened.
+    """
+    wrong = f"{path} must be a plain file, got a"
+    if path.is_symlink():
+        raise ValueError(f"{wrong} link to {os.readlink(path)}")
+    try:
+        descriptor = os.open(path, flags | _PLAIN | _WITHOUT_LINKS, 0o666)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO) or path.is_dir():
+            raise ValueError(f"{wrong} folder, link or pipe") from None
+        raise
+    about = os.fstat(descriptor)
+    written = flags & (os.O_WRONLY | os.O_RDWR)
+    if not stat.S_ISREG(about.st_mode) or (written and about.st_nlink > 1):
+        os.close(descriptor)
+        raise ValueError(f"{wrong} {'hard link' if stat.S_ISREG(about.st_mode) else 'folder or pipe'}")
+    return descriptor
+
+
+def check_writable_file(path: str | Path, name: str = "out") -> None:
+    """Refuse a file that cannot be written, before any work is done for it.
+
+    Args:
+        path: The file.
+        name: What the message calls it.
+
+    Raises:
+        ValueError: a folder of that name, no folder to put it in, or one that cannot be written to.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise ValueError(f"{name} must be a file, got the folder {path}")
+    if not path.absolute().parent.is_dir():
+        raise ValueError(f"{name} must be in a folder that is there, got {path}")
+    # Rights alone do not tell: a folder may be on a disk that is full or for reading only.
+    tried = _temporary(path)
+    try:
+        os.close(os.open(tried, os.O_CREAT | os.O_EXCL | os.O_WRONLY | _PLAIN, 0o600))
+        tried.unlink()
+    except OSError as error:
+        raise ValueError(f"{name} must be in a folder that can be written to, got {path}: {error.strerror}") from None
 
 
 def write_atomically(path: str | Path, data: str | bytes) -> None:
     """Write a file under a temporary name in its folder, flush it to the disk, then rename it into place."""
     with replacing(path) as temporary:
-        temporary.write_bytes(data.encode() if isinstance(data, str) else data)
+        write_into(temporary, data)
 
 
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path` to write to; it takes the place of `path` if the block ends well.
 
-    The temporary name ends in the same suffix, so that libraries which choose a format by it work.
+    The temporary file is empty and new, no other file is hit. Its name ends in the same suffix, so that libraries which
+    choose a format by it work.
     """
-    path = Path(path)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
-    try:
+    with moved_into_place(_temporary(Path(path)), Path(path)) as temporary:
         yield temporary
-        # Windows flushes only what was opened for writing.
-        with open(temporary, "r+b") as file:
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-        _sync_folder(path.parent)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def remove_leftovers(folder: str | Path) -> None:
-    """Remove the temporary files that a killed process left in a folder; only under its lock."""
-    for leftover in Path(folder).glob(".*.tmp*"):
-        leftover.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
-def locked(folder: str | Path) -> Iterator[None]:
-    """Hold a folder for this process; the system frees it however the process ends.
+def moved_into_place(temporary: Path, path: Path) -> Iterator[Path]:
+    """Make and yield a temporary file on the disk of `path`; it takes the place of `path` if the block ends well.
 
     Raises:
-        ValueError: another process holds it.
+        OSError: it cannot be written; the message names `path`.
     """
-    path = Path(folder) / ".lock"
-    with open(path, "a+b") as file:
-        if not _try_lock(file.fileno()):
-            file.seek(0)
-            holder = file.read(32).decode(errors="replace").strip() or "unknown"
-            raise ValueError(f"{folder} is in use by another process ({holder}); wait for it or take another folder")
-        file.truncate(0)
-        file.write(f"{os.getpid()}\n".encode())
-        file.flush()
-        yield
-
-
-class Journal:
-    """A JSON Lines file that only grows: what `append` has returned from is on the disk.
-
-    Opening it drops a last line that a kill left unfinished.
-
-    Raises:
-        ValueError: a line before the last is damaged; the message names file and line.
-    """
-
-    def __init__(self, path: str | Path):
-        self.path = Path(path)
-        self.entries: list[dict[str, Any]] = []
-        """What the file held when it was opened: entry k was on line k + 1."""
-        data = self.path.read_bytes() if self.path.exists() else b""
-        lines = data.split(b"\n")
-        intact = 0
-        for number, line in enumerate(lines, start=1):
-            ends = number < len(lines)
-            is_last = number == len(lines) or (number == len(lines) - 1 and not lines[-1])
-            entry = _parsed(line) if ends else None
-            if entry is None and not is_last:
-                raise ValueError(
-                    f"{self.path}, line {number} is damaged: it must hold one JSON object, got {_shortened(line)}; "
-                    "delete that line to have it made again"
-                )
-            if entry is None:
-                break
-            self.entries.append(entry)
-            intact += len(line) + 1
-        self._file = open(self.path, "ab")  # noqa: SIM115 - closed by close()
-        if intact < len(data):
-            self._file.truncate(intact)
-            os.fsync(self._file.fileno())
-        _sync_folder(self.path.parent)
-
-    def append(self, entries: Iterable[dict[str, Any]]) -> None:
-        """Add one line for each entry, all in one write, and flush them to the disk."""
-        self._file.write(b"".join(json.dumps(entry, allow_nan=False).encode() + b"\n" for entry in entries))
-        self._file.flush()
-        os.fsync(self._file.fileno())
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def __enter__(self) -> "Journal":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-def _parsed(line: bytes) -> dict[str, Any] | None:
     try:
-        entry = json.loads(line)
-    except ValueError:
-        return None
-    return entry if isinstance(entry, dict) else None
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | _PLAIN, 0o666))
+        try:
+            yield temporary
+            # Windows flushes only what was opened for writing.
+            descriptor = os.open(temporary, os.O_RDWR | _PLAIN)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+        sync_folder(path.parent)
+    except OSError as error:
+        if error.filename in (None, temporary, str(temporary)):
+            raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+        raise
 
 
-def _shortened(line: bytes) -> str:
-    return repr(line.decode(errors="replace")[:60])
-
-
-def _try_lock(descriptor: int) -> bool:
+def write_into(temporary: Path, data: str | bytes) -> None:
+    """Write to a temporary file that is there."""
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_TRUNC | _PLAIN)
     try:
-        if os.name == "nt":
-            os.lseek(descriptor, _LOCK_AT, os.SEEK_SET)
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-        else:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
+        write_all(descriptor, data.encode() if isinstance(data, str) else data)
+    finally:
+        os.close(descriptor)
 
 
-def _sync_folder(folder: Path) -> None:
+def write_all(descriptor: int, data: bytes) -> None:
+    """Write bytes to an open file, all of them."""
+    left = memoryview(data)
+    while left:
+        left = left[os.write(descriptor, left) :]
+
+
+def sync_folder(folder: Path) -> None:
     """Flush a folder's list of names, where the system knows how to."""
     if os.name != "nt":
         descriptor = os.open(folder, os.O_RDONLY)
@@ -150,3 +195,38 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+def _temporary(path: Path) -> Path:
+    return path.with_name(f".lissajous-{secrets.token_hex(8)}{path.suffix}")
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"it must hold finite numbers alone, got {text[:20]}")
+    return value
+
+
+def _whole(text: str) -> int:
+    _number(text)
+    return int(text)
+
+
+def _named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
+        raise ValueError(f"it must name each entry once, got {twice[:40]!r} twice")
+    return found
+
+
+def _depth(found: Any) -> int:
+    """Objects and lists inside each other."""
+    deepest, waiting = 0, [(found, 1)]
+    while waiting:
+        value, depth = waiting.pop()
+        if isinstance(value, (dict, list)):
+            deepest = max(deepest, depth)
+            waiting += [(each, depth + 1) for each in (value.values() if isinstance(value, dict) else value)]
+    return deepest

@@ -19,7 +19,9 @@ import lissajous_env
 from baselines import report
 from baselines.benchmark import Benchmark, measure, run
 from baselines.stored import NUMBER_COLUMNS
-from lissajous_env.files import Journal, replacing, write_atomically
+from lissajous_env.files import replacing, write_atomically
+from lissajous_env.folder import LIST
+from lissajous_env.journal import Journal
 from lissajous_env.score import COLUMNS
 
 QUIET = Console(quiet=True)
@@ -174,7 +176,7 @@ def test_an_episode_that_does_not_belong_is_refused(tmp_path, column, value, wor
 
 def test_other_settings_are_refused_and_both_are_shown(tmp_path):
     run(small(tmp_path, episodes=2), console=QUIET)
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name != LIST}
     other = small(tmp_path, episodes=2, seed=7, overrides={"task.duration": 3.0})
     with pytest.raises(ValueError, match="other settings") as error:
         run(other, console=QUIET)
@@ -182,7 +184,7 @@ def test_other_settings_are_refused_and_both_are_shown(tmp_path):
     assert shown == [["there", "now"], ["seed", "0", "7"], ["scenarios.failure.task.duration", "2.0", "3.0"]]
     with pytest.raises(ValueError, match=r"episodes +2 +1"):
         run(small(tmp_path, episodes=1), console=QUIET)
-    assert before == {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert before == {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name != LIST}
 
 
 def test_more_episodes_extend_and_another_batch_changes_nothing(whole, tmp_path):
@@ -192,8 +194,9 @@ def test_more_episodes_extend_and_another_batch_changes_nothing(whole, tmp_path)
 
 
 def test_a_folder_in_use_is_refused_and_free_once_its_holder_is_gone(tmp_path):
-    with open(tmp_path / ".lock", "w") as holder:
-        holder.write("4242\n")
+    run(small(tmp_path, episodes=1), console=QUIET)
+    with open(tmp_path / LIST, "a") as holder:
+        holder.write('{"process": 4242}\n')
         holder.flush()
         fcntl.flock(holder, fcntl.LOCK_EX)
         with pytest.raises(ValueError, match=r"in use by another process \(4242\)"):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
+from lissajous_env.folder import Folder
 from training import checkpoint
 from training.checkpoint import Card
 from training.network import Network
@@ -82,7 +83,7 @@ def test_a_new_checkpoint_takes_the_place_of_the_old_one(tmp_path):
     card = Card.of(lissajous_env.scenario("intruders"))
     for seed in range(3):
         checkpoint.save(tmp_path, make_network(seed=seed), card, state={"seed": np.array(seed)})
-    assert len(list(tmp_path.iterdir())) == 3
+    assert len(list(tmp_path.iterdir())) == 4
     network, _, text = checkpoint.read(tmp_path)
     assert (network.weights[0] == make_network(seed=2).weights[0]).all()
     assert checkpoint.read_state(tmp_path, text)["seed"] == 2
@@ -93,12 +94,14 @@ def test_a_kill_between_the_files_leaves_the_checkpoint_before(tmp_path, monkeyp
     card = Card.of(lissajous_env.scenario("intruders"))
     checkpoint.save(tmp_path, make_network(seed=0), card, state={"seed": np.array(0)})
 
-    def killed(path, data):
-        if path.name == checkpoint.FILE:
-            raise KeyboardInterrupt
-        path.write_bytes(data)
+    write = Folder.write
 
-    monkeypatch.setattr(checkpoint, "write_atomically", killed)
+    def killed(folder, name, data):
+        if name == checkpoint.FILE:
+            raise KeyboardInterrupt
+        write(folder, name, data)
+
+    monkeypatch.setattr(Folder, "write", killed)
     with pytest.raises(KeyboardInterrupt):
         checkpoint.save(tmp_path, make_network(seed=1), card, state={"seed": np.array(1)})
     network, _, text = checkpoint.read(tmp_path)
@@ -139,7 +142,7 @@ def test_a_checkpoint_names_no_file_outside_its_folder(tmp_path):
     (tmp_path / "outside").write_bytes((tmp_path / "x" / text["files"]["weights"]["name"]).read_bytes())
     text["files"]["weights"]["name"] = "../outside"
     path.write_text(json.dumps(text))
-    with pytest.raises(ValueError, match="is missing"):
+    with pytest.raises(ValueError, match=r"name of weights must be weights-HASH.safetensors, got '\.\./outside'"):
         checkpoint.read(tmp_path / "x")
 
 

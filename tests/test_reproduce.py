@@ -19,6 +19,7 @@ from baselines.reproduce import PARTS, reproduce, table
 from baselines.reproduce.space import branch_radius
 from lissajous_env import geometry, theory
 from lissajous_env.cli import commands
+from lissajous_env.folder import LIST
 from lissajous_env.scenario import Curve
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "paper.md"
@@ -96,7 +97,7 @@ def test_table_and_page_hold_the_same_rows(everything):
     page = (out / "README.md").read_text(encoding="utf-8")
     assert (out / "table.md").read_text(encoding="utf-8") in page
     assert set(re.findall(r"\]\((\w+\.png)\)", page)) == {path.name for path in out.glob("*.png")}
-    assert {path.name for path in out.iterdir() if path.name.startswith(".")} <= {".lock"}
+    assert {path.name for path in out.iterdir() if path.name.startswith(".")} <= {LIST}
 
 
 def test_a_claim_agrees_by_its_tolerance():

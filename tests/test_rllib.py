@@ -274,7 +274,8 @@ def test_a_node_is_killed_and_the_training_goes_on(tmp_path, monkeypatch):
     cluster = Cluster(initialize_head=True, head_node_args=arguments)
     other = cluster.add_node(num_cpus=1, object_store_memory=STORE)
     ray.init(cluster.address, log_to_driver=False, logging_level="ERROR")
-    trainer = rllib.ClusterTrainer(settings(tmp_path, steps=20 * ROWS, evaluate_every=1000 * ROWS), QUIET)
+    held = checkpoint.hold(tmp_path, "rllib/")
+    trainer = rllib.ClusterTrainer(settings(tmp_path, steps=20 * ROWS, evaluate_every=1000 * ROWS), QUIET, held)
     healthy, stop = [], trainer.stop_if_asked
 
     def watch():
@@ -290,6 +291,7 @@ def test_a_node_is_killed_and_the_training_goes_on(tmp_path, monkeypatch):
     try:
         course = trainer.run()
     finally:
+        held.close()
         ray.shutdown()
         cluster.shutdown()
     assert course.steps >= 20 * ROWS
@@ -352,6 +354,7 @@ def test_the_results_of_others_are_refused(tmp_path):
     with pytest.raises(ValueError, match="no training of another engine"):
         rllib.train(settings(tmp_path / "sb3"), QUIET)
     notes = {"settings": json.loads(json.dumps(settings(tmp_path, gamma=0.5).to_dict())), "course": {}}
-    rllib_checkpoint.save(tmp_path / "other" / "rllib", lambda path: None, notes)
+    with checkpoint.hold(tmp_path / "other", "rllib/") as held:
+        rllib_checkpoint.save(held.make_folder("rllib"), lambda path: None, notes)
     with pytest.raises(ValueError, match=r"gamma = 0\.5 there, 0\.99 here"):
         rllib.train(settings(tmp_path / "other"), QUIET)

@@ -1,12 +1,10 @@
 """Training: it learns, shows what it does, and goes on after a kill as if nothing had happened."""
 
 import dataclasses
-import json
+import functools
 import os
 import signal
-import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -17,6 +15,7 @@ pytest.importorskip("stable_baselines3")
 import lissajous_env
 import training
 from lissajous_env import Simulation
+from lissajous_env.folder import LIST, Folder
 from training import checkpoint, sb3
 from training.publish import publish
 from training.settings import Train
@@ -82,59 +81,55 @@ def test_imitation_comes_close_to_its_teacher(tmp_path):
     assert np.abs(student.act(seen) - wanted).mean() < 0.2 * np.abs(wanted - wanted.mean()).mean()
 
 
-def command(out, extra=()):
-    options = [
-        "--scenario", "experiment", "--worlds", "8", "--rollout", "16", "--batch-size", "320", "--steps", "12800",
-        "--evaluate-every", "1280", "--evaluation-episodes", "2", "--layers", "8", "--threads", "1", "--rivals",
-        "--imitation-steps", "3840", "--set", "task.duration=6.0", "--out", str(out), *extra,
-    ]  # fmt: skip
-    return [sys.executable, "-m", "lissajous_env", "train", *options]
+def trained(changes, out):
+    train(Train(**SMALL | changes | {"out": out}), QUIET)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="where a process writes is asked of Linux")
 @pytest.mark.parametrize(
-    ("extra", "killed_at"),
+    ("changes", "share"),
     [
-        ((), 2),
-        (("--critic", "world", "--noise-steps", "5", "--averaging", "0.5", "--critic-steps", "1280"), 6),
-        (("--base", "kuramoto-mpcc"), 4),
+        ({}, 0.2),
+        ({"critic": "world", "noise_steps": 5, "averaging": 0.5, "critic_steps": 1280}, 0.6),
+        ({"base": "kuramoto-mpcc"}, 0.5),
     ],
 )
-def test_a_killed_training_ends_with_the_same_weights(tmp_path, extra, killed_at):
+def test_a_killed_training_ends_with_the_same_weights(tmp_path, changes, share):
     # Oracle: the run that nobody killed, on one thread. Killed in the imitation and in the reinforcement learning.
-    subprocess.run(command(tmp_path / "whole", extra), check=True, capture_output=True, timeout=300)
-    with subprocess.Popen(command(tmp_path / "cut", extra), stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        lines = [line for _, line in zip(range(killed_at + 1), process.stdout, strict=False)]
-        process.send_signal(signal.SIGKILL)
-    assert process.returncode == -signal.SIGKILL
-    kept = json.loads((tmp_path / "cut" / checkpoint.FILE).read_text())
-    assert 0 < kept["counters"]["steps"] < 12800, lines
-    again = subprocess.run(command(tmp_path / "cut", extra), check=True, capture_output=True, text=True, timeout=300)
-    assert "from 0.0 M steps" in again.stdout
-    assert (weights_of(tmp_path / "cut") == weights_of(tmp_path / "whole")).all()
-    whole, cut = (json.loads((tmp_path / name / checkpoint.FILE).read_text()) for name in ("whole", "cut"))
-    for text in (whole, cut):
-        text["counters"].pop("seconds")
-        for point in text["curve"]:
-            point.pop("seconds")
-    assert whole["counters"] == cut["counters"]
-    assert whole["curve"] == cut["curve"]
+    from benchmarks import killing
+
+    work = functools.partial(trained, changes)
+    writes = killing.run(work, tmp_path / "whole").writes
+    assert killing.run(work, tmp_path / "cut", round(share * writes)).killed
+    kept = checkpoint.read_text(tmp_path / "cut")["counters"]["steps"]
+    assert 0 < kept < 6400
+    assert (kept < 1920) == (not changes)
+    assert killing.run(work, tmp_path / "cut").error == ""
+    whole, cut = (killing.result_of_train(tmp_path / name) for name in ("whole", "cut"))
+    for name, value in whole.items():
+        assert cut[name] == value, name
 
 
-def test_ctrl_c_keeps_what_was_learned(tmp_path):
-    extra = ("--steps", "100000000", "--teacher", "none")
-    with subprocess.Popen(command(tmp_path, extra), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
-        assert run.stdout is not None
-        for line in run.stdout:
-            if "detection" in line:
-                break
-        before = json.loads((tmp_path / checkpoint.FILE).read_text())["counters"]["steps"]
-        time.sleep(0.5)
-        run.send_signal(signal.SIGINT)
-        _, errors = run.communicate(timeout=60)
-    assert run.returncode == 130
-    assert "the same command goes on from there" in errors
-    assert json.loads((tmp_path / checkpoint.FILE).read_text())["counters"]["steps"] > before
+def test_ctrl_c_keeps_what_was_learned(tmp_path, monkeypatch):
+    # Pressed in the third rollout, far from any evaluation.
+    seen, observe = [], Sb3Trainer.observe_rollout
+
+    def pressed(trainer, extra=None):
+        seen.append(trainer.course.steps)
+        if len(seen) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        observe(trainer, extra)
+
+    monkeypatch.setattr(Sb3Trainer, "observe_rollout", pressed)
+    with pytest.raises(KeyboardInterrupt, match=r"1,920 steps are kept in .*, the same command goes on from there"):
+        train(small(tmp_path, steps=10**9, evaluate_every=10**9, teacher="none"), QUIET)
+    assert seen == [640, 1280, 1920]
+    assert checkpoint.read_text(tmp_path / "run")["counters"]["steps"] == 1920
+
+
+def test_a_training_that_diverges_says_what_to_do(tmp_path):
+    with pytest.raises(ValueError, match=r"^learning_rate must be low enough .* got 1e\+30 after [\d,]+ steps$"):
+        train(small(tmp_path, teacher="none", learning_rate=1e30), QUIET)
 
 
 def test_a_policy_of_two_stages_is_published_with_one_curve(tmp_path):
@@ -202,7 +197,8 @@ def test_a_training_starts_from_another(tmp_path):
 def test_the_critic_may_learn_alone_first(tmp_path):
     # Oracle: the weights that a training begins with.
     settings = small(tmp_path, steps=2560, teacher="none", critic_steps=1280)
-    fresh = Sb3Trainer(dataclasses.replace(settings, out=tmp_path / "fresh"), QUIET).network().to_arrays()
+    with Folder(tmp_path / "fresh") as folder:
+        fresh = Sb3Trainer(settings, QUIET, folder).network().to_arrays()
     train(dataclasses.replace(settings, steps=1280, critic_steps=1280), QUIET)
     kept = checkpoint.read(settings.out)[0].to_arrays()
     assert all((kept[name] == array).all() for name, array in fresh.items())
@@ -234,7 +230,7 @@ def test_what_a_training_leaves(tmp_path):
     assert [point["steps"] for point in course.curve] == [1280, 2560, 3840, 5120, 6400]
     assert course.rivals["sweep"]["detection_time"] is not None
     assert {path.name.partition("-")[0] for path in settings.out.iterdir()} == {
-        "checkpoint.json", "weights", "state", "best", "curve.png", "tensorboard", ".lock",
+        "checkpoint.json", "weights", "state", "best", "curve.png", "tensorboard", LIST,
     }  # fmt: skip
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -273,9 +269,6 @@ def test_bad_settings_are_refused_with_name_rule_and_value(tmp_path, changes, wo
 
 
 def test_two_trainings_do_not_share_a_folder(tmp_path):
-    from lissajous_env.files import locked
-
     settings = small(tmp_path, steps=1280)
-    settings.out.mkdir()
-    with locked(settings.out), pytest.raises(ValueError, match=f"in use by another process.*{os.getpid()}"):
+    with Folder(settings.out), pytest.raises(ValueError, match=f"in use by another process.*{os.getpid()}"):
         train(settings, QUIET)

@@ -1,14 +1,16 @@
 """A checkpoint: a folder with `checkpoint.json` and the safetensors files that it names.
 
 `checkpoint.json` is the commit point. It is replaced as a whole after the files that it names, with their SHA-256, are
-on the disk; so a kill at any moment leaves the checkpoint before or the one after. Nothing in it is unpickled.
+on the disk; so a kill at any moment leaves the checkpoint before or the one after. It names the best policy so far too,
+whose own checkpoint, `best`, is made from it. Nothing in it is unpickled, and what does not hold together is refused.
 """
 
+import contextlib
 import hashlib
 import json
 import platform
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import re
+from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -19,73 +21,44 @@ from safetensors.numpy import load as from_safetensors
 from safetensors.numpy import save as to_safetensors
 
 from lissajous_env import Scenario, library
-from lissajous_env.files import write_atomically
-from lissajous_env.observation import layout
-from training.network import Network
+from lissajous_env.files import read_bytes, read_json
+from lissajous_env.folder import Folder
+from training.card import Card, require
+from training.course import check_notes
+from training.network import ACTIVATIONS, Network
+
+__all__ = ["Card", "best_of", "hold", "home_scenario", "read", "read_state", "read_text", "save", "settle"]
 
 FILE = "checkpoint.json"
 FORMAT = 1
+LARGEST = 1 << 31
+"""Size up to which a file of arrays is read [bytes]."""
+_BEST = "best"
 _PACKAGES = ("lissajous-env", "warp-lang", "numpy", "torch", "stable-baselines3", "ray", "gymnasium")
+_NAME = r"-[0-9a-f]{12}\.safetensors"
 
 
-@dataclass(frozen=True)
-class Card:
-    """What a policy is, apart from its weights: what it was trained on, what it reads, what it adds to."""
+def hold(folder: str | Path, *more: str) -> Folder:
+    """Hold the folder of a training, and bring it into agreement where an earlier process was killed.
 
-    scenario: str
-    """Name of the scenario that it was trained on."""
-    kind: str
-    """Kind of robot that it drives."""
-    inputs: tuple[str, ...]
-    """Entries of the observation that the network reads, by name and in this order."""
-    action_size: int
-    """Components of a robot's action."""
-    base: str | None = None
-    """Classical policy whose action the network's output is added to; None: the output is the action.
+    Args:
+        folder: Made if it is not there.
+        more: Names that will be written besides those of a checkpoint; those of folders with a slash at their end.
 
-    The network reads the base's action too, after `inputs`.
+    Raises:
+        ValueError: it is in use, holds files of a user under these names, or is damaged; the message says which.
     """
-    residual: float = 1.0
-    """What the network's output, clipped to [-1, 1], is multiplied with before it is added to the base's action."""
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    """How it was trained."""
-
-    @classmethod
-    def of(cls, scenario: Scenario, inputs: tuple[str, ...] = (), **more: Any) -> "Card":
-        """Make the card of a policy for a scenario that reads `inputs`; by default the whole observation."""
-        names = inputs or layout(scenario).names
-        return cls(scenario.name, scenario.robot.kind, tuple(names), scenario.action_size, **more)
-
-    @property
-    def network_inputs(self) -> int:
-        """Entries that the network takes."""
-        return len(self.inputs) + (self.action_size if self.base else 0)
-
-    def columns(self, scenario: Scenario) -> np.ndarray:
-        """Where `inputs` stand in the observation of a scenario.
-
-        Raises:
-            ValueError: the scenario's robots or observation do not fit the policy; the message says how.
-        """
-        if scenario.robot.kind != self.kind:
-            raise ValueError(
-                f"policy trained on {self.scenario} must drive robots of kind {self.kind}, "
-                f"got {scenario.name}, whose robots are of kind {scenario.robot.kind}"
-            )
-        names = layout(scenario).names
-        missing = [name for name in self.inputs if name not in names]
-        if missing:
-            sizes = f"{scenario.sensing.robots_seen} robots and {scenario.sensing.targets_seen} targets"
-            raise ValueError(
-                f"observation of {scenario.name} must hold {len(self.inputs)} entries that the policy trained on "
-                f"{self.scenario} reads; it lists {sizes} and lacks {', '.join(missing[:4])}"
-                f"{f' and {len(missing) - 4} more' if len(missing) > 4 else ''}"
-            )
-        return np.array([names.index(name) for name in self.inputs])
+    held = Folder(folder, (FILE, _BEST + "/", "curve.png", "tensorboard/", *more))
+    try:
+        settle(held)
+    except BaseException:
+        held.close()
+        raise
+    return held
 
 
 def save(
-    folder: str | Path,
+    folder: str | Path | Folder,
     network: Network,
     card: Card,
     *,
@@ -95,37 +68,58 @@ def save(
     """Replace the checkpoint of a folder.
 
     Args:
-        folder: Made if it is not there.
+        folder: Made if it is not there. A path is held while this writes; who holds it already gives what it holds.
         network: The policy's network.
         card: What the policy is.
         state: Arrays that training goes on from.
-        notes: What else is written into `checkpoint.json`: scores, counters.
+        notes: What else is written into `checkpoint.json`: scores, counters; `best` as `best_of` makes it.
     """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    files = {"weights": _write(folder, "weights", network.to_arrays())}
-    if state is not None:
-        files["state"] = _write(folder, "state", state)
-    text = {
-        "format": FORMAT,
-        "policy": {
-            "scenario": card.scenario,
-            "kind": card.kind,
-            "inputs": card.inputs,
-            "action_size": card.action_size,
-            "base": card.base,
-            "residual": card.residual,
-            "activation": network.activation,
-        },
-        "settings": dict(card.settings),
-        "versions": _versions(),
-        "files": files,
-        **(notes or {}),
-    }
-    write_atomically(folder / FILE, json.dumps(text, indent=1, allow_nan=False) + "\n")
-    for old in [*folder.glob("weights-*.safetensors"), *folder.glob("state-*.safetensors")]:
-        if old.name not in {entry["name"] for entry in files.values()}:
-            old.unlink(missing_ok=True)
+    with _held(folder) as held:
+        files = {"weights": _write(held, "weights", to_bytes(network.to_arrays()))}
+        if state is not None:
+            files["state"] = _write(held, "state", to_bytes(state))
+        text = {
+            "format": FORMAT,
+            "policy": card.to_dict() | {"activation": network.activation},
+            "settings": dict(card.settings),
+            "versions": _versions(),
+            "files": files,
+            **(notes or {}),
+        }
+        held.write(FILE, _as_json(text))
+        settle(held)
+
+
+def best_of(network: Network, counters: Mapping[str, Any], point: Mapping[str, Any]) -> dict[str, Any]:
+    """What `notes` of `save` say of the best policy so far, at the moment that it is the best.
+
+    Args:
+        network: The policy's network, which that checkpoint holds as well.
+        counters: How far the training was.
+        point: How it was evaluated, the latest point of the curve.
+    """
+    entry = _entry("weights", to_bytes(network.to_arrays()))
+    return {"counters": dict(counters), "scores": dict(point), "files": {"weights": entry}}
+
+
+def settle(folder: Folder) -> None:
+    """Bring `best` into agreement with a held folder's checkpoint, and remove files of ours that none names.
+
+    Raises:
+        ValueError: the checkpoint is damaged.
+    """
+    named: set[str] = set()
+    if (folder.path / FILE).exists():
+        text = read_text(folder.path)
+        named = {entry["name"] for entry in text["files"].values()}
+        best = text.get("best")
+        if best is not None:
+            entry = best["files"]["weights"]
+            named |= {entry["name"], f"{_BEST}/{entry['name']}"}
+            _publish(folder, text, best)
+    for name in folder.written:
+        if re.fullmatch(rf"({_BEST}/)?(weights|state){_NAME}", name) and name not in named:
+            folder.remove(name)
 
 
 def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
@@ -134,31 +128,45 @@ def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
     Raises:
         ValueError: there is none, it is of a newer format, or a file of it is damaged; the message names the file.
     """
+    text = read_text(folder)
     path = Path(folder) / FILE
-    if not path.is_file():
-        raise ValueError(f"checkpoint must be a folder that holds {FILE}, got {folder}")
-    try:
-        text = json.loads(path.read_text(encoding="utf-8"))
-        if text["format"] != FORMAT:
-            raise ValueError(f"{path} must be of format {FORMAT}, got {text['format']}")
-        policy = text["policy"]
-        card = Card(
-            policy["scenario"],
-            policy["kind"],
-            tuple(policy["inputs"]),
-            policy["action_size"],
-            policy["base"],
-            policy["residual"],
-            text["settings"],
-        )
-        activation, weights = policy["activation"], text["files"]["weights"]
-    except (KeyError, TypeError, json.JSONDecodeError) as error:
-        raise ValueError(f"{path} is damaged: {type(error).__name__}: {error}") from error
-    network = Network.from_arrays(_read(path.parent, weights), activation)
+    with _naming(path):
+        card = Card.from_dict(text["policy"], text["settings"])
+    weights = Path(folder) / text["files"]["weights"]["name"]
+    arrays = _read(Path(folder), text["files"]["weights"])
+    with _naming(weights):
+        for name, array in arrays.items():
+            require(f"dtype of {name}", array.dtype == np.float32, "must be float32", str(array.dtype))
+        network = Network.from_arrays(arrays, text["policy"]["activation"])
     if network.inputs != card.network_inputs or network.outputs != card.action_size:
         got = f"{network.inputs} to {network.outputs}"
         raise ValueError(f"{path} is damaged: it must map {card.network_inputs} to {card.action_size}, got {got}")
     return network, card, text
+
+
+def read_text(folder: str | Path) -> dict[str, Any]:
+    """Read `checkpoint.json` of a folder; files and policy are in it as `save` writes them.
+
+    Raises:
+        ValueError: there is none, it is of a newer format or damaged; the message names the file.
+    """
+    path = Path(folder) / FILE
+    if not path.is_file():
+        raise ValueError(f"checkpoint must be a folder that holds {FILE}, got {folder}")
+    text = read_json(path)
+    with _naming(path):
+        require("it", isinstance(text, dict), "must be an object", text)
+        there = text.get("format")
+        require("format", type(there) is int and there == FORMAT, f"must be {FORMAT}", there)
+        for name in ("policy", "settings", "files"):
+            require(name, isinstance(text.get(name), dict), "must be an object", text.get(name))
+        activation = text["policy"].get("activation")
+        require("activation", activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}", activation)
+        _check_files(text["files"], {"weights", "state"})
+        check_notes(text)
+        if text.get("best") is not None:
+            _check_files(text["best"].get("files"), {"weights"})
+    return text
 
 
 def read_state(folder: str | Path, text: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -172,26 +180,95 @@ def read_state(folder: str | Path, text: Mapping[str, Any]) -> dict[str, np.ndar
     return _read(Path(folder), text["files"]["state"])
 
 
-def _write(folder: Path, stem: str, arrays: Mapping[str, np.ndarray]) -> dict[str, str]:
-    data = to_safetensors({name: np.ascontiguousarray(array) for name, array in arrays.items()})
+def to_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """Arrays by name as a safetensors file."""
+    return to_safetensors({name: np.ascontiguousarray(array) for name, array in arrays.items()})
+
+
+def home_scenario(card: Card) -> Scenario:
+    """Make the scenario that a policy was trained on, with the overrides it was trained with."""
+    try:
+        return library.scenario(card.scenario, **card.overrides)
+    except TypeError as error:
+        raise ValueError(f"overrides must be fields of {card.scenario}, got {dict(card.overrides)}") from error
+
+
+def _publish(folder: Folder, text: dict[str, Any], best: dict[str, Any]) -> None:
+    """Make the checkpoint of the best policy from what the training's own says of it; all that is there is left."""
+    entry = best["files"]["weights"]
+    home = folder.make_folder(_BEST)
+    if not (home / entry["name"]).exists():
+        folder.write(f"{_BEST}/{entry['name']}", _read_file(folder.path, entry))
+    curve = [point for point in text.get("curve") or () if point["steps"] <= best["scores"]["steps"]]
+    wanted = _as_json({name: value for name, value in (text | best | {"curve": curve}).items() if name != "best"})
+    path = home / FILE
+    if not path.exists() or path.read_bytes() != wanted.encode():
+        folder.write(f"{_BEST}/{FILE}", wanted)
+
+
+@contextlib.contextmanager
+def _held(folder: str | Path | Folder) -> Iterator[Folder]:
+    if isinstance(folder, Folder):
+        yield folder
+    else:
+        with hold(folder) as held:
+            yield held
+
+
+@contextlib.contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Say in which file it is that a value breaks a rule."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{path} is damaged: {error}") from None
+
+
+def _as_json(text: Mapping[str, Any]) -> str:
+    return json.dumps(text, indent=1, allow_nan=False) + "\n"
+
+
+def _check_files(files: Any, known: set[str]) -> None:
+    names = isinstance(files, dict) and {"weights"} <= set(files) <= known
+    require("files", names, "must name weights, and no others but state", files)
+    for stem, entry in files.items():
+        holds = isinstance(entry, dict) and all(isinstance(entry.get(key), str) for key in ("name", "sha256"))
+        require(stem, holds, "must hold a name and a SHA-256", entry)
+        name, digest = entry["name"], entry["sha256"]
+        require(f"name of {stem}", re.fullmatch(stem + _NAME, name), f"must be {stem}-HASH.safetensors", name)
+        require(f"SHA-256 of {stem}", re.fullmatch("[0-9a-f]{64}", digest), "must be 64 hexadecimal digits", digest)
+
+
+def _entry(stem: str, data: bytes) -> dict[str, str]:
     digest = hashlib.sha256(data).hexdigest()
-    name = f"{stem}-{digest[:12]}.safetensors"
-    write_atomically(folder / name, data)
-    return {"name": name, "sha256": digest}
+    return {"name": f"{stem}-{digest[:12]}.safetensors", "sha256": digest}
+
+
+def _write(folder: Folder, stem: str, data: bytes) -> dict[str, str]:
+    entry = _entry(stem, data)
+    folder.write(entry["name"], data)
+    return entry
 
 
 def _read(folder: Path, entry: Mapping[str, str]) -> dict[str, np.ndarray]:
-    path = folder / Path(entry["name"]).name
-    if not path.is_file():
+    data = _read_file(folder, entry)
+    try:
+        return from_safetensors(data)
+    except (SafetensorError, ValueError, TypeError, OverflowError) as error:
+        raise ValueError(f"{folder / entry['name']} is damaged: {str(error)[:200]}") from error
+    except KeyError as error:
+        raise ValueError(f"{folder / entry['name']} is damaged: NumPy has no numbers of type {error}") from error
+
+
+def _read_file(folder: Path, entry: Mapping[str, str]) -> bytes:
+    path = folder / entry["name"]
+    if not path.exists():
         raise ValueError(f"{path} is missing, which {folder / FILE} names")
-    data = path.read_bytes()
+    data = read_bytes(path, LARGEST)
     digest = hashlib.sha256(data).hexdigest()
     if digest != entry["sha256"]:
         raise ValueError(f"{path} is damaged: its SHA-256 must be {entry['sha256']}, got {digest}")
-    try:
-        return from_safetensors(data)
-    except SafetensorError as error:
-        raise ValueError(f"{path} is damaged: {error}") from error
+    return data
 
 
 def _versions() -> dict[str, str]:
@@ -202,8 +279,3 @@ def _versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
-
-
-def home_scenario(card: Card) -> Scenario:
-    """Make the scenario that a policy was trained on, with the overrides it was trained with."""
-    return library.scenario(card.scenario, **card.settings.get("overrides", {}))

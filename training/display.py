@@ -11,7 +11,7 @@ from rich.markup import escape
 from training.settings import Train
 
 if TYPE_CHECKING:
-    from training.trainer import Course
+    from training.course import Course
 
 
 class Display:

@@ -1,11 +1,11 @@
 """The training curve as a picture."""
 
-import json
 from itertools import groupby
 from pathlib import Path
 
-from lissajous_env.files import replacing
-from training.checkpoint import FILE
+from training import checkpoint
+from training.card import Card
+from training.course import Course
 
 _PANELS = (
     ("detection_time", "detection time, interquartile mean [s]"),
@@ -14,20 +14,25 @@ _PANELS = (
 )
 
 
-def draw_curve(folder: str | Path, path: str | Path | None = None) -> Path:
-    """Draw what the evaluations of a checkpoint's training were over its steps, its rivals as lines; returns the file.
+def draw_curve(folder: str | Path, path: str | Path) -> None:
+    """Draw what the evaluations of a checkpoint's training were over its steps, its rivals as lines.
 
     Where a training had stages, dotted lines part them.
 
     Args:
         folder: The checkpoint.
-        path: PNG to write; `curve.png` in the folder by default.
+        path: PNG to write.
+
+    Raises:
+        ValueError: the checkpoint is damaged, or no training's.
     """
     from matplotlib.figure import Figure
 
-    path = Path(path or Path(folder) / "curve.png")
-    text = json.loads((Path(folder) / FILE).read_text(encoding="utf-8"))
-    curve, rivals = text["curve"], text["rivals"]
+    text = checkpoint.read_text(folder)
+    course = Course.read(text)
+    curve, rivals = course.curve, course.rivals
+    if not curve:
+        raise ValueError(f"{folder} must hold the curve of a training, got a checkpoint without evaluations")
     # Stages have settings of their own, so that what is earned in one does not compare with the next.
     stages = [list(points) for _, points in groupby(curve, key=lambda point: point.get("stage"))]
     figure = Figure(figsize=(12, 3.6), layout="constrained", dpi=120)
@@ -49,11 +54,9 @@ def draw_curve(folder: str | Path, path: str | Path | None = None) -> Path:
         if name != "return":
             axis.set_ylim(bottom=0)
     axes[0].legend(frameon=False, fontsize=8)
-    policy = text["policy"]
-    base = f" on top of {policy['base']}" if policy["base"] else ""
+    card = Card.from_dict(text["policy"], text["settings"])
+    base = f" on top of {card.base}" if card.base else ""
     parts = f", {len(stages)} stages" if len(stages) > 1 else ""
-    way = f"{text['settings']['algorithm']}{base}{parts}"
-    figure.suptitle(f"{policy['scenario']}: {way}, seed {text['settings']['seed']}")
-    with replacing(path) as temporary:
-        figure.savefig(temporary)
-    return path
+    algorithm, seed = (card.settings.get(name, "?") for name in ("algorithm", "seed"))
+    figure.suptitle(f"{card.scenario}: {algorithm}{base}{parts}, seed {seed}", parse_math=False)
+    figure.savefig(path)

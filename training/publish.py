@@ -7,6 +7,7 @@ import tyro
 
 from baselines.statistics import summarize
 from lissajous_env import evaluate, library
+from lissajous_env.folder import Folder
 from training import checkpoint, learned
 from training.pictures import draw_curve
 
@@ -31,6 +32,11 @@ def publish(
         folder: where the shipped ones live.
         command: command that trained it, where its settings alone do not say it.
     """
+    with checkpoint.hold(folder / name) as held:
+        _publish(source, made_for, before, held, command)
+
+
+def _publish(source: Path, made_for: tuple[str, ...], before: tuple[Path, ...], folder: Folder, command: str) -> None:
     network, card, text = checkpoint.read(source)
     made_for = made_for or (card.scenario,)
     scores = {}
@@ -40,11 +46,12 @@ def publish(
         columns = ("detection_time_mean", "collisions", "recovery_time", "return_mean")
         scores[each] = {column: _rounded(summarize([row[column] for row in rows])) for column in columns}
         print(each, scores[each])
-    notes = {"made_for": made_for, "command": command, "held_out_scores": scores, "rivals": text["rivals"]}
-    notes["curve"] = _joined([checkpoint.read(stage)[2]["curve"] for stage in (*before, source)])
+    notes = {"made_for": made_for, "command": command, "held_out_scores": scores, "rivals": text.get("rivals") or {}}
+    notes["curve"] = _joined([checkpoint.read_text(stage).get("curve") or [] for stage in (*before, source)])
     notes["counters"] = {"steps": notes["curve"][-1]["steps"]}
-    checkpoint.save(folder / name, network, card, notes=notes)
-    draw_curve(folder / name)
+    checkpoint.save(folder, network, card, notes=notes)
+    with folder.replacing("curve.png") as path:
+        draw_curve(folder.path, path)
 
 
 def _joined(curves: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:

@@ -5,6 +5,7 @@
 
 import logging
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,13 @@ from rich.console import Console
 from torch.utils.tensorboard.writer import SummaryWriter
 
 from baselines import cluster
-from lissajous_env.files import locked, remove_leftovers
+from lissajous_env.folder import Folder
 from training import checkpoint, rllib_checkpoint, rllib_ppo
+from training.course import Course
 from training.network import Network
 from training.rllib_env import LissajousMultiAgentEnv
 from training.settings import Train
-from training.trainer import Course, Trainer
+from training.trainer import Trainer
 
 __all__ = ["LissajousMultiAgentEnv", "train"]
 
@@ -47,20 +49,18 @@ def train(settings: Train, console: Console | None = None) -> Course:
             raise ValueError(f"{name} of engine ray must be {value}, got {getattr(settings, name)}")
     if settings.imitated is not None:
         console.print("engine ray does not imitate first; --start takes the network of a training that did")
-    settings.out.mkdir(parents=True, exist_ok=True)
-    with locked(settings.out):
-        remove_leftovers(settings.out)
-        return ClusterTrainer(settings, console).run()
+    with checkpoint.hold(settings.out, "rllib/") as folder:
+        return ClusterTrainer(settings, console, folder).run()
 
 
 class ClusterTrainer(Trainer):
     """One training in its folder; RLlib's algorithm takes the place of model and worlds."""
 
-    def __init__(self, settings: Train, console: Console):
-        super().__init__(settings, console)
+    def __init__(self, settings: Train, console: Console, folder: Folder):
+        super().__init__(settings, console, folder)
         if settings.threads:
             torch.set_num_threads(settings.threads)
-        self._states = settings.out / "rllib"
+        self._states = folder.make_folder("rllib")
         self._restored = self._find_state()
         self._start = self._network_to_start_from() if self._restored is None else None
 
@@ -100,7 +100,8 @@ class ClusterTrainer(Trainer):
     def _learn(self) -> None:
         course, robots = self.course, self.scenario.num_robots
         # What an earlier process logged after its last checkpoint is taken back.
-        with SummaryWriter(str(self.settings.out / "tensorboard"), purge_step=course.steps + 1) as writer:
+        log = str(self.folder.make_folder("tensorboard"))
+        with SummaryWriter(log, purge_step=course.steps + 1) as self._writer:
             while course.steps < self.settings.steps:
                 began = time.monotonic()
                 result = self.algorithm.train()
@@ -108,12 +109,20 @@ class ClusterTrainer(Trainer):
                 course.steps = rllib_ppo.steps_sampled(self.algorithm) * robots
                 course.updates = self.algorithm.iteration
                 self.network()  # raises where the training has diverged
-                self._show(result, writer)
+                self._show(result)
                 if self.due() and course.steps < self.settings.steps:
                     self.evaluate_and_save()
                 self.stop_if_asked()
+            self.evaluate_and_save()
 
-    def _show(self, result: dict[str, Any], writer: SummaryWriter) -> None:
+    def log(self, values: Mapping[str, float | None]) -> None:
+        """Write values to TensorBoard."""
+        for name, value in values.items():
+            if value is not None:
+                self._writer.add_scalar(name, value, self.course.steps)
+        self._writer.flush()
+
+    def _show(self, result: dict[str, Any]) -> None:
         score = result.get("env_runners", {}).get("score", {})
         recent = {"detection_time": "detection_time_mean", "return": "return_mean"}
         recent |= {name: name for name in ("collisions", "detected_fraction")}
@@ -121,12 +130,11 @@ class ClusterTrainer(Trainer):
         learned = result.get("learners", {}).get(rllib_ppo.MODULE, {})
         losses = {name: float(learned[name]) for name in ("policy_loss", "vf_loss", "entropy") if name in learned}
         for folder, values in {"rollout": shown, "train": losses}.items():
-            for name, value in values.items():
-                writer.add_scalar(f"{folder}/{name}", value, self.course.steps)
+            self.log({f"{folder}/{name}": value for name, value in values.items()})
         self.display.update(shown)
 
     def _export(self, network: Network) -> None:
-        checkpoint.save(self.settings.out, network, self.card, notes=self._notes())
+        checkpoint.save(self.folder, network, self.card, notes=self.course.notes)
 
     def _find_state(self) -> Path | None:
         """Take up the course of the newest good checkpoint, and return the folder of its state."""

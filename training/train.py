@@ -1,8 +1,9 @@
 """`lissajous train`: trains a policy, shows how it does, and can be stopped at any moment and called again."""
 
 import contextlib
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import cast
 
@@ -15,31 +16,32 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch.utils.tensorboard.writer import SummaryWriter
 
 import baselines
-from lissajous_env.files import locked, remove_leftovers
+from lissajous_env.folder import Folder
 from training import checkpoint, imitation, sb3
+from training.course import Course
 from training.network import Network
 from training.settings import Train
-from training.trainer import Course, Trainer, summarize_scores
+from training.trainer import RECENT, Trainer, summarize_scores
 
 
 def train(settings: Train, console: Console | None = None) -> Course:
     """Train to the end, from the last checkpoint where `settings.out` has one.
 
     Raises:
-        ValueError: a folder that holds the results of other settings, or is in use by another process.
+        ValueError: a folder that holds files of others or the results of other settings, or is in use by another
+            process; or weights that are no longer finite.
+        OSError: the disk is full; the last checkpoint is whole.
         KeyboardInterrupt: Ctrl-C; everything up to then is in the checkpoint.
     """
-    settings.out.mkdir(parents=True, exist_ok=True)
-    with locked(settings.out):
-        remove_leftovers(settings.out)
-        return Sb3Trainer(settings, console or Console()).run()
+    with checkpoint.hold(settings.out) as folder:
+        return Sb3Trainer(settings, console or Console(), folder).run()
 
 
 class Sb3Trainer(Trainer):
     """A training by Stable-Baselines3: model and worlds, made anew or as the last checkpoint has them."""
 
-    def __init__(self, settings: Train, console: Console):
-        super().__init__(settings, console)
+    def __init__(self, settings: Train, console: Console, folder: Folder):
+        super().__init__(settings, console, folder)
         threads = settings.threads or torch.get_num_threads()
         torch.set_num_threads(threads)
         penalty = settings.residual_penalty if settings.base else 0.0
@@ -84,40 +86,68 @@ class Sb3Trainer(Trainer):
         if self.teacher is not None:
             state |= {f"teacher.{name}": array for name, array in self.teacher.save_state().items()}
         state |= {f"average.{name}": array for name, array in (self.average or {}).items()}
-        checkpoint.save(self.settings.out, self.network(), self.card, state=state, notes=self._notes())
+        state["scores"] = np.array([[row[name] for name in RECENT] for row in self.env.scores]).reshape(-1, len(RECENT))
+        checkpoint.save(self.folder, self.network(), self.card, state=state, notes=self.course.notes)
+
+    def log(self, values: Mapping[str, float | None]) -> None:
+        """Write values, and what the model has recorded of its update, to TensorBoard."""
+        for name, value in values.items():
+            if value is not None:
+                self.model.logger.record(name, value)
+        self.model.logger.dump(self.course.steps)
 
     def observe_rollout(self, extra: dict[str, float] | None = None) -> None:
         """Show and log how the latest episodes went."""
         recent = summarize_scores(self.env.scores) if self.env.scores else {}
-        evaluated = self.course.curve[-1] if self.course.curve else {}
-        logged = {f"rollout/{name}": value for name, value in recent.items()} | {
-            f"evaluation/{name}": value for name, value in evaluated.items() if name not in ("steps", "seconds")
-        }
+        logged = {f"rollout/{name}": value for name, value in recent.items()}
         for name, value in (logged | (extra or {})).items():
             if value is not None:
                 self.model.logger.record(name, value)
         self.display.update(recent)
 
     def _learn(self) -> None:
-        with _logging_to(self.settings.out / "tensorboard", self.course.steps) as logger:
+        with _logging_to(self.folder.make_folder("tensorboard"), self.course.steps) as logger:
             self.model.set_logger(logger)
             if self.teacher is not None:
                 imitation.imitate(self, self.teacher)
             left = self.settings.steps - self.course.steps
             if left > 0:
                 # The model counts on from the steps that it has.
-                self.model.learn(left, callback=_Watch(self), reset_num_timesteps=self.model._last_obs is None)
+                first = self.model._last_obs is None
+                with self._telling_divergence():
+                    self.model.learn(left, callback=_Watch(self), reset_num_timesteps=first)
+                    self.network()
+            self.evaluate_and_save()
+
+    @contextlib.contextmanager
+    def _telling_divergence(self) -> Iterator[None]:
+        """Say what to do about a training that has diverged, where torch would print tensors."""
+        try:
+            yield
+        except ValueError as error:
+            finite = all(torch.isfinite(parameter).all() for parameter in self.model.policy.parameters())
+            if finite and "of distribution" not in str(error):
+                raise
+            steps, rate = self.course.steps, self.settings.learning_rate
+            words = f"learning_rate must be low enough that weights stay finite, got {rate:g} after {steps:,} steps"
+            raise ValueError(words) from None
 
     def _go_on(self) -> None:
         _, card, text = checkpoint.read(self.settings.out)
         self._check_same(card.settings)
         arrays = checkpoint.read_state(self.settings.out, text)
-        self.course = Course(**text["counters"], curve=text["curve"], rivals=text["rivals"])
-        self.env.load_state(arrays)
-        if self.teacher is not None:
-            self.teacher.load_state(sb3.named("teacher.", arrays))
-        self.average = sb3.named("average.", arrays) or None
-        sb3.load_model(self.model, arrays, self.course.steps, self.course.updates)
+        self.course = Course.read(text)
+        try:
+            self.env.load_state(arrays)
+            if self.teacher is not None:
+                self.teacher.load_state(sb3.named("teacher.", arrays))
+            self.average = sb3.named("average.", arrays) or None
+            self.env.scores.extend(dict(zip(RECENT, row, strict=True)) for row in arrays["scores"].tolist())
+            sb3.load_model(self.model, arrays, self.course.steps, self.course.updates)
+        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
+            path = self.settings.out / text["files"]["state"]["name"]
+            words = f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
+            raise ValueError(f"{path} must hold the state of this training: {words}") from error
 
 
 class _Watch(BaseCallback):
@@ -133,6 +163,7 @@ class _Watch(BaseCallback):
         trainer = self.trainer
         if self.model._n_updates > trainer.course.updates:
             trainer.average_in()
+            trainer.log({})
         trainer.course.updates = self.model._n_updates
         if trainer.due():
             self._count_time()
@@ -172,10 +203,29 @@ class _Watch(BaseCallback):
 @contextlib.contextmanager
 def _logging_to(folder: Path, steps: int) -> Iterator[Logger]:
     """Log to TensorBoard; what an earlier process logged after its last checkpoint is taken back."""
-    if steps:
-        SummaryWriter(str(folder), purge_step=steps + 1).close()
-    logger = Logger(str(folder), [TensorBoardOutputFormat(str(folder))])
+    before = threading.excepthook
+
+    def quiet(told: threading.ExceptHookArgs) -> None:
+        # A disk that is full is told by the next row: the thread that writes need not print where it was.
+        if not isinstance(told.exc_value, OSError):
+            before(told)
+
+    threading.excepthook = quiet
     try:
-        yield logger
+        logger = Logger(str(folder), [_Rows(folder, steps)])
+        with contextlib.closing(logger):
+            yield logger
+    except OSError as error:
+        if error.filename is None:
+            raise OSError(error.errno, error.strerror or str(error), str(folder)) from error
+        raise
     finally:
-        logger.close()
+        threading.excepthook = before
+
+
+class _Rows(TensorBoardOutputFormat):
+    """Rows of TensorBoard that go on after some steps; later ones of another process are taken back."""
+
+    def __init__(self, folder: Path, steps: int):
+        self.writer = SummaryWriter(str(folder), purge_step=steps + 1)
+        self._is_closed = False

@@ -5,7 +5,6 @@ import math
 import signal
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 from rich.console import Console
@@ -13,8 +12,10 @@ from rich.console import Console
 import baselines
 from baselines.statistics import interquartile_mean
 from lissajous_env import evaluate
+from lissajous_env.folder import Folder
 from training import checkpoint
-from training.checkpoint import Card
+from training.card import Card
+from training.course import SCORES, Course
 from training.display import Display
 from training.learned import Learned, find
 from training.network import Network
@@ -22,29 +23,15 @@ from training.pictures import draw_curve
 from training.settings import Train
 
 FIRST_EVALUATION_SEED = 20_000
-
-
-@dataclass
-class Course:
-    """How a training has gone so far: written into each checkpoint, and read again to go on."""
-
-    steps: int = 0
-    """Steps of a robot."""
-    updates: int = 0
-    """Passes over rollouts."""
-    seconds: float = 0.0
-    """Time that it took, evaluations left out [s]."""
-    curve: list[dict[str, Any]] = field(default_factory=list)
-    """Evaluations, in order: steps, seconds, detection_time [s], collisions, return, detected_fraction."""
-    rivals: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """The same of the policies that it is compared with."""
+RECENT = ("detection_time_mean", "collisions", "return_mean", "detected_fraction")
+"""Columns of a score row that a training is watched by."""
 
 
 class Trainer:
-    """One training in its folder. A subclass says what learns: `network`, `save` and `_learn`."""
+    """One training in the folder that it holds. A subclass says what learns: `network`, `save`, `log` and `_learn`."""
 
-    def __init__(self, settings: Train, console: Console):
-        self.settings, self.console = settings, console
+    def __init__(self, settings: Train, console: Console, folder: Folder):
+        self.settings, self.console, self.folder = settings, console, folder
         self.scenario = settings.make_scenario()
         self.card = Card.of(
             self.scenario,
@@ -63,8 +50,12 @@ class Trainer:
         """Write a checkpoint that a training can go on from."""
         raise NotImplementedError
 
+    def log(self, values: Mapping[str, float | None]) -> None:
+        """Write what TensorBoard shows of the moment that the training is at."""
+        raise NotImplementedError
+
     def _learn(self) -> None:
-        """Learn to the end of the steps; call `due`, `evaluate_and_save` and `stop_if_asked` between updates."""
+        """Learn to the end of the steps; `evaluate_and_save` where it is `due`, and at the end; `stop_if_asked`."""
         raise NotImplementedError
 
     def run(self) -> Course:
@@ -72,12 +63,12 @@ class Trainer:
         course, settings = self.course, self.settings
         if course.steps >= settings.steps:
             self.console.print(f"{settings.out} is trained: {course.steps:,} steps of {settings.steps:,}")
+            self._draw_curve()
             return course
         self._meet_rivals()
         with Display(settings, self.console, course) as self.display, self._stopping_gently():
             self._learn()
-            self.evaluate_and_save()
-        draw_curve(settings.out)
+        self._draw_curve()
         return course
 
     def due(self) -> bool:
@@ -91,11 +82,10 @@ class Trainer:
         policy = Learned(network, self.card, self.scenario, settings.evaluation_episodes, settings.device)
         point: dict[str, Any] = {"steps": course.steps, "seconds": round(course.seconds, 1)}
         point |= self._evaluated(policy)
-        best = max((earlier["return"] for earlier in course.curve), default=-math.inf)
-        course.curve.append(point)
+        if course.add(point):
+            course.best = checkpoint.best_of(network, course.counters, point)
+        self.log({f"evaluation/{name}": point[name] for name in SCORES})
         self.save()
-        if point["return"] > best:
-            checkpoint.save(settings.out / "best", network, self.card, notes=self._notes())
         self.display.evaluated(point)
 
     def stop_if_asked(self) -> None:
@@ -117,15 +107,9 @@ class Trainer:
         seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + self.settings.evaluation_episodes)
         return summarize_scores(evaluate(policy, self.scenario, seeds, self.settings.device))
 
-    def _notes(self) -> dict[str, Any]:
-        """What a checkpoint says about the course."""
-        course = self.course
-        return {
-            "counters": {"steps": course.steps, "updates": course.updates, "seconds": round(course.seconds, 1)},
-            "scores": course.curve[-1] if course.curve else None,
-            "rivals": course.rivals,
-            "curve": course.curve,
-        }
+    def _draw_curve(self) -> None:
+        with self.folder.replacing("curve.png") as path:
+            draw_curve(self.settings.out, path)
 
     def _check_same(self, stored: Mapping[str, Any]) -> None:
         """Raise ValueError where a training with other settings is in the folder."""

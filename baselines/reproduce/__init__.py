@@ -23,7 +23,7 @@ from baselines.reproduce.played import Part, Player
 from baselines.reproduce.style import Picture
 from baselines.reproduce.table import Claim
 from lissajous_env.device import as_device
-from lissajous_env.files import locked, remove_leftovers, write_atomically
+from lissajous_env.folder import Folder
 
 PARTS: dict[str, Callable[[Player], Part]] = {
     "fig2": detection.fig2,
@@ -46,6 +46,7 @@ PARTS: dict[str, Callable[[Player], Part]] = {
 }
 """What can be made, by name, in the order of the table. Another part is a function here and a line in this table."""
 
+_TABLES = "table.csv", "table.md", "README.md"
 _Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[NAME ...]")]
 _Out = Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
 
@@ -74,23 +75,20 @@ def reproduce(
     if not 0 <= seed < 2**31 - 1000:
         raise ValueError(f"seed must be from 0 to {2**31 - 1001}, got {seed}")
     as_device(device)
-    out = Path(out)
-    out.mkdir(parents=True, exist_ok=True)
     player, claims, pictures = Player(seed, device), [], []
     command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed)])
     console = wide_console()
-    with locked(out):
-        remove_leftovers(out)
+    with Folder(out, (*_TABLES, *(f"{name}.png" for name in chosen))) as folder:
         try:
             for part in _played(chosen, player):
                 for picture in part.pictures:
-                    write_atomically(out / f"{picture.name}.png", picture.png)
+                    folder.write(f"{picture.name}.png", picture.png)
                 claims += part.claims
                 pictures += part.pictures
         except KeyboardInterrupt:
-            _write(out, claims, pictures, command)
+            _write(folder, claims, pictures, command)
             raise KeyboardInterrupt(f"what was finished is in {out}") from None
-        _write(out, claims, pictures, command)
+        _write(folder, claims, pictures, command)
     table.print_table(console, claims)
     words = f"\n{table.summary(claims)}. {len(pictures)} pictures, table.csv, table.md and README.md are in {out}"
     console.print(words, markup=False, highlight=False, soft_wrap=True)
@@ -127,7 +125,7 @@ def _played(chosen: Sequence[str], player: Player) -> Iterable[Part]:
                 console.print(f"{name}: {time.monotonic() - began:.1f} s", highlight=False)
 
 
-def _write(out: Path, claims: Sequence[Claim], pictures: Sequence[Picture], command: str) -> None:
-    write_atomically(out / "table.csv", table.as_csv(claims))
-    write_atomically(out / "table.md", table.as_markdown(claims))
-    write_atomically(out / "README.md", table.as_page(claims, pictures, command))
+def _write(folder: Folder, claims: Sequence[Claim], pictures: Sequence[Picture], command: str) -> None:
+    written = table.as_csv(claims), table.as_markdown(claims), table.as_page(claims, pictures, command)
+    for name, text in zip(_TABLES, written, strict=True):
+        folder.write(name, text)

@@ -1,0 +1,276 @@
+"""Attacks on what lies on the disk: files of the user, kills, full disks, folders that somebody changed."""
+
+import contextlib
+import copy
+import functools
+import io
+import itertools
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import killing
+import numpy as np
+
+from attacks import Attack
+from lissajous_env.files import parse_json
+from lissajous_env.folder import LIST
+
+_STEMS = (
+    "weights-abc",
+    "weights-0123456789ab",
+    "state-0123456789ab",
+    ".env",
+    ".x.tmp",
+    ".lissajous-0123456789abcdef",
+    "x",
+)
+_ENDS = (".tmpl", ".safetensors", ".tmp", ".tmp.json", ".json", ".png", ".jsonl", "", ".123.tmp.csv")
+_RESULTS = (
+    "settings.json", "episodes.jsonl", "episodes.csv", "summary.json", "collisions.png", "README.md", "table.csv",
+    "checkpoint.json", "curve.png", "best", "tensorboard", LIST, ".lock", "theorem2.png", "fig8.png",
+)  # fmt: skip
+_HOSTILE = (
+    None, True, -1, 3, 0.5, 10**400, 1e300, 1e-300, "", "x", "../x", "/etc/passwd", "a\0b", "\ud800", "sweep", ".", [],
+    {}, ["x"] * 3, {"a": 1}, float("nan"), float("inf"), json.loads(150 * "[" + 150 * "]"), "x" * 10_000,
+)  # fmt: skip
+
+
+def _in_a_folder(attempt: Callable[[np.random.Generator, Path], str | None]) -> Callable[[np.random.Generator], Any]:
+    """Give an attempt a folder of its own, which is removed after it."""
+
+    @functools.wraps(attempt)
+    def held(draw: np.random.Generator) -> str | None:
+        with tempfile.TemporaryDirectory() as folder:
+            return attempt(draw, Path(folder))
+
+    return held
+
+
+@_in_a_folder
+def _files_of_the_user(draw: np.random.Generator, folder: Path) -> str | None:
+    out, outside = folder / "out", folder / "outside"
+    out.mkdir()
+    outside.mkdir()
+    work, _ = killing.WORK[str(draw.choice(list(killing.WORK), p=[0.45, 0.45, 0.1]))]
+    if draw.random() < 0.3:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            work(out)
+    for k in range(draw.integers(1, 8)):
+        name = str(draw.choice(_RESULTS) if draw.random() < 0.15 else draw.choice(_STEMS) + draw.choice(_ENDS))
+        path, target = out / name, outside / str(k)
+        target.write_bytes(draw.bytes(draw.integers(0, 50)))
+        if os.path.lexists(path):
+            continue
+        kind = draw.choice(["file", "link", "hard link", "broken link", "folder"], p=[0.5, 0.2, 0.1, 0.1, 0.1])
+        if kind == "file":
+            shutil.copy(target, path)
+        elif kind == "folder":
+            path.mkdir()
+            shutil.copy(target, path / "kept")
+        elif kind == "hard link":
+            os.link(target, path)
+        else:
+            path.symlink_to(target if kind == "link" else outside / f"{k}-nothing")
+    ours = {json.loads(line).get("wrote") for line in _lines(out / LIST)}
+    before = {path: state for path, state in _states(folder).items() if _name(path, out) not in {*ours, LIST}}
+    for _ in range(2):
+        try:
+            with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+                work(out)
+        except ValueError as error:
+            if "\n" in str(error):
+                return f"an error without a clear line: {error}"
+    after = _states(folder)
+    lost = [str(path) for path, state in before.items() if after.get(path) != state]
+    made = [str(path) for path in after if path not in before and not path.is_relative_to(out)]
+    return f"changed: {lost}; made: {made}" if lost or made else None
+
+
+def _name(path: Path, out: Path) -> str:
+    return path.relative_to(out).as_posix() if path.is_relative_to(out) else ""
+
+
+def _lines(path: Path) -> Iterator[str]:
+    """Lines of a list that is ours."""
+    if path.is_file() and not path.is_symlink() and path.read_bytes().startswith(b'{"lissajous": 1'):
+        yield from path.read_text().splitlines()
+
+
+def _states(folder: Path) -> dict[Path, Any]:
+    """What each file holds and each link leads to; of folders, that they are there."""
+    found = {}
+    for path in folder.rglob("*"):
+        found[path] = os.readlink(path) if path.is_symlink() else path.read_bytes() if path.is_file() else None
+    return found
+
+
+class _AtEachWrite:
+    """Ends a command at one write after the other, a try each, and compares what the next call makes of it."""
+
+    def __init__(self, name: str, full: bool = False, every: int = 1):
+        self.work, self.read = killing.WORK[name]
+        self.full, self.points = full, itertools.count(0, every)
+
+    @functools.cached_property
+    def whole(self) -> tuple[dict[str, Any], int]:
+        """What the command makes where nothing happens, and how often it writes."""
+        with tempfile.TemporaryDirectory() as folder:
+            ended = killing.run(self.work, Path(folder) / "out", full=self.full)
+            return self.read(Path(folder) / "out"), ended.writes
+
+    def __call__(self, draw: np.random.Generator) -> str | None:
+        wanted, writes = self.whole
+        point = next(self.points)
+        if point >= writes:
+            point = int(draw.integers(writes))
+        with tempfile.TemporaryDirectory() as folder:
+            out = Path(folder) / "out"
+            ended, again = killing.run(self.work, out, point, self.full), killing.run(self.work, out)
+            stopped = ended.killed or (self.full and "No space left" in ended.error and "\n" not in ended.error)
+            if not stopped or again.error:
+                return f"write {point} of {writes}: {ended}, then {again}"
+            found = self.read(out)
+        differing = [name for name in {**wanted, **found} if wanted.get(name) != found.get(name)]
+        return f"write {point} of {writes}: another {', '.join(differing)}" if differing else None
+
+
+@functools.cache
+def _trained() -> dict[str, bytes]:
+    """Files of a small training, by name."""
+    with tempfile.TemporaryDirectory() as folder:
+        killing.train(Path(folder))
+        return {path.name: path.read_bytes() for path in Path(folder).iterdir() if path.is_file()}
+
+
+@_in_a_folder
+def _changed_checkpoint(draw: np.random.Generator, folder: Path) -> str | None:
+    import training
+    from lissajous_env import Simulation
+    from training import checkpoint
+    from training.pictures import draw_curve
+
+    for name, data in _trained().items():
+        (folder / name).write_bytes(data)
+    path = folder / checkpoint.FILE
+    if draw.random() < 0.8:
+        text = json.loads(path.read_text())
+        for _ in range(draw.integers(1, 3)):
+            text = _changed(draw, text)
+        path.write_text(json.dumps(text))
+    else:
+        _damage(draw, folder / str(draw.choice(sorted(_trained()))))
+    try:
+        _, _, text = checkpoint.read(folder)
+        if text.get("curve") and draw.random() < 0.2:
+            draw_curve(folder, folder / "drawn.png")
+        policy = training.load(folder)
+        action = policy.act(Simulation(policy.scenario).observation.numpy())
+    except ValueError as error:
+        words = str(error)
+        return f"an error without a clear line: {words[:300]}" if "\n" in words or len(words) > 1000 else None
+    return None if np.isfinite(action).all() and (np.abs(action) <= 1).all() else f"it does {action}"
+
+
+def _changed(draw: np.random.Generator, text: Any) -> Any:
+    """JSON with a hostile value at a place, or without it."""
+    text = copy.deepcopy(text)
+    inner, places = text, []
+    while isinstance(inner, (dict, list)) and inner:
+        names = list(inner) if isinstance(inner, dict) else list(range(len(inner)))
+        name = names[draw.integers(len(names))]
+        places.append((inner, name))
+        inner = inner[name]
+        if draw.random() < 0.25:
+            break
+    if not places:
+        return _HOSTILE[draw.integers(len(_HOSTILE))]
+    inner, name = places[-1]
+    if draw.random() < 0.2:
+        del inner[name]
+    else:
+        inner[name] = _HOSTILE[draw.integers(len(_HOSTILE))]
+    return text
+
+
+def _damage(draw: np.random.Generator, path: Path) -> None:
+    """Cut a file off, change a byte of it, or make a link, a folder or nothing of it."""
+    data = bytearray(path.read_bytes())
+    kind = draw.integers(5)
+    if kind == 0:
+        path.write_bytes(data[: draw.integers(len(data))])
+    elif kind == 1:
+        data[draw.integers(len(data))] ^= 1 << draw.integers(8)
+        path.write_bytes(data)
+    else:
+        path.unlink()
+        if kind == 2:
+            path.symlink_to(path.parent)
+        elif kind == 3:
+            path.mkdir()
+
+
+@functools.cache
+def _played() -> dict[str, bytes]:
+    """Files of a small benchmark, by name."""
+    with tempfile.TemporaryDirectory() as folder:
+        killing.benchmark(Path(folder))
+        return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+
+
+@_in_a_folder
+def _changed_results(draw: np.random.Generator, folder: Path) -> str | None:
+    out = folder / "out"
+    out.mkdir()
+    for name, data in _played().items():
+        (out / name).write_bytes(data)
+    _damage(draw, out / str(draw.choice(sorted(_played()))))
+    (folder / "mine").write_text("mine")
+    (out / "mine").write_text("mine")
+    try:
+        killing.benchmark(out)
+    except ValueError as error:
+        if str(error).count("\n") > 30:
+            return f"an error without a clear line: {error}"
+    else:
+        rows = sorted((out / "episodes.jsonl").read_bytes().splitlines())
+        if len(rows) != len(_played()["episodes.jsonl"].splitlines()):
+            return f"{len(rows)} episodes"
+    whole = (out / "mine").read_text() == (folder / "mine").read_text() == "mine"
+    return None if whole else "a file of the user was changed"
+
+
+@_in_a_folder
+def _strict_json(draw: np.random.Generator, folder: Path) -> str | None:
+    text = json.dumps(_changed(draw, json.loads(_trained()["checkpoint.json"])))
+    data = bytearray(text.encode(errors="surrogatepass"))
+    if draw.random() < 0.7:
+        for _ in range(draw.integers(1, 4)):
+            at = draw.integers(len(data))
+            data[at : at + draw.integers(3)] = draw.choice(
+                [b"{", b"[", b"1e999", b"NaN", b'"', b"\xff", b"\\u0000", b"9" * 500]
+            )
+    try:
+        found = parse_json(bytes(data), folder)
+    except ValueError as error:
+        return None if str(folder) in str(error) and "\n" not in str(error) else f"unclear: {error}"
+    return None if json.loads(json.dumps(found, allow_nan=False)) == found else "it cannot be written again"
+
+
+_SAME = "the same command, called again, ends as if nothing had happened: the same bits"
+ATTACKS = [
+    Attack("files of the user in --out", "they and what links lead to stay as they are", 20, _files_of_the_user),
+    Attack("a training killed at each write", _SAME, 143, _AtEachWrite("train")),
+    Attack("a benchmark killed at each write", _SAME, 40, _AtEachWrite("benchmark")),
+    Attack("a reproduction killed at each write", _SAME, 26, _AtEachWrite("reproduce")),
+    Attack("disk full in a training", _SAME + ", and the error is one line", 20, _AtEachWrite("train", True, 10)),
+    Attack("disk full in a benchmark", _SAME + ", and the error is one line", 14, _AtEachWrite("benchmark", True, 5)),
+    Attack("disk full in a reproduction", _SAME + ", and the error is one line", 8, _AtEachWrite("reproduce", True, 5)),
+    Attack("a checkpoint that was changed", "refused in a line, or it plays finite actions", 500, _changed_checkpoint),
+    Attack("results that were changed", "refused by name, or all episodes are there", 60, _changed_results),
+    Attack("JSON that was changed", "refused in a line, or it can be written again", 3000, _strict_json),
+]

@@ -1,0 +1,240 @@
+"""Ends a process at the k-th time that it writes to a folder, or lets the disk be full from there on.
+
+Every new file and folder, every write, rename and removal is a point, in the order in which they come; so all of them
+can be tried, one after the other. The processes are forked from one that has the libraries loaded, and begin at once.
+"""
+
+import errno
+import itertools
+import json
+import logging
+import multiprocessing
+import os
+import signal
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+QUIET = Console(quiet=True)
+_LOADED = ["torch._dynamo", "torch.utils.tensorboard", "matplotlib.backends.backend_agg", "training.train"]
+_LOADED += ["training.learned", "baselines.pictures", "baselines.reproduce"]
+_ADDS = ("open", "os.mkdir", "os.rename", "write", "fsync")
+"""What a full disk refuses."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a process ended."""
+
+    killed: bool
+    error: str
+    """What it raised, as `Name: words`; empty where it ran to its end."""
+    writes: int
+    """Points that it came to; 0 where it was killed."""
+
+
+def run(work: Callable[[Path], None], folder: Path, point: int = -1, full: bool = False) -> Ended:
+    """Do some work on a folder in a process of its own.
+
+    Args:
+        work: What is done; a function of a module.
+        folder: What it is done to. Writes elsewhere do not count.
+        point: Number of the write that the process does not survive, from 0; a write of bytes is half done. -1: none.
+        full: From that write on the disk is full instead.
+    """
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(_LOADED)
+    ours, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_work, args=(work, folder, point, full, theirs))
+    process.start()
+    theirs.close()
+    try:
+        error, writes = ours.recv()
+    except EOFError:
+        error, writes = "", 0
+    process.join()
+    return Ended(process.exitcode == -signal.SIGKILL, error, writes)
+
+
+def _work(work: Callable[[Path], None], folder: Path, point: int, full: bool, answer: Connection) -> None:
+    sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - for the life of the process
+    points = _Points(folder.resolve(), point, full)
+    points.watch()
+    error = ""
+    try:
+        work(folder)
+    except BaseException as raised:
+        error = f"{type(raised).__name__}: {raised}"
+    points.over = True
+    answer.send((error, next(points.counted)))
+
+
+class _Points:
+    """Counts what a process writes to a folder, and ends it at one of the points."""
+
+    def __init__(self, folder: Path, point: int, full: bool):
+        self.folder, self.point, self.full = str(folder), point, full
+        self.counted, self.over = itertools.count(), False
+
+    def watch(self) -> None:
+        """Count from now on."""
+        sys.addaudithook(self._heard)
+        self._write, self._fsync = os.write, os.fsync
+        os.write, os.fsync = self._writing, self._flushing
+
+    def _heard(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if event == "open":
+            path, _, flags = arguments
+            if flags & (os.O_CREAT | os.O_TRUNC) and self._is_inside(path):
+                self._at(event)
+        elif event in ("os.mkdir", "os.remove", "os.rename", "os.truncate") and self._is_inside(arguments[0]):
+            self._at(event)
+
+    def _writing(self, descriptor: int, data: Any) -> int:
+        if self._is_inside(descriptor):
+            self._at("write", lambda: self._write(descriptor, bytes(data)[: len(data) // 2]))
+        return self._write(descriptor, data)
+
+    def _flushing(self, descriptor: int) -> None:
+        # A kill leaves the same files before a flush as after it.
+        if self.full and self._is_inside(descriptor):
+            self._at("fsync")
+        self._fsync(descriptor)
+
+    def _at(self, event: str, half: Callable[[], object] = lambda: None) -> None:
+        reached = next(self.counted)
+        if self.over or self.point < 0 or reached < self.point:
+            return
+        if not self.full:
+            half()
+            os.kill(os.getpid(), signal.SIGKILL)
+        elif event in _ADDS:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def _is_inside(self, path: Any) -> bool:
+        if isinstance(path, int):
+            try:
+                path = os.readlink(f"/proc/self/fd/{path}")
+            except OSError:
+                return False
+        return not self.over and os.path.abspath(os.fsdecode(path)).startswith(self.folder)
+
+
+def train(folder: Path) -> None:
+    """Train for three rollouts with an evaluation after each, of which the second is the best."""
+    import torch
+
+    from training.settings import Train
+    from training.train import train
+
+    torch.set_num_threads(1)
+    settings = Train(
+        "failure", steps=240, worlds=2, rollout=8, batch_size=40, layers=(4,), teacher="none", threads=1, rivals=(),
+        evaluation_episodes=1, evaluate_every=80, epochs=1, learning_rate=0.3, noise_steps=4, averaging=0.3, out=folder,
+        overrides={"task.duration": 0.5, "task.reward_effort": -1.0, "robot.count": 5},
+    )  # fmt: skip
+    train(settings, QUIET)
+
+
+def benchmark(folder: Path) -> None:
+    """Play two policies for three episodes, in batches."""
+    from baselines.benchmark import Benchmark, run
+
+    settings = Benchmark(("failure",), ("kuramoto", "still"), 3, batch=2, out=folder, overrides={"task.duration": 0.5})
+    run(settings, console=QUIET)
+
+
+def reproduce(folder: Path) -> None:
+    """Make two parts of the paper, one with a picture."""
+    from baselines import reproduce
+
+    reproduce.reproduce(("theorem2", "fig8"), out=folder)
+
+
+def result_of_train(folder: Path) -> dict[str, Any]:
+    """Read all that a training leaves, without its times.
+
+    Raises:
+        ValueError: a part of it is damaged, or they do not agree.
+    """
+    from training import checkpoint
+
+    network, _, text = checkpoint.read(folder)
+    checkpoint.read_state(folder, text)
+    best, _, best_text = checkpoint.read(folder / "best")
+    curve = _untimed(text["curve"])
+    highest = max(curve, key=lambda point: point["return"])
+    if _untimed([best_text["scores"]])[0] != highest or best_text["curve"][-1]["steps"] != highest["steps"]:
+        raise ValueError(f"best must be the policy of {highest}, got {best_text['scores']}")
+    names = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if "tfevents" not in path.name)
+    rows = tensorboard_rows(folder / "tensorboard")
+    for name in ("detection_time", "collisions", "return", "detected_fraction"):
+        logged = np.array(rows.get(f"evaluation/{name}", [])).reshape(-1, 2)
+        evaluated = np.array([(point["steps"], point[name]) for point in curve if point[name] is not None]).reshape(
+            -1, 2
+        )
+        if logged.shape != evaluated.shape or not np.allclose(logged, evaluated):
+            raise ValueError(f"TensorBoard must show {name} as the curve has it, {evaluated}, got {logged}")
+    return {
+        "files": text["files"],
+        "curve": curve,
+        "counters": _untimed([text["counters"]])[0],
+        "weights": [array.tolist() for array in network.weights],
+        "best": [array.tolist() for array in best.weights],
+        "rows": rows,
+        "picture": (folder / "curve.png").read_bytes(),
+        "names": sorted(names),
+    }
+
+
+def tensorboard_rows(folder: Path) -> dict[str, list[tuple[int, float]]]:
+    """Steps and values that TensorBoard shows, by tag; without those that are times.
+
+    Raises:
+        ValueError: a step is shown twice.
+    """
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    logging.getLogger("tensorboard").setLevel(logging.ERROR)
+    events = EventAccumulator(str(folder), size_guidance={"scalars": 0})
+    events.Reload()
+    rows = {}
+    for tag in events.Tags()["scalars"]:
+        if not tag.startswith("time/"):
+            rows[tag] = [(event.step, event.value) for event in events.Scalars(tag)]
+            steps = [step for step, _ in rows[tag]]
+            if steps != sorted(set(steps)):
+                raise ValueError(f"TensorBoard must show each step of {tag} once, got {steps}")
+    return rows
+
+
+def result_of_benchmark(folder: Path) -> dict[str, Any]:
+    """Read all that a benchmark leaves, without its times."""
+    summary = json.loads((folder / "summary.json").read_text())
+    rows = sorted((folder / "episodes.jsonl").read_text().splitlines())
+    rest = {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix in (".png", ".csv")}
+    names = sorted(path.name for path in folder.iterdir())
+    return rest | {"rows": rows, "statistics": summary["statistics"], "names": names}
+
+
+def result_of_reproduce(folder: Path) -> dict[str, Any]:
+    """Read all that a reproduction leaves."""
+    return {path.name: path.read_bytes() if path.name[0] != "." else b"" for path in folder.iterdir()}
+
+
+def _untimed(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{name: value for name, value in entry.items() if name != "seconds"} for entry in entries]
+
+
+WORK: dict[str, tuple[Callable[[Path], None], Callable[[Path], dict[str, Any]]]] = {
+    "train": (train, result_of_train),
+    "benchmark": (benchmark, result_of_benchmark),
+    "reproduce": (reproduce, result_of_reproduce),
+}
+"""Commands in the small, and what reads their results."""

@@ -1,0 +1,325 @@
+"""Files: a user's are never hit, links never followed, JSON is read strictly, a full disk costs what is not written."""
+
+import errno
+import json
+import os
+import sys
+
+import pytest
+from rich.console import Console
+
+from baselines.benchmark import Benchmark, run
+from baselines.reproduce import reproduce
+from lissajous_env import files
+from lissajous_env.files import check_writable_file, parse_json, read_json, replacing, write_atomically
+from lissajous_env.folder import LIST, Folder
+from lissajous_env.journal import Journal
+
+QUIET = Console(quiet=True)
+NEIGHBOURS = (
+    ".env.tmpl", ".x.tmp", ".settings.1234.tmp.json", ".lock", ".lissajous-0123456789abcdef.json", "notes.csv", ".tmp",
+    "weights-abc.safetensors", "weights-0123456789ab.safetensors", "state-0123456789ab.safetensors", "best.txt",
+)  # fmt: skip
+
+
+def benchmark(out):
+    run(Benchmark(("failure",), ("still",), 2, out=out, overrides={"task.duration": 0.3}), console=QUIET)
+
+
+def train(out):
+    pytest.importorskip("stable_baselines3")
+    from training.settings import Train
+    from training.train import train
+
+    settings = Train(
+        "failure", steps=20, worlds=1, rollout=4, batch_size=20, layers=(4,), teacher="none", threads=1, rivals=(),
+        evaluation_episodes=1, out=out, overrides={"task.duration": 0.2},
+    )  # fmt: skip
+    train(settings, QUIET)
+
+
+def theorem(out):
+    reproduce(("theorem2",), out=out)
+
+
+COMMANDS = {"benchmark": benchmark, "train": train, "reproduce": theorem}
+each_command = pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
+
+
+@each_command
+def test_files_of_the_user_stay_as_they_are(tmp_path, command):
+    # Twice: the second time there is a list of what was written, and it is gone through.
+    for name in NEIGHBOURS:
+        (tmp_path / name).write_text(f"mine: {name}")
+    for _ in range(2):
+        command(tmp_path)
+        assert {name: (tmp_path / name).read_text() for name in NEIGHBOURS} == {n: f"mine: {n}" for n in NEIGHBOURS}
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (benchmark, "settings.json"), (benchmark, "episodes.jsonl"), (benchmark, "summary.json"),
+        (benchmark, "episodes.csv"), (benchmark, "collisions.png"), (theorem, "README.md"), (theorem, "table.csv"),
+        (theorem, "theorem2.png"), (train, "checkpoint.json"), (train, "curve.png"), (train, "best"),
+        (train, "tensorboard"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("kind", ["file", "link", "broken link", "folder"])
+def test_a_file_of_the_user_with_the_name_of_a_result_is_refused_at_once(tmp_path, command, name, kind):
+    outside, out = tmp_path / "outside", tmp_path / "out"
+    out.mkdir()
+    outside.write_text("mine")
+    if kind == "file":
+        (out / name).write_text("mine")
+    elif kind == "folder":
+        (out / name).mkdir()
+    else:
+        (out / name).symlink_to(outside if kind == "link" else tmp_path / "nothing")
+    with pytest.raises(ValueError, match=rf"out must be a folder without a {name} of another origin, got .*{name}"):
+        command(out)
+    assert [path.name for path in out.iterdir()] == [name], "nothing was begun"
+    assert outside.read_text() == "mine"
+    assert not (tmp_path / "nothing").exists()
+    if kind == "file":
+        assert (out / name).read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [(benchmark, "episodes.jsonl"), (benchmark, "summary.json"), (theorem, "README.md"), (train, "checkpoint.json")],
+)
+def test_a_result_that_became_a_link_is_refused(tmp_path, command, name):
+    outside, out = tmp_path / "outside", tmp_path / "out"
+    command(out)
+    os.replace(out / name, outside)
+    before = outside.read_bytes()
+    (out / name).symlink_to(outside)
+    with pytest.raises(ValueError, match=rf"{name} must be a file, got a link"):
+        command(out)
+    assert outside.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["episodes.jsonl", LIST])
+def test_a_file_that_grows_must_not_have_a_second_name(tmp_path, name):
+    # Two names of one file: what is appended to one would be appended to the other.
+    benchmark(tmp_path / "out")
+    os.link(tmp_path / "out" / name, tmp_path / "kept")
+    before = (tmp_path / "kept").read_bytes()
+    with pytest.raises(ValueError, match=rf"{name} must be a plain file, got a hard link"):
+        benchmark(tmp_path / "out")
+    assert (tmp_path / "kept").read_bytes() == before
+
+
+def test_a_file_that_is_replaced_may_have_a_second_name(tmp_path):
+    benchmark(tmp_path / "out")
+    os.link(tmp_path / "out" / "summary.json", tmp_path / "kept")
+    before = (tmp_path / "kept").read_bytes()
+    benchmark(tmp_path / "out")
+    assert (tmp_path / "kept").read_bytes() == before
+    assert os.stat(tmp_path / "kept").st_nlink == 1
+
+
+@each_command
+def test_out_may_be_a_link_to_a_folder(tmp_path, command):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "disk")
+    command(tmp_path / "out")
+    command(tmp_path / "out")
+    assert (tmp_path / "disk" / LIST).is_file()
+
+
+@pytest.mark.parametrize("text", ["mine", '{"a": 1}\n', "\n", "[]"])
+def test_a_list_that_is_not_ours_is_not_touched(tmp_path, text):
+    (tmp_path / LIST).write_text(text)
+    with pytest.raises(ValueError, match=r"\.lissajous\.jsonl must be a list of what was written here"):
+        Folder(tmp_path)
+    assert (tmp_path / LIST).read_text() == text
+
+
+@pytest.mark.parametrize("name", ["../x", "/x", "a/../../x", "a/b/c", "", ".", "..", LIST, "C:x", "a\\b"])
+def test_no_name_leads_out_of_the_folder(tmp_path, name):
+    with Folder(tmp_path / "out") as folder, pytest.raises(ValueError, match="must be"):
+        folder.write(name, "x")
+    (tmp_path / "x").write_text("mine")
+    with open(tmp_path / "out" / LIST, "a") as file:
+        file.write(json.dumps({"wrote": name}) + "\n")
+    with pytest.raises(ValueError, match="name of a result must be that of a file in its folder"):
+        Folder(tmp_path / "out")
+    assert (tmp_path / "x").read_text() == "mine"
+
+
+def test_only_what_was_written_is_removed(tmp_path):
+    with Folder(tmp_path) as folder:
+        folder.write("a", "1")
+        (tmp_path / "b").write_text("mine")
+        folder.remove("a")
+        folder.remove("b")
+        assert folder.written == ()
+        (tmp_path / "a").write_text("mine")
+        with pytest.raises(ValueError, match="of another origin"):
+            folder.write("a", "2")
+    assert [(tmp_path / name).read_text() for name in "ab"] == ["mine", "mine"]
+
+
+def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path):
+    with Folder(tmp_path) as folder:
+        with folder.replacing("a.json") as temporary:
+            temporary.write_text("half")
+            kept = temporary.read_bytes()
+        temporary.write_bytes(kept)
+    (tmp_path / ".lissajous-1.json").write_text("mine")
+    with Folder(tmp_path):
+        assert sorted(path.name for path in tmp_path.iterdir()) == [".lissajous-1.json", LIST, "a.json"]
+
+
+@pytest.mark.parametrize("torn", ["", '{"lissa', '{"lissajous": 1, "token": "0123456789abcdef"}\n{"wro'])
+def test_a_list_that_a_kill_left_half_written_is_gone_on_with(tmp_path, torn):
+    (tmp_path / LIST).write_text(torn)
+    with Folder(tmp_path) as folder:
+        folder.write("a", "1")
+    with Folder(tmp_path) as folder:
+        assert folder.written == ("a",)
+
+
+def test_a_temporary_file_hits_no_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(files.secrets, "token_hex", lambda size: "0")
+    (tmp_path / ".lissajous-0.txt").write_text("mine")
+    with pytest.raises(OSError, match="File exists"):
+        write_atomically(tmp_path / "a.txt", "x")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(".lissajous-0.txt", "mine")]
+
+
+def test_replacing_a_link_leaves_its_target(tmp_path):
+    (tmp_path / "target").write_text("mine")
+    (tmp_path / "link.csv").symlink_to(tmp_path / "target")
+    with replacing(tmp_path / "link.csv") as temporary:
+        temporary.write_text("new")
+    assert (tmp_path / "target").read_text() == "mine"
+    assert not (tmp_path / "link.csv").is_symlink()
+
+
+def test_a_name_may_be_as_long_as_the_disk_allows(tmp_path):
+    path = tmp_path / ("a" * 251 + ".csv")
+    write_atomically(path, "x")
+    assert path.read_text() == "x"
+
+
+@pytest.mark.parametrize(
+    ("out", "words"),
+    [
+        ("nowhere/a.csv", "out must be in a folder that is there, got"),
+        ("folder", "out must be a file, got the folder"),
+        ("file/a.csv", "out must be in a folder that is there, got"),
+        ("/proc/a.csv", "out must be in a folder that can be written to, got"),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_found_before_any_work(tmp_path, out, words):
+    if out.startswith("/proc") and sys.platform != "linux":
+        pytest.skip("there is no folder that nobody can write to")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(ValueError, match=words):
+        check_writable_file(tmp_path / out)
+    check_writable_file(tmp_path / "folder" / "a.csv")
+    check_writable_file(tmp_path / "file")
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "folder"]
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@each_command
+@pytest.mark.parametrize("out", ["/proc/out", "file", "file/out"])
+def test_a_folder_that_cannot_be_written_is_found_before_any_work(tmp_path, command, out, monkeypatch):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(ValueError, match="out must be a folder that can be written to, got"):
+        command(tmp_path / out)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('{"a": NaN}', "finite numbers alone, got NaN"),
+        ("[Infinity]", "finite numbers alone, got Infinity"),
+        ("[-Infinity]", "finite numbers alone, got -Infinity"),
+        ("1e400", "finite numbers alone, got 1e400"),
+        ("1" + 400 * "0", "finite numbers alone, got 1000"),
+        ("-" + 5000 * "9", "finite numbers alone, got -999"),
+        ('{"a": 1, "b": 2, "a": 3}', "name each entry once, got 'a' twice"),
+        (101 * "[" + 101 * "]", "nest at most 100 levels"),
+        (100_000 * "[" + 100_000 * "]", "nest at most 100 levels"),
+        (100_000 * '{"a":' + "1" + 100_000 * "}", "nest at most 100 levels"),
+        ("", "Expecting value"), ("{", "Expecting"), ("nul", "Expecting value"),
+    ],
+)  # fmt: skip
+def test_json_is_read_strictly(tmp_path, text, words):
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(ValueError, match=rf"a\.json is damaged: .*{words}") as error:
+        read_json(tmp_path / "a.json")
+    assert len(str(error.value)) < 300 + len(str(tmp_path))
+
+
+def test_json_is_read():
+    assert parse_json('{"a": [1, 2.5, null, true, "x"], "b": {}}', "") == {"a": [1, 2.5, None, True, "x"], "b": {}}
+    assert parse_json(b"[1e308, 12345678901234567890]", "") == [1e308, 12345678901234567890]
+
+
+def test_what_is_no_plain_file_is_not_read(tmp_path):
+    (tmp_path / "link").symlink_to(tmp_path / "a")
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "bytes").write_bytes(b'"\xff"')
+    (tmp_path / "large").write_text(100 * " ")
+    for name, words in (
+        ("missing", "is missing"), ("link", "must be a plain file, got a link"), (".", "must be a plain file"),
+        ("pipe", "must be a plain file"), ("bytes", "is damaged"), ("large", "must be at most 99 bytes, got 100"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=words):
+            read_json(tmp_path / name, 99)
+
+
+@pytest.mark.parametrize("line", ['{"a": NaN}', "[1]", "3", 500 * "[", '{"a": 1, "a": 2}'])
+def test_a_last_line_that_no_kill_can_have_left_is_refused(tmp_path, line):
+    (tmp_path / "journal").write_text('{"a": 1}\n' + line + "\n")
+    if line.startswith("[["):
+        line = 500 * "[" + 500 * "]"
+        (tmp_path / "journal").write_text('{"a": 1}\n' + line + "\n")
+    before = (tmp_path / "journal").read_text()
+    with pytest.raises(ValueError, match=r"journal, line 2 is damaged: .*delete that line"):
+        Journal(tmp_path / "journal")
+    assert (tmp_path / "journal").read_text() == before
+
+
+@pytest.mark.parametrize("call", ["write", "fsync"])
+def test_a_full_disk_leaves_whole_lines_alone(tmp_path, monkeypatch, call):
+    write = os.write
+
+    def full(descriptor, *data):
+        if data:
+            write(descriptor, data[0][:3])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with Journal(tmp_path / "journal") as journal:
+        journal.append([{"a": 1}])
+        with monkeypatch.context() as patch:
+            patch.setattr(os, call, full)
+            with pytest.raises(OSError, match=r"No space left on device: '.*journal'"):
+                journal.append([{"a": 2}])
+        journal.append([{"a": 3}])
+    with Journal(tmp_path / "journal") as journal:
+        assert journal.entries == [{"a": 1}, {"a": 3}]
+
+
+@pytest.mark.parametrize("call", ["write", "fsync", "replace"])
+def test_a_full_disk_leaves_the_file_before(tmp_path, monkeypatch, call):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with Folder(tmp_path) as folder:
+        folder.write("a.json", "old")
+        before = sorted(path.name for path in tmp_path.iterdir())
+        with monkeypatch.context() as patch:
+            patch.setattr(os, call, full)
+            with pytest.raises(OSError, match=r"No space left on device: '.*a\.json'"):
+                folder.write("a.json", "new")
+        assert (tmp_path / "a.json").read_text() == "old"
+        assert sorted(path.name for path in tmp_path.iterdir()) == before

@@ -1,0 +1,104 @@
+"""How a training has gone so far: written into each checkpoint, and read again to go on."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from training.card import require
+
+SCORES = ("detection_time", "collisions", "return", "detected_fraction")
+"""What an evaluation says; each a number, or None where there was none."""
+
+
+@dataclass
+class Course:
+    """Counters, evaluations and the best policy of a training."""
+
+    steps: int = 0
+    """Steps of a robot."""
+    updates: int = 0
+    """Passes over rollouts."""
+    seconds: float = 0.0
+    """Time that it took, evaluations left out [s]."""
+    curve: list[dict[str, Any]] = field(default_factory=list)
+    """Evaluations, in order: steps, seconds, detection_time [s], collisions, return, detected_fraction."""
+    rivals: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """The same of the policies that it is compared with."""
+    best: dict[str, Any] | None = None
+    """The policy whose return was the highest, as `checkpoint.best_of` describes it."""
+
+    @classmethod
+    def read(cls, text: Mapping[str, Any]) -> "Course":
+        """Take up the course that a checkpoint holds; `text` is what `checkpoint.read_text` returned."""
+        counters = text.get("counters") or {}
+        return cls(
+            **{name: counters.get(name, 0) for name in ("steps", "updates", "seconds")},
+            curve=text.get("curve") or [],
+            rivals=text.get("rivals") or {},
+            best=text.get("best"),
+        )
+
+    @property
+    def counters(self) -> dict[str, Any]:
+        """How far it is."""
+        return {"steps": self.steps, "updates": self.updates, "seconds": round(self.seconds, 1)}
+
+    @property
+    def notes(self) -> dict[str, Any]:
+        """What a checkpoint says about it."""
+        scores = self.curve[-1] if self.curve else None
+        more = {"curve": self.curve, "rivals": self.rivals, "best": self.best}
+        return {"counters": self.counters, "scores": scores, **more}
+
+    def add(self, point: dict[str, Any]) -> bool:
+        """Add an evaluation to the curve; whether its return is the highest so far."""
+        before = [_or_least(earlier["return"]) for earlier in self.curve]
+        self.curve.append(point)
+        return _or_least(point["return"]) > max(before, default=-math.inf)
+
+
+def check_notes(text: Mapping[str, Any]) -> None:
+    """Check what a checkpoint says about its course, as far as it says it.
+
+    Raises:
+        ValueError: a value of another type; the message says which.
+    """
+    curve, rivals, best = text.get("curve"), text.get("rivals"), text.get("best")
+    _check_counters("counters", text.get("counters"))
+    require("curve", curve is None or isinstance(curve, list), "must be a list", curve)
+    for k, point in enumerate(curve or ()):
+        _check_point(f"point {k} of the curve", point)
+    require("rivals", rivals is None or isinstance(rivals, dict), "must be an object", rivals)
+    for name, scores in (rivals or {}).items():
+        _check_scores(f"rival {name[:40]}", scores)
+    if best is not None:
+        require("best", isinstance(best, dict), "must be an object", best)
+        _check_counters("counters of best", best.get("counters"))
+        _check_point("scores of best", best.get("scores"))
+
+
+def _check_counters(name: str, counters: Any) -> None:
+    require(name, counters is None or isinstance(counters, dict), "must be an object", counters)
+    for key, value in (counters or {}).items():
+        kinds = (int, float) if key == "seconds" else (int,)
+        require(f"{key[:40]} of {name}", type(value) in kinds and value >= 0, "must be a number of at least 0", value)
+
+
+def _check_point(name: str, point: Any) -> None:
+    _check_scores(name, point)
+    for key in ("steps", "seconds"):
+        kinds = (int, float) if key == "seconds" else (int,)
+        require(f"{key} of {name}", type(point.get(key)) in kinds, "must be a number", point.get(key))
+    require(f"stage of {name}", type(point.get("stage", 1)) is int, "must be whole", point.get("stage"))
+
+
+def _check_scores(name: str, scores: Any) -> None:
+    require(name, isinstance(scores, dict), "must be an object", scores)
+    for key in SCORES:
+        number = key in scores and (scores[key] is None or type(scores[key]) in (int, float))
+        require(f"{key} of {name}", number, "must be a number or null", scores.get(key))
+
+
+def _or_least(value: float | None) -> float:
+    return -math.inf if value is None else value
