@@ -123,8 +123,8 @@ def test_shipped_policies_are_played_like_the_classical_ones():
     rows = lissajous_env.evaluate(baselines.make("learned-rough", "rough", 2), "rough", seeds=range(2))
     assert [row["policy"] for row in rows] == ["learned-rough"] * 2
     assert baselines.make("learned-rough-safe", "rough").name == "learned-rough-safe"
-    assert baselines.policy.made_for("learned-rough", "rough")
-    assert not baselines.policy.made_for("learned-rough-safe", "experiment")
+    assert baselines.registry.made_for("learned-rough", "rough")
+    assert not baselines.registry.made_for("learned-rough-safe", "experiment")
 
 
 @pytest.mark.parametrize(
