@@ -33,6 +33,8 @@ ROWS = wp.constant(4)
 SMALLEST_SHARE = 128
 """Threads of the kernel that a further CPU thread must have to be worth its hand-over."""
 
+ABSURD = wp.constant(1.0e6)
+"""What an entry of the observation, which is of the order of 1, is held to: beyond, sums would overflow."""
 NONE, RELU, TANH = wp.constant(0), wp.constant(1), wp.constant(2)
 _KIND = dict(zip(ACTIVATIONS, (RELU, TANH), strict=True))
 
@@ -72,16 +74,17 @@ def smooth(x: float) -> float:
 
 
 @wp.func
-def limited(x: float) -> float:
-    """X held to [-1, 1]; NaN stays NaN, which a simulation tells of."""
-    return wp.where(x > 1.0, 1.0, wp.where(x < -1.0, -1.0, x))
+def limited(x: float, bound: float) -> float:
+    """X held to [-bound, bound]; NaN stays NaN, which a simulation tells of."""
+    return wp.where(x > bound, bound, wp.where(x < -bound, -bound, x))
 
 
 @wp.func
 def activated(y: block, activation: int) -> block:
     """S(y), for each of a block's outputs."""
     if activation == RELU:
-        y = wp.max(y, block())
+        for j in range(WIDTH):
+            y[j] = relu(y[j])
     elif activation == TANH:
         for j in range(WIDTH):
             y[j] = smooth(y[j])
@@ -145,7 +148,7 @@ def act_by_network(
     for r in range(row, end):
         w, i = r // robots, r % robots
         for k in range(entries):
-            values[0, r, k] = observation[w, i, columns[k]]
+            values[0, r, k] = limited(observation[w, i, columns[k]], ABSURD)
         for k in range(size):
             values[0, r, entries + k] = base[w, i, k]
     last = layers.sizes.shape[0] - 1
@@ -157,10 +160,14 @@ def act_by_network(
     for r in range(row, end):
         w, i = r // robots, r % robots
         for k in range(action_out.shape[2]):
-            own = limited(values[(last + 1) % 2, r, k])
+            own = limited(values[(last + 1) % 2, r, k], 1.0)
             if size > 0:
-                own = limited(base[w, i, k] + residual * own)
+                own = limited(base[w, i, k] + residual * own, 1.0)
             action_out[w, i, k] = own
+
+
+_FIRST_INPUT = 4
+"""Where the observation stands among the kernel's arguments; the base follows."""
 
 
 class Forward:
@@ -169,7 +176,7 @@ class Forward:
     Args:
         network: The network.
         columns: Entries of the observation that it reads.
-        observation: (W, N, D) where it reads them; `launch` can be given another array of this shape.
+        observation: (W, N, D) where it reads them.
         base: (W, N, action_size) actions that its own are added to, or None.
         residual: What its own are multiplied with before.
         action: (W, N, action_size) where the actions go.
@@ -199,7 +206,7 @@ class Forward:
         read = wp.array(np.asarray(columns, dtype=np.int32), dtype=wp.int32, device=device)
         self._threads = threads or os.cpu_count() or 1
         shares = min(self._threads, max(tasks // SMALLEST_SHARE, 1)) if device.is_cpu else 1
-        self._observation = observation
+        self._inputs = [observation, base]
         with compile_quietly():
             self._launches: list[Any] = [
                 wp.launch(
@@ -213,12 +220,13 @@ class Forward:
                 for low, high in pairwise(tasks * share // shares for share in range(shares + 1))
             ]
 
-    def launch(self, observation: wp.array) -> None:
-        """Write the actions for an observation."""
-        if observation is not self._observation:
-            for each in self._launches:
-                each.set_param_at_index(4, observation)
-            self._observation = observation
+    def launch(self, observation: wp.array, base: wp.array | None) -> None:
+        """Write the actions for an observation and a base's actions; arrays of the same shapes as those it has."""
+        for k, array in enumerate((observation, base)):
+            if array is not None and array is not self._inputs[k]:
+                for each in self._launches:
+                    each.set_param_at_index(_FIRST_INPUT + k, array)
+                self._inputs[k] = array
         side_by_side([each.launch for each in self._launches], self._threads)
 
 

@@ -52,9 +52,8 @@ class Learned(Policy):
             self.base.reset(mask)
 
     def _decide(self, observation: wp.array) -> None:
-        if self.base is not None:
-            self.base.act(observation)
-        self._forward.launch(observation)
+        base = None if self.base is None else self.base.act(observation)
+        self._forward.launch(observation, base)
 
 
 def _check(network: Network, card: Card) -> None:

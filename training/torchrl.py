@@ -156,7 +156,19 @@ class LissajousTorchEnv(EnvBase):
         with self._on_torch_stream():
             self.simulation.step(action)
         after = self._read()
+        self._refuse_invalid(action)
         return after.set((GROUP, "reward"), wp.to_torch(self.simulation.reward).unsqueeze(-1).clone())
+
+    def _refuse_invalid(self, action: torch.Tensor) -> None:
+        """Raise where an action is not finite: what would be learned from it is nothing.
+
+        The simulation has taken it as zero, and flagged its world; the flags are read after the scores, for which the
+        device has been waited for already.
+        """
+        if wp.to_torch(self.simulation.invalid).any():
+            finite = torch.isfinite(action).all(-1)
+            w, i = (~finite).nonzero()[0].tolist()
+            raise ValueError(f"action of {GROUP}_{i} in world {w} must be finite, got {action[w, i].tolist()}")
 
     def _read(self) -> TensorDict:
         """Copy what every world shows now out of the simulation's arrays, which the next step overwrites."""

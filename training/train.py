@@ -106,7 +106,13 @@ class Sb3Trainer(Trainer):
             left = self.settings.steps - self.course.steps
             if left > 0:
                 # The model counts on from the steps that it has.
-                self.model.learn(left, callback=_Watch(self), reset_num_timesteps=self.model._last_obs is None)
+                first = self.model._last_obs is None
+                try:
+                    self.model.learn(left, callback=_Watch(self), reset_num_timesteps=first)
+                except ValueError as error:
+                    sb3.require_finite(self.model, self.settings, self.course.steps, error)
+                    raise
+                sb3.require_finite(self.model, self.settings, self.course.steps)
 
     def _go_on(self) -> None:
         _, card, text = checkpoint.read(self.settings.out)
@@ -131,6 +137,7 @@ class _Watch(BaseCallback):
     def _on_rollout_start(self) -> None:
         # The one moment between an update and the next step: what is saved here is all there is.
         trainer = self.trainer
+        sb3.require_finite(self.model, trainer.settings, trainer.course.steps)
         if self.model._n_updates > trainer.course.updates:
             trainer.average_in()
         trainer.course.updates = self.model._n_updates
