@@ -171,6 +171,24 @@ def test_a_finished_training_is_left_alone_and_more_steps_extend_it(tmp_path):
     assert not (weights_of(settings.out) == kept).all()
 
 
+@pytest.mark.parametrize("algorithm", ["ppo", "dagger"])
+@pytest.mark.parametrize("rate", [1e15, 1e30])
+def test_a_training_that_diverges_ends_in_one_line(tmp_path, algorithm, rate):
+    # Oracle: the checkpoint of the steps before, byte for byte.
+    good = {"teacher": "none"} if algorithm == "ppo" else {"algorithm": "dagger"}
+    train(small(tmp_path, **good, steps=1280), QUIET)
+    before = {path: path.read_bytes() for path in (tmp_path / "run").rglob("*.*") if "tensorboard" not in path.parts}
+    settings = small(tmp_path, **good, steps=6400)
+    trainer = Sb3Trainer(settings, QUIET)
+    trainer.settings = dataclasses.replace(settings, learning_rate=rate, evaluate_every=100_000)
+    trainer.model.lr_schedule = lambda _: rate
+    with pytest.raises(ValueError, match="learning_rate must be low enough that weights and actions stay") as refused:
+        trainer.run()
+    assert f"got {rate:g}: after " in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert {path: path.read_bytes() for path in before} == before
+
+
 def test_other_settings_are_refused_by_name(tmp_path):
     settings = small(tmp_path, steps=1280, teacher="none")
     train(settings, QUIET)

@@ -15,6 +15,7 @@ from torch import nn
 import baselines
 from lissajous_env import Scenario, Simulation
 from lissajous_env.observation import layout
+from lissajous_env.seeding import drawn_seeds
 from training.checkpoint import Card
 from training.critic import CentralCriticPolicy, WorldView
 from training.network import Network
@@ -87,7 +88,7 @@ class RobotVecEnv(VecEnv):
         if self._seeds[0] is not None:
             seeds = np.array(self._seeds[::n], dtype=np.int64) % 2**31
         elif not self._seeded:
-            seeds = np.random.SeedSequence().generate_state(self.simulation.num_worlds) >> 1
+            seeds = drawn_seeds(self.simulation.num_worlds)
         self._seeded = True
         self.simulation.reset(seeds=seeds)
         self._reset_seeds()

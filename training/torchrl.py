@@ -33,6 +33,7 @@ from torchrl.envs import EnvBase
 
 from lissajous_env import Scenario, Simulation, library
 from lissajous_env.actions import action_table
+from lissajous_env.seeding import drawn_seeds
 from lissajous_env.simulation import fold_seed
 from lissajous_env.state import ENDED, PRESENT, WORKING
 
@@ -64,7 +65,8 @@ class LissajousTorchEnv(EnvBase):
         scenario: Name of a scenario, or one that was made.
         num_worlds: W.
         device: `cpu`, `cuda` or `cuda:k`.
-        seed: World k begins with seed + k; None draws a seed from torch's generator.
+        seed: World k begins with seed + k; without one, and without a call of `set_seed`, seeds are drawn from the
+            system, so that environments in many processes differ.
         discrete_actions: Whether actions are rows of `lissajous_env.actions.action_table` instead of numbers.
         state: Whether to return the true state, S = 8 N + 3 target slots + 1 numbers.
         threads: CPU threads of the simulation; all cores by default.
@@ -80,7 +82,7 @@ class LissajousTorchEnv(EnvBase):
         num_worlds: int = 1,
         *,
         device: Any = "cpu",
-        seed: int | None = 0,
+        seed: int | None = None,
         discrete_actions: bool = False,
         state: bool = False,
         threads: int | None = None,
@@ -131,7 +133,7 @@ class LissajousTorchEnv(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         """Let world k begin its next episode with seed + k, and draw its seeds from there on."""
-        first = int(torch.randint(2**31, ())) if seed is None else seed
+        first = int(drawn_seeds(1)[0]) if seed is None else seed
         self._seeds = np.array([fold_seed(first + k) for k in range(self.simulation.num_worlds)])
         self._seeded = np.ones(self.simulation.num_worlds, dtype=bool)
 
