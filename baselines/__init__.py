@@ -8,7 +8,8 @@ from baselines.coordinated import OnCurve, WithMpcc
 from baselines.kuramoto import Kuramoto
 from baselines.open_loop import OpenLoop
 from baselines.patrol import Laps, RandomWaypoint, Still, Sweep
-from baselines.policy import Policy, make, names, register, register_opener, register_wrapper
+from baselines.policy import Policy
+from baselines.registry import make, names, register, register_opener, register_wrapper
 from baselines.safety import Safe
 from baselines.tracked_reference import TrackedReference
 from baselines.vector_field import WithVectorField

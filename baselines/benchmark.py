@@ -15,8 +15,7 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 
-from baselines import policy as registry
-from baselines import report, stored
+from baselines import registry, report, stored
 from baselines.progress import Progress
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device import as_device

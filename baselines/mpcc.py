@@ -22,6 +22,7 @@ import numpy as np
 import warp as wp
 
 from baselines import mpcc_kernel
+from baselines.copies import Copyable
 from baselines.mpcc_kernel import EARLY, KEEP, Scratch
 from baselines.mpcc_model import MpccStruct, tabulate, vec5
 from baselines.mpcc_parameters import MpccParameters
@@ -51,7 +52,7 @@ class Solution(NamedTuple):
     """(K,) 1 where the state or every start's cost was not finite: the control brakes straight on, else 0."""
 
 
-class Mpcc:
+class Mpcc(Copyable):
     """K problems (11)-(15) on one device, each warm-started from its last solution.
 
     `solve` is the convenient way. In a control loop write to the Warp arrays `state` (K, 5) and `phase_rate` (K,),

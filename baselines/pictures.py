@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from baselines.policy import names, unwrapped
+from baselines.registry import names, unwrapped
 from baselines.statistics import Statistics
 from lissajous_env.scenario import Scenario
 

@@ -1,79 +1,152 @@
-"""What a policy is, and the registry of the classical ones.
+"""What a policy is.
 
 A policy sees the observation and nothing else: what the action of a robot uses is that robot's own row, its own memory
 and the scenario. So any of them could run on a robot, and classical and learned ones are compared fairly.
 """
 
-import difflib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import entry_points
-from pathlib import Path
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from baselines.copies import Copyable
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.observation import layout
 from lissajous_env.scenario import Scenario
+from lissajous_env.worlds import chosen_worlds, whole_number
 
 
-class Policy:
+class Policy(Copyable):
     """Base of the classical policies: a batch of W worlds of N robots of one scenario, on one device.
 
     A subclass writes `self.action` (W, N, action_size) in `_decide`, which is called with the observation as a Warp
-    array, and forgets its memory of some worlds in `_forget`.
+    array, and forgets its memory of some worlds in `_forget`. What it keeps in attributes that `__init__` makes, Warp
+    arrays among them, goes with every copy and pickle of it.
+
+    Raises:
+        ValueError: a number of worlds below 1, or a device that is not there.
     """
 
     kind: str | None = None
     """Kind of robot that the policy drives; None drives any."""
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"):
+        self.num_worlds = whole_number("num_worlds", num_worlds)
         self.scenario = make_scenario(scenario).resolve()
-        self.num_worlds, self.num_robots = num_worlds, self.scenario.num_robots
+        self.num_robots = self.scenario.num_robots
         self.device = as_device(device)
         self.name = type(self).__name__
-        self.shape = (num_worlds, self.num_robots)
+        self.shape = (self.num_worlds, self.num_robots)
         self.observation_shape = (*self.shape, layout(self.scenario).size)
         self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)
         self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
+        self._compiled = False
 
     def reset(self, worlds: Any = None) -> None:
-        """Forget what was kept of some worlds ((W,) mask or indices), or of all."""
+        """Forget what was kept of some worlds, or of all.
+
+        Args:
+            worlds: (W,) mask or indices of the worlds; all by default.
+
+        Raises:
+            ValueError: neither a mask of this shape nor indices from 0 to W - 1.
+        """
         mask = np.zeros(self.num_worlds, dtype=bool)
-        mask[slice(None) if worlds is None else worlds] = True
+        mask[chosen_worlds(worlds, self.num_worlds)] = True
         self._forget(mask)
 
     def act(self, observation: Any) -> Any:
         """Actions (W, N, action_size) in [-1, 1] for observations (W, N, D).
 
-        Takes a NumPy array, torch tensor or Warp array and returns the like; a Warp array that is returned is the
-        policy's own and changes with the next call.
+        Takes a NumPy array, torch tensor or Warp array of numbers and returns the like, of float32; a Warp array that
+        is returned is the policy's own and changes with the next call.
+
+        A policy for one world also takes the observations of a PettingZoo `ParallelEnv` by agent, and returns actions
+        by agent. Agents that are not there any more may be left out:
+
+            env, policy = lissajous_env.parallel_env("rough"), baselines.make("kuramoto-mpcc", "rough")
+            observations, infos = env.reset(seed=0)
+            policy.reset()
+            while env.agents:
+                observations, rewards, *_ = env.step(policy.act(observations))
 
         Raises:
-            ValueError: the observation has another shape.
+            ValueError: the observation has another shape, an unknown agent, or (looked for where it lies on the host)
+                a number that is not finite.
         """
-        if tuple(observation.shape) != self.observation_shape:
-            raise ValueError(f"observation must have shape {self.observation_shape}, got {tuple(observation.shape)}")
-        with compile_quietly():
+        if isinstance(observation, Mapping):
+            return self._act_by_agent(observation)
+        with self._on_torch_stream(observation):
+            given = self._taken(observation)
+            if self._compiled:
+                self._decide(given)
+            else:
+                with compile_quietly():
+                    self._decide(given)
+                self._compiled = True
             if isinstance(observation, wp.array):
-                self._decide(observation)
                 return self.action
-            copy_in("observation", observation, self._observation)
-            self._decide(self._observation)
             return wp.to_torch(self.action).clone() if is_torch(observation) else self.action.numpy().copy()
 
-    def save_state(self) -> dict[str, np.ndarray]:
-        """Copy what the policy keeps, its memory among it, to the host, by name."""
-        return {name: array.numpy().copy() for name, array in _arrays(self)}
+    def _act_by_agent(self, rows: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        if self.num_worlds != 1:
+            raise ValueError(f"policy must be for one world to take observations by agent, got {self.num_worlds}")
+        agents = [f"robot_{i}" for i in range(self.num_robots)]
+        if unknown := [str(agent) for agent in rows if agent not in agents]:
+            raise ValueError(f"observation must be of the agents {', '.join(agents)}, got {', '.join(unknown)}")
+        together = np.zeros(self.observation_shape, dtype=np.float32)
+        for agent, row in rows.items():
+            values = _numbers(f"observation of {agent}", row)
+            if values.shape != together.shape[2:]:
+                raise ValueError(f"observation of {agent} must have shape {together.shape[2:]}, got {values.shape}")
+            together[0, agents.index(agent)] = values
+        return dict(item for item in zip(agents, self.act(together)[0], strict=True) if item[0] in rows)
 
-    def load_state(self, saved: dict[str, np.ndarray]) -> None:
-        """Go on from what `save_state` returned, in a policy of the same name, scenario and number of worlds."""
-        for name, array in _arrays(self):
-            array.assign(saved[name])
+    def _taken(self, observation: Any) -> wp.array:
+        """Return the observation as a Warp array on the device."""
+        if isinstance(observation, wp.array):
+            if observation.dtype is not wp.float32 or observation.device != self.device:
+                got = f"{wp.types.type_repr(observation.dtype)} on {observation.device}"
+                raise ValueError(f"observation must be an array of float32 on {self.device}, got {got}")
+        elif not is_torch(observation):
+            observation = _numbers("observation", observation)
+        elif observation.is_complex():
+            raise ValueError(f"observation must be numbers, got {observation.dtype}")
+        if tuple(observation.shape) != self.observation_shape:
+            raise ValueError(f"observation must have shape {self.observation_shape}, got {tuple(observation.shape)}")
+        given = observation if isinstance(observation, wp.array) else self._observation
+        if self.device.is_cpu:
+            rows = given.numpy()
+            if isinstance(observation, np.ndarray):
+                _copy(observation, rows)
+            elif given is not observation:
+                copy_in("observation", observation, given)
+            self._check_finite(rows)
+        else:
+            if isinstance(observation, np.ndarray):
+                self._check_finite(observation)
+            if given is not observation:
+                copy_in("observation", observation, given)
+        return given
+
+    def _check_finite(self, rows: np.ndarray) -> None:
+        finite = np.isfinite(rows)
+        if not finite.all():
+            w, i, k = np.argwhere(~finite)[0]
+            name = layout(self.scenario).names[k]
+            raise ValueError(f"observation must be finite, got {rows[w, i, k]} for {name} of robot_{i} in world {w}")
+
+    def _on_torch_stream(self, observation: Any) -> AbstractContextManager:
+        """On a GPU, queue what Warp launches for a torch tensor on torch's own stream."""
+        if self.device.is_cpu or not is_torch(observation):
+            return nullcontext()
+        import torch
+
+        stream = wp.stream_from_torch(torch.cuda.current_stream(wp.device_to_torch(self.device)))
+        return wp.ScopedStream(stream, sync_enter=True, sync_exit=True)
 
     def _decide(self, observation: wp.array) -> None:
         raise NotImplementedError
@@ -82,136 +155,21 @@ class Policy:
         """Forget the memory of the worlds in a mask (W,)."""
 
 
-def _arrays(owner: Any, prefix: str = "") -> Iterator[tuple[str, wp.array]]:
-    """Warp arrays of a policy and of what it is made of, by name: all that can change while it acts."""
-    for name, value in sorted(vars(owner).items()):
-        if isinstance(value, wp.array):
-            yield prefix + name, value
-        elif type(value).__module__.startswith("baselines.") and hasattr(value, "__dict__"):
-            yield from _arrays(value, f"{prefix}{name}.")
+def _copy(values: np.ndarray, rows_out: np.ndarray) -> None:
+    if values.dtype == np.float32:
+        np.copyto(rows_out, values)
+    else:
+        with np.errstate(over="ignore"):  # beyond float32 is infinite, and found to be
+            np.copyto(rows_out, values, casting="unsafe")
 
 
-GROUP = "lissajous_env.policies"
-"""Entry points of this group name functions that `register` further policies, those of other packages."""
-
-
-@dataclass(frozen=True)
-class _Entry:
-    kind: str | None
-    factory: Callable[..., Policy]
-    made_for: tuple[str, ...]
-
-
-_REGISTRY: dict[str, _Entry] = {}
-_WRAPPERS: dict[str, tuple[str, Callable[[Policy], Policy]]] = {}
-_opener: Callable[..., Policy] | None = None
-
-
-def register(name: str, kind: str | None, factory: Callable[..., Policy], made_for: tuple[str, ...] = ()) -> None:
-    """Add a policy.
-
-    Args:
-        name: Its name.
-        kind: Kind of robots that it drives; None: any.
-        factory: `factory(scenario, num_worlds, device)` makes it.
-        made_for: Names of the scenarios on which a benchmark plays it without being asked to; all by default.
-    """
-    _REGISTRY[name] = _Entry(kind, factory, made_for)
-
-
-def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy]) -> None:
-    """Add every policy for robots of `kind` once more, wrapped, under its name with a suffix."""
-    _WRAPPERS[suffix] = kind, wrapper
-
-
-def register_opener(opener: Callable[..., Policy]) -> None:
-    """Let `make` take a folder for a name: `opener(folder, scenario, num_worlds, device)` makes the policy in it."""
-    global _opener
-    _opener = opener
-
-
-def is_folder(name: str) -> bool:
-    """Whether a name is none of the registry's, but a folder that a policy may be in."""
-    return name not in _kinds() and _opener is not None and Path(name).is_dir()
-
-
-def made_for(name: str, scenario: str) -> bool:
-    """Whether a benchmark plays a policy on a scenario without being asked to."""
-    entry = _registry().get(unwrapped(name)[0])
-    return entry is None or not entry.made_for or scenario in entry.made_for
-
-
-def is_specialist(name: str) -> bool:
-    """Whether a policy was made for some scenarios."""
-    entry = _registry().get(unwrapped(name)[0])
-    return entry is not None and bool(entry.made_for)
-
-
-@cache
-def _load_entry_points() -> None:
-    for entry in entry_points(group=GROUP):
-        entry.load()()
-
-
-def _registry() -> dict[str, _Entry]:
-    _load_entry_points()
-    return _REGISTRY
-
-
-def _kinds() -> dict[str, str | None]:
-    """Kind of robot that each policy drives, by name; the wrapped ones come last."""
-    plain = {name: entry.kind for name, entry in _registry().items()}
-    kinds = dict(plain)
-    for suffix, (kind, _) in _WRAPPERS.items():
-        kinds |= {name + suffix: kind for name, drives in plain.items() if drives in (None, kind)}
-    return kinds
-
-
-def unwrapped(name: str) -> tuple[str, str]:
-    """Name of the policy inside, and the suffix of what wraps it ("" for nothing)."""
-    if name in _registry():
-        return name, ""
-    suffix = next((suffix for suffix in _WRAPPERS if name.endswith(suffix)), "")
-    return name.removesuffix(suffix), suffix
-
-
-def _build(name: str, scenario: Scenario, num_worlds: int, device: Any) -> Policy:
-    plain, suffix = unwrapped(name)
-    policy = _registry()[plain].factory(scenario, num_worlds, device)
-    if suffix:
-        policy.name = plain
-        policy = _WRAPPERS[suffix][1](policy)
-    policy.name = name
-    return policy
-
-
-def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
-    """Names of the policies; with a scenario, of those that drive its robots."""
-    if scenario is None:
-        return tuple(_kinds())
-    kind = make_scenario(scenario).robot.kind
-    return tuple(name for name, drives in _kinds().items() if drives in (None, kind))
-
-
-def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
-    """Make a policy by name, or of the folder of a checkpoint.
-
-    Raises:
-        ValueError: an unknown name (the message offers the nearest), or a policy that does not fit the scenario.
-    """
-    made = make_scenario(scenario)
-    if _opener is not None and is_folder(name):
-        return _opener(name, made, num_worlds, device)
-    check(name, made)
-    return _build(name, made, num_worlds, device)
-
-
-def check(name: str, made: Scenario) -> None:
-    """Raise ValueError where `make` would: an unknown name, or a policy for another kind of robot."""
-    if name not in (known := _kinds()):
-        nearest = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
-        raise ValueError(f"policy must be one of {', '.join(known)}, got {name!r}; did you mean {nearest}?")
-    if name not in names(made):
-        raise ValueError(
-            f"policy for {made.name} must drive robots of kind {made.robot.kind} ({', '.join(names(made))}), got {name}"
-        )
+def _numbers(name: str, value: Any) -> np.ndarray:
+    if is_torch(value):
+        value = value.detach().cpu()
+    try:
+        values = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        values = np.asarray(None)
+    if values.dtype.kind not in "fiub":
+        raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__} of {values.dtype}")
+    return values

@@ -2,14 +2,14 @@
 
 Every policy plays the same 64 held-out seeds, which neither the training nor the tuning saw, in one run. The tuned
 classical policies are those of `benchmarks/tuned.json`, which `python benchmarks/tuning.py` writes. Then the time of a
-learned policy's NumPy path in one world, beside torch. `--training` measures the throughput of `lissajous train` too.
+learned policy's `act` and of its network alone, beside products of matrices by NumPy. `--training` measures the
+throughput of `lissajous train` too.
 """
 
 import argparse
 import json
 import tempfile
 import time
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -85,16 +85,29 @@ def ratios(scenario: str, scores: dict[str, dict[str, Statistics]], console: Con
         console.print(f"  of {label}: {', '.join(filter(None, parts))}; intervals {'apart' if apart else 'overlap'}")
 
 
-def time_per_row(name: str, backend: str, steps: int = 2000) -> float:
-    """Time of a policy's `act` in one world [us per robot]: the median of a step."""
-    policy = training.load(name, backend=backend)
-    simulation = lissajous_env.Simulation(policy.scenario)
-    seen, times = simulation.observation.numpy(), []
-    for _ in range(steps):
-        begin = time.perf_counter()
-        policy.act(seen)
-        times.append(time.perf_counter() - begin)
-    return float(np.median(times)) / simulation.num_robots * 1e6
+def times_per_row(name: str, worlds: int, steps: int = 2000) -> tuple[float, float, float]:
+    """Times per robot [us], the median of a step: `act`, the network's kernel alone, and its matrices by NumPy."""
+    policy = training.load(name, num_worlds=worlds)
+    simulation = lissajous_env.Simulation(policy.scenario, worlds)
+    seen, network = simulation.observation.numpy(), policy.network
+    rows = np.random.default_rng(0).normal(size=(worlds * simulation.num_robots, network.inputs)).astype(np.float32)
+    base = None if policy.base is None else policy.base.action
+
+    def by_matrices() -> None:
+        x = rows
+        for k, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+            x = x @ weight.T + bias
+            x = x if k == len(network.weights) - 1 else np.maximum(x, 0.0)
+
+    found = []
+    for call in (lambda: policy.act(seen), lambda: policy._forward.launch(simulation.observation, base), by_matrices):
+        times = []
+        for _ in range(steps):
+            begin = time.perf_counter()
+            call()
+            times.append(time.perf_counter() - begin)
+        found.append(float(np.median(times)) / len(rows) * 1e6)
+    return found[0], found[1], found[2]
 
 
 def throughput(console: Console, steps: int) -> None:
@@ -134,9 +147,10 @@ def main() -> None:
     for scenario in options.scenarios:
         ratios(scenario, compare(scenario, options.episodes, console), console)
     for name in dict.fromkeys(LEARNED[scenario] for scenario in options.scenarios):
-        console.print(f"{name}, one world: {time_per_row(name, 'numpy'):.1f} us per robot by NumPy")
-        if find_spec("torch") is not None:
-            console.print(f"{name}, one world: {time_per_row(name, 'torch'):.1f} us per robot by torch")
+        for worlds in (1, 32, 1024):
+            whole, alone, by_matrices = times_per_row(name, worlds, 2000 if worlds < 100 else 100)
+            words = f"{whole:.2f} us per robot, {alone:.2f} of it the network; by NumPy's matrices {by_matrices:.2f}"
+            console.print(f"{name}, {worlds} worlds: {words}")
     if options.training:
         throughput(console, options.training_steps)
 

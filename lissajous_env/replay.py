@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env import library
-from lissajous_env.evaluation import ActingPolicy
+from lissajous_env.evaluation import ActingPolicy, Referee
 from lissajous_env.files import replacing
 from lissajous_env.render import Renderer, Snapshot, film, snapshot
 from lissajous_env.scenario import PARTS, Scenario
@@ -178,18 +178,23 @@ def record(
         seed: Seed of the episode.
         device: Warp device.
         on_step: Called after each step.
+
+    Raises:
+        InvalidActionError: the policy returned actions that are misshapen or not finite (a ValueError).
     """
     simulation = Simulation(library.scenario(scenario), policy.num_worlds, device=device)
+    referee = Referee(policy, simulation)
     policy.reset()
-    observation = simulation.reset(seeds=[fold_seed(seed)] * policy.num_worlds)
+    simulation.reset(seeds=[fold_seed(seed)] * policy.num_worlds)
     recorder = Recorder(simulation)
     recorder.take()
     while not simulation.over[0]:
-        observation, *_ = simulation.step(policy.act(observation))
+        referee.step()
         recorder.take()
         if on_step is not None:
             on_step()
-    return recorder.recording(getattr(policy, "name", type(policy).__name__))
+    referee.check()
+    return recorder.recording(referee.name)
 
 
 def load(path: str | Path) -> Recording:

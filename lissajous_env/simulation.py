@@ -24,6 +24,7 @@ from lissajous_env.state import RUNNING, Cells, Clock, Links, Robots, Rogues, St
 from lissajous_env.structs import to_struct
 from lissajous_env.tally import keep_score, reset_clock, reset_tally
 from lissajous_env.targets import TargetsStruct, move_targets, reset_arrivals, reset_targets
+from lissajous_env.worlds import chosen_worlds, whole_number
 
 _START = {"equilibrium": 0, "rotated": 1, "random": 2}
 _BLOCK = 256
@@ -64,12 +65,10 @@ class Simulation:
         seed: int = 0,
         threads: int | None = None,
     ):
-        if not isinstance(num_worlds, (int, np.integer)) or num_worlds < 1:
-            raise ValueError(f"num_worlds must be a whole number of at least 1, got {num_worlds!r}")
         if threads is not None and threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads!r}")
         self.scenario = library.scenario(scenario).resolve()
-        self.num_worlds = int(num_worlds)
+        self.num_worlds = whole_number("num_worlds", num_worlds)
         self.device = as_device(device)
         self.threads = threads or os.cpu_count() or 1
         self.layout: Layout = layout(self.scenario)
@@ -247,17 +246,7 @@ class Simulation:
             copy_in("action", action, self.action)
 
     def _chosen(self, worlds: Any) -> np.ndarray:
-        if worlds is None:
-            return np.arange(self.num_worlds)
-        chosen = np.asarray(worlds)
-        if chosen.dtype == bool:
-            if chosen.shape != (self.num_worlds,):
-                raise ValueError(f"worlds must be a mask of shape ({self.num_worlds},), got shape {chosen.shape}")
-            return np.flatnonzero(chosen)
-        chosen = np.atleast_1d(chosen).astype(np.int64)
-        if chosen.size and not (chosen.min() >= 0 and chosen.max() < self.num_worlds):
-            raise ValueError(f"worlds must be from 0 to {self.num_worlds - 1}, got {worlds!r}")
-        return chosen
+        return chosen_worlds(worlds, self.num_worlds)
 
     def _groups(self) -> dict[str, Any]:
         structs = (self.clock, self.robots, self.links, self.rogues, self.cells, self.latest, self.tally)

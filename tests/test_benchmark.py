@@ -30,7 +30,7 @@ SCRIPT = """
 import sys, time
 from pathlib import Path
 from baselines.benchmark import Benchmark, run
-from baselines.policy import make
+from baselines.registry import make
 
 class Slow:
     def __init__(self, scenario, num_worlds, device):

@@ -14,6 +14,7 @@ from tests.test_network import make_network
 from training import checkpoint
 from training.checkpoint import Card
 from training.learned import Learned
+from training.network import Network
 
 
 def played(policy, simulation, steps):
@@ -44,38 +45,31 @@ def test_shipped_policies_are_small_and_say_where_they_come_from(name):
 
 
 @pytest.mark.parametrize("name", training.names())
-def test_torch_and_numpy_give_the_same_actions(name):
+def test_the_kernel_computes_what_torch_does(name):
     # Oracle: torch, on the observations of an episode.
-    pytest.importorskip("torch")
-    by_numpy, by_torch = (training.load(name, num_worlds=4, backend=backend) for backend in ("numpy", "torch"))
-    observations, actions = played(by_numpy, Simulation(home(name), 4, seed=5), 60)
+    torch = pytest.importorskip("torch")
+    policy = training.load(name, num_worlds=4)
+    observations, actions = played(policy, Simulation(home(name), 4, seed=5), 60)
+    base = None if policy.card.base is None else baselines.make(policy.card.base, policy.scenario, 4)
+    network = policy.network.to_torch("cpu")
     for observation, action in zip(observations, actions, strict=True):
-        assert by_torch.act(observation) == pytest.approx(action, abs=2e-6)
+        rows, added_to = observation[:, :, policy.card.columns(policy.scenario)], 0.0
+        if base is not None:
+            added_to = base.act(observation)
+            rows = np.concatenate([rows, added_to], axis=2)
+        by_torch = network(torch.from_numpy(rows)).clamp(-1, 1).numpy()
+        share = 1.0 if base is None else policy.card.residual
+        assert np.clip(added_to + share * by_torch, -1, 1) == pytest.approx(action, abs=2e-6)
 
 
 def test_torch_tensors_come_back_as_torch_tensors():
     torch = pytest.importorskip("torch")
-    policy = training.load("learned-rough", num_worlds=2, backend="torch")
+    policy = training.load("learned-rough", num_worlds=2)
     simulation = Simulation("rough", 2, seed=3)
     got = policy.act(wp.to_torch(simulation.observation))
     assert isinstance(got, torch.Tensor)
     assert got.shape == (2, 5, 2)
-    assert got.numpy() == pytest.approx(policy.act(simulation.observation.numpy()))
-
-
-@pytest.mark.parametrize("name", training.names())
-def test_a_policy_sees_nothing_but_the_observation(name):
-    # Oracle: a world whose hidden state is another, with the same observation.
-    first, second = Simulation(home(name), 2, seed=1), Simulation(home(name), 2, seed=1)
-    one, two = training.load(name, num_worlds=2), training.load(name, num_worlds=2)
-    for step in range(30):
-        for hidden in (second.rogues.position, second.robots.position, second.robots.heading, second.tally.returns):
-            hidden.assign(hidden.numpy() + np.float32(0.1 + 0.01 * step))
-        seen = first.observation.numpy().copy()
-        second.observation.assign(seen)
-        action = one.act(seen)
-        assert (two.act(second.observation).numpy() == action).all()
-        first.step(action)
+    assert (got.numpy() == policy.act(simulation.observation.numpy())).all()
 
 
 @pytest.mark.parametrize("name", training.names())
@@ -101,16 +95,16 @@ def test_a_base_carries_the_network():
     # Oracle: the base itself under a network of zeros, and a constant one by hand.
     base = baselines.make("sweep", "intruders", 2)
     card = Card.of(lissajous_env.scenario("intruders"), base="sweep", residual=0.25)
-    zeros = make_network((44, 2))
-    zeros.weights[0][:] = 0.0
-    zeros.biases[0][:] = 0.0
-    policy = Learned(zeros, card, "intruders", 2)
+
+    def constant(*bias):
+        return Network((np.zeros((2, 44)),), (np.array(bias),), "relu")
+
+    policy = Learned(constant(0.0, 0.0), card, "intruders", 2)
     simulation = Simulation("intruders", 2)
     _, actions = played(policy, simulation, 20)
     _, expected = played(base, Simulation("intruders", 2), 20)
     assert (actions == expected).all()
-    zeros.biases[0][:] = (7.0, -0.4)
-    policy.reset()
+    policy = Learned(constant(7.0, -0.4), card, "intruders", 2)
     base.reset()
     observation = simulation.observation.numpy().copy()
     wanted = np.clip(base.act(observation) + 0.25 * np.array([1.0, -0.4], np.float32), -1, 1)
@@ -123,8 +117,8 @@ def test_shipped_policies_are_played_like_the_classical_ones():
     rows = lissajous_env.evaluate(baselines.make("learned-rough", "rough", 2), "rough", seeds=range(2))
     assert [row["policy"] for row in rows] == ["learned-rough"] * 2
     assert baselines.make("learned-rough-safe", "rough").name == "learned-rough-safe"
-    assert baselines.policy.made_for("learned-rough", "rough")
-    assert not baselines.policy.made_for("learned-rough-safe", "experiment")
+    assert baselines.registry.made_for("learned-rough", "rough")
+    assert not baselines.registry.made_for("learned-rough-safe", "experiment")
 
 
 @pytest.mark.parametrize(
@@ -181,11 +175,31 @@ def test_an_unknown_name_is_refused_with_what_there_is(name):
         training.load(name)
 
 
-def test_the_numpy_path_needs_no_torch(monkeypatch):
+def test_no_torch_is_needed(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     policy = training.load("learned-rough", num_worlds=3)
     assert policy.act(Simulation("rough", 3).observation.numpy()).shape == (3, 5, 2)
-    with pytest.raises(ImportError):
-        training.load("learned-rough", backend="torch")
-    with pytest.raises(ValueError, match="backend must be numpy"):
-        training.load("learned-rough", backend="jax")
+
+
+@pytest.mark.parametrize("base", ["learned-rough", "learned-rough-safe", "nothing", "folder"])
+def test_a_base_that_is_no_classical_policy_is_refused(base, tmp_path):
+    # A folder could be that of this very policy.
+    card = Card.of(lissajous_env.scenario("intruders"), base="laps")
+    if base == "folder":
+        checkpoint.save(tmp_path, make_network((44, 2)), card)
+        base = str(tmp_path)
+    with pytest.raises(ValueError, match="base must be a registered"):
+        Learned(make_network((44, 2)), Card.of(lissajous_env.scenario("intruders"), base=base), "intruders")
+    assert Learned(make_network((44, 2)), Card.of(lissajous_env.scenario("intruders"), base="laps-safe"), "intruders")
+
+
+@pytest.mark.parametrize("residual", [float("nan"), float("inf")])
+def test_a_residual_that_is_no_number_is_refused(residual):
+    with pytest.raises(ValueError, match="residual must be"):
+        Learned(make_network((44, 2)), Card.of(lissajous_env.scenario("intruders"), base="laps", residual=residual),
+                "intruders")  # fmt: skip
+
+
+def test_a_network_that_does_not_fit_its_card_is_refused():
+    with pytest.raises(ValueError, match="network must map 42 inputs to 2 components of an action, got 41 to 2"):
+        Learned(make_network((41, 2)), Card.of(lissajous_env.scenario("intruders")), "intruders")

@@ -5,11 +5,13 @@ import json
 
 import numpy as np
 import pytest
+import warp as wp
 
 import lissajous_env
 from lissajous_env.folder import Folder
 from training import checkpoint
 from training.checkpoint import Card
+from training.forward import Forward
 from training.network import Network
 
 
@@ -19,35 +21,74 @@ def make_network(sizes=(42, 8, 2), activation="relu", seed=0):
     return Network(weights, tuple(draw.normal(size=len(w)).astype(np.float32) for w in weights), activation)
 
 
+def outputs(network, rows, threads=None):
+    """Outputs (rows, outputs) of a network, clipped to [-1, 1], by the kernel: one robot a world."""
+    given = wp.array(rows[:, None], dtype=wp.float32, device="cpu")
+    action = wp.zeros((len(rows), 1, network.outputs), dtype=wp.float32, device="cpu")
+    Forward(network, np.arange(network.inputs), given, None, 1.0, action, threads).launch(given, None)
+    return action.numpy()[:, 0]
+
+
+SIZES = [(5, 7, 4, 2), (42, 64, 64, 2), (1, 1), (3, 33, 1), (70, 2), (2, 100, 31, 40, 35), (41, 64, 64, 2)]
+
+
 @pytest.mark.parametrize("activation", ["relu", "tanh"])
-def test_a_network_is_the_formula(activation):
+@pytest.mark.parametrize("sizes", SIZES)
+def test_a_network_is_the_formula(sizes, activation):
     # Oracle: the formula in float64, one row at a time.
-    network = make_network((5, 7, 4, 2), activation)
+    network = make_network(sizes, activation)
     squash = {"relu": lambda v: np.where(v > 0, v, 0), "tanh": np.tanh}[activation]
-    rows = np.random.default_rng(1).normal(size=(9, 5)).astype(np.float32)
-    for row, got in zip(rows, network(rows), strict=True):
-        value = row.astype(float)
+    rows = np.random.default_rng(1).normal(size=(9, sizes[0])).astype(np.float32)
+    for row, got in zip(rows, outputs(network, rows), strict=True):
+        value, scale = row.astype(float), 1.0
         for k, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+            scale = max(scale, np.abs(weight.astype(float)).sum(axis=1).max() * np.abs(value).max())
             value = weight.astype(float) @ value + bias
-            value = squash(value) if k < 2 else value
-        assert got == pytest.approx(value, rel=1e-5, abs=1e-5)
-    assert (network.inputs, network.hidden, network.outputs) == (5, (7, 4), 2)
+            value = squash(value) if k < len(network.weights) - 1 else value
+        assert got == pytest.approx(np.clip(value, -1, 1), abs=2e-6 * scale)
+    assert (network.inputs, network.hidden, network.outputs) == (sizes[0], sizes[1:-1], sizes[-1])
 
 
-def test_a_network_leaves_its_input_as_it_was():
-    network, rows = make_network((3, 2)), np.ones((4, 3), dtype=np.float32)
-    network(rows)
-    assert (rows == 1).all()
+def test_the_kernels_tanh_is_tanh():
+    # Oracle: NumPy, in float64; what comes out of a layer of one input and weight 1.
+    x = np.concatenate([np.linspace(-12, 12, 5001), [0.0, 1e-30, -1e-6, 1e6]]).astype(np.float32)
+    network = Network((np.ones((1, 1)), np.ones((1, 1))), (np.zeros(1), np.zeros(1)), "tanh")
+    assert outputs(network, x[:, None])[:, 0] == pytest.approx(np.tanh(x.astype(float)), rel=4e-7, abs=1e-37)
 
 
 @pytest.mark.parametrize("activation", ["relu", "tanh"])
-def test_torch_and_numpy_agree(activation):
-    torch = pytest.importorskip("torch")
-    network = make_network((42, 64, 64, 2), activation)
-    rows = np.random.default_rng(2).uniform(-1, 1, (1000, 42)).astype(np.float32)
-    by_torch = network.to_torch("cpu")(torch.from_numpy(rows)).numpy()
-    scale = np.abs(by_torch).max()
-    assert np.abs(network(rows) - by_torch).max() < 1e-6 * scale
+@pytest.mark.parametrize("sizes", SIZES)
+def test_a_row_is_the_same_among_any_others(sizes, activation):
+    # Oracle: the row alone; among others at every place of a thread's rows, and over one and many threads.
+    network, draw = make_network(sizes, activation), np.random.default_rng(4)
+    network = Network(tuple(0.1 * w for w in network.weights), network.biases, activation)
+    rows = draw.normal(size=(1500, sizes[0])).astype(np.float32)
+    together = outputs(network, rows, threads=1)
+    assert (outputs(network, rows, threads=3) == together).all()
+    for size in (1, 2, 3, 4, 5, 16, 33):
+        chosen = draw.permutation(len(rows))[:size]
+        assert (outputs(network, rows[chosen]) == together[chosen]).all()
+    assert np.ptp(together) > 0
+
+
+def test_what_is_not_a_number_is_not_hidden():
+    # A squashed or clipped NaN would look like an action.
+    for activation in ("relu", "tanh"):
+        huge = Network((np.full((2, 3), 3e38), np.array([[3e38, -3e38]])), (np.zeros(2), np.zeros(1)), activation)
+        found = outputs(huge, np.full((5, 3), 1e6, np.float32))
+        assert np.isnan(found).all() == (activation == "relu")
+        row = np.ones((1, 3), np.float32)
+        row[0, 1] = np.nan
+        assert np.isnan(outputs(make_network((3, 4, 2), activation), row)).all()
+
+
+def test_the_arrays_of_a_network_are_its_own():
+    given = np.ones((2, 3))
+    network = Network((given,), (np.zeros(2),), "relu")
+    given[:] = 5.0
+    assert (network.weights[0] == 1).all()
+    with pytest.raises(ValueError, match="read-only"):
+        network.weights[0][:] = 5.0
 
 
 @pytest.mark.parametrize(
@@ -56,12 +97,31 @@ def test_torch_and_numpy_agree(activation):
         ([np.ones((2, 3)), np.ones((1, 4))], [np.ones(2), np.ones(1)], "layer must take the 2 outputs"),
         ([np.ones((2, 3))], [np.ones(3)], "bias must have shape"),
         ([np.full((2, 3), np.nan)], [np.ones(2)], "must be finite"),
+        ([np.full((2, 3), 1e39)], [np.ones(2)], "must be finite in float32"),
+        ([np.ones((2, 3))], [np.full(2, np.inf)], "must be finite"),
+        (
+            [np.ones((0, 3))],
+            [np.ones(0)],
+            r"weights must have shape \(outputs, inputs\), both at least 1, got \(0, 3\)",
+        ),
+        ([np.ones((2, 0))], [np.ones(2)], "both at least 1"),
+        ([np.ones(3)], [np.ones(3)], "weights must have shape"),
+        ([np.array([["a", "b"]])], [np.ones(1)], "weights must be numbers"),
+        ([np.ones((1, 2), complex)], [np.ones(1)], "weights must be numbers"),
+        ([np.array([[None]])], [np.ones(1)], "weights must be numbers"),
+        ([np.ones((1, 2))], [], "of the same layers"),
         ([], [], "at least one"),
     ],
 )
 def test_layers_that_do_not_fit_are_refused(weights, biases, words):
     with pytest.raises(ValueError, match=words):
         Network(tuple(weights), tuple(biases), "relu")
+
+
+def test_an_unknown_activation_is_refused():
+    for activation in ("gelu", None, 3):
+        with pytest.raises(ValueError, match="activation must be one of relu, tanh, got"):
+            make_network(activation=activation)
 
 
 def test_a_checkpoint_gives_back_what_was_saved(tmp_path):

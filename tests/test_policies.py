@@ -80,20 +80,6 @@ def test_kuramoto_carries_late_phases_on():
     np.testing.assert_allclose(rate, 0.3, atol=1e-4)
 
 
-@pytest.mark.parametrize("name", ["kuramoto-mpcc", "sweep", "random", "still"])
-def test_a_policy_sees_the_observation_and_nothing_else(name):
-    """Oracle: the same observations give the same actions, whatever the hidden state of any world may be."""
-    first, second = (baselines.make(name, "rough", num_worlds=2) for _ in range(2))
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("rough"), num_worlds=2)
-    other = lissajous_env.Simulation(lissajous_env.scenario("rough"), num_worlds=2, seed=77)
-    for _ in range(20):
-        seen = simulation.observation.numpy().copy()
-        action = first.act(seen)
-        other.step(action)
-        np.testing.assert_array_equal(second.act(seen), action)
-        simulation.step(action)
-
-
 @pytest.mark.parametrize("name", CARS)
 def test_a_robots_action_depends_on_its_own_row_alone(name):
     """Oracle: changing every other row leaves robot 2's action as it was, bit for bit."""

@@ -52,19 +52,6 @@ def test_names_and_kinds():
     assert not set(CARS) & set(baselines.names("failure"))
 
 
-@pytest.mark.parametrize("name", CARS)
-def test_a_policy_sees_the_observation_and_nothing_else(name):
-    """Oracle: the same observations give the same actions, whatever the hidden state of any world may be."""
-    first, second = (baselines.make(name, "rough", num_worlds=2) for _ in range(2))
-    simulation, other = (lissajous_env.Simulation(lissajous_env.scenario("rough"), 2, seed=seed) for seed in (0, 77))
-    for _ in range(20):
-        seen = simulation.observation.numpy().copy()
-        action = first.act(seen)
-        other.step(action)
-        np.testing.assert_array_equal(second.act(seen), action)
-        simulation.step(action)
-
-
 @pytest.mark.parametrize(
     ("name", "scenario"), [*((name, "experiment") for name in CARS), ("tracked-reference", "knot")]
 )

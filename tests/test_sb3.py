@@ -22,7 +22,7 @@ from training.settings import Train
 def make_env(name="intruders", worlds=3, card=None, **overrides):
     scenario = lissajous_env.scenario(name, **overrides)
     inputs = card or {}
-    return RobotVecEnv(scenario, worlds, Card.of(scenario, **inputs) if card else None)
+    return RobotVecEnv(scenario, worlds, Card.of(scenario, **inputs) if card else None, seed=0)
 
 
 def test_rows_are_the_robots_of_the_simulation_bit_for_bit():
@@ -107,6 +107,43 @@ def test_observations_lie_in_their_space_and_seeds_repeat():
     assert (runs[0] <= env.observation_space.high).all()
 
 
+def test_without_a_seed_every_one_plays_other_worlds():
+    # Oracle: another one made alike; those that are given a seed, either way, play the same.
+    scenario = lissajous_env.scenario("rough")
+    first, other = (RobotVecEnv(scenario, 3).reset() for _ in range(2))
+    assert not (first.reshape(3, 5, -1) == other.reshape(3, 5, -1)).all(axis=(1, 2)).any()
+    assert (RobotVecEnv(scenario, 3, seed=4).reset() == RobotVecEnv(scenario, 3, seed=4).reset()).all()
+    one, two = RobotVecEnv(scenario, 3), RobotVecEnv(scenario, 3)
+    one.seed(4)
+    two.seed(4)
+    assert (one.reset() == two.reset()).all()
+    # One that goes on from a saved state is at its seeds.
+    two.step(np.zeros((15, 2)))
+    one.load_state(two.save_state())
+    assert (one.reset() == two.reset()).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_an_action_that_is_not_finite_is_refused_by_name(value):
+    env = make_env()
+    env.reset()
+    before = env.simulation.save_state()
+    actions = np.zeros((15, 2))
+    actions[11, 1] = value
+    with pytest.raises(ValueError, match=r"action of robot_1 in world 2 must be finite, got \[0.0, (nan|inf)\]"):
+        env.step(actions)
+    for name, array in env.simulation.save_state().items():
+        np.testing.assert_array_equal(array, before[name])
+
+
+@pytest.mark.parametrize("actions", [np.zeros((15, 1)), np.zeros(30), np.zeros((3, 5, 2)), None, np.full((15, 2), "a")])
+def test_actions_of_another_form_are_refused(actions):
+    env = make_env()
+    env.reset()
+    with pytest.raises(ValueError, match=r"actions must be numbers of shape \(15, 2\), got"):
+        env.step(actions)
+
+
 def test_a_base_acts_and_the_action_is_added_to_it():
     # Oracle: the classical policy itself, when nothing is added.
     env = make_env(card={"base": "sweep", "residual": 0.5}, **{"task.duration": 3.0})
@@ -180,7 +217,8 @@ def test_a_policy_with_a_central_critic_acts_on_its_own_inputs(tmp_path):
     with torch.no_grad():
         values = [model.policy.predict_values(torch.from_numpy(each)) for each in (rows, other)]
     assert not torch.equal(*values)
-    own = np.clip(to_network(model, "relu")(rows[:, : card.network_inputs]), -1, 1)
+    network = to_network(model, "relu").to_torch("cpu")
+    own = network(torch.from_numpy(rows[:, : card.network_inputs])).clamp(-1, 1).numpy()
     assert own == pytest.approx(model.predict(rows, deterministic=True)[0], abs=1e-6)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 import baselines
+from training import sb3
 
 if TYPE_CHECKING:
     from training.train import Sb3Trainer
@@ -34,8 +35,13 @@ def imitate(trainer: "Sb3Trainer", teacher: baselines.Policy) -> None:
         model._update_current_progress_remaining(course.steps, until)
         model._update_learning_rate(model.policy.optimizer)
         taught_share = max(0.0, 1.0 - 2.0 * course.steps / until) if settings.student_drives else 1.0
-        rows, wanted = _collect(trainer, teacher, taught_share)
-        loss = _fit(trainer, rows, wanted)
+        try:
+            rows, wanted = _collect(trainer, teacher, taught_share)
+            loss = _fit(trainer, rows, wanted)
+        except ValueError as error:
+            sb3.require_finite(model, settings, course.steps, error)
+            raise
+        sb3.require_finite(model, settings, course.steps)
         course.steps += settings.rollout * env.num_envs
         course.updates += settings.epochs
         course.seconds += time.monotonic() - began

@@ -1,7 +1,7 @@
-"""A checkpoint as a policy: the same interface as the classical ones, evaluated by NumPy or by torch."""
+"""A checkpoint as a policy: the same interface as the classical ones."""
 
-import contextlib
 import json
+import math
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,10 +10,12 @@ import numpy as np
 import warp as wp
 
 import baselines
+from baselines import registry
 from baselines.policy import Policy
 from lissajous_env import Scenario
 from training import checkpoint
 from training.checkpoint import Card
+from training.forward import Forward
 from training.network import Network
 
 
@@ -28,34 +30,22 @@ class Learned(Policy):
         scenario: What it is played on.
         num_worlds: W.
         device: Warp device.
-        backend: `numpy` (a CPU only) or `torch`; by default NumPy on a CPU and torch on a GPU. Their actions differ by
-            rounding alone.
 
     Raises:
-        ValueError: the scenario's robots or observation do not fit the policy.
+        ValueError: the network does not fit the card, its base is not a registered classical policy, or the scenario's
+            robots or observation do not fit the policy.
     """
 
     def __init__(
-        self,
-        network: Network,
-        card: Card,
-        scenario: str | Scenario,
-        num_worlds: int = 1,
-        device: Any = "cpu",
-        backend: str | None = None,
+        self, network: Network, card: Card, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"
     ):
         super().__init__(scenario, num_worlds, device)
-        backend = backend or ("numpy" if self.device.is_cpu else "torch")
-        if backend not in ("numpy", "torch") or (backend == "numpy" and not self.device.is_cpu):
-            raise ValueError(f"backend must be numpy (on a CPU) or torch, got {backend!r} on {self.device}")
+        _check(network, card)
         self.network, self.card, self.kind = network, card, card.kind
         columns = card.columns(self.scenario)
-        width = self.observation_shape[-1]
-        self._columns = slice(None) if np.array_equal(columns, np.arange(width)) else columns
         self.base = None if card.base is None else baselines.make(card.base, self.scenario, num_worlds, self.device)
-        self._decide_rows = self._by_numpy if backend == "numpy" else self._by_torch
-        if backend == "torch":
-            self._torch_network = network.to_torch(wp.device_to_torch(self.device))
+        added_to = None if self.base is None else self.base.action
+        self._forward = Forward(network, columns, self._observation, added_to, card.residual, self.action)
 
     def _forget(self, mask: np.ndarray) -> None:
         if self.base is not None:
@@ -63,39 +53,21 @@ class Learned(Policy):
 
     def _decide(self, observation: wp.array) -> None:
         base = None if self.base is None else self.base.act(observation)
-        self._decide_rows(observation, base)
-
-    def _by_numpy(self, observation: wp.array, base: wp.array | None) -> None:
-        rows = observation.numpy().reshape(-1, self.observation_shape[-1])[:, self._columns]
-        action = self.action.numpy().reshape(len(rows), -1)  # on a CPU the same memory
-        if base is None:
-            np.clip(self.network(rows), -1.0, 1.0, out=action)
-        else:
-            base_rows = base.numpy().reshape(action.shape)
-            added = np.clip(self.network(np.concatenate([rows, base_rows], axis=1)), -1.0, 1.0)
-            np.clip(base_rows + np.float32(self.card.residual) * added, -1.0, 1.0, out=action)
-
-    def _by_torch(self, observation: wp.array, base: wp.array | None) -> None:
-        import torch
-
-        with torch.no_grad(), _torch_stream(self.device):
-            rows = wp.to_torch(observation).flatten(0, 1)[:, self._columns]
-            action = wp.to_torch(self.action).flatten(0, 1)
-            if base is None:
-                action.copy_(self._torch_network(rows).clamp_(-1.0, 1.0))
-            else:
-                base_rows = wp.to_torch(base).flatten(0, 1)
-                added = self._torch_network(torch.cat([rows, base_rows], dim=1)).clamp_(-1.0, 1.0)
-                action.copy_((base_rows + self.card.residual * added).clamp_(-1.0, 1.0))
+        self._forward.launch(observation, base)
 
 
-def load(
-    name: str | Path,
-    scenario: str | Scenario | None = None,
-    num_worlds: int = 1,
-    device: Any = "cpu",
-    backend: str | None = None,
-) -> Learned:
+def _check(network: Network, card: Card) -> None:
+    if (network.inputs, network.outputs) != (card.network_inputs, card.action_size):
+        wanted = f"{card.network_inputs} inputs to {card.action_size} components of an action"
+        raise ValueError(f"network must map {wanted}, got {network.inputs} to {network.outputs}")
+    # A folder or a learned policy could have a base itself, and that be this very policy.
+    if card.base is not None and not registry.is_classical(card.base):
+        raise ValueError(f"base must be a registered classical policy, got {card.base!r}")
+    if not math.isfinite(card.residual):
+        raise ValueError(f"residual must be a finite number, got {card.residual!r}")
+
+
+def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Learned:
     """Make a policy of a shipped name or of a checkpoint's folder; by default for the scenario it was trained on.
 
     Raises:
@@ -103,7 +75,7 @@ def load(
     """
     network, card, _ = checkpoint.read(find(name))
     made = checkpoint.home_scenario(card) if scenario is None else scenario
-    policy = Learned(network, card, made, num_worlds, device, backend)
+    policy = Learned(network, card, made, num_worlds, device)
     policy.name = str(name)
     return policy
 
@@ -133,7 +105,7 @@ def register_shipped() -> None:
     baselines.register_opener(load)
     for name in names():
         text = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
-        baselines.register(name, text["policy"]["kind"], partial(load, name), tuple(text["made_for"]))
+        baselines.register(name, text["policy"]["kind"], partial(load, name), tuple(text["made_for"]), True)
 
 
 _SHIPPED = Path(__file__).parent / "policies"
@@ -142,13 +114,3 @@ _SHIPPED = Path(__file__).parent / "policies"
 def names() -> tuple[str, ...]:
     """Names of the shipped policies."""
     return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{checkpoint.FILE}")))
-
-
-def _torch_stream(device: Any) -> Any:
-    """On a GPU, let Warp queue what it launches behind torch, on torch's stream."""
-    import torch
-
-    if device.is_cpu:
-        return contextlib.nullcontext()
-    stream = wp.stream_from_torch(torch.cuda.current_stream(wp.device_to_torch(device)))
-    return wp.ScopedStream(stream, sync_enter=True, sync_exit=True)

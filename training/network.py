@@ -1,22 +1,24 @@
-"""The network of a policy: a multilayer perceptron, as plain arrays that NumPy or torch evaluates."""
+"""The network of a policy: a multilayer perceptron as plain arrays, which `training.forward` evaluates."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-_NUMPY_ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "relu": lambda x: np.maximum(x, 0.0, out=x),
-    "tanh": lambda x: np.tanh(x, out=x),
-}
-ACTIVATIONS = tuple(_NUMPY_ACTIVATIONS)
+ACTIVATIONS = ("relu", "tanh")
 
 
 @dataclass(frozen=True)
 class Network:
-    """y = W_k s(... s(W_1 x + b_1) ...) + b_k: float32, the activation s between layers, none after the last."""
+    """y = W_k s(... s(W_1 x + b_1) ...) + b_k: float32, the activation s between layers, none after the last.
+
+    Its arrays are copies of those that are given, and cannot be written to.
+
+    Raises:
+        ValueError: layers that do not fit together or have no size, numbers that are not finite in float32, or an
+            unknown activation.
+    """
 
     weights: tuple[np.ndarray, ...]
     """W of each layer, (outputs, inputs)."""
@@ -28,14 +30,16 @@ class Network:
     def __post_init__(self) -> None:
         if self.activation not in ACTIVATIONS:
             raise ValueError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {self.activation!r}")
-        if not self.weights or len(self.weights) != len(self.biases):
+        if not len(self.weights) or len(self.weights) != len(self.biases):
             count = f"{len(self.weights)} and {len(self.biases)}"
             raise ValueError(f"weights and biases must be of the same layers, at least one, got {count}")
+        for name in ("weights", "biases"):
+            object.__setattr__(self, name, tuple(_numbers(name, array) for array in getattr(self, name)))
         for weight, bias in zip(self.weights, self.biases, strict=True):
-            if weight.ndim != 2 or bias.shape != weight.shape[:1]:
+            if weight.ndim != 2 or 0 in weight.shape:
+                raise ValueError(f"weights must have shape (outputs, inputs), both at least 1, got {weight.shape}")
+            if bias.shape != weight.shape[:1]:
                 raise ValueError(f"bias must have shape {weight.shape[:1]}, got {bias.shape}")
-            if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
-                raise ValueError("weights and biases must be finite")
         for before, after in pairwise(self.weights):
             if after.shape[1] != before.shape[0]:
                 raise ValueError(f"layer must take the {before.shape[0]} outputs before it, got {after.shape[1]}")
@@ -54,17 +58,6 @@ class Network:
     def hidden(self) -> tuple[int, ...]:
         """Sizes of the layers between."""
         return tuple(weight.shape[0] for weight in self.weights[:-1])
-
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Outputs (rows, outputs) for inputs (rows, inputs), both float32."""
-        activate = _NUMPY_ACTIVATIONS[self.activation]
-        last = len(self.weights) - 1
-        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x = x @ weight.T
-            x += bias
-            if k < last:
-                x = activate(x)
-        return x
 
     def to_torch(self, device: Any) -> Any:
         """Make the same network as a `torch.nn.Sequential` on a device, without gradients."""
@@ -96,8 +89,21 @@ class Network:
         """
         count = sum(name.startswith("policy.") and name.endswith(".weight") for name in arrays)
         try:
-            weights = tuple(np.ascontiguousarray(arrays[f"policy.{k}.weight"], dtype=np.float32) for k in range(count))
-            biases = tuple(np.ascontiguousarray(arrays[f"policy.{k}.bias"], dtype=np.float32) for k in range(count))
+            weights = tuple(arrays[f"policy.{k}.weight"] for k in range(count))
+            biases = tuple(arrays[f"policy.{k}.bias"] for k in range(count))
         except KeyError as error:
             raise ValueError(f"weights must hold {error.args[0]}, got {', '.join(sorted(arrays))}") from None
         return cls(weights, biases, activation)
+
+
+def _numbers(name: str, array: Any) -> np.ndarray:
+    """Return a float32 copy that cannot be written to."""
+    given = np.asarray(array)
+    if given.dtype.kind not in "fiu":
+        raise ValueError(f"{name} must be numbers, got an array of {given.dtype}")
+    with np.errstate(over="ignore"):
+        copied = np.array(given, dtype=np.float32, order="C")
+    if not np.isfinite(copied).all():
+        raise ValueError("weights and biases must be finite in float32")
+    copied.setflags(write=False)
+    return copied

@@ -15,6 +15,7 @@ from torch import nn
 import baselines
 from lissajous_env import Scenario, Simulation
 from lissajous_env.observation import layout
+from lissajous_env.seeding import drawn_seeds
 from training.checkpoint import Card
 from training.critic import CentralCriticPolicy, WorldView
 from training.network import Network
@@ -40,7 +41,8 @@ class RobotVecEnv(VecEnv):
             observation, and nothing.
         residual_penalty: Reward that an action costs per step and mean square, where it is added to a base's.
         device: Warp device.
-        seed: Seed of world 0; world k has seed + k, and draws its next seeds from it.
+        seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without one and a call of
+            `seed`, the first reset draws seeds from the system.
         threads: CPU threads; all cores by default.
         central: Whether a row ends in what `WorldView` shows of the world, for a critic.
         short: Share of the worlds, the first ones, that begin anew after `short_time`.
@@ -54,13 +56,14 @@ class RobotVecEnv(VecEnv):
         card: Card | None = None,
         residual_penalty: float = 0.0,
         device: Any = "cpu",
-        seed: int = 0,
+        seed: int | None = None,
         threads: int | None = None,
         central: bool = False,
         short: float = 0.0,
         short_time: float = 3.0,
     ):
-        self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed, threads=threads)
+        self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads)
+        self._seeded = seed is not None
         self.scenario = self.simulation.scenario
         self.card = card or Card.of(self.scenario)
         self.residual_penalty = residual_penalty
@@ -84,6 +87,9 @@ class RobotVecEnv(VecEnv):
         n, seeds = self.simulation.num_robots, None
         if self._seeds[0] is not None:
             seeds = np.array(self._seeds[::n], dtype=np.int64) % 2**31
+        elif not self._seeded:
+            seeds = drawn_seeds(self.simulation.num_worlds)
+        self._seeded = True
         self.simulation.reset(seeds=seeds)
         self._reset_seeds()
         self._reset_options()
@@ -104,15 +110,30 @@ class RobotVecEnv(VecEnv):
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
         """Go on from what `save_state` returned."""
         self.simulation.load_state(named("world.", saved))
+        self._seeded = True
         self._done = self.simulation.terminated.numpy().astype(bool).reshape(-1)
         if self.base is not None:
             self.base.load_state(named("base.", saved))
             self._base_action = saved["base_action"]
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take the actions (W N, action_size) of the next step."""
-        actions = np.asarray(actions, dtype=np.float32).reshape(self.simulation.action_shape)
-        self._actions = np.clip(actions, -1.0, 1.0)
+        """Take the actions (W N, action_size) of the next step; numbers outside [-1, 1] are clipped.
+
+        Raises:
+            ValueError: actions of another shape, or that are not finite.
+        """
+        worlds, robots, size = self.simulation.action_shape
+        given = np.asarray(actions)
+        if given.shape != (worlds * robots, size) or given.dtype.kind not in "fiu":
+            got = f"{given.shape} of {given.dtype}"
+            raise ValueError(f"actions must be numbers of shape {(worlds * robots, size)}, got {got}")
+        finite = np.isfinite(given)
+        if not finite.all():
+            row = int(np.flatnonzero(~finite.all(axis=1))[0])
+            where = f"robot_{row % robots} in world {row // robots}"
+            raise ValueError(f"action of {where} must be finite, got {given[row].tolist()}")
+        clipped = np.clip(given, -1.0, 1.0).astype(np.float32, copy=False)
+        self._actions = clipped.reshape(worlds, robots, size)
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take the step: rows, rewards, dones, infos."""
@@ -250,8 +271,33 @@ def from_network(model: PPO, network: Network) -> None:
     """Give a model's policy the weights of a network of the same layers."""
     with torch.no_grad():
         for layer, weight, bias in zip(policy_layers(model), network.weights, network.biases, strict=True):
-            layer.weight.copy_(torch.from_numpy(weight))
-            layer.bias.copy_(torch.from_numpy(bias))
+            layer.weight.copy_(torch.tensor(weight))
+            layer.bias.copy_(torch.tensor(bias))
+
+
+def require_finite(model: PPO, settings: Train, steps: int, cause: Exception | None = None) -> None:
+    """Say what to do about a training that has diverged; torch itself prints the tensors.
+
+    Args:
+        model: What learns.
+        settings: How.
+        steps: How far it is [steps of a robot].
+        cause: What torch raised.
+
+    Raises:
+        ValueError: weights, or the actions that they give for the latest rows, are not finite.
+    """
+    finite = all(bool(torch.isfinite(parameter).all()) for parameter in model.policy.parameters())
+    if finite and model._last_obs is not None:
+        rows = torch.as_tensor(np.asarray(model._last_obs), dtype=torch.float32, device=model.device)
+        with torch.no_grad():
+            features = model.policy.mlp_extractor.forward_actor(rows)
+            finite = bool(torch.isfinite(model.policy.action_net(features)).all())
+    if not finite:
+        raise ValueError(
+            f"learning_rate must be low enough that weights and actions stay finite, got {settings.learning_rate:g}: "
+            f"after {steps:,} steps they are not; the last checkpoint is as it was"
+        ) from cause
 
 
 def named(prefix: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from baselines import policy as registry
+from baselines import registry
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
 from training.network import ACTIVATIONS

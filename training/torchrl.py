@@ -33,6 +33,7 @@ from torchrl.envs import EnvBase
 
 from lissajous_env import Scenario, Simulation, library
 from lissajous_env.actions import action_table
+from lissajous_env.seeding import drawn_seeds
 from lissajous_env.simulation import fold_seed
 from lissajous_env.state import ENDED, PRESENT, WORKING
 
@@ -64,7 +65,8 @@ class LissajousTorchEnv(EnvBase):
         scenario: Name of a scenario, or one that was made.
         num_worlds: W.
         device: `cpu`, `cuda` or `cuda:k`.
-        seed: World k begins with seed + k; None draws a seed from torch's generator.
+        seed: World k begins with seed + k; without one, and without a call of `set_seed`, seeds are drawn from the
+            system, so that environments in many processes differ.
         discrete_actions: Whether actions are rows of `lissajous_env.actions.action_table` instead of numbers.
         state: Whether to return the true state, S = 8 N + 3 target slots + 1 numbers.
         threads: CPU threads of the simulation; all cores by default.
@@ -80,7 +82,7 @@ class LissajousTorchEnv(EnvBase):
         num_worlds: int = 1,
         *,
         device: Any = "cpu",
-        seed: int | None = 0,
+        seed: int | None = None,
         discrete_actions: bool = False,
         state: bool = False,
         threads: int | None = None,
@@ -131,7 +133,7 @@ class LissajousTorchEnv(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         """Let world k begin its next episode with seed + k, and draw its seeds from there on."""
-        first = int(torch.randint(2**31, ())) if seed is None else seed
+        first = int(drawn_seeds(1)[0]) if seed is None else seed
         self._seeds = np.array([fold_seed(first + k) for k in range(self.simulation.num_worlds)])
         self._seeded = np.ones(self.simulation.num_worlds, dtype=bool)
 
@@ -156,7 +158,19 @@ class LissajousTorchEnv(EnvBase):
         with self._on_torch_stream():
             self.simulation.step(action)
         after = self._read()
+        self._refuse_invalid(action)
         return after.set((GROUP, "reward"), wp.to_torch(self.simulation.reward).unsqueeze(-1).clone())
+
+    def _refuse_invalid(self, action: torch.Tensor) -> None:
+        """Raise where an action is not finite: what would be learned from it is nothing.
+
+        The simulation has taken it as zero, and flagged its world; the flags are read after the scores, for which the
+        device has been waited for already.
+        """
+        if wp.to_torch(self.simulation.invalid).any():
+            finite = torch.isfinite(action).all(-1)
+            w, i = (~finite).nonzero()[0].tolist()
+            raise ValueError(f"action of {GROUP}_{i} in world {w} must be finite, got {action[w, i].tolist()}")
 
     def _read(self) -> TensorDict:
         """Copy what every world shows now out of the simulation's arrays, which the next step overwrites."""

@@ -114,23 +114,13 @@ class Sb3Trainer(Trainer):
             if left > 0:
                 # The model counts on from the steps that it has.
                 first = self.model._last_obs is None
-                with self._telling_divergence():
+                try:
                     self.model.learn(left, callback=_Watch(self), reset_num_timesteps=first)
-                    self.network()
+                except ValueError as error:
+                    sb3.require_finite(self.model, self.settings, self.course.steps, error)
+                    raise
+                sb3.require_finite(self.model, self.settings, self.course.steps)
             self.evaluate_and_save()
-
-    @contextlib.contextmanager
-    def _telling_divergence(self) -> Iterator[None]:
-        """Say what to do about a training that has diverged, where torch would print tensors."""
-        try:
-            yield
-        except ValueError as error:
-            finite = all(torch.isfinite(parameter).all() for parameter in self.model.policy.parameters())
-            if finite and "of distribution" not in str(error):
-                raise
-            steps, rate = self.course.steps, self.settings.learning_rate
-            words = f"learning_rate must be low enough that weights stay finite, got {rate:g} after {steps:,} steps"
-            raise ValueError(words) from None
 
     def _go_on(self) -> None:
         _, card, text = checkpoint.read(self.settings.out)
@@ -161,6 +151,7 @@ class _Watch(BaseCallback):
     def _on_rollout_start(self) -> None:
         # The one moment between an update and the next step: what is saved here is all there is.
         trainer = self.trainer
+        sb3.require_finite(self.model, trainer.settings, trainer.course.steps)
         if self.model._n_updates > trainer.course.updates:
             trainer.average_in()
             trainer.log({})

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from baselines import policy as registry
+from baselines import registry
 from baselines.policy import Policy
 from baselines.reproduce.style import Picture
 from baselines.reproduce.table import Claim
 from lissajous_env import scenario as make_scenario
 from lissajous_env import theory
+from lissajous_env.evaluation import Referee
 from lissajous_env.scenario import Scenario
 from lissajous_env.simulation import Simulation
 from lissajous_env.state import STUCK
@@ -145,12 +146,13 @@ class Player:
             kept.append([np.array(array.numpy()) for array in arrays])
 
         keep()
-        observation = simulation.observation
+        referee = Referee(acting, simulation)
         for step in range(1, made.task.steps + 1):
-            observation, *_ = simulation.step(acting.act(observation))
+            referee.step()
             if not only_ends or step == made.task.steps:
                 keep()
         phase, position, heading, status = (np.stack(moments) for moments in zip(*kept, strict=True))
+        referee.check()
         found_at = simulation.rogues.found_at.numpy().copy()
         scores = simulation.score()
         played = Played(made, scores, phase, position, heading, status == int(STUCK), found_at)

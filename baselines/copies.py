@@ -1,0 +1,150 @@
+"""Objects that hold Warp arrays, copied and pickled at any moment: made anew, then given what the original holds.
+
+Structs, devices and recorded launches of Warp can be neither copied nor pickled. So a copy is made as the original was,
+by its class with the same arguments, which gives it its own, and then takes over everything else: Warp arrays by
+content, other attributes by value. Functions, and what Warp alone can make, stay as the making left them.
+"""
+
+import ctypes
+import functools
+import types
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+_AS_MADE = (types.FunctionType, types.BuiltinFunctionType, types.MethodType, types.ModuleType, type, functools.partial)
+_MADE_WITH = "_made_with"
+
+
+class Copyable:
+    """Base of what `copy.deepcopy` and `pickle` take as the module says; subclasses need not do anything for it."""
+
+    def __new__(cls, *args: Any, **more: Any) -> Any:
+        """Keep the arguments, with which a copy is made again."""
+        made = super().__new__(cls)
+        # A device is not picklable, its name is.
+        named = [[str(each) if isinstance(each, wp.Device) else each for each in values]
+                 for values in (args, more.values())]  # fmt: skip
+        made.__dict__[_MADE_WITH] = tuple(named[0]), dict(zip(more, named[1], strict=True))
+        return made
+
+    def save_state(self) -> dict[str, np.ndarray]:
+        """Copy every array that this holds, its memory among them, to the host, by name."""
+        return {name: np.array(array.numpy() if _is_warp_array(array) else array) for name, array in _arrays(self)}
+
+    def load_state(self, saved: dict[str, np.ndarray]) -> None:
+        """Go on from what `save_state` returned, in one that was made alike.
+
+        Raises:
+            ValueError: an array is missing, unknown, or has another shape or type; nothing has changed then.
+        """
+        own = dict(_arrays(self))
+        for name, array in own.items():
+            wanted = array.numpy() if _is_warp_array(array) else array
+            got = f"shape {saved[name].shape} of {saved[name].dtype}" if name in saved else "none"
+            if got != f"shape {wanted.shape} of {wanted.dtype}":
+                raise ValueError(f"saved state must hold {name} of shape {wanted.shape} of {wanted.dtype}, got {got}")
+        if unknown := sorted(saved.keys() - own.keys()):
+            raise ValueError(f"saved state must hold what {type(self).__name__} keeps alone, got {', '.join(unknown)}")
+        for name, array in own.items():
+            if _is_warp_array(array):
+                array.assign(saved[name])
+            else:
+                np.copyto(array, saved[name])
+
+    def __reduce__(self) -> tuple:
+        args, more = self.__dict__[_MADE_WITH]
+        return _make_again, (type(self), args, more), _contents(self)
+
+    def __setstate__(self, contents: dict[Any, Any]) -> None:
+        _fill(self, contents, type(self).__name__)
+
+
+class _Array(np.ndarray):
+    """Content of a Warp array."""
+
+
+class _Part(dict):
+    """Contents of an object that Warp's things are a part of."""
+
+
+def _make_again(cls: type, args: tuple, more: dict[str, Any]) -> Any:
+    return cls(*args, **more)
+
+
+def _contents(owner: Any, within: tuple[int, ...] = ()) -> _Part:
+    """Everything that an object, list, tuple or dict holds, but what stays as it is made."""
+    held = _Part()
+    for key, value in _entries(owner):
+        if _is_warp_array(value):
+            held[key] = value.numpy().copy().view(_Array)
+        elif isinstance(value, Copyable) or not _needs_making(value):
+            held[key] = value
+        elif not _stays(value) and id(value) not in within:
+            held[key] = _contents(value, (*within, id(owner)))
+    return held
+
+
+def _fill(owner: Any, contents: dict[Any, Any], name: str) -> None:
+    """Give an object that was made anew the contents of the original."""
+    made = dict(_entries(owner))
+    for key, value in contents.items():
+        current: Any = made.get(key)
+        if isinstance(value, _Array):
+            if not _is_warp_array(current) or current.numpy().shape != value.shape:
+                raise TypeError(
+                    f"{name} must make {key}, a Warp array of shape {value.shape}, in __init__ to be copied"
+                )
+            current.assign(np.asarray(value))
+        elif isinstance(value, _Part):
+            if type(current).__module__ == "builtins" and not isinstance(current, (list, tuple, dict)):
+                raise TypeError(f"{name} must make {key}, which holds things of Warp, in __init__ to be copied")
+            _fill(current, value, f"{name}.{key}")
+        elif isinstance(value, np.ndarray) and isinstance(current, np.ndarray) and _can_take(current, value):
+            np.copyto(current, value)  # it may be a view of a Warp array
+        elif isinstance(owner, (list, dict)):
+            owner[key] = value
+        elif not isinstance(owner, tuple):
+            setattr(owner, key, value)
+
+
+def _arrays(owner: Any, prefix: str = "", within: tuple[int, ...] = ()) -> Iterator[tuple[str, Any]]:
+    """Arrays of an object and of what it is made of, by name: all that can change while it works."""
+    for key, value in sorted(_entries(owner), key=lambda entry: str(entry[0])):
+        if isinstance(value, (wp.array, np.ndarray)):
+            yield f"{prefix}{key}", value
+        elif id(value) not in within and (isinstance(value, Copyable) or _needs_making(value)):
+            yield from _arrays(value, f"{prefix}{key}.", (*within, id(owner)))
+
+
+def _entries(owner: Any) -> list[tuple[Any, Any]]:
+    if isinstance(owner, (list, tuple)):
+        return list(enumerate(owner))
+    held = owner if isinstance(owner, dict) else getattr(owner, "__dict__", {})
+    return [] if _stays(owner) else [(key, value) for key, value in held.items() if key != _MADE_WITH]
+
+
+def _needs_making(value: Any, within: tuple[int, ...] = ()) -> bool:
+    """Whether something is Warp's, or a function, or holds such a thing."""
+    if _is_warp_array(value) or _stays(value):
+        return True
+    if isinstance(value, np.ndarray) or id(value) in within:
+        return False
+    return any(_needs_making(each, (*within, id(value))) for _, each in _entries(value))
+
+
+def _stays(value: Any) -> bool:
+    if isinstance(value, _AS_MADE):
+        return True
+    of_warp = type(value).__module__.partition(".")[0] == "warp"
+    return of_warp and not isinstance(value, (wp.array, ctypes.Array))  # vectors and matrices are values
+
+
+def _is_warp_array(value: Any) -> bool:
+    return isinstance(value, wp.array)
+
+
+def _can_take(current: np.ndarray, value: np.ndarray) -> bool:
+    return current.shape == value.shape and current.dtype == value.dtype and current.flags.writeable

@@ -1,0 +1,134 @@
+"""Evaluation: a policy whose actions are no actions is stopped by name, wherever policies are played."""
+
+import json
+
+import numpy as np
+import pytest
+import warp as wp
+from rich.console import Console
+
+import baselines
+import lissajous_env
+from baselines import registry
+from baselines.benchmark import Benchmark, measure
+from lissajous_env import cli
+from lissajous_env.evaluation import InvalidActionError, evaluate
+from lissajous_env.replay import record
+
+SHORT = {"task.duration": 3.0}
+
+
+class Failing:
+    """Stands still until one action of one world, in one episode, is something else."""
+
+    name = "failing"
+
+    def __init__(self, scenario, num_worlds=1, device="cpu", *, value=np.nan, step=7, world=0, episode=0):
+        shape = lissajous_env.Simulation(scenario, num_worlds).action_shape
+        self.num_worlds, self.action = num_worlds, np.zeros(shape, dtype=np.float32)
+        self.value, self.when, self.world = value, (episode, step), world
+        self.now = [-1, 0]
+
+    def reset(self, worlds=None):
+        self.now = [self.now[0] + 1, 0]
+
+    def act(self, observation):
+        self.now[1] += 1
+        action = self.action.copy()
+        if tuple(self.now) == self.when:
+            action[self.world, 1, 0] = self.value
+        return action
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_policy_that_returns_no_numbers_is_named_with_where_it_did(value):
+    scenario = lissajous_env.scenario("failure", **SHORT)
+    policy = Failing(scenario, 3, value=value, step=7, world=2, episode=1)
+    words = (
+        r"^policy failing must return finite actions, got one that is not in step 7 of failure in world 2 \(seed 15\)$"
+    )
+    with pytest.raises(InvalidActionError, match=words):
+        evaluate(policy, scenario, range(10, 20))
+    assert tuple(policy.now) == (1, 7), "it is stopped at once"
+
+
+def test_the_last_step_is_looked_at_too():
+    scenario = lissajous_env.scenario("failure", **SHORT)
+    with pytest.raises(InvalidActionError, match="in step 30 of failure"):
+        evaluate(Failing(scenario, step=30), scenario, range(1))
+    assert len(evaluate(Failing(scenario, step=31), scenario, range(1))) == 1
+
+
+def test_a_recording_is_stopped_too():
+    scenario = lissajous_env.scenario("failure", **SHORT)
+    with pytest.raises(InvalidActionError, match=r"policy failing .* in step 7 of failure in world 0 \(seed 4\)"):
+        record(Failing(scenario), scenario, seed=4)
+
+
+@pytest.mark.parametrize(("action", "words"), [
+    (np.zeros((2, 5)), r"actions of shape \(2, 5, 1\), got \(2, 5\)"),
+    (np.zeros((1, 5, 1)), r"got \(1, 5, 1\)"),
+    (None, "got NoneType"),
+    ([[0.0], [1.0, 2.0]], "got list"),
+    (np.zeros((2, 5, 1), dtype=complex), "must return numbers, got an array of complex128"),
+    (np.full((2, 5, 1), "a"), "must return numbers, got an array of <U1"),
+    (np.full((2, 5, 1), True), "must return numbers, got an array of bool"),
+    (np.full((2, 5, 1), 1e300), "must return finite actions"),
+])  # fmt: skip
+def test_actions_of_another_form_are_refused_by_name(action, words):
+    policy = Failing("failure", 2)
+    policy.act = lambda observation: action
+    for play in (lambda: evaluate(policy, "failure", range(2)), lambda: record(policy, "failure")):
+        with pytest.raises(InvalidActionError, match=f"policy failing .*{words}"):
+            play()
+
+
+@pytest.mark.parametrize("as_given", [
+    lambda a: a, np.ndarray.tolist, lambda a: a.astype(np.float64), lambda a: a.astype(np.int64),
+    lambda a: wp.array(a, dtype=wp.float32, device="cpu"),
+])  # fmt: skip
+def test_actions_may_come_in_many_forms(as_given):
+    scenario, policy = lissajous_env.scenario("failure", **SHORT), Failing("failure", step=0)
+    act = policy.act
+    expected = evaluate(policy, scenario, range(1))
+    policy.act = lambda observation: as_given(act(observation))
+    assert json.dumps(evaluate(policy, scenario, range(1))) == json.dumps(expected)
+
+
+def test_a_benchmark_counts_it_as_a_failure_of_that_policy_alone(tmp_path):
+    settings = Benchmark(("failure",), ("still",), 4, batch=2, out=tmp_path, overrides=SHORT)
+
+    def failing(scenario, num_worlds, device):
+        return Failing(scenario, num_worlds, episode=0)
+
+    outcome = measure(settings, {"failing": failing}, console=Console(quiet=True))
+    (failure,) = outcome.failures
+    assert failure.policy == "failing"
+    assert "must return finite actions, got one that is not in step 7 of failure in world 0" in failure.error
+    assert {row["policy"] for row in outcome.rows} == {"still"}
+
+
+@pytest.fixture
+def broken(monkeypatch):
+    """A registered policy that returns NaN, by its name."""
+    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
+    baselines.names()
+    baselines.register("failing", None, Failing)
+    return "failing"
+
+
+def test_the_commands_end_with_one_line_and_an_exit_code(broken, tmp_path, capsys):
+    for arguments in (
+        ["evaluate", broken, "failure", "--episodes", "1", "--set", "task.duration=3"],
+        ["run", "failure", broken, "--set", "task.duration=3", "--out", str(tmp_path / "x.npz")],
+        ["benchmark", "--scenarios", "failure", "--policies", broken, "--episodes", "1", "--out", str(tmp_path / "b"),
+         "--set", "task.duration=3"],
+    ):  # fmt: skip
+        with pytest.raises(SystemExit) as ended:
+            cli.main(arguments)
+        assert ended.value.code not in (0, None), arguments
+        said = capsys.readouterr()
+        told = " ".join((said.out + said.err).split())
+        assert "policy failing must return finite actions" in told, arguments
+        assert "Traceback (most" not in told
+    assert not (tmp_path / "x.npz").exists()

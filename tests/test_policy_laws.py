@@ -1,0 +1,283 @@
+"""What every registered policy promises: its rows hang on themselves alone, and it can be copied at any moment."""
+
+import copy
+import pickle
+import random
+
+import numpy as np
+import pytest
+import warp as wp
+
+import baselines
+import lissajous_env
+from baselines.kuramoto import Kuramoto
+from baselines.policy import Policy
+from lissajous_env import Simulation
+
+STEPS = 12
+CASES = [(name, "rough" if name in baselines.names("rough") else "failure") for name in baselines.names()]
+
+
+def episode(policy, scenario, worlds, seed, steps=STEPS):
+    """Observations and actions (steps, W, N ...) of a policy that drives the worlds itself."""
+    simulation, seen, taken = Simulation(scenario, worlds, seed=seed), [], []
+    for _ in range(steps):
+        seen.append(simulation.observation.numpy().copy())
+        taken.append(policy.act(seen[-1]))
+        simulation.step(taken[-1])
+    return np.array(seen), np.array(taken)
+
+
+def as_numpy(rows):
+    return rows
+
+
+def as_warp(rows):
+    return wp.array(rows, dtype=wp.float32, device="cpu")
+
+
+def as_torch(rows):
+    return pytest.importorskip("torch").from_numpy(rows.copy())
+
+
+@pytest.mark.parametrize(("name", "scenario"), CASES)
+def test_a_row_is_the_same_in_any_batch_at_any_place(name, scenario):
+    """Oracle: the batch of 33 worlds, for batches of 1, 3 and 16 of them, in another order and of another make."""
+    draw = np.random.default_rng(3)
+    seen, taken = episode(baselines.make(name, scenario, 33), scenario, 33, seed=40)
+    for size, as_given in ((1, as_numpy), (3, as_warp), (16, as_torch), (33, as_warp)):
+        policy, worlds = baselines.make(name, scenario, size), draw.permutation(33)[:size]
+        for rows, action in zip(seen[:, worlds], taken[:, worlds], strict=True):
+            got = policy.act(as_given(np.ascontiguousarray(rows)))
+            np.testing.assert_array_equal(got if isinstance(got, np.ndarray) else got.numpy(), action)
+
+
+@pytest.mark.parametrize(("name", "scenario"), CASES)
+def test_a_copy_goes_on_as_the_original(name, scenario):
+    """Oracle: the original itself, over the steps that follow, one of its worlds forgotten on the way."""
+    policy, simulation = baselines.make(name, scenario, 3), Simulation(scenario, 3, seed=7)
+    for _ in range(10):
+        simulation.step(policy.act(simulation.observation))
+    loaded = baselines.make(name, scenario, 3)
+    loaded.load_state(policy.save_state())
+    copies = [copy.deepcopy(policy), pickle.loads(pickle.dumps(policy)), loaded]
+    assert all(type(each) is type(policy) and each.name == name for each in copies)
+    for step in range(STEPS):
+        rows = simulation.observation.numpy().copy()
+        action = policy.act(rows)
+        for each in copies:
+            np.testing.assert_array_equal(each.act(rows), action)
+        simulation.step(action)
+        if step == 5:
+            for each in (policy, *copies):
+                each.reset([1])
+
+
+def hidden_matters(make, scenario):
+    """Whether actions change with what no observation shows: a simulation's state, and the global generators.
+
+    `make(simulation)` makes a policy for the simulation whose observations it is given.
+    """
+    first, second = Simulation(scenario, 2, seed=1), Simulation(scenario, 2, seed=1)
+    one, two = make(first), make(second)
+    for step in range(20):
+        seen = first.observation.numpy().copy()
+        np.random.seed(1)
+        random.seed(1)
+        action = np.array(one.act(first.observation).numpy())
+        draw = np.random.default_rng(step)
+        for array in second._groups().values():
+            if array.dtype in (wp.float32, wp.vec2, wp.vec3):
+                array.assign(draw.uniform(-1, 1, array.numpy().shape).astype(np.float32))
+        second.observation.assign(seen)
+        np.random.seed(2)
+        random.seed(2)
+        if not (two.act(second.observation).numpy() == action).all():
+            return True
+        first.step(action)
+    return False
+
+
+@pytest.mark.parametrize(("name", "scenario"), CASES)
+def test_a_policy_sees_the_observation_and_nothing_else(name, scenario):
+    """Oracle: the same observations while everything else in their simulation is noise."""
+    assert not hidden_matters(lambda _: baselines.make(name, scenario, 2), scenario)
+
+
+class Peeking(Policy):
+    """Looks at the world itself, or at a generator that others draw from too."""
+
+    def __init__(self, simulation, looks_at):
+        super().__init__(simulation.scenario, simulation.num_worlds)
+        self.simulation, self.looks_at = simulation, looks_at
+
+    def _decide(self, observation):
+        found = {
+            "places": lambda: self.simulation.robots.position.numpy()[:, :, :2],
+            "returns": lambda: np.repeat(self.simulation.tally.returns.numpy()[:, :, None], 2, axis=2),
+            "draws": lambda: np.random.uniform(size=self.action.shape),
+            "nothing": lambda: observation.numpy()[:, :, :2],
+        }[self.looks_at]()
+        self.action.assign(np.clip(found, -1, 1).astype(np.float32))
+
+
+@pytest.mark.parametrize("looks_at", ["places", "returns", "draws", "nothing"])
+def test_a_policy_that_looks_elsewhere_is_found_out(looks_at):
+    """Oracle: policies that look at what they must not, so that the test above can fail."""
+    assert hidden_matters(lambda simulation: Peeking(simulation, looks_at), "rough") == (looks_at != "nothing")
+
+
+class Remembering(Policy):
+    """A user's policy with memory of every kind: numbers, lists, arrays of NumPy and Warp, a part, a generator."""
+
+    kind = "curve"
+
+    def __init__(self, scenario, num_worlds=1, device="cpu", *, gain):
+        super().__init__(scenario, num_worlds, device)
+        self.gain, self.steps, self.seen = gain, 0, []
+        self.sums = np.zeros(self.action.shape, np.float32)
+        self.draw = np.random.default_rng(3)
+        self.part = Kuramoto(self.scenario, num_worlds, self.device)
+        self.squash = lambda x: np.clip(x, -1, 1)
+
+    def _decide(self, observation):
+        self.part.coordinate(observation)
+        self.steps += 1
+        self.seen.append(float(observation.numpy()[0, 0, 0]))
+        self.sums += observation.numpy()[:, :, :1]
+        noise = self.draw.normal() + np.mean(self.seen) + self.steps
+        self.action.assign(self.squash(self.gain * noise * self.sums).astype(np.float32))
+
+
+def test_a_users_policy_is_copied_with_all_that_it_keeps():
+    policy, simulation = Remembering("failure", 2, gain=1e-3), Simulation("failure", 2)
+    for _ in range(7):
+        simulation.step(policy.act(simulation.observation))
+    policy.late = "set after it was made"
+    for each in (copy.deepcopy(policy), pickle.loads(pickle.dumps(policy))):
+        assert (each.late, each.steps, each.gain) == (policy.late, 7, 1e-3)
+        expected = copy.deepcopy(policy)
+        for _ in range(3):
+            rows = simulation.observation.numpy().copy()
+            np.testing.assert_array_equal(each.act(rows), expected.act(rows))
+    assert policy.steps == 7, "the original is left as it was"
+
+
+def test_a_device_array_that_its_making_does_not_make_is_named():
+    policy = Remembering("failure", gain=1.0)
+    policy.part.late = wp.zeros(3, dtype=wp.float32, device="cpu")
+    with pytest.raises(TypeError, match=r"Remembering.part must make late, a Warp array of shape .3,., in __init__"):
+        copy.deepcopy(policy)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda saved: saved.pop("_memory"), "must hold _memory of shape .2, 5, 2. of float32, got none"),
+    (lambda saved: saved.update(_memory=np.zeros((1, 5, 2), np.float32)), r"got shape .1, 5, 2. of float32"),
+    (lambda saved: saved.update(_memory=np.zeros((2, 5, 2))), r"got shape .2, 5, 2. of float64"),
+    (lambda saved: saved.update(other=np.zeros(2)), "must hold what Sweep keeps alone, got other"),
+])  # fmt: skip
+def test_a_state_of_something_else_is_refused_by_name(change, words):
+    policy = baselines.make("sweep", "rough", 2)
+    before = policy.save_state()
+    saved = {name: array + 1 for name, array in before.items()}
+    change(saved)
+    with pytest.raises(ValueError, match=words):
+        policy.load_state(saved)
+    assert all((array == before[name]).all() for name, array in policy.save_state().items()), "nothing has changed"
+
+
+@pytest.mark.parametrize("worlds", [[0.9], ["a"], [2], [-1], [True], [[0]], [False, True, False], float("nan")])
+def test_worlds_that_are_not_there_are_refused(worlds):
+    policy = baselines.make("sweep", "rough", 2)
+    with pytest.raises(ValueError, match="worlds must be"):
+        policy.reset(worlds)
+
+
+@pytest.mark.parametrize("number", [0, -1, True, 1.5, "2", None, float("nan")])
+def test_a_number_of_worlds_that_is_none_is_refused(number):
+    with pytest.raises(ValueError, match="num_worlds must be a whole number of at least 1, got"):
+        baselines.make("sweep", "rough", num_worlds=number)
+
+
+@pytest.mark.parametrize("device", ["gpu", "cuda:99", 7, "", "cpu:3"])
+def test_a_device_that_is_not_there_is_refused(device):
+    with pytest.raises(ValueError, match="device must be one of those present"):
+        baselines.make("sweep", "rough", device=device)
+
+
+@pytest.mark.parametrize(("name", "scenario"), CASES)
+def test_agents_act_by_name_as_in_the_batch(name, scenario):
+    """Oracle: the batch, in PettingZoo's own loop."""
+    env = lissajous_env.parallel_env(scenario, **{"task.duration": 0.6})
+    simulation = Simulation(env.scenario, seed=3)
+    policy, batch = baselines.make(name, env.scenario), baselines.make(name, env.scenario)
+    observations, _ = env.reset(seed=3)
+    while env.agents:
+        actions = policy.act(observations)
+        expected = batch.act(simulation.observation).numpy()[0]
+        assert list(actions) == env.agents
+        np.testing.assert_array_equal(np.stack(list(actions.values())), expected)
+        simulation.step(expected[None])
+        observations, *_ = env.step(actions)
+    assert policy.act({}) == {}
+
+
+def test_removed_agents_get_no_action():
+    env = lissajous_env.parallel_env(
+        "experiment", **{"task.on_collision": "remove", "robot.radius": 0.4, "task.duration": 2.0}
+    )
+    policy, fewest = baselines.make("kuramoto-mpcc", env.scenario), 5
+    observations, _ = env.reset(seed=0)
+    while env.agents:
+        actions = policy.act({agent: observations[agent] for agent in env.agents})
+        assert list(actions) == env.agents
+        fewest = min(fewest, len(actions))
+        observations, *_ = env.step(actions)
+    assert fewest < 5
+
+
+@pytest.mark.parametrize(("worlds", "rows", "words"), [
+    (1, {"robot_9": 41}, "observation must be of the agents robot_0, .*, got robot_9"),
+    (1, {"robot_1": 3}, r"observation of robot_1 must have shape \(42,\), got \(3,\)"),
+    (2, {"robot_1": 42}, "policy must be for one world to take observations by agent, got 2"),
+])  # fmt: skip
+def test_observations_by_agent_that_do_not_fit_are_refused(worlds, rows, words):
+    policy = baselines.make("sweep", "rough", worlds)
+    with pytest.raises(ValueError, match=words):
+        policy.act({agent: np.zeros(size, np.float32) for agent, size in rows.items()})
+
+
+@pytest.mark.parametrize("given", [np.nan, np.inf, -np.inf, 1e300])
+@pytest.mark.parametrize(("name", "scenario"), CASES)
+def test_numbers_that_are_none_are_refused_by_name(name, scenario, given):
+    policy = baselines.make(name, scenario, 2)
+    rows = np.zeros(policy.observation_shape)
+    rows[1, 2, 4] = given
+    with pytest.raises(ValueError, match=r"observation must be finite, got .* for speed of robot_2 in world 1"):
+        policy.act(rows)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e6, 1e30, 3e38])
+@pytest.mark.parametrize(("name", "scenario"), CASES)
+def test_absurd_observations_give_finite_actions(name, scenario, scale):
+    policy, draw = baselines.make(name, scenario, 8), np.random.default_rng(0)
+    for _ in range(4):
+        rows = draw.uniform(-1, 1, policy.observation_shape).astype(np.float32)
+        rows[draw.random(rows.shape) < 0.3] *= np.float32(scale)
+        action = policy.act(rows)
+        assert np.isfinite(action).all()
+        assert np.abs(action).max() <= 1
+
+
+@pytest.mark.parametrize(("rows", "words"), [
+    (lambda shape: np.full(shape, "a"), "observation must be an array of numbers, got ndarray of <U1"),
+    (lambda shape: np.zeros(shape, complex), "observation must be an array of numbers, got ndarray of complex128"),
+    (lambda shape: [[1, 2], [3]], "observation must be an array of numbers, got list"),
+    (lambda shape: None, "observation must be an array of numbers, got NoneType"),
+    (lambda shape: wp.zeros(shape, dtype=wp.int32, device="cpu"), "observation must be .* float32 on cpu, got int32"),
+    (lambda shape: np.zeros(shape[1:]), "observation must have shape"),
+])  # fmt: skip
+def test_observations_of_another_type_are_refused(rows, words):
+    policy = baselines.make("kuramoto", "failure")
+    with pytest.raises(ValueError, match=words):
+        policy.act(rows(policy.observation_shape))

@@ -1,0 +1,99 @@
+"""The registry: names that are taken stay, and what other packages add cannot take the rest down."""
+
+from functools import partial
+from importlib.metadata import EntryPoint
+
+import pytest
+
+import baselines
+import training
+from baselines import registry
+from baselines.patrol import Laps, Still
+from training.learned import register_shipped
+
+
+@pytest.fixture(autouse=True)
+def _own_registry(monkeypatch):
+    baselines.names()
+    for name in ("_REGISTRY", "_WRAPPERS"):
+        monkeypatch.setattr(registry, name, dict(getattr(registry, name)))
+    monkeypatch.setattr(registry, "_BROKEN", [])
+
+
+def test_a_name_that_is_taken_is_refused():
+    with pytest.raises(ValueError, match=r"name of a policy must be new, got still, which .*Still.* has"):
+        baselines.register("still", None, Laps)
+    assert type(baselines.make("still", "failure")) is Still
+    with pytest.raises(ValueError, match="must be new, got laps-safe; -safe marks a wrapped laps"):
+        baselines.register("laps-safe", "car", Laps)
+    with pytest.raises(ValueError, match="suffix of a wrapper must be new, got '-safe'"):
+        registry.register_wrapper("-safe", "car", Laps)
+
+
+def test_a_name_that_a_wrapped_policy_has_is_refused():
+    baselines.register("mine-safe", "car", Laps)
+    with pytest.raises(ValueError, match="must be new, got mine; a suffix marks a wrapped mine"):
+        baselines.register("mine", "car", Laps)
+
+
+def test_the_same_policy_may_be_registered_again():
+    before = baselines.names()
+    baselines.register("still", None, Still)
+    for _ in range(2):
+        baselines.register("mine", "car", partial(Laps, parameters=None))
+    register_shipped()
+    assert set(baselines.names()) == {*before, "mine", "mine-safe"}
+    with pytest.raises(ValueError, match="must be new, got mine"):
+        baselines.register("mine", "car", partial(Laps))
+
+
+@pytest.mark.parametrize(("given", "words"), [
+    (("", None, Still), "name of a policy must be a word, got ''"),
+    ((None, None, Still), "name of a policy must be a word, got None"),
+    (("mine", "boat", Still), "kind of mine must be one of car, curve, or None, got 'boat'"),
+    (("mine", None, "Still"), "factory of mine must be callable, got 'Still'"),
+])  # fmt: skip
+def test_what_is_no_policy_is_refused(given, words):
+    with pytest.raises(ValueError, match=words):
+        baselines.register(*given)
+
+
+@pytest.mark.parametrize("name", [None, 3, [], {}])
+def test_what_is_no_name_is_refused(name):
+    with pytest.raises(ValueError, match="policy must be a name or a folder, got"):
+        baselines.make(name, "failure")
+
+
+def adds_one():
+    baselines.register("added", None, Still)
+    assert "added" in baselines.names(), "what is loaded may ask for names itself"
+
+
+def takes_a_name():
+    baselines.register("still", None, Laps)
+
+
+def test_entry_points_that_cannot_be_loaded_are_named_and_do_no_harm(monkeypatch):
+    group = registry.GROUP
+    broken = EntryPoint("broken", "no_such_module:register", group)
+    thief = EntryPoint("thief", f"{__name__}:takes_a_name", group)
+    entries = [broken, thief, EntryPoint("good", f"{__name__}:adds_one", group)]
+    monkeypatch.setattr(registry, "entry_points", lambda group: entries)
+    monkeypatch.setattr(registry, "_asked", False)
+    with pytest.warns(RuntimeWarning) as warned:
+        names = baselines.names()
+    words = [str(each.message) for each in warned]
+    assert words[0].startswith("the policies of the entry point broken (no_such_module:register) cannot be loaded: ")
+    assert "ModuleNotFoundError: No module named 'no_such_module'" in words[0]
+    assert "the policies of the entry point thief" in words[1]
+    assert {"added", "kuramoto", "still"} <= set(names)
+    assert type(baselines.make("still", "failure")) is Still
+    with pytest.raises(ValueError, match=r"did you mean .*; the policies of the entry point broken .* cannot be"):
+        baselines.make("from-the-broken-one", "failure")
+
+
+def test_learned_policies_are_told_from_classical_ones():
+    learned = {name for name in baselines.names() if not registry.is_classical(name)}
+    assert {name for name in learned if not name.endswith("-safe")} == set(training.names())
+    assert {name.removesuffix("-safe") for name in learned} == set(training.names())
+    assert not registry.is_classical("nothing")
