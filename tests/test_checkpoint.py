@@ -118,8 +118,8 @@ def test_any_entry_may_be_missing_or_wrong(folder):
         (("policy", "action_size"), 2.0, "action_size must be a whole number of at least 1, got 2.0"),
         (("policy", "inputs"), "abc", "inputs must be words, each once, got 'abc'"),
         (("policy", "inputs"), ["x", "x"], "inputs must be words, each once"),
-        (("policy", "base"), "kuramoto-nothing", "base must be a registered policy, or none, got 'kuramoto-nothing'"),
-        (("policy", "base"), ".", "base must be a registered policy, or none, got '.'"),
+        (("policy", "base"), "nothing", "base must be a registered classical policy, or none, got 'nothing'"),
+        (("policy", "base"), ".", "base must be a registered classical policy, or none, got '.'"),
         (("policy", "activation"), "gelu", "activation must be one of relu, tanh, got 'gelu'"),
         (("settings", "overrides"), [], r"overrides must be an object, got \[\]"),
         (("settings",), None, "settings must be an object, got None"),
@@ -147,7 +147,7 @@ def test_a_base_that_is_the_folder_itself_is_refused(folder):
     text = json.loads((folder / checkpoint.FILE).read_text())
     for base in (str(folder), str(folder.resolve()), f"{folder}/", "learned-nothing"):
         write(folder, changed(text, ("policy", "base"), base))
-        with pytest.raises(ValueError, match="base must be a registered policy, or none"):
+        with pytest.raises(ValueError, match="base must be a registered classical policy, or none"):
             training.load(folder)
 
 

@@ -167,12 +167,14 @@ def test_a_training_that_diverges_ends_in_one_line(tmp_path, algorithm, rate):
     # Oracle: the checkpoint of the steps before, byte for byte.
     good = {"teacher": "none"} if algorithm == "ppo" else {"algorithm": "dagger"}
     train(small(tmp_path, **good, steps=1280), QUIET)
-    before = {path: path.read_bytes() for path in (tmp_path / "run").rglob("*.*") if "tensorboard" not in path.parts}
+    kept = [path for path in (tmp_path / "run").rglob("[!.]*.*") if "tensorboard" not in path.parts]
+    before = {path: path.read_bytes() for path in kept}
     settings = small(tmp_path, **good, steps=6400)
-    trainer = Sb3Trainer(settings, QUIET)
-    trainer.settings = dataclasses.replace(settings, learning_rate=rate, evaluate_every=100_000)
-    trainer.model.lr_schedule = lambda _: rate
-    with pytest.raises(ValueError, match="learning_rate must be low enough that weights and actions stay") as refused:
+    words = "learning_rate must be low enough that weights and actions stay"
+    with checkpoint.hold(settings.out) as folder, pytest.raises(ValueError, match=words) as refused:
+        trainer = Sb3Trainer(settings, QUIET, folder)
+        trainer.settings = dataclasses.replace(settings, learning_rate=rate, evaluate_every=100_000)
+        trainer.model.lr_schedule = lambda _: rate
         trainer.run()
     assert f"got {rate:g}: after " in str(refused.value)
     assert "\n" not in str(refused.value)

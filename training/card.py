@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines import policy as registry
+from baselines import registry
 from lissajous_env import Scenario
 from lissajous_env.observation import layout
 
@@ -32,7 +32,7 @@ class Card:
     action_size: int
     """Components of a robot's action."""
     base: str | None = None
-    """Registered policy whose action the network's output is added to; None: the output is the action.
+    """Name of the classical policy whose action the network's output is added to; None: the output is the action.
 
     The network reads the base's action too, after `inputs`.
     """
@@ -49,10 +49,10 @@ class Card:
         require("inputs", words and len(set(self.inputs)) == len(self.inputs), "must be words, each once", self.inputs)
         size = self.action_size
         require("action_size", type(size) is int and size >= 1, "must be a whole number of at least 1", size)
-        # A name alone: a folder could be one that leads back to this very policy.
+        # A folder or a learned policy could have a base itself, and that be this very policy.
         base = self.base
-        known = base is None or (isinstance(base, str) and base in registry.names())
-        require("base", known, "must be a registered policy, or none", base)
+        known = base is None or (isinstance(base, str) and registry.is_classical(base))
+        require("base", known, "must be a registered classical policy, or none", base)
         number = type(self.residual) in (int, float) and math.isfinite(self.residual)
         require("residual", number and 0 <= self.residual <= LARGEST_RESIDUAL, "must be from 0 to 2", self.residual)
         require("settings", isinstance(self.settings, Mapping), "must be an object", self.settings)

@@ -1,7 +1,6 @@
 """A checkpoint as a policy: the same interface as the classical ones."""
 
 import json
-import math
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,6 @@ import numpy as np
 import warp as wp
 
 import baselines
-from baselines import registry
 from baselines.policy import Policy
 from lissajous_env import Scenario
 from training import checkpoint
@@ -60,11 +58,6 @@ def _check(network: Network, card: Card) -> None:
     if (network.inputs, network.outputs) != (card.network_inputs, card.action_size):
         wanted = f"{card.network_inputs} inputs to {card.action_size} components of an action"
         raise ValueError(f"network must map {wanted}, got {network.inputs} to {network.outputs}")
-    # A folder or a learned policy could have a base itself, and that be this very policy.
-    if card.base is not None and not registry.is_classical(card.base):
-        raise ValueError(f"base must be a registered classical policy, got {card.base!r}")
-    if not math.isfinite(card.residual):
-        raise ValueError(f"residual must be a finite number, got {card.residual!r}")
 
 
 def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Learned:
