@@ -10,6 +10,8 @@ from lissajous_env.scenario import Scenario
 
 _STEERINGS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _THROTTLES = (-1.0, 0.0, 1.0)
+_LARGE = 1e30
+"""Sum of squares above which actions are looked at one by one."""
 _PHASE_RATES = (-1.0, -0.5, -0.1, 0.0, 0.1, 0.5, 1.0)
 
 
@@ -25,6 +27,14 @@ def action_space(scenario: Scenario, discrete: bool, seed: int | None = None) ->
     if discrete:
         return gymnasium.spaces.Discrete(len(action_table(scenario)), seed=seed)
     return gymnasium.spaces.Box(-1.0, 1.0, (scenario.action_size,), np.float32, seed=seed)
+
+
+def team_action_space(scenario: Scenario, discrete: bool, flat: bool) -> gymnasium.Space:
+    """Action space of the team: `Box(-1, 1, (N, action_size))`, flat `(N * action_size,)`, or `MultiDiscrete` (N,)."""
+    n, size = scenario.num_robots, scenario.action_size
+    if discrete:
+        return gymnasium.spaces.MultiDiscrete([len(action_table(scenario))] * n)
+    return gymnasium.spaces.Box(-1.0, 1.0, (n * size,) if flat else (n, size), np.float32)
 
 
 class ActionReader:
@@ -53,9 +63,10 @@ class ActionReader:
         row_out[:] = values
 
     def check(self, agents: list[str], rows: np.ndarray) -> None:
-        """Refuse rows that are not finite."""
-        # One sum tells for all of them: it is not finite if any number is not.
-        if not np.isfinite(rows.sum()):
+        """Refuse rows that are not finite, and clip what float32 could not hold."""
+        # One sum of squares tells for all of them: it is not finite if any number is not.
+        if not np.vdot(rows, rows) < _LARGE:
             for agent, row in zip(agents, rows, strict=True):
                 if not np.isfinite(row).all():
                     raise ValueError(f"action of {agent} must be finite, got {row.tolist()}")
+            np.clip(rows, -1.0, 1.0, out=rows)
