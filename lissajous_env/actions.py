@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 
 from lissajous_env.scenario import Scenario
+from lissajous_env.wording import shown
 
 _STEERINGS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _THROTTLES = (-1.0, 0.0, 1.0)
@@ -54,12 +55,12 @@ class ActionReader:
             index = action.item() if isinstance(action, np.ndarray) and action.size == 1 else action
             if not isinstance(index, (int, np.integer)) or not 0 <= index < len(self._table):
                 last = len(self._table) - 1
-                raise ValueError(f"action of {agent} must be a whole number from 0 to {last}, got {action!r}")
+                raise ValueError(f"action of {agent} must be a whole number from 0 to {last}, got {shown(action)}")
             row_out[:] = self._table[index]
             return
         values = np.asarray(action)
         if values.shape != self._shape or values.dtype.kind not in "fiu":
-            raise ValueError(f"action of {agent} must be numbers of shape {self._shape}, got {action!r}")
+            raise ValueError(f"action of {agent} must be numbers of shape {self._shape}, got {shown(action)}")
         row_out[:] = values
 
     def check(self, agents: list[str], rows: np.ndarray) -> None:

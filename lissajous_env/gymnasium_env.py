@@ -10,6 +10,7 @@ from lissajous_env.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.reward import TERMS
 from lissajous_env.scenario import Scenario
 from lissajous_env.simulation import Simulation
+from lissajous_env.wording import shown
 
 
 def team_spaces(simulation: Simulation, discrete: bool, flat: bool) -> tuple[gymnasium.spaces.Box, gymnasium.Space]:
@@ -71,10 +72,12 @@ class LissajousEnv(gymnasium.Env):
         """
         if self._rows is not None:
             if np.shape(action) != self.action_space.shape:
-                raise ValueError(f"action must have shape {self.action_space.shape}, got {action!r}")
+                raise ValueError(f"action must have shape {self.action_space.shape}, got {shown(action)}")
             action = np.reshape(action, self._rows)
         if np.shape(action)[:1] != (self.scenario.num_robots,):
-            raise ValueError(f"action must have a row for each of {self.scenario.num_robots} robots, got {action!r}")
+            raise ValueError(
+                f"action must have a row for each of {self.scenario.num_robots} robots, got {shown(action)}"
+            )
         rows = dict(zip(self.parallel.possible_agents, action, strict=True))
         live = {agent: rows[agent] for agent in self.parallel.agents}
         _, rewards, _, _, infos = self.parallel.step(live)

@@ -16,6 +16,7 @@ from lissajous_env.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.scenario import Scenario
 from lissajous_env.seeding import drawn_seeds
 from lissajous_env.simulation import Simulation, fold_seed
+from lissajous_env.wording import shown
 
 
 class LissajousVectorEnv(VectorEnv):
@@ -69,10 +70,10 @@ class LissajousVectorEnv(VectorEnv):
     ):
         modes = {mode.name: mode for mode in AutoresetMode}
         name = autoreset_mode.name if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
-        if name not in modes:
-            raise ValueError(f"autoreset_mode must be one of {', '.join(modes)}, got {autoreset_mode!r}")
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode must be None or rgb_array, got {render_mode!r}")
+        if not isinstance(name, str) or name not in modes:
+            raise ValueError(f"autoreset_mode must be one of {', '.join(modes)}, got {shown(autoreset_mode)}")
+        if render_mode is not None and not (isinstance(render_mode, str) and render_mode == "rgb_array"):
+            raise ValueError(f"render_mode must be None or rgb_array, got {shown(render_mode)}")
         self.autoreset_mode = modes[name]
         self.render_mode = render_mode
         made = library.with_cycles(library.scenario(scenario, **overrides), max_cycles)
@@ -118,7 +119,9 @@ class LissajousVectorEnv(VectorEnv):
             self.simulation.reset(worlds, [fold_seed(int(seed) + int(k)) for k in worlds])
         elif seed is not None:
             if np.shape(seed) != self._begun.shape:
-                raise ValueError(f"seed must be a number or one for each of {len(self._begun)} worlds, got {seed!r}")
+                raise ValueError(
+                    f"seed must be a number or one for each of {len(self._begun)} worlds, got {shown(seed)}"
+                )
             self.simulation.reset(worlds, [fold_seed(seed[k]) for k in worlds])
         else:
             first = worlds[~self._begun[worlds]]
@@ -184,12 +187,12 @@ class LissajousVectorEnv(VectorEnv):
     def _masked(self, options: Any) -> np.ndarray:
         """Indices of the worlds that the options of a reset ask for."""
         if options is not None and not isinstance(options, Mapping):
-            raise ValueError(f"options must be a dict, got {options!r}")
+            raise ValueError(f"options must be a dict, got {shown(options)}")
         mask = (options or {}).get("reset_mask")
         if mask is None:
             return np.arange(len(self._begun))
         if np.shape(mask) != (self.num_envs,) or np.asarray(mask).dtype != bool:
-            raise ValueError(f"reset_mask must be bool of shape ({self.num_envs},), got {mask!r}")
+            raise ValueError(f"reset_mask must be bool of shape ({self.num_envs},), got {shown(mask)}")
         of_worlds = np.asarray(mask).reshape(len(self._begun), self._rows_each)
         if (of_worlds.any(axis=1) != of_worlds.all(axis=1)).any():
             raise ValueError("reset_mask must hold all robots of a world or none: worlds begin anew as wholes")
@@ -201,14 +204,20 @@ class LissajousVectorEnv(VectorEnv):
         if self._table is not None:
             rows, last = np.asarray(actions), len(self._table) - 1
             if rows.shape != shape or rows.dtype.kind not in "iu" or rows.min() < 0 or rows.max() > last:
-                raise ValueError(f"actions must be whole numbers from 0 to {last} of shape {shape}, got {actions!r}")
+                rule = f"whole numbers from 0 to {last} of shape {shape}"
+                raise ValueError(f"actions must be {rule}, got {shown(actions)}")
             return self._table[rows].reshape(due)
+        if isinstance(actions, np.ndarray) or not hasattr(actions, "reshape"):
+            actions = np.asarray(actions)
+            if actions.dtype.kind not in "fiu":
+                raise ValueError(f"actions must be numbers of shape {shape}, got {shown(actions)}")
+            if actions.dtype != np.float32:
+                actions = np.clip(actions, -1, 1).astype(np.float32)  # float32 could not hold all that is clipped
         if shape == due:
             return actions  # the simulation looks at their shape itself
-        given = actions if hasattr(actions, "reshape") else np.asarray(actions)
-        if tuple(given.shape) != shape:
-            raise ValueError(f"actions must have shape {shape}, got {tuple(given.shape)}")
-        return given.reshape(due)
+        if tuple(actions.shape) != shape:
+            raise ValueError(f"actions must have shape {shape}, got {tuple(actions.shape)}")
+        return actions.reshape(due)
 
     def _flags(self, ended: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether each row is terminated, and whether it is truncated."""

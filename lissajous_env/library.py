@@ -19,6 +19,7 @@ from lissajous_env.scenario import (
     Targets,
     Task,
 )
+from lissajous_env.wording import shown
 
 # Section VII prints robots 1 to 5 with R_1 = {2, 4}, R_2 = {1, 5}, R_3 = {4, 5}, R_4 = {1, 3}, R_5 = {2, 3}.
 _EXPERIMENT_RING = (0, 1, 4, 2, 3)
@@ -170,7 +171,8 @@ def scenario(name: str | Scenario, /, **overrides: Any) -> Scenario:
     elif isinstance(name, str) and name in _BY_NAME:
         base = _BY_NAME[name]
     else:
-        raise ValueError(f"scenario must be one of {', '.join(_BY_NAME)}, got {name!r}{_nearest(name, _BY_NAME)}")
+        raise ValueError(f"scenario must be one of {', '.join(_BY_NAME)}, got {shown(name)}{_nearest(name, _BY_NAME)}")
+    whole: dict[str, Any] = {}
     changed: dict[str, dict[str, Any]] = {}
     for key, value in overrides.items():
         part, dot, field = key.partition(".")
@@ -181,10 +183,10 @@ def scenario(name: str | Scenario, /, **overrides: Any) -> Scenario:
                 f"(unexpected keyword argument {key!r})"
             )
         if not dot and isinstance(value, PARTS[part]):
-            base = dataclasses.replace(base, **{part: value})
+            whole[part] = value
             continue
         if not dot and not isinstance(value, Mapping):
-            raise ValueError(f"override {part} must be a mapping or a {PARTS[part].__name__}, got {value!r}")
+            raise ValueError(f"override {part} must be a mapping or a {PARTS[part].__name__}, got {shown(value)}")
         fields = {field: value} if dot else dict(value)
         known = [f.name for f in dataclasses.fields(PARTS[part])]
         for field_name in fields:
@@ -194,8 +196,9 @@ def scenario(name: str | Scenario, /, **overrides: Any) -> Scenario:
                     f"{_nearest(field_name, known)}"
                 )
         changed.setdefault(part, {}).update(fields)
-    parts = {part: dataclasses.replace(getattr(base, part), **fields) for part, fields in changed.items()}
-    return dataclasses.replace(base, **parts)
+    for part, fields in changed.items():
+        whole[part] = dataclasses.replace(whole.get(part, getattr(base, part)), **fields)
+    return dataclasses.replace(base, **whole)
 
 
 def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
@@ -208,7 +211,7 @@ def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
         return made
     whole = isinstance(max_cycles, (int, np.integer)) and not isinstance(max_cycles, bool)
     if not whole or not 1 <= max_cycles <= _MOST_STEPS:
-        raise ValueError(f"max_cycles must be a whole number from 1 to {_MOST_STEPS}, got {max_cycles!r}")
+        raise ValueError(f"max_cycles must be a whole number from 1 to {_MOST_STEPS}, got {shown(max_cycles)}")
     return scenario(made, **{"task.duration": int(max_cycles) * made.task.step})
 
 

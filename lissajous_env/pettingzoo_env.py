@@ -14,6 +14,7 @@ from lissajous_env.actions import ActionReader, action_space
 from lissajous_env.scenario import Scenario
 from lissajous_env.seeding import drawn_seeds
 from lissajous_env.simulation import Simulation, fold_seed
+from lissajous_env.wording import shown
 
 
 class LissajousParallelEnv(ParallelEnv):
@@ -55,8 +56,9 @@ class LissajousParallelEnv(ParallelEnv):
         device: Any = "cpu",
         **overrides: Any,
     ):
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ValueError(f"render_mode must be None, rgb_array or human, got {render_mode!r}")
+        known = isinstance(render_mode, str) and render_mode in self.metadata["render_modes"]
+        if render_mode is not None and not known:
+            raise ValueError(f"render_mode must be None, rgb_array or human, got {shown(render_mode)}")
         made = library.with_cycles(library.scenario(scenario, **overrides), max_cycles)
         self.render_mode = render_mode
         self.simulation = Simulation(made, num_worlds=1, device=device)
@@ -111,7 +113,7 @@ class LissajousParallelEnv(ParallelEnv):
         if not agents:
             raise ResetNeeded("step needs a running episode: call reset first")
         if not isinstance(actions, Mapping):
-            raise ValueError(f"actions must be a dict of agents and their actions, got {actions!r}")
+            raise ValueError(f"actions must be a dict of agents and their actions, got {shown(actions)}")
         if len(actions) != len(agents):
             self._refuse_agents(actions)
         rows = self._action

@@ -302,4 +302,5 @@ def _check_size(size: int) -> None:
 
 
 def _reason(error: Exception) -> str:
-    return f"it lacks {error.args[0]}" if isinstance(error, KeyError) else str(error) or type(error).__name__
+    first_line = str(error).partition("\n")[0]
+    return f"it lacks {error.args[0]}" if isinstance(error, KeyError) else first_line or type(error).__name__

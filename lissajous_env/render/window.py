@@ -37,7 +37,8 @@ class Window:
         """Show a picture, wait so that no more than `fps` are shown a second, and return the keys that were pressed."""
         if self.closed:
             return []
-        if not pygame.display.get_init() or pygame.display.get_surface() is not self._screen:
+        shown = pygame.display.get_surface() if pygame.display.get_init() else None
+        if shown is not self._screen or shown.get_size() != self._size:
             self._open()  # something else in the process has ended pygame, or taken its one window
         self._screen.blit(picture, (0, 0))
         pygame.display.flip()
