@@ -25,7 +25,7 @@ class LissajousEnv(gymnasium.Env):
     """One world as a `gymnasium.Env`; the agent is the team, as in `LissajousVectorEnv`.
 
     The observation is (N, D), the reward the mean over the robots. The info holds `robot_reward` (N,), `reward_terms`
-    (N, 6) and, when the episode ends, `score`.
+    (N, terms), in the order of `lissajous_env.reward.TERMS`, and, when the episode ends, `score`.
 
     Args:
         scenario: Name of a scenario, or one that was made.

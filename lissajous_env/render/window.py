@@ -38,7 +38,7 @@ class Window:
         if self.closed:
             return []
         shown = pygame.display.get_surface() if pygame.display.get_init() else None
-        if shown is not self._screen or shown.get_size() != self._size:
+        if shown is None or shown is not self._screen or shown.get_size() != self._size:
             self._open()  # something else in the process has ended pygame, or taken its one window
         self._screen.blit(picture, (0, 0))
         pygame.display.flip()
