@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lissajous_env.render import palette
-from lissajous_env.render.canvas import View
+from lissajous_env.render.canvas import FOOTER, HEADER, MARGIN, View
 from lissajous_env.render.renderer import MOST_WORLDS, Renderer
 from lissajous_env.scenario import Scenario
 
@@ -31,9 +31,11 @@ class Gallery:
         self.drawn = min(num_worlds, MOST_WORLDS)
         """Worlds that are drawn."""
         along = math.ceil(math.sqrt(self.drawn))
-        whole = View.of(scenario).size
+        width, height = View.of(scenario).size
+        around = HEADER + FOOTER + 2 * MARGIN  # stays as high as it is
+        sizes = width / along, (height - around) / along + around
         # Video codecs want even numbers.
-        size = [max(round(length / along / 2) * 2, least) for length, least in zip(whole, _SMALLEST, strict=True)]
+        size = [max(round(length / 2) * 2, least) for length, least in zip(sizes, _SMALLEST, strict=True)]
         self._renderer = Renderer(scenario, size)
         self._empty = np.full((size[1], size[0], 3), palette.PAPER, dtype=np.uint8)
 
