@@ -204,7 +204,7 @@ def _recording_file(draw: np.random.Generator) -> str | None:
         _kept().save(path)
         with zipfile.ZipFile(path) as file:
             raw = {name: file.read(name) for name in file.namelist()}
-        kind = draw.integers(3)
+        kind = draw.integers(4)
         if kind == 0:
             about = json.loads(str(np.load(io.BytesIO(raw["about.npy"]))))
             parts = [
@@ -214,7 +214,23 @@ def _recording_file(draw: np.random.Generator) -> str | None:
                 *(v for v in about["scenario"].values() if v and type(v) is dict),
             ]
             target = parts[draw.integers(len(parts))]
-            values = (None, True, -1, 0, 1e300, 10**400, 1e-300, float("nan"), float("inf"), "x", [], {}, [[1]], 2**31)
+            values = (
+                None,
+                True,
+                -1,
+                0,
+                10**9 + 1,
+                1e300,
+                10**400,
+                1e-300,
+                float("nan"),
+                float("inf"),
+                "x",
+                [],
+                {},
+                [[1]],
+                2**31,
+            )
             target[str(draw.choice(list(target)))] = values[draw.integers(len(values))]
             words = io.BytesIO()
             np.save(words, np.array(json.dumps(about)))
@@ -226,6 +242,10 @@ def _recording_file(draw: np.random.Generator) -> str | None:
             descr = str(draw.choice(["<f4", "<f8", "<i4", "|O", "<U9", "<c16", "|i1"]))
             np.lib.format.write_array_header_1_0(claim, {"descr": descr, "fortran_order": False, "shape": shape})
             raw[f"{name}.npy"] = claim.getvalue() + bytes(int(draw.integers(0, 10**6)))
+        elif kind == 3:
+            far = io.BytesIO()
+            np.save(far, (_kept().position * 10.0 ** draw.uniform(0, 38)).astype(np.float32))
+            raw["position.npy"] = far.getvalue()
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
             for name, data in raw.items():
                 file.writestr(name, data)
