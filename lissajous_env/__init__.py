@@ -5,19 +5,28 @@ import pettingzoo as _pettingzoo
 
 from lissajous_env import library as _library
 from lissajous_env.evaluation import evaluate
-from lissajous_env.gymnasium_env import LissajousEnv, LissajousVectorEnv, vector_env
+from lissajous_env.gymnasium_env import LissajousEnv
+from lissajous_env.gymnasium_vector import LissajousVectorEnv, vector_env
 from lissajous_env.pettingzoo_env import LissajousParallelEnv, env, parallel_env
-from lissajous_env.scenario import Scenario
+from lissajous_env.scenario import Curve, Faults, Formation, Noise, Robot, Scenario, Sensing, Targets, Task
 from lissajous_env.simulation import Simulation
 
 scenario, scenarios = _library.scenario, _library.scenarios
 
 __all__ = [
+    "Curve",
+    "Faults",
+    "Formation",
     "LissajousEnv",
     "LissajousParallelEnv",
     "LissajousVectorEnv",
+    "Noise",
+    "Robot",
     "Scenario",
+    "Sensing",
     "Simulation",
+    "Targets",
+    "Task",
     "env",
     "evaluate",
     "parallel_env",
@@ -31,7 +40,7 @@ for _name in scenarios():
     _gymnasium.register(
         id=_id,
         entry_point="lissajous_env.gymnasium_env:LissajousEnv",
-        vector_entry_point="lissajous_env.gymnasium_env:LissajousVectorEnv",
+        vector_entry_point="lissajous_env.gymnasium_vector:LissajousVectorEnv",
         kwargs=_settings,
     )
     _pettingzoo.register("parallel", _id, "lissajous_env.pettingzoo_env:parallel_env", kwargs=_settings)

@@ -5,6 +5,8 @@ import difflib
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from lissajous_env.scenario import (
     PARTS,
     Curve,
@@ -17,6 +19,7 @@ from lissajous_env.scenario import (
     Targets,
     Task,
 )
+from lissajous_env.wording import shown
 
 # Section VII prints robots 1 to 5 with R_1 = {2, 4}, R_2 = {1, 5}, R_3 = {4, 5}, R_4 = {1, 3}, R_5 = {2, 3}.
 _EXPERIMENT_RING = (0, 1, 4, 2, 3)
@@ -136,48 +139,80 @@ _SCENARIOS = (
 
 _BY_NAME = {each.name: each for each in _SCENARIOS}
 
+_MOST_STEPS = 2**20
+"""Steps of the longest episode."""
+
+
+class UnknownSettingError(ValueError, TypeError):
+    """A setting that no part of a scenario has.
+
+    It is a `ValueError`, as every wrong setting, and a `TypeError`, as every unexpected keyword argument: libraries
+    that try which keywords an environment takes go on from that.
+    """
+
 
 def scenarios() -> tuple[str, ...]:
     """Names of the scenarios that ship with the package."""
     return tuple(_BY_NAME)
 
 
-def scenario(name: str | Scenario, **overrides: Any) -> Scenario:
+def scenario(name: str | Scenario, /, **overrides: Any) -> Scenario:
     """Make a named scenario, with any field overridden.
 
     Overrides are dotted (`**{"curve.a": 11}`) or nested (`curve={"a": 11}`, `curve=Curve(...)`); also takes a
     `Scenario` to override.
 
     Raises:
-        ValueError: an unknown scenario or field (the message offers the nearest), or a value that a rule forbids.
+        UnknownSettingError: an unknown field; the message offers the nearest.
+        ValueError: an unknown scenario, or a value that a rule forbids.
     """
     if isinstance(name, Scenario):
         base = name
-    elif name in _BY_NAME:
+    elif isinstance(name, str) and name in _BY_NAME:
         base = _BY_NAME[name]
     else:
-        raise ValueError(f"scenario must be one of {', '.join(_BY_NAME)}, got {name!r}{_nearest(name, _BY_NAME)}")
+        raise ValueError(f"scenario must be one of {', '.join(_BY_NAME)}, got {shown(name)}{_nearest(name, _BY_NAME)}")
+    whole: dict[str, Any] = {}
     changed: dict[str, dict[str, Any]] = {}
     for key, value in overrides.items():
         part, dot, field = key.partition(".")
         if part not in PARTS:
-            raise ValueError(f"override must name one of {', '.join(PARTS)}, got {key!r}{_nearest(part, PARTS)}")
+            # The last words are Python's own, by which TorchRL knows a keyword that it may leave out.
+            raise UnknownSettingError(
+                f"override must name one of {', '.join(PARTS)}, got {key!r}{_nearest(part, PARTS)} "
+                f"(unexpected keyword argument {key!r})"
+            )
         if not dot and isinstance(value, PARTS[part]):
-            base = dataclasses.replace(base, **{part: value})
+            whole[part] = value
             continue
         if not dot and not isinstance(value, Mapping):
-            raise ValueError(f"override {part} must be a mapping or a {PARTS[part].__name__}, got {value!r}")
+            raise ValueError(f"override {part} must be a mapping or a {PARTS[part].__name__}, got {shown(value)}")
         fields = {field: value} if dot else dict(value)
         known = [f.name for f in dataclasses.fields(PARTS[part])]
         for field_name in fields:
             if field_name not in known:
-                raise ValueError(
+                raise UnknownSettingError(
                     f"override must name a field of {part} ({', '.join(known)}), got {part}.{field_name}"
                     f"{_nearest(field_name, known)}"
                 )
         changed.setdefault(part, {}).update(fields)
-    parts = {part: dataclasses.replace(getattr(base, part), **fields) for part, fields in changed.items()}
-    return dataclasses.replace(base, **parts)
+    for part, fields in changed.items():
+        whole[part] = dataclasses.replace(whole.get(part, getattr(base, part)), **fields)
+    return dataclasses.replace(base, **whole)
+
+
+def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
+    """Give a scenario an episode of so many steps in place of its `task.duration`; None leaves it as it is.
+
+    Raises:
+        ValueError: not a whole number from 1 to 2^20.
+    """
+    if max_cycles is None:
+        return made
+    whole = isinstance(max_cycles, (int, np.integer)) and not isinstance(max_cycles, bool)
+    if not whole or not 1 <= max_cycles <= _MOST_STEPS:
+        raise ValueError(f"max_cycles must be a whole number from 1 to {_MOST_STEPS}, got {shown(max_cycles)}")
+    return scenario(made, **{"task.duration": int(max_cycles) * made.task.step})
 
 
 def _nearest(word: Any, words: Any) -> str:

@@ -12,24 +12,31 @@ from pettingzoo.utils import parallel_to_aec, wrappers
 from lissajous_env import library
 from lissajous_env.actions import ActionReader, action_space
 from lissajous_env.scenario import Scenario
+from lissajous_env.seeding import drawn_seeds
 from lissajous_env.simulation import Simulation, fold_seed
+from lissajous_env.wording import shown
 
 
 class LissajousParallelEnv(ParallelEnv):
     """Robots that monitor a rectangle and detect rogue targets, as a PettingZoo `ParallelEnv`.
 
     The agents are `robot_0` ... and stay the same through an episode: a robot that a fault stops keeps observing, with
-    `works` at 0 and actions without effect. Only `task.on_collision = "remove"` terminates agents. Every episode is
-    truncated after `task.duration`. Observation rows are laid out in `lissajous_env.observation`; the reward of an
-    agent is the sum of the terms in its info under `reward_terms`, in the order of `lissajous_env.reward.TERMS`.
+    `works` at 0 and actions without effect. Only what removes robots, as `task.on_collision = "remove"`, terminates
+    agents. Every episode is truncated after `task.duration`. Without a seed the first episode is another one each time.
+    Observation rows are laid out in `lissajous_env.observation`; the reward of an agent is the sum of the terms in its
+    info under `reward_terms`, in the order of `lissajous_env.reward.TERMS`.
 
     Args:
         scenario: Name of a scenario, or one that was made.
         render_mode: None, `rgb_array`, or `human` for a window.
         discrete_actions: Whether actions are rows of `lissajous_env.actions.action_table` instead of numbers.
-        max_cycles: Steps of an episode, in place of `task.duration`.
+        max_cycles: Steps of an episode, at least 1, in place of `task.duration`.
         device: Warp device.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
+
+    Raises:
+        UnknownSettingError: a keyword that is neither of these nor a field; a `ValueError` and a `TypeError`.
+        ValueError: a setting that a rule forbids.
     """
 
     metadata = {  # noqa: RUF012 - PettingZoo declares it so
@@ -49,16 +56,16 @@ class LissajousParallelEnv(ParallelEnv):
         device: Any = "cpu",
         **overrides: Any,
     ):
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ValueError(f"render_mode must be None, rgb_array or human, got {render_mode!r}")
-        made = library.scenario(scenario, **overrides)
-        if max_cycles is not None:
-            made = library.scenario(made, **{"task.duration": max_cycles * made.task.step})
+        known = isinstance(render_mode, str) and render_mode in self.metadata["render_modes"]
+        if render_mode is not None and not known:
+            raise ValueError(f"render_mode must be None, rgb_array or human, got {shown(render_mode)}")
+        made = library.with_cycles(library.scenario(scenario, **overrides), max_cycles)
         self.render_mode = render_mode
         self.simulation = Simulation(made, num_worlds=1, device=device)
         self.scenario = self.simulation.scenario
         self.possible_agents = [f"robot_{i}" for i in range(self.scenario.num_robots)]
         self.agents: list[str] = []
+        self._begun = False
         layout = self.simulation.layout
         self.observation_spaces = {
             agent: gymnasium.spaces.Box(layout.low, layout.high, dtype=np.float32) for agent in self.possible_agents
@@ -77,11 +84,17 @@ class LissajousParallelEnv(ParallelEnv):
         return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
-        """Begin an episode: with the given seed, or with the next that the world draws from its last."""
+        """Begin an episode: with the given seed, or with the next that the world draws from its last.
+
+        The seed of a first episode that is given none comes from the operating system; `score()["seed"]` tells it.
+        """
         if seed is not None:
             self.simulation.reset(seeds=[fold_seed(seed)])
+        elif not self._begun:
+            self.simulation.reset(seeds=drawn_seeds(1))
         else:
             self.simulation.reset()
+        self._begun = True
         self.agents = list(self.possible_agents)
         self._begin_rendering()
         observations = dict(zip(self.agents, self._host(self._observation), strict=True))
@@ -100,7 +113,7 @@ class LissajousParallelEnv(ParallelEnv):
         if not agents:
             raise ResetNeeded("step needs a running episode: call reset first")
         if not isinstance(actions, Mapping):
-            raise ValueError(f"actions must be a dict of agents and their actions, got {actions!r}")
+            raise ValueError(f"actions must be a dict of agents and their actions, got {shown(actions)}")
         if len(actions) != len(agents):
             self._refuse_agents(actions)
         rows = self._action
@@ -193,7 +206,7 @@ class LissajousParallelEnv(ParallelEnv):
         sim = self.simulation
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
         self._reader = ActionReader(self.scenario, self._discrete_actions)
-        self._action = np.zeros(sim.action_shape[1:], dtype=np.float32)
+        self._action = np.zeros(sim.action_shape[1:])  # float64: what float32 cannot hold is clipped first
         of_device = (lambda array: array.numpy()) if sim.device.is_cpu else (lambda array: array)
         self._observation, self._reward = of_device(sim.observation), of_device(sim.reward)
         self._terminated, self._truncated = of_device(sim.terminated), of_device(sim.truncated)

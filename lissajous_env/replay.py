@@ -1,21 +1,22 @@
 """Recordings: an episode as arrays, to keep in a file, look at again, and turn into pictures."""
 
 import dataclasses
-import io
 import json
+import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from lissajous_env import library
+from lissajous_env import archive, library
 from lissajous_env.evaluation import ActingPolicy, Referee
 from lissajous_env.files import replacing
 from lissajous_env.render import Renderer, Snapshot, film, snapshot
 from lissajous_env.scenario import PARTS, Scenario
 from lissajous_env.simulation import Simulation, fold_seed
+from lissajous_env.state import NEVER
 
 FORMAT = "lissajous recording 1"
 """Written into every file; one with another is refused."""
@@ -88,9 +89,14 @@ class Recording:
             yield renderer.draw(self.snapshot(moment))
 
     def save(self, path: str | Path) -> None:
-        """Write a compressed .npz file that `load` reads: under a temporary name first, then renamed."""
-        about = {"format": FORMAT, "scenario": self.scenario.to_dict(), "score": self.score}
-        arrays = {name: getattr(self, name) for name in ARRAYS}
+        """Write a compressed .npz file that `load` reads: under a temporary name first, then renamed.
+
+        Raises:
+            ValueError: the arrays hold more than a gibibyte.
+        """
+        about = {"format": FORMAT, "scenario": self.scenario.resolve().to_dict(), "score": self.score}
+        arrays = {name: getattr(self, name).astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
+        _check_size(sum(array.nbytes for array in arrays.values()))
         with replacing(path) as temporary, open(temporary, "wb") as file:
             np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
 
@@ -118,11 +124,23 @@ class Recording:
         film.save_png(self, path, at, columns=columns, size=size)
 
 
-ARRAYS = tuple(field.name for field in dataclasses.fields(Recording) if field.type is np.ndarray)
-"""Names of the arrays of a recording."""
+_SINGLE, _COUNT = np.dtype(np.float32), np.dtype(np.int32)
+_OTHERS = {"phase": np.dtype(np.float64), "status": np.dtype(np.int8)}
+_COUNTS = ("motion", "appears_at", "found_at", "sensed_at", "contact", "collisions")
+
+ARRAYS = {
+    field.name: _OTHERS.get(field.name, _COUNT if field.name in _COUNTS else _SINGLE)
+    for field in dataclasses.fields(Recording)
+    if field.type is np.ndarray
+}
+"""The arrays of a recording, and their types."""
 
 _FIXED = ("motion", "appears_at", "found_at")
 """Those that do not change from moment to moment, or whose last state tells all."""
+
+
+_PLAIN = (str, int, float, type(None))
+"""Types of what a score row may hold; a bool is an int."""
 
 
 class Recorder:
@@ -133,12 +151,14 @@ class Recorder:
         self._moments: dict[str, list[np.ndarray]] = {name: [] for name in ARRAYS if name not in (*_FIXED, "contact")}
         self._contact: list[np.ndarray] = []
         self._last: Snapshot | None = None
+        self._bytes = 0
 
     def take(self) -> None:
         """Keep the world as it is now.
 
         Raises:
-            ValueError: this is not one step after the moment before, or the first is not the beginning.
+            ValueError: this is not one step after the moment before, or the first is not the beginning; or the
+                recording would hold more than a gibibyte.
         """
         now, robots = snapshot(self.simulation, self.world), self.simulation.robots
         due = 0 if self._last is None else self._last.step + 1
@@ -147,7 +167,9 @@ class Recorder:
         both = {"speed": robots.speed.numpy()[self.world], "phase": robots.phase.numpy()[self.world]}
         for name, kept in self._moments.items():
             kept.append(np.array(both[name] if name in both else getattr(now, name)))
-        self._contact.append(np.insert(now.contact, 0, now.step, axis=1))
+        self._contact.append(np.insert(now.contact, 0, now.step, axis=1).astype(np.int32))
+        self._bytes += sum(kept[-1].nbytes for kept in (*self._moments.values(), self._contact))
+        _check_size(self._bytes)
         self._last = now
 
     def recording(self, policy: str = "") -> Recording:
@@ -156,9 +178,8 @@ class Recorder:
             raise ValueError("a recording must hold at least one moment, got none")
         arrays = {name: np.stack(kept) for name, kept in self._moments.items()}
         arrays |= {name: getattr(self._last, name) for name in _FIXED}
-        arrays["status"] = arrays["status"].astype(np.int8)
-        arrays["collisions"] = arrays["collisions"].astype(np.int32)
-        arrays["contact"] = np.concatenate(self._contact).astype(np.int32)
+        arrays["contact"] = np.concatenate(self._contact)
+        arrays = {name: arrays[name].astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
         score = {"policy": policy, "episode": 0} | self.simulation.score([self.world])[0]
         return Recording(scenario=self.simulation.scenario, score=score, **arrays)
 
@@ -204,19 +225,40 @@ def load(path: str | Path) -> Recording:
         ValueError: the file is damaged or something else; the message names it.
         OSError: the file cannot be read.
     """
-    data = Path(path).read_bytes()
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
-            about = json.loads(str(stored["about"]))
-            if about["format"] != FORMAT:
-                raise ValueError(f"its format is {about['format']!r}, not {FORMAT!r}")
-            arrays = {name: stored[name] for name in ARRAYS}
-        parts: dict[str, Any] = {name: part(**about["scenario"].pop(name)) for name, part in PARTS.items()}
-        recording = Recording(scenario=Scenario(**about["scenario"], **parts), score=about["score"], **arrays)
-        _check(recording)
-    except Exception as error:  # bytes that are not what they should be make the readers raise almost anything
-        raise ValueError(f"{path} must be an undamaged recording (.npz), but {_reason(error)}") from error
+    with open(path, "rb") as file:
+        try:
+            return _loaded(file)
+        except Exception as error:  # bytes that are not what they should be make the readers raise almost anything
+            raise ValueError(f"{path} must be an undamaged recording (.npz), but {_reason(error)}") from error
+
+
+def _loaded(file: BinaryIO) -> Recording:
+    with zipfile.ZipFile(file) as stored:
+        about = archive.read_json(stored, "about")
+        if not isinstance(about, dict) or about.get("format") != FORMAT:
+            raise ValueError(f"its format is not {FORMAT!r}")
+        scenario = _scenario(about["scenario"])
+        recording = Recording(scenario=scenario, score=about["score"], **archive.read_arrays(stored, ARRAYS))
+    _check(recording)
     return recording
+
+
+def _scenario(saved: dict[str, Any]) -> Scenario:
+    """Make the scenario of a recording.
+
+    Raises:
+        ValueError: a rule forbids it, or what is derived from other fields is not filled in.
+    """
+    parts: dict[str, Any] = {name: part(**saved.pop(name)) for name, part in PARTS.items()}
+    derived = {"robot": ("count", "phase_rate_max"), "formation": ("p", "alpha", "ring"), "sensing": ("radius",)}
+    for part, fields in derived.items():
+        for field in fields:
+            if getattr(parts[part], field) is None:
+                raise ValueError(f"its {part}.{field} must be given")
+    words = {name: saved.pop(name) for name in ("name", "description")}
+    if saved or not all(isinstance(text, str) for text in words.values()):
+        raise ValueError("its scenario must hold a name, a description and the parts")
+    return Scenario(**words, **parts)
 
 
 def play(recording: Recording, *, speed: float = 1.0, size: Sequence[int] | None = None) -> None:
@@ -227,6 +269,7 @@ def play(recording: Recording, *, speed: float = 1.0, size: Sequence[int] | None
 def _check(recording: Recording) -> None:
     """Refuse arrays that do not fit the scenario or each other."""
     f, n, t = len(recording.position), recording.scenario.num_robots, len(recording.motion)
+    latest = int(NEVER)
     columns, rows = recording.scenario.task.grid or (1, 1)
     of_robots, of_targets = (f, n), (t,)
     shapes = dict.fromkeys(("heading", "speed", "phase", "status"), of_robots) | dict.fromkeys(_FIXED, of_targets)
@@ -236,14 +279,33 @@ def _check(recording: Recording) -> None:
         array = getattr(recording, name)
         if array.shape != shape or f == 0:
             raise ValueError(f"its {name} must have shape {shape}, got {array.shape}")
-        if array.dtype.kind not in "if" or not np.isfinite(array).all():
+        if not np.isfinite(array).all():
             raise ValueError(f"its {name} must hold finite numbers")
+        if array.dtype.kind == "i" and array.size and not -latest <= array.min() <= array.max() <= latest:
+            raise ValueError(f"its {name} must hold numbers from {-latest} to {latest}")
     contact = recording.contact
-    if contact.dtype.kind != "i" or (contact < 0).any() or (contact >= [f, n, n]).any():
+    if (contact < 0).any() or (contact >= [f, n, n]).any():
         raise ValueError("its contact must hold moments and robots that are there")
-    if not isinstance(recording.score.get("seed"), int):
-        raise ValueError("its score must hold the seed")
+    if f > recording.scenario.task.steps + 1:
+        raise ValueError(
+            f"its moments must be at most the {recording.scenario.task.steps} steps and the reset, got {f}"
+        )
+    score = recording.score
+    if not isinstance(score, dict) or not all(isinstance(value, _PLAIN) for value in score.values()):
+        raise ValueError("its score must hold numbers and words by name")
+    seed = score.get("seed")
+    if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**31:
+        raise ValueError("its score must hold the seed, a whole number from 0 to 2147483647")
+
+
+def _check_size(size: int) -> None:
+    if size > archive.MOST_BYTES:
+        raise ValueError(
+            f"a recording must hold at most {archive.MOST_BYTES:,} bytes: take a coarser task.grid, fewer targets or a "
+            "shorter task.duration"
+        )
 
 
 def _reason(error: Exception) -> str:
-    return f"it lacks {error.args[0]}" if isinstance(error, KeyError) else str(error) or type(error).__name__
+    first_line = str(error).partition("\n")[0]
+    return f"it lacks {error.args[0]}" if isinstance(error, KeyError) else first_line or type(error).__name__

@@ -24,6 +24,7 @@ from lissajous_env.state import RUNNING, Cells, Clock, Links, Robots, Rogues, St
 from lissajous_env.structs import to_struct
 from lissajous_env.tally import keep_score, reset_clock, reset_tally
 from lissajous_env.targets import TargetsStruct, move_targets, reset_arrivals, reset_targets
+from lissajous_env.wording import shown
 from lissajous_env.worlds import chosen_worlds, whole_number
 
 _START = {"equilibrium": 0, "rotated": 1, "random": 2}
@@ -324,7 +325,7 @@ def speed_scale(scenario: Scenario) -> float:
 def fold_seed(seed: int) -> int:
     """Map any whole number of at least 0 to a seed of a world; numbers below 2^31 stand for themselves."""
     if not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ValueError(f"seed must be a whole number of at least 0, got {seed!r}")
+        raise ValueError(f"seed must be a whole number of at least 0, got {shown(seed)}")
     if seed < 2**31:
         return int(seed)
     return int(np.random.SeedSequence(int(seed)).generate_state(1)[0] >> 1)

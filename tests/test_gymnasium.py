@@ -59,7 +59,7 @@ def test_every_scenario_is_registered(name):
         assert env.observation_space.contains(observation)
     assert type(reward) is float
     assert (terminated, truncated) == (False, False)
-    assert set(info) == {"reward", "reward_terms"}
+    assert set(info) == {"robot_reward", "reward_terms"}
     assert env.unwrapped.scenario.name == name
 
 
@@ -109,7 +109,7 @@ def test_a_vector_is_a_stack_of_single_environments(kind):
         assert reward.tolist() == [row[1] for row in rows[k]]
         assert terminated.tolist() == [row[2] for row in rows[k]]
         assert truncated.tolist() == [row[3] for row in rows[k]]
-        np.testing.assert_array_equal(infos["reward"], [row[4]["reward"] for row in rows[k]])
+        np.testing.assert_array_equal(infos["robot_reward"], [row[4]["robot_reward"] for row in rows[k]])
         done = terminated | truncated
         ends += done.sum()
         assert ("score" in infos) == done.any()
@@ -243,9 +243,9 @@ def test_the_reward_is_the_mean_over_the_robots():
     env.reset(seed=1)
     for batch in actions_of(env, 9):
         _, reward, _, _, infos = env.step(batch)
-        assert infos["reward"].shape == (4, 5)
-        np.testing.assert_allclose(reward, infos["reward"].mean(axis=1), rtol=1e-6)
-        assert infos["_reward"].all()
+        assert infos["robot_reward"].shape == (4, 5)
+        np.testing.assert_allclose(reward, infos["robot_reward"].mean(axis=1), rtol=1e-6)
+        assert infos["_robot_reward"].all()
 
 
 @EVERY_KIND

@@ -213,3 +213,30 @@ def test_an_episode_begins_anew_with_another_seed_each_time():
     again = [env.reset(seed=1)[0]["robot_0"].copy(), *(env.reset()[0]["robot_0"].copy() for _ in range(3))]
     np.testing.assert_array_equal(first, again)
     assert len({row.tobytes() for row in first}) == 4
+
+
+@pytest.mark.parametrize("maker", ["parallel", "aec"])
+def test_episodes_without_a_seed_are_different(maker):
+    # Oracle: four environments, four beginnings; and with a seed the same one.
+    make = {"parallel": lissajous_env.parallel_env, "aec": lissajous_env.env}[maker]
+    envs = [make("intruders") for _ in range(4)]
+
+    def beginnings(**seed):
+        for env in envs:
+            env.reset(**seed)
+        return {env.unwrapped.state().tobytes() for env in envs}
+
+    assert len(beginnings()) == 4
+    assert len(beginnings(seed=3)) == 1
+    # Without a seed they go on from there, each from its own stream.
+    assert len(beginnings()) == 1
+
+
+def test_actions_too_large_for_float32_are_clipped():
+    # Oracle: the end of the range that they lie beyond.
+    env, other = make("default"), make("default")
+    env.reset(seed=1)
+    other.reset(seed=1)
+    far = env.step({agent: np.array([1e300, -1e300]) for agent in env.agents})
+    near = other.step({agent: np.array([1.0, -1.0]) for agent in other.agents})
+    assert pickle.dumps(far) == pickle.dumps(near)

@@ -66,7 +66,20 @@ def test_size_is_what_was_asked_for(size):
     assert picture.shape == (size[1], size[0], 3)
 
 
-@pytest.mark.parametrize("size", [(159, 400), (400,), (400.5, 300)])
+@pytest.mark.parametrize(
+    "size",
+    [
+        (159, 400),
+        (400,),
+        (400.5, 300),
+        (10**5, 10**5),
+        (3841, 2160),
+        (float("nan"), 300),
+        (1e30, 300),
+        "ab",
+        ["9", "9"],
+    ],
+)
 def test_bad_size_is_refused(size):
     with pytest.raises(ValueError, match="size must be"):
         Renderer("experiment", size)
@@ -246,3 +259,137 @@ def test_window_without_a_display_is_refused_with_a_way_out(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "no such driver")
     with pytest.raises(OSError, match="rgb_array"):
         renderer.show(10)
+
+
+HUGE = {
+    "radius 20": ("experiment", {"sensing.radius": 20.0}),
+    "radius 1e6": ("experiment", {"sensing.radius": 1e6}),
+    "radius of a crowd": ("swarm", {"sensing.radius": 1e6}),
+    "lobes": ("failure", {"curve.a": 1023, "curve.b": 1022, "robot.count": 5}),
+    "lobes of a knot": ("knot", {"curve.a": 1023, "curve.b": 1022, "robot.count": 5}),
+    "robots": ("failure", {"robot.count": 1024, "formation.p": None, "faults.schedule": ()}),
+    "cells": ("experiment", {"task.grid": (4096, 4096)}),
+    "targets": ("failure", {"targets.count": 1_000_000}),
+    "short steps": ("failure", {"task.step": 1e-4, "task.duration": 1.0}),
+}
+
+
+@pytest.mark.parametrize("kind", HUGE)
+def test_a_picture_needs_no_more_memory_than_its_size_asks_for(kind):
+    # In a process of its own, in which there is room for pictures but not for what is drawn.
+    name, overrides = HUGE[kind]
+    code = f"""
+import resource
+import lissajous_env
+from lissajous_env.render import Renderer, snapshot
+simulation = lissajous_env.Simulation(lissajous_env.scenario({name!r}, **{overrides!r}), seed=3)
+small = Renderer("experiment")
+small.draw(lissajous_env.Simulation("experiment", seed=3))
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+pictures = Renderer(simulation.scenario).draw(simulation)
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024, pictures.std() > 5)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    megabytes, shows_something = done.stdout.split()[-2:]
+    assert int(megabytes) < 300
+    assert shows_something == "True"
+
+
+@pytest.mark.parametrize("radius", [0.6, 0.9, 1.7, 5.0])
+def test_a_disc_that_is_cut_is_the_disc(radius):
+    # Oracle: pygame's own circles on a surface large enough for all of them, cut afterwards.
+    from lissajous_env.render.canvas import FINE, opaque
+    from lissajous_env.render.sensors import Sensors
+
+    room, pixels = pygame.Rect(30, 20, 400, 200), 200 * radius
+    middles = np.array([[60.0, 40.0], [230.0, 120.0], [-100.0, 90.0], [430.0, 320.0]])
+    drawn, oracle = opaque((460, 240)), opaque((460, 240))
+    for surface in (drawn, oracle):
+        surface.fill(palette.GROUND)
+        surface.set_clip(room)
+    Sensors(pixels, 4, room).draw(drawn, middles)
+    for middle in middles:
+        layer = pygame.Surface((460, 240), pygame.SRCALPHA, 32)
+        pygame.draw.circle(layer, (*palette.SENSING, 22), middle, pixels)
+        pygame.draw.circle(layer, (*palette.SENSING, 105), middle, pixels, FINE)
+        oracle.blit(layer, (0, 0))
+    away = np.abs(pygame.surfarray.array3d(drawn).astype(int) - pygame.surfarray.array3d(oracle)).max(axis=-1)
+    # They may differ by a pixel at the rims and nowhere else.
+    assert (away > 3).mean() < 0.03
+
+
+def test_a_crowd_of_discs_is_their_union():
+    # Oracle: the distance to the nearest middle, pixel by pixel.
+    from lissajous_env.render.canvas import FINE, opaque
+    from lissajous_env.render.sensors import Sensors
+
+    room, pixels = pygame.Rect(30, 20, 400, 200), 90.0
+    middles = np.random.default_rng(0).uniform([-50, -50], [250, 250], (100, 2))
+    surface = opaque((460, 240))
+    surface.fill(palette.GROUND)
+    Sensors(pixels, 100, room).draw(surface, middles)
+    x, y = np.meshgrid(np.arange(30, 430), np.arange(20, 220), indexing="ij")
+    nearest = np.min([np.hypot(x - mx, y - my) for mx, my in middles], axis=0)
+    shown = pygame.surfarray.array3d(surface)[30:430, 20:220]
+    assert (shown[nearest > pixels + 1] == palette.GROUND).all()
+    inner, rim = shown[nearest < pixels - FINE - 1], shown[(nearest < pixels - 1) & (nearest > pixels - FINE + 1)]
+    assert len(inner) > 1000 < 10 * len(rim)
+    assert (inner == inner[0]).all()
+    assert (rim == rim[0]).all()
+    assert rim[0].sum() < inner[0].sum() < sum(palette.GROUND)
+
+
+@pytest.mark.parametrize("far", [1e3, 1e9, 1e30, 3e38])
+def test_robots_and_targets_however_far_away(far):
+    simulation, seen = world()
+    renderer = Renderer(simulation.scenario)
+    seen = with_one_target(seen, int(NEVER))
+    plain = renderer.draw(seen)
+    position = np.array(seen.position)
+    position[:3, :2] = [[far, 0.0], [-far, far], [0.0, -far]]
+    trail = np.arange(4), np.stack([seen.position[:, :2], position[:, :2], -position[:, :2], position[:, :2]])
+    away = dataclasses.replace(
+        seen,
+        position=position,
+        trail=trail,
+        target_position=np.full_like(seen.target_position, far),
+        contact=np.array([[0, 1], [3, 4], [2, 3]]),
+    )
+    picture = renderer.draw(away)
+    assert count_near(picture[:, -30:], palette.ROBOT) > 30
+    assert len(changed(plain, picture)) > 500
+    assert count_near(picture, palette.TARGET) < count_near(plain, palette.TARGET)
+
+
+@pytest.mark.parametrize("end", [pygame.quit, pygame.font.quit, pygame.display.quit])
+def test_pictures_after_something_else_has_ended_pygame(end):
+    simulation, _ = world()
+    renderer = Renderer(simulation.scenario)
+    picture = renderer.draw(simulation)
+    for begin in (lambda: None, pygame.font.init):
+        end()
+        begin()
+        # The same words again, which are kept, and others, which are not.
+        np.testing.assert_array_equal(renderer.draw(simulation), picture)
+        np.testing.assert_array_equal(Renderer(simulation.scenario).draw(simulation), picture)
+        simulation.step(np.zeros(simulation.action_shape, np.float32))
+        renderer.reset()
+        picture = renderer.draw(simulation)
+
+
+@pytest.mark.parametrize("end", [pygame.quit, pygame.display.quit, lambda: pygame.display.set_mode((30, 20))])
+def test_a_window_is_opened_again_after_something_else_has_closed_it(end):
+    env = lissajous_env.parallel_env("experiment", render_mode="human")
+    env.reset(seed=0)
+    end()
+    env.step({agent: np.zeros(2, np.float32) for agent in env.agents})
+    assert pygame.display.get_surface().get_size() == (988, 584)
+    assert pygame.surfarray.array3d(pygame.display.get_surface()).std() > 5
+    env.close()
+
+
+@pytest.mark.parametrize("name", ["x" * 10**6, "a\0b", "two\nlines", "\ud800", "", "\U0001f697 car"])
+def test_any_name_can_be_written(name):
+    scenario = dataclasses.replace(lissajous_env.scenario("experiment"), name=name)
+    assert Renderer(scenario).draw(lissajous_env.Simulation(scenario)).std() > 5

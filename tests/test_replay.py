@@ -267,3 +267,41 @@ def test_player_ends_when_its_window_is_closed(recording, monkeypatch):
     monkeypatch.setattr(film.Window, "show", showing)
     replay.play(recording, size=(240, 160))
     assert not pygame.display.get_init()
+
+
+def test_positions_far_away_are_drawn(recording, tmp_path):
+    far = dataclasses.replace(recording, position=recording.position + np.float32(1e30))
+    far.save(tmp_path / "far.npz")
+    assert replay.load(tmp_path / "far.npz").save_gif(tmp_path / "far.gif", size=(240, 160)) == 13
+
+
+@pytest.mark.parametrize(
+    ("settings", "pictures"),
+    [({"fps": 1e-9}, 1), ({"fps": 1e300}, 13), ({"speed": 1e300}, 1), ({"speed": 1e308, "fps": 1e-308}, 1)],
+)
+def test_any_pace_of_a_gif(recording, tmp_path, settings, pictures):
+    assert recording.save_gif(tmp_path / "a.gif", size=(240, 160), **settings) == pictures
+    with Image.open(tmp_path / "a.gif") as gif:
+        assert gif.n_frames == pictures
+
+
+def test_a_gif_too_slow_to_be_shown_is_refused(recording, tmp_path):
+    with pytest.raises(
+        ValueError, match=r"fps and speed must show a picture for at most 655\.35 s, got .* speed 1e-09"
+    ):
+        recording.save_gif(tmp_path / "a.gif", speed=1e-9)
+    assert not list(tmp_path.iterdir())
+
+
+def test_contact_sheets_have_a_largest_size(recording, tmp_path):
+    with pytest.raises(ValueError, match="at must hold at most 100 times, got 101"):
+        recording.save_png(tmp_path / "a.png", [0.0] * 101)
+    for columns in (0, -1, 1.5):
+        with pytest.raises(ValueError, match="columns must be a whole number of at least 1"):
+            recording.save_png(tmp_path / "a.png", columns=columns)
+
+
+def test_an_episode_too_large_to_be_kept_is_refused_while_it_is_recorded(monkeypatch):
+    monkeypatch.setattr(replay.archive, "MOST_BYTES", 10_000)
+    with pytest.raises(ValueError, match=r"a recording must hold at most 10,000 bytes: take a coarser task\.grid"):
+        replay.record(Straight(), lissajous_env.scenario("experiment", **SHORT))

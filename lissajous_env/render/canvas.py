@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 import pygame
@@ -15,6 +15,12 @@ FINE = 3
 
 HEADER, FOOTER, MARGIN = 46, 40, 14
 """Space above and below the plot, and around it [px]."""
+
+SMALLEST, LARGEST = 160, 3840 * 2160
+"""Sides of a picture are at least so long [px], and it has at most so many pixels."""
+
+_AT_ONCE = 2**21
+"""Pixels that one stamp writes at a time."""
 
 _MASKS = (0xFF0000, 0x00FF00, 0x0000FF, 0)
 
@@ -37,7 +43,7 @@ class View:
         """Fit the scenario's rectangle, and robots on its edge, into a picture of a given or a fitting size.
 
         Raises:
-            ValueError: a size that is not two whole numbers of at least 160.
+            ValueError: a size that is not two whole numbers of at least 160, or of more than 3840 x 2160 pixels.
         """
         half = scenario.curve.half_width, scenario.curve.half_height
         extent = 2 * (np.array(half) + 1.25 * scenario.robot.radius)
@@ -47,8 +53,11 @@ class View:
             size = max(wide + 2 * MARGIN, 720), high + HEADER + FOOTER + 2 * MARGIN
             # Video codecs want even numbers.
             size = size[0] + size[0] % 2, size[1] + size[1] % 2
-        elif len(size) != 2 or any(int(length) != length or length < 160 for length in size):
-            raise ValueError(f"size must be (width, height), whole numbers of at least 160 [px], got {size!r}")
+        elif not _is_size(size):
+            raise ValueError(
+                f"size must be (width, height), whole numbers of at least {SMALLEST} [px] and together of at most "
+                f"{LARGEST:,} pixels, got {size!r}"
+            )
         width, height = int(size[0]), int(size[1])
         room = np.array([width - 2 * MARGIN, height - HEADER - FOOTER - 2 * MARGIN])
         scale = float(np.min(np.maximum(room, 20) / extent))
@@ -82,6 +91,35 @@ class View:
         return pygame.Rect(left, top, right - left, bottom - top)
 
 
+def _is_size(size: Sequence[int]) -> bool:
+    if np.shape(size) != (2,) or np.asarray(size).dtype.kind not in "iuf":
+        return False
+    width, height = (float(length) for length in size)
+    whole = width.is_integer() and height.is_integer()
+    return whole and min(width, height) >= SMALLEST and width * height <= LARGEST
+
+
+def within(points: np.ndarray, room: pygame.Rect) -> np.ndarray:
+    """(...,) bool: points (..., 2) that lie in a rectangle."""
+    return np.asarray(((points >= room.topleft) & (points < room.bottomright)).all(axis=-1))
+
+
+def cut(start: np.ndarray, end: np.ndarray, room: pygame.Rect) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the ends of the part of a line that lies in a rectangle, None if none does.
+
+    pygame walks along the whole of a line, however little of it can be seen.
+    """
+    way, first, last = end - start, 0.0, 1.0
+    for axis, (low, high) in enumerate(zip(room.topleft, room.bottomright, strict=True)):
+        if way[axis] == 0:
+            if not low <= start[axis] <= high:
+                return None
+            continue
+        enters, leaves = sorted(((low - start[axis]) / way[axis], (high - start[axis]) / way[axis]))
+        first, last = max(first, enters), min(last, leaves)
+    return (start + first * way, start + last * way) if first <= last else None
+
+
 def opaque(size: tuple[int, int]) -> pygame.Surface:
     """Make a surface without transparency, blue first in memory."""
     return pygame.Surface(size, 0, 32, _MASKS)
@@ -113,23 +151,33 @@ def stamp(
     """
     width, height = surface.get_size()
     reach = int(radius) + 1
-    corner = np.rint(points).astype(np.int64)
+    corner = np.rint(points)
     inside = ((corner >= reach) & (corner < np.array([width, height]) - reach)).all(axis=1)
-    corner, offsets = corner[inside], _disc(round(radius, 1), round(hole, 1))
-    if not len(corner):
+    if not inside.any():
         return
-    at = (corner[:, 1] * width + corner[:, 0])[:, None] + (offsets[:, 1] * width + offsets[:, 0])
+    corner, offsets = corner[inside].astype(np.int64), _disc(round(radius, 1), round(hole, 1))
+    at = _covered(corner @ [1, width], offsets @ [1, width], width * height)
     memory = pygame.surfarray.pixels2d(surface).T.reshape(-1)
     if alpha >= 1:
         memory[at] = (colour[0] << 16) | (colour[1] << 8) | colour[2]
         return
     channels = memory.view(np.uint8).reshape(-1, 4)
-    under = channels[at.ravel()].astype(np.float32)
+    under = channels[at].astype(np.float32)
     over = np.array([colour[2], colour[1], colour[0], 0], dtype=np.float32)
-    channels[at.ravel()] = (under + alpha * (over - under) + 0.5).astype(np.uint8)
+    channels[at] = (under + alpha * (over - under) + 0.5).astype(np.uint8)
 
 
-@cache
+def _covered(places: np.ndarray, offsets: np.ndarray, pixels: int) -> np.ndarray:
+    """Indices of the pixels at all offsets from all places; each once where there are many, for the memory's sake."""
+    if len(places) * len(offsets) <= _AT_ONCE:
+        return (places[:, None] + offsets).ravel()
+    covered, some = np.zeros(pixels, dtype=bool), max(_AT_ONCE // len(offsets), 1)
+    for first in range(0, len(places), some):
+        covered[places[first : first + some, None] + offsets] = True
+    return np.flatnonzero(covered)
+
+
+@lru_cache(maxsize=256)
 def _disc(radius: float, hole: float) -> np.ndarray:
     reach = int(radius) + 1
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]

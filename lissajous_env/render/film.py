@@ -20,6 +20,12 @@ from lissajous_env.render.window import Window
 if TYPE_CHECKING:
     from lissajous_env.replay import Recording
 
+MOST_PICTURES = 100
+"""Pictures of a contact sheet, at most."""
+
+LONGEST = 655.35
+"""Time for which a GIF can show a picture [s]."""
+
 FASTEST = 30.0
 """Pictures a second in a window [1/s]."""
 
@@ -45,17 +51,26 @@ def save_gif(
 
     Returns:
         How many pictures it has.
+
+    Raises:
+        ValueError: fps or speed are not positive, or so slow that a picture would be shown for more than 655.35 s.
     """
     _require_positive(fps=fps, speed=speed)
     step = recording.scenario.task.step
-    every = max(math.ceil(speed / (min(fps, 50.0) * step) - 1e-9), 1)
+    every = max(math.ceil(min(speed / (min(fps, 50.0) * step), len(recording)) - 1e-9), 1)
+    seconds = every * step / speed
+    if seconds > LONGEST:
+        raise ValueError(
+            f"fps and speed must show a picture for at most {LONGEST} s, got fps {fps:g} and speed {speed:g}: "
+            f"{seconds:.3g} s"
+        )
     if size is None:
         size = [length * 3 // 4 for length in View.of(recording.scenario).size]
     renderer = Renderer(recording.scenario, size)
     moments = range(0, len(recording), every)
     samples = [renderer.draw(recording.snapshot(moments[k])) for k in _spread(len(moments), 5)]
     # GIF counts in hundredths of a second, and most that show it cannot do less than two.
-    shown = max(round(100 * every * step / speed), 2)
+    shown = max(round(100 * seconds), 2)
     with replacing(path) as temporary, open(temporary, "wb") as file:
         writer = GifWriter(file, samples, shown)
         for frame in recording.frames(renderer, every):
@@ -84,12 +99,16 @@ def save_png(
         size: Width and height of one picture [px]; None is as in `Renderer`.
 
     Raises:
-        ValueError: a time outside the recording, or none.
+        ValueError: a time outside the recording, none or more than 100, or columns below 1.
     """
     step, last = recording.scenario.task.step, len(recording) - 1
     times = [k * step for k in _spread(last + 1, 6)] if at is None else list(at)
     if not times or not all(0 <= when <= recording.duration + step / 2 for when in times):
         raise ValueError(f"at must hold times from 0 to {recording.duration:g} s, got {times}")
+    if len(times) > MOST_PICTURES:
+        raise ValueError(f"at must hold at most {MOST_PICTURES} times, got {len(times)}")
+    if columns is not None and (not isinstance(columns, int) or columns < 1):
+        raise ValueError(f"columns must be a whole number of at least 1, got {columns!r}")
     renderer = Renderer(recording.scenario, size)
     frames = [renderer.draw(recording.snapshot(min(round(time / step), last))) for time in times]
     height, width, _ = frames[0].shape

@@ -1,4 +1,4 @@
-"""What lies on the ground: the rectangle, its idleness, the curve, the discs of the sensors."""
+"""What lies on the ground: the rectangle, its idleness, the curve; the discs of the sensors lie on it."""
 
 import numpy as np
 import pygame
@@ -6,10 +6,15 @@ import pygame
 from lissajous_env import theory
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, opaque, transparent
+from lissajous_env.render.sensors import Sensors
+from lissajous_env.render.snapshot import thinned
 from lissajous_env.scenario import Scenario
 
 IDLE_BOUNDS = 2.0
 """Idleness that is drawn in full colour, in multiples of T_max."""
+
+_MOST_POINTS = 60_000
+"""Points of the curve that are drawn at most."""
 
 
 class Ground:
@@ -26,7 +31,9 @@ class Ground:
         self.base.fill(palette.PAPER)
         self.base.fill(palette.GROUND, self.rectangle)
         self._curve = _curve(scenario, view)
-        self._disc = _disc(FINE * view.scale * float(scenario.sensing.radius or 0.0), scenario.num_robots)
+        self._sensors = Sensors(FINE * view.scale * scenario.sensing_radius, scenario.num_robots, self.rectangle)
+        self.most_cells = self.rectangle.height // FINE, self.rectangle.width // FINE
+        """Rows and columns of the grid that are drawn at most."""
 
     def draw(self, surface: pygame.Surface, sensed_at: np.ndarray, step: int, sensing: np.ndarray) -> None:
         """Draw the ground; `sensing` (n, 2) is where the working robots are [m], `sensed_at` as in the snapshot."""
@@ -34,13 +41,13 @@ class Ground:
         surface.set_clip(self.rectangle)
         if self._task.grid is not None:
             surface.blit(self._heat(sensed_at, step), self.rectangle)
-        for middle in self.view.fine(sensing):
-            surface.blit(self._disc, self._disc.get_rect(center=(round(middle[0]), round(middle[1]))))
+        self._sensors.draw(surface, self.view.fine(sensing))
         surface.set_clip(None)
         surface.blit(self._curve, (0, 0))
         pygame.draw.rect(surface, palette.EDGE, self.rectangle.inflate(2 * FINE, 2 * FINE), FINE)
 
     def _heat(self, sensed_at: np.ndarray, step: int) -> pygame.Surface:
+        sensed_at = thinned(sensed_at, self.most_cells)
         idle = np.clip((step - sensed_at) * self._task.step / self.idle_full, 0.0, 1.0)[..., None]
         colours = np.array(palette.GROUND) + idle * (np.array(palette.IDLE) - palette.GROUND)
         cells = opaque(sensed_at.shape[::-1])
@@ -51,13 +58,16 @@ class Ground:
 
 def _curve(scenario: Scenario, view: View) -> pygame.Surface:
     """Draw the Lissajous curve; seen from above, what lies lower is interrupted where it is crossed."""
-    curve = scenario.curve
-    lap = np.linspace(0.0, 2 * np.pi, max(180 * (curve.a + curve.b), 2000))
-    points = view.fine(theory.curve_point(curve, lap))
+    curve, rectangle = scenario.curve, view.rectangle(fine=True)
+    surface = transparent(view.fine_size)
     # Many lobes would make one grey area of lines of full strength.
     share = float(np.clip(16 / (curve.a + curve.b), 0.35, 1.0)) ** 0.5
     width, colour = max(round(1.3 * share * FINE), 2), (*palette.CURVE, round(235 * share))
-    surface = transparent(view.fine_size)
+    if curve.a + curve.b > max(rectangle.size) / width:
+        surface.fill(colour, rectangle)  # its lines leave no room between them
+        return surface
+    lap = np.linspace(0.0, 2 * np.pi, min(max(180 * (curve.a + curve.b), 2000), _MOST_POINTS))
+    points = view.fine(theory.curve_point(curve, lap))
     if curve.half_depth == 0:
         pygame.draw.lines(surface, colour, True, points.tolist(), width)
         return surface
@@ -65,15 +75,4 @@ def _curve(scenario: Scenario, view: View) -> pygame.Surface:
     for k in np.argsort(height[:-1]):
         pygame.draw.line(surface, (0, 0, 0, 0), points[k], points[k + 1], width + 6 * FINE)
         pygame.draw.line(surface, colour, points[k], points[k + 1], width)
-    return surface
-
-
-def _disc(radius: float, robots: int) -> pygame.Surface:
-    """Draw one sensing disc, fainter where many overlap."""
-    side = 2 * round(radius) + 3
-    surface = transparent((side, side))
-    middle = (side // 2, side // 2)
-    strength = 1.0 if robots <= 6 else 0.8
-    pygame.draw.circle(surface, (*palette.SENSING, round(22 * strength)), middle, radius)
-    pygame.draw.circle(surface, (*palette.SENSING, round(105 * strength)), middle, radius, FINE)
     return surface

@@ -21,6 +21,12 @@ from lissajous_env.state import WORKING
 if TYPE_CHECKING:
     from lissajous_env.simulation import Simulation
 
+LONGEST_TRAIL = 60
+"""Moments of which a trail is drawn, at most."""
+
+MOST_WORLDS = 64
+"""Worlds of which one renderer keeps trails."""
+
 
 class Renderer:
     """Draws worlds of one scenario, on a surface in memory; only `show` opens a window.
@@ -30,7 +36,7 @@ class Renderer:
         size: Width and height of the picture [px]; None fits the scenario's rectangle.
 
     Raises:
-        ValueError: a size that is not two whole numbers of at least 160.
+        ValueError: a size that is not two whole numbers of at least 160, or of more than 3840 x 2160 pixels.
     """
 
     def __init__(self, scenario: str | Scenario, size: Sequence[int] | None = None):
@@ -45,8 +51,7 @@ class Renderer:
         self._panel = Panel(self.scenario, self.view, self._ground.idle_full, self._targets.radius)
         self._panel.draw_fixed(self._ground.base)
         self._window: Window | None = None
-        self._episode: tuple[int, int] | None = None
-        self._past: deque[tuple[int, np.ndarray]] = deque()
+        self._past: dict[int, tuple[int, deque[tuple[int, np.ndarray]]]] = {}
 
     def draw(self, simulation: "Simulation | Snapshot", world: int = 0) -> np.ndarray:
         """Draw one world of a simulation, which is only read, or a snapshot of one.
@@ -56,7 +61,9 @@ class Renderer:
         Returns:
             (H, W, 3) uint8, the caller's own.
         """
-        seen = simulation if isinstance(simulation, Snapshot) else snapshot(simulation, world)
+        seen = simulation
+        if not isinstance(seen, Snapshot):
+            seen = snapshot(seen, world, self._ground.most_cells)
         steps, trail = self._trail(seen)
         sensing = seen.position[seen.status == int(WORKING), :2]
         self._ground.draw(self._fine, seen.sensed_at, seen.step, sensing)
@@ -88,15 +95,28 @@ class Renderer:
     def _trail(self, seen: Snapshot) -> tuple[np.ndarray, np.ndarray]:
         """Steps (K,) and positions (K, N, 2) of the trails, the oldest first and the robots themselves last."""
         longest = self._team.trail_steps()
+        apart = -(-longest // LONGEST_TRAIL)
         if seen.trail is not None:
-            keep = seen.trail[0] >= seen.step - longest
-            return seen.trail[0][keep], seen.trail[1][keep]
-        if self._episode != (seen.world, seen.seed):
-            self._episode = seen.world, seen.seed
-            self._past.clear()
-        while self._past and self._past[-1][0] >= seen.step:
-            self._past.pop()
-        while self._past and self._past[0][0] < seen.step - longest:
-            self._past.popleft()
-        self._past.append((seen.step, seen.position[:, :2]))
-        return np.array([step for step, _ in self._past]), np.stack([place for _, place in self._past])
+            steps, places = seen.trail
+            keep = np.flatnonzero(steps >= seen.step - longest)[::-apart][::-1]
+            return steps[keep], places[keep]
+        past = self._past_of(seen)
+        while past and past[-1][0] >= seen.step:
+            past.pop()
+        while past and past[0][0] < seen.step - longest:
+            past.popleft()
+        now = (seen.step, seen.position[:, :2])
+        trail = [*past, now]
+        if not past or seen.step - past[-1][0] >= apart:
+            past.append(now)
+        return np.array([step for step, _ in trail]), np.stack([place for _, place in trail])
+
+    def _past_of(self, seen: Snapshot) -> deque[tuple[int, np.ndarray]]:
+        """Steps and positions that were drawn of an episode; only of so many worlds, those that were drawn first go."""
+        seed, past = self._past.get(seen.world, (None, deque()))
+        if seed != seen.seed:
+            past.clear()
+            self._past[seen.world] = seen.seed, past
+        if len(self._past) > MOST_WORLDS:
+            del self._past[next(iter(self._past))]
+        return past

@@ -34,7 +34,7 @@ class Snapshot:
     found_at: np.ndarray
     """(T,) step in which it was detected; above `step` before."""
     sensed_at: np.ndarray
-    """(R, C) step in which a cell was last sensed; the lowest row comes first."""
+    """(R, C) step in which a cell was last sensed, or of a large grid every so manieth; the lowest row comes first."""
     contact: np.ndarray
     """(M, 2) pairs of robots that have collided and not yet parted."""
     collisions: int
@@ -62,8 +62,14 @@ class Snapshot:
         return float(waited.mean()) * step if waited.size else np.nan
 
 
-def snapshot(simulation: "Simulation", world: int = 0) -> Snapshot:
-    """Copy what a picture shows of one world; the simulation is only read."""
+def snapshot(simulation: "Simulation", world: int = 0, most_cells: tuple[int, int] | None = None) -> Snapshot:
+    """Copy what a picture shows of one world; the simulation is only read.
+
+    Args:
+        simulation: Which is read.
+        world: Which of its worlds.
+        most_cells: Rows and columns of the grid at most, evenly chosen; None takes all.
+    """
     clock, robots, rogues = simulation.clock, simulation.robots, simulation.rogues
     return Snapshot(
         step=int(_of(clock.step, world)),
@@ -76,14 +82,20 @@ def snapshot(simulation: "Simulation", world: int = 0) -> Snapshot:
         motion=_of(rogues.motion, world),
         appears_at=_of(rogues.appears_at, world),
         found_at=_of(rogues.found_at, world),
-        sensed_at=_of(simulation.cells.sensed_at, world),
+        sensed_at=_of(simulation.cells.sensed_at, world, most_cells),
         contact=np.argwhere(_of(simulation.tally.contact, world)),
         collisions=int(_of(simulation.tally.collisions, world)),
     )
 
 
-def _of(array: Any, world: int) -> np.ndarray:
+def thinned(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:
+    """Return every so manieth row and column of a grid (R, C), at most so many."""
+    down, along = (-(-length // max(limit, 1)) for length, limit in zip(cells.shape, most, strict=True))
+    return cells[down // 2 :: down, along // 2 :: along]
+
+
+def _of(array: Any, world: int, most: tuple[int, int] | None = None) -> np.ndarray:
     """Return one world of a device array, copied to the host without the others."""
-    if array.device.is_cpu or array.ndim == 1 or array.size == 0:
-        return array.numpy()[world].copy()
-    return array[world].numpy()
+    whole = array.device.is_cpu or array.ndim == 1 or array.size == 0
+    host = array.numpy()[world] if whole else array[world].numpy()
+    return (host if most is None else thinned(host, most)).copy()

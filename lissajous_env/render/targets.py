@@ -14,6 +14,9 @@ from lissajous_env.targets import FLEEING
 FLASH = 1.0
 """Time for which a detection shows [s]."""
 
+SHADES = 20
+"""Ages of a detection that look different."""
+
 SMALL = 2.2 * FINE
 """Radius up to which a dot has no room for anything around it [px of the fine surface]."""
 
@@ -36,11 +39,11 @@ class Targets:
         found = snapshot.found
         if not self.scenario.targets.leave:
             stamp(surface, places[found], FINE * self.radius, palette.FOUND)
-        age = (snapshot.step - snapshot.found_at) * step
-        recent = np.flatnonzero(found & (age < flash))
-        for at in np.unique(snapshot.found_at[recent]):
-            ones = recent[snapshot.found_at[recent] == at]
-            draw_flash(surface, places[ones], FINE * self.radius, (snapshot.step - int(at)) * step / flash)
+        age = (snapshot.step - snapshot.found_at) * step / flash
+        recent = np.flatnonzero(found & (age < 1))
+        shade = np.floor(SHADES * age[recent] + 1e-6) / SHADES
+        for each in np.unique(shade):
+            draw_flash(surface, places[recent[shade == each]], FINE * self.radius, float(each))
         present, flees = snapshot.present, snapshot.motion == int(FLEEING)
         draw_dots(surface, places[present & ~flees], FINE * self.radius, flees=False)
         draw_dots(surface, places[present & flees], FINE * self.radius, flees=True)

@@ -5,7 +5,7 @@ import pygame
 
 from lissajous_env import theory
 from lissajous_env.render import palette
-from lissajous_env.render.canvas import FINE, View, transparent
+from lissajous_env.render.canvas import FINE, View, cut, transparent, within
 from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.text import write, write_outlined
 from lissajous_env.scenario import Scenario
@@ -13,6 +13,9 @@ from lissajous_env.state import REMOVED, STUCK, WORKING
 
 LONGEST_TRAIL = 3.0
 """Time of a trail [s]; shorter where the robots are fast for the size of the rectangle."""
+
+MOST_CONTACTS = 2000
+"""Contacts that are ringed at most; a crowd in one heap has hundreds of thousands."""
 
 
 class Team:
@@ -28,6 +31,7 @@ class Team:
         self._inside = self.radius > (17 if scenario.robot.kind == "car" else 8.5)
         self._number_size = round(min(0.3 * self.radius + 8, 17))
         self._room = view.plot()
+        self._around = self._room.inflate(2 * self._room.width, 2 * self._room.height)
         ring = scenario.ring
         self._edges = [(ring[k - 1], ring[k]) for k in range(len(ring)) if len(ring) > 2 or k == 1]
         self._soft = transparent(view.fine_size)
@@ -41,7 +45,7 @@ class Team:
         lap = np.linspace(0, 2 * np.pi, 512)
         speed = scenario.formation.phase_rate * theory.curve_speed(scenario.curve, lap).mean()
         longest = 1.1 * min(scenario.curve.half_width, scenario.curve.half_height) * (0.2 if self.many else 1.0)
-        return max(round(min(LONGEST_TRAIL, longest / speed) / scenario.task.step), 2)
+        return max(round(min(LONGEST_TRAIL / scenario.task.step, longest / speed / scenario.task.step, 2**20)), 2)
 
     def draw_links(self, surface: pygame.Surface, snapshot: Snapshot, steps: np.ndarray, trail: np.ndarray) -> None:
         """Draw the ring and the trails, positions (K, N, 2) at K steps; they lie under the robots."""
@@ -49,14 +53,17 @@ class Team:
         soft.fill((0, 0, 0, 0))
         places = self.view.fine(snapshot.position[:, :2])
         for i, j in self._edges:
-            if there[i] and there[j]:
-                pygame.draw.line(soft, (*palette.LINK, 84), places[i], places[j], FINE)
+            seen = cut(places[i], places[j], self._room) if there[i] and there[j] else None
+            if seen is not None:
+                pygame.draw.line(soft, (*palette.LINK, 84), *seen, FINE)
         # Drawn without blending, oldest first: the joints of a trail do not show as darker spots.
         width = 0.42 * min(FINE * self.radius, 8 * FINE)
         for k in range(len(steps) - 1):
             fresh = 1 - (snapshot.step - steps[k + 1]) / (self.trail_steps() + 1)
             colour, thick = (*palette.ROBOT, round(150 * fresh**1.5)), max(width * (0.35 + 0.65 * fresh), 2)
-            for a, b in zip(self.view.fine(trail[k])[there], self.view.fine(trail[k + 1])[there], strict=True):
+            before, after = self.view.fine(trail[k]), self.view.fine(trail[k + 1])
+            shown = there & within(before, self._around) & within(after, self._around)
+            for a, b in zip(before[shown], after[shown], strict=True):
                 pygame.draw.line(soft, colour, a, b, round(thick))
                 pygame.draw.circle(soft, colour, b, thick / 2)
         surface.blit(soft, (0, 0))
@@ -64,11 +71,11 @@ class Team:
     def draw(self, surface: pygame.Surface, snapshot: Snapshot) -> None:
         """Draw the robots, the highest last, their numbers, and rings around pairs in contact."""
         places = self.view.fine(snapshot.position[:, :2])
-        status = snapshot.status
+        status, inside = snapshot.status, within(places, self._room)
         order = sorted(range(len(places)), key=lambda i: (status[i] != int(REMOVED), snapshot.position[i, 2]))
         for i in order:
             colour = palette.ROBOT if status[i] == int(WORKING) else palette.STUCK
-            if not self._room.collidepoint(places[i]):
+            if not inside[i]:
                 self._point_out(surface, i, places[i], palette.REMOVED if status[i] == int(REMOVED) else colour)
                 continue
             if status[i] == int(REMOVED):
@@ -80,12 +87,14 @@ class Team:
                 self._draw_point(surface, places[i], snapshot.heading[i], colour)
             else:
                 self._draw_car(surface, places[i], snapshot.heading[i], colour)
-        for i, j in snapshot.contact:
-            middle = (places[i] + places[j]) / 2
-            reach = float(np.linalg.norm(places[i] - places[j])) / 2 + FINE * (1.1 * self.radius + 3)
-            pygame.draw.circle(surface, palette.CONTACT, middle, max(reach, 12 * FINE), 2 * FINE)
+        for i, j in snapshot.contact[:: -(-len(snapshot.contact) // MOST_CONTACTS) or 1]:
+            middle, apart = (places[i] + places[j]) / 2, float(np.linalg.norm(places[i] - places[j]))
+            # Who is in contact is close; a recording can say anything.
+            reach = min(apart / 2, 2 * FINE * self.radius) + FINE * (1.1 * self.radius + 3)
+            if within(middle, self._around):
+                pygame.draw.circle(surface, palette.CONTACT, middle, max(reach, 12 * FINE), 2 * FINE)
         for i in order:
-            if not self.many and self._room.collidepoint(places[i]):
+            if inside[i] and not self.many:
                 self._draw_number(surface, i, places[i], gone=status[i] == int(REMOVED))
 
     def _draw_point(self, surface: pygame.Surface, at: np.ndarray, heading: float, colour: palette.Colour) -> None:

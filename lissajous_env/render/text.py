@@ -1,6 +1,8 @@
 """Words on the fine surface: averaged down with the rest, letters keep their shape and spacing at any size."""
 
+from collections.abc import Callable
 from functools import lru_cache
+from typing import TypeVar
 
 import pygame
 
@@ -10,9 +12,21 @@ from lissajous_env.render.canvas import FINE
 _AROUND = ((-1, -1), (-1, 1), (1, -1), (1, 1), (-1, 0), (1, 0), (0, -1), (0, 1))
 
 
+_LONGEST = 80
+"""Letters of which words are written, at most."""
+
+T = TypeVar("T")
+
+
+def plain(words: str) -> str:
+    """Return words as they can be drawn: one line of at most 80 letters, without what is no letter."""
+    shown = words if len(words) <= _LONGEST else words[: _LONGEST - 3] + "..."
+    return "".join(letter if letter.isprintable() else "?" for letter in shown)
+
+
 def width_of(words: str, size: int) -> float:
     """Width of words [px of the picture] in a size [px]."""
-    return _font(size).size(words)[0] / FINE
+    return _with_font(size, lambda font: font.size(plain(words)))[0] / FINE
 
 
 def write(
@@ -34,7 +48,7 @@ def write(
         colour: RGB.
         centred: Whether `at` is the middle, and not the left side.
     """
-    text = _rendered(words, size, colour)
+    text = _rendered(plain(words), size, colour)
     where = text.get_rect()
     setattr(where, "center" if centred else "midleft", (round(FINE * at[0]), round(FINE * at[1])))
     fine.blit(text, where)
@@ -50,13 +64,22 @@ def write_outlined(
     write(fine, words, at, size, colour, centred=True)
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=256)
 def _rendered(words: str, size: int, colour: palette.Colour) -> pygame.Surface:
-    return _font(size).render(words, True, colour)
+    return _with_font(size, lambda font: font.render(words, True, colour))
+
+
+def _with_font(size: int, use: Callable[[pygame.font.Font], T]) -> T:
+    """Use a font; where something else in the process has ended pygame since it was made, a new one."""
+    pygame.font.init()  # only the module for fonts is started, nothing of sound or display
+    try:
+        return use(_font(size))
+    except pygame.error:
+        _font.cache_clear()
+        return use(_font(size))
 
 
 @lru_cache(maxsize=32)
 def _font(size: int) -> pygame.font.Font:
-    """Font that comes with pygame; only the module for fonts is started, nothing of sound or display."""
-    pygame.font.init()
+    """Font that comes with pygame."""
     return pygame.font.Font(None, FINE * size)

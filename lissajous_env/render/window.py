@@ -2,9 +2,13 @@
 
 import pygame
 
+from lissajous_env.render.text import plain
+
 
 class Window:
     """A window of a given size [px]. Once its close button was pressed it stays closed, and showing does nothing.
+
+    What else in the process closes it, as another environment that ends pygame, does not count: it is opened again.
 
     Raises:
         OSError: there is no display to open a window on.
@@ -12,11 +16,15 @@ class Window:
 
     def __init__(self, size: tuple[int, int], caption: str):
         self.closed = False
+        self._size, self._caption = size, plain(caption)
         self._clock = pygame.time.Clock()
+        self._open()
+
+    def _open(self) -> None:
         try:
             pygame.display.init()
-            pygame.display.set_caption(caption)
-            self._screen = pygame.display.set_mode(size)
+            pygame.display.set_caption(self._caption)
+            self._screen = pygame.display.set_mode(self._size)
         except pygame.error as error:
             raise OSError(f"no window can be opened ({error}); draw to rgb_array or to a file instead") from error
 
@@ -29,9 +37,9 @@ class Window:
         """Show a picture, wait so that no more than `fps` are shown a second, and return the keys that were pressed."""
         if self.closed:
             return []
-        if not pygame.display.get_init():  # something else in the process has ended pygame
-            self.closed = True
-            return []
+        shown = pygame.display.get_surface() if pygame.display.get_init() else None
+        if shown is None or shown is not self._screen or shown.get_size() != self._size:
+            self._open()  # something else in the process has ended pygame, or taken its one window
         self._screen.blit(picture, (0, 0))
         pygame.display.flip()
         self._clock.tick(fps)

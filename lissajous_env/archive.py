@@ -1,0 +1,80 @@
+"""Arrays out of .npz files that anyone can have made: what a file claims is looked at before memory is given to it."""
+
+import json
+import math
+import zipfile
+from typing import Any
+
+import numpy as np
+
+MOST_BYTES = 2**30
+"""What the arrays of one file may hold together [bytes]."""
+
+_MOST_WORDS = 2**24
+"""What its text may hold [bytes]."""
+
+_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+
+
+def read_arrays(stored: zipfile.ZipFile, dtypes: dict[str, np.dtype]) -> dict[str, np.ndarray]:
+    """Read arrays by their names; nothing is unpickled.
+
+    Raises:
+        KeyError: an array is not there.
+        ValueError: one has another type than it should, or says of itself what does not hold, or together they hold
+            more than a gibibyte.
+    """
+    left, arrays = MOST_BYTES, {}
+    for name, dtype in dtypes.items():
+        claimed, size = _claims(stored, name)
+        if claimed != dtype:
+            raise ValueError(f"its {name} must be {dtype}, got {claimed}")
+        left -= size
+        if left < 0:
+            raise ValueError(f"its arrays must hold at most {MOST_BYTES:,} bytes together")
+        arrays[name] = _read(stored, name)
+    return arrays
+
+
+def read_json(stored: zipfile.ZipFile, name: str) -> Any:
+    """Read a text that is kept as an array, as JSON.
+
+    Raises:
+        KeyError: it is not there.
+        ValueError: it is no text, no JSON, or too long.
+    """
+    claimed, size = _claims(stored, name)
+    if claimed.kind != "U" or size > _MOST_WORDS:
+        raise ValueError(f"its {name} must be a text of at most {_MOST_WORDS:,} bytes")
+    try:
+        return json.loads(str(_read(stored, name)))
+    except RecursionError:
+        raise ValueError(f"its {name} is nested too deeply") from None
+
+
+def _member(stored: zipfile.ZipFile, name: str) -> zipfile.ZipInfo:
+    try:
+        return stored.getinfo(f"{name}.npy")
+    except KeyError:
+        raise KeyError(name) from None
+
+
+def _claims(stored: zipfile.ZipFile, name: str) -> tuple[np.dtype, int]:
+    """Type of an array and how many bytes it holds, as its header says and as the archive says."""
+    member = _member(stored, name)
+    with stored.open(member) as file:
+        version = np.lib.format.read_magic(file)
+        if version not in _HEADERS:
+            raise ValueError(f"its {name} is of an unknown format {version}")
+        shape, _, dtype = _HEADERS[version](file)
+        size = math.prod(shape) * dtype.itemsize
+        if min(shape, default=0) < 0 or dtype.hasobject or file.tell() + size != member.file_size:
+            raise ValueError(f"its {name} does not hold what it says")
+    return dtype, size
+
+
+def _read(stored: zipfile.ZipFile, name: str) -> np.ndarray:
+    with stored.open(_member(stored, name)) as file:
+        array = np.lib.format.read_array(file, allow_pickle=False)
+        file.read(1)  # at its end the sum over the member is checked
+        return array

@@ -1,0 +1,45 @@
+"""A batch of worlds, each in a picture of its own."""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lissajous_env.render import palette
+from lissajous_env.render.canvas import FOOTER, HEADER, MARGIN, View
+from lissajous_env.render.renderer import MOST_WORLDS, Renderer
+from lissajous_env.scenario import Scenario
+
+if TYPE_CHECKING:
+    from lissajous_env.simulation import Simulation
+
+_SMALLEST = 240, 180
+"""Width and height of a picture, at least [px]."""
+
+
+class Gallery:
+    """Draws the worlds of a batch, the smaller the more there are: side by side they are about as large as one alone.
+
+    Only the first 64 are drawn; the rest share one empty picture.
+
+    Args:
+        scenario: What is simulated.
+        num_worlds: How many worlds there are.
+    """
+
+    def __init__(self, scenario: Scenario, num_worlds: int):
+        self.drawn = min(num_worlds, MOST_WORLDS)
+        """Worlds that are drawn."""
+        along = math.ceil(math.sqrt(self.drawn))
+        width, height = View.of(scenario).size
+        around = HEADER + FOOTER + 2 * MARGIN  # stays as high as it is
+        sizes = width / along, (height - around) / along + around
+        # Video codecs want even numbers.
+        size = [max(round(length / 2) * 2, least) for length, least in zip(sizes, _SMALLEST, strict=True)]
+        self._renderer = Renderer(scenario, size)
+        self._empty = np.full((size[1], size[0], 3), palette.PAPER, dtype=np.uint8)
+
+    def draw(self, simulation: "Simulation") -> list[np.ndarray]:
+        """Draw every world: (H, W, 3) uint8 each, all of one size."""
+        pictures = [self._renderer.draw(simulation, world) for world in range(self.drawn)]
+        return pictures + [self._empty] * (simulation.num_worlds - self.drawn)

@@ -1,0 +1,103 @@
+"""The batch with one row for each robot: the same worlds, cut in rows, whose flags are those of the robots."""
+
+import copy
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+import lissajous_env
+
+SHORT = {"task.duration": 3.0}
+CRASHING = {"task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}
+EVERY_MODE = pytest.mark.parametrize("mode", [mode.name for mode in AutoresetMode])
+
+
+def pair(mode="NEXT_STEP", **settings):
+    """The same worlds twice: a row for each robot, and a row for each team."""
+    made = {"num_envs": 4, "autoreset_mode": mode, **SHORT, **CRASHING, **settings}
+    return lissajous_env.vector_env(agents_as_rows=True, **made), lissajous_env.vector_env(**made)
+
+
+def test_rows_have_the_spaces_of_one_robot():
+    rows, _ = pair()
+    alone = lissajous_env.parallel_env()
+    assert rows.num_envs == 20
+    assert rows.single_observation_space == alone.observation_space("robot_0")
+    assert rows.single_action_space == alone.action_space("robot_0")
+    assert rows.reset(seed=1)[0].shape == rows.observation_space.shape == (20, 42)
+    discrete, _ = pair(discrete_actions=True)
+    assert isinstance(discrete.single_action_space, gymnasium.spaces.Discrete)
+    discrete.reset(seed=1)
+    assert discrete.observation_space.contains(discrete.step(discrete.action_space.sample())[0])
+
+
+@EVERY_MODE
+def test_rows_are_the_robots_of_the_teams(mode):
+    # Oracle: the same batch with a row for each team, and what its simulation says of each robot.
+    rows, teams = pair(mode)
+    rows.reset(seed=7)
+    teams.reset(seed=7)
+    draw, gone, over = np.random.default_rng(0), np.zeros((4, 5), bool), np.zeros(4, bool)
+    removed = ends = 0
+    for _ in range(100):
+        action = draw.uniform(-1, 1, (4, 5, 2)).astype(np.float32)
+        expected = teams.step(action)
+        got, reward, terminated, truncated, infos = rows.step(action.reshape(20, 2))
+        assert got.tobytes() == expected[0].tobytes()
+        assert reward.tobytes() == expected[4]["robot_reward"].tobytes()
+        ended = expected[2] | expected[3]
+        begins = over & (mode == "NEXT_STEP")
+        gone[begins] = False
+        terminated, truncated = terminated.reshape(4, 5), truncated.reshape(4, 5)
+        assert not (terminated & truncated).any()
+        # When a world ends all of its rows do: those of robots that are there by time, the others as terminated.
+        assert ((terminated | truncated).all(axis=1) == ended).all()
+        assert not truncated[~ended].any()
+        assert not (terminated[ended] != gone[ended])[truncated[ended]].any()
+        # Before, a row is terminated once, in the step in which its robot goes; then it stands still.
+        assert not (terminated & gone)[~ended].any()
+        assert (reward.reshape(4, 5)[gone & ~ended[:, None] & ~over[:, None]] == 0).all()
+        removed += int((terminated & ~gone)[~ended].sum())
+        gone |= terminated
+        if ended.any() and mode != "DISABLED":
+            scored = infos["final_info"] if mode == "SAME_STEP" else infos
+            assert scored["_score"].tolist() == np.repeat(ended, 5).tolist()
+            assert str(scored["score"][::5]) == str((expected[4].get("final_info") or expected[4])["score"])
+        if mode == "SAME_STEP" and (terminated | truncated).any():
+            assert infos["_final_obs"].tolist() == (terminated | truncated).reshape(-1).tolist()
+            for row in np.flatnonzero(np.repeat(ended, 5)):
+                assert infos["final_obs"][row].tobytes() == expected[4]["final_obs"][row // 5][row % 5].tobytes()
+            gone[ended] = False
+        ends += int((ended & ~over).sum())
+        over = ended if mode != "SAME_STEP" else np.zeros(4, bool)
+        if mode == "DISABLED" and over.any():
+            rows.reset(options={"reset_mask": np.repeat(over, 5)})
+            teams.reset(options={"reset_mask": over})
+            gone[over], over = False, np.zeros(4, bool)
+    assert ends >= 8
+    assert removed >= 8
+
+
+def test_a_mask_holds_whole_worlds():
+    rows, _ = pair()
+    rows.reset(seed=1)
+    for mask in (np.arange(20) == 3, np.ones(4, bool), np.ones(20)):
+        with pytest.raises(ValueError, match="reset_mask must"):
+            rows.reset(options={"reset_mask": mask})
+    with pytest.raises(ValueError, match="options must be a dict"):
+        rows.reset(options=5)
+
+
+def test_copied_in_mid_episode_it_goes_on():
+    rows, _ = pair(render_mode="rgb_array")
+    rows.reset(seed=1)
+    draw = np.random.default_rng(0)
+    for _ in range(12):
+        rows.step(draw.uniform(-1, 1, (20, 2)).astype(np.float32))
+    rows.render()
+    twin = copy.deepcopy(rows)
+    for _ in range(30):
+        action = draw.uniform(-1, 1, (20, 2)).astype(np.float32)
+        assert str(rows.step(action)) == str(twin.step(action))

@@ -1,0 +1,166 @@
+"""What an environment can be asked for, whichever interface it has: seeds, keywords, cycles, flat actions, pictures."""
+
+import pathlib
+
+import gymnasium
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+import training
+
+SHORT = {"task.duration": 1.0}
+
+
+def vector(**settings):
+    return lissajous_env.vector_env(**SHORT, **settings)
+
+
+@pytest.mark.parametrize("mode", ["sync", "async", "vector_entry_point"])
+def test_episodes_without_a_seed_are_different(mode):
+    # Oracle: with a seed they are the same again; without, no two worlds are, nor those of a second batch.
+    rows = []
+    for _ in range(2):
+        # Children of a fork begin with all that their parent knows.
+        forked = {"vector_kwargs": {"context": "fork"}} if mode == "async" else {}
+        env = gymnasium.make_vec("lissajous_env:lissajous/intruders-v0", 3, vectorization_mode=mode, **forked)
+        rows += [row.tobytes() for row in env.reset()[0]]
+        seeded = env.reset(seed=4)[0]
+        np.testing.assert_array_equal(env.reset(seed=4)[0], seeded)
+        env.close()
+    assert len(set(rows)) == 6
+
+
+def test_the_first_episode_alone_is_drawn():
+    # Story: reset without a seed, a world goes on from its own stream: two that began alike stay alike.
+    one, other = vector(num_envs=3), vector(num_envs=3)
+    assert one.reset()[0].tobytes() != other.reset()[0].tobytes()
+    seeds = one.simulation.clock.seed.numpy().tolist()
+    other.reset(seed=seeds)
+    assert other.reset()[0].tobytes() == one.reset()[0].tobytes()
+    single = lissajous_env.LissajousEnv()
+    single.reset()
+    single.parallel.simulation.step(np.zeros((1, 5, 2), np.float32))
+    # What was drawn is told, so that the episode can be played again.
+    again = lissajous_env.LissajousEnv()
+    again.reset(seed=single.parallel.score()["seed"])
+    again.parallel.simulation.step(np.zeros((1, 5, 2), np.float32))
+    assert single._observed().tobytes() == again._observed().tobytes()
+
+
+def test_every_world_must_be_reset_first():
+    env = vector(num_envs=2)
+    env.reset(options={"reset_mask": np.array([True, False])})
+    with pytest.raises(gymnasium.error.ResetNeeded, match="every world"):
+        env.step(env.action_space.sample())
+    env.reset(options={"reset_mask": np.array([False, True])})
+    env.step(env.action_space.sample())
+
+
+MAKERS = {
+    "single": lambda **settings: gymnasium.make("lissajous_env:lissajous/failure-v0", **settings),
+    "batch": lambda **settings: gymnasium.make_vec("lissajous_env:lissajous/failure-v0", 2, **settings),
+    "parallel": lambda **settings: lissajous_env.parallel_env("failure", **settings),
+    "aec": lambda **settings: lissajous_env.env("failure", **settings),
+}
+EVERY_MAKER = pytest.mark.parametrize("maker", MAKERS)
+
+
+@EVERY_MAKER
+def test_an_unknown_keyword_is_an_error_of_both_kinds(maker):
+    # Libraries that try keywords expect a TypeError with Python's words; our commands catch ValueErrors.
+    for kind in (TypeError, ValueError):
+        with pytest.raises(kind, match="unexpected keyword argument 'frameskip'"):
+            MAKERS[maker](frameskip=4)
+        with pytest.raises(kind, match=r"curve\.foo"):
+            MAKERS[maker](**{"curve.foo": 1})
+    for name in ("name", "made", "overrides", "base"):
+        with pytest.raises(TypeError, match="unexpected keyword argument"):
+            MAKERS[maker](**{name: "evil"})
+
+
+@pytest.mark.parametrize("key", ["name", "scenario", "self", "base"])
+def test_overrides_do_not_collide_with_parameters(key):
+    with pytest.raises(ValueError, match=f"override must name one of .*, got '{key}'"):
+        lissajous_env.scenario("experiment", **{key: "evil"})
+
+
+@EVERY_MAKER
+@pytest.mark.parametrize("cycles", [1.5, True, 0, -1, float("nan"), "3", 2**20 + 1, 10**400])
+def test_cycles_that_are_no_number_of_steps_are_refused(maker, cycles):
+    with pytest.raises(ValueError, match="max_cycles must be a whole number from 1 to 1048576, got"):
+        MAKERS[maker](max_cycles=cycles)
+
+
+@pytest.mark.parametrize("cycles", [1, np.int64(7)])
+def test_an_episode_has_as_many_steps_as_cycles(cycles):
+    env, batch = MAKERS["single"](max_cycles=cycles), MAKERS["batch"](max_cycles=cycles)
+    env.reset(seed=1)
+    batch.reset(seed=1)
+    for step in range(1, cycles + 1):
+        assert env.step(env.action_space.sample())[3] == (step == cycles)
+        assert batch.step(batch.action_space.sample())[3].all() == (step == cycles)
+
+
+def test_flat_actions_are_the_same_actions():
+    # Oracle: the environment whose actions have a row for each robot.
+    for make in (lambda **flat: vector(num_envs=3, **flat), lambda **flat: lissajous_env.LissajousEnv(**SHORT, **flat)):
+        flat, rows = make(flat_actions=True), make()
+        flat.reset(seed=1)
+        rows.reset(seed=1)
+        for _ in range(10):
+            action = rows.action_space.sample()
+            got, expected = flat.step(action.reshape(flat.action_space.shape)), rows.step(action)
+            assert got[0].tobytes() == expected[0].tobytes()
+        with pytest.raises(ValueError, match="must have shape"):
+            flat.step(action)
+    # Discrete actions, a number for each robot, are flat as they are.
+    space = lissajous_env.LissajousEnv(flat_actions=True, discrete_actions=True).action_space
+    assert space.shape == (5,)
+
+
+def test_infos_tell_where_an_action_was_not_finite():
+    for rows in (False, True):
+        env = vector(num_envs=3, agents_as_rows=rows)
+        env.reset(seed=1)
+        each = 5 if rows else 1
+        action = env.action_space.sample()
+        assert not env.step(action)[4]["invalid"].any()
+        action[each] = np.nan
+        invalid = env.step(action)[4]["invalid"]
+        assert invalid.tolist() == [False] * each + [True] * each + [False] * each
+
+
+def test_a_batch_is_drawn_in_pictures_of_its_worlds():
+    env = vector(num_envs=3, render_mode="rgb_array")
+    env.reset(seed=1)
+    pictures = env.render()
+    assert isinstance(pictures, tuple)
+    assert len(pictures) == 3
+    assert len({picture.shape for picture in pictures}) == 1
+    assert len({picture.tobytes() for picture in pictures}) == 3
+    rows = vector(num_envs=3, render_mode="rgb_array", agents_as_rows=True)
+    rows.reset(seed=1)
+    again = rows.render()
+    assert [k for k in range(15) if again[k].tobytes() == pictures[k // 5].tobytes()] == list(range(15))
+    # However many there are, only so many are drawn, and small.
+    crowd = vector(num_envs=500, render_mode="rgb_array")
+    crowd.reset(seed=1)
+    pictures = crowd.render()
+    assert len(pictures) == 500
+    assert sum(picture.nbytes for picture in {id(picture): picture for picture in pictures}.values()) < 16_000_000
+    with pytest.raises(ValueError, match="render_mode must be None or rgb_array"):
+        vector(render_mode="human")
+
+
+def test_parts_are_exported_and_typed():
+    curve = lissajous_env.Curve(a=5, b=4)
+    # Parts that only hold together are checked together.
+    formation = lissajous_env.Formation(phase_rate=0.1)
+    env = lissajous_env.LissajousEnv("experiment", curve=curve, formation=formation, **{"formation.coupling": 2.0})
+    assert env.scenario.formation.coupling == 2.0
+    assert env.scenario.curve is curve
+    assert env.scenario.num_robots == 9
+    for package in (lissajous_env, baselines, training):
+        assert (pathlib.Path(package.__file__).parent / "py.typed").is_file()
