@@ -116,9 +116,8 @@ def not_a_number(draw: np.random.Generator) -> str | None:
     world = 0 if way == 1 else int(draw.integers(3))
     place = (world, int(draw.integers(made.num_robots)), int(draw.integers(inner.action.shape[2])))
     wrecked = Wrecked(inner, step, place, float(draw.choice([np.nan, np.inf, -np.inf])))
-    where = (
-        f"policy wrecked must return finite actions, got one that is not in step {step} of {scenario} in world {world}"
-    )
+    where = f"step {step} of {scenario} in world {world} "
+    words = f"policy wrecked must return finite actions, got one that is not in {where}"
     try:
         if way == 0:
             evaluate(wrecked, made, range(3))
@@ -208,7 +207,7 @@ ATTACKS = [
     Attack(
         "policies that return no numbers",
         "Evaluation, recording and benchmark stop the policy with its name, scenario, world and step.",
-        100,
+        60,
         not_a_number,
     ),
     Attack(
