@@ -32,6 +32,8 @@ def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
     chosen = np.atleast_1d(chosen)
     if chosen.size == 0:
         return np.zeros(0, dtype=np.int64)
-    if chosen.ndim != 1 or chosen.dtype.kind not in "iu" or chosen.min() < 0 or chosen.max() >= num_worlds:
-        raise ValueError(f"worlds must be a mask, or whole numbers from 0 to {num_worlds - 1}, got {worlds!r}")
+    if chosen.ndim != 1 or chosen.dtype.kind not in "iu":
+        raise ValueError(f"worlds must be a mask or whole numbers, got {worlds!r}")
+    if chosen.min() < 0 or chosen.max() >= num_worlds:
+        raise ValueError(f"worlds must be from 0 to {num_worlds - 1}, got {worlds!r}")
     return chosen.astype(np.int64)

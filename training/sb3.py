@@ -275,7 +275,7 @@ def from_network(model: PPO, network: Network) -> None:
             layer.bias.copy_(torch.tensor(bias))
 
 
-def require_finite(model: PPO, settings: Train, steps: int, cause: Exception | None = None) -> None:
+def require_finite(model: Any, settings: Train, steps: int, cause: Exception | None = None) -> None:
     """Say what to do about a training that has diverged; torch itself prints the tensors.
 
     Args:
