@@ -196,7 +196,7 @@ def plan(
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
         raise ValueError(f"scenarios must differ in name, got {', '.join(scenario.name for scenario in made)}")
     if settings.engine == "ray":
-        _cluster().check(settings.device)
+        _cluster().check(settings.device, settings.address)
     else:
         as_device(settings.device)
     return cells
