@@ -1,35 +1,58 @@
 """What a training of RLlib goes on from: arrays of ours, which do what RLlib's own checkpoint does, and run no code."""
 
-import os
+import dataclasses
+import shutil
 
 import numpy as np
 import pytest
+from planted import opened, payloads, plant, plant_rllib
 
 ray = pytest.importorskip("ray")
 pytest.importorskip("ray.rllib")
 
 import tree  # noqa: E402
-from test_rllib import QUIET, settings  # noqa: E402
+from test_rllib import QUIET, ROWS, counted, settings  # noqa: E402
 
+import lissajous_env  # noqa: E402
 from baselines import cluster  # noqa: E402
-from training import rllib_ppo, rllib_state  # noqa: E402
+from training import checkpoint, rllib, rllib_ppo, rllib_state  # noqa: E402
+from training.checkpoint import Card  # noqa: E402
 from training.trainer import Trainer  # noqa: E402
-
-
-class Planted:
-    """Unpickled, it makes a folder."""
-
-    def __init__(self, marker):
-        self.marker = marker
-
-    def __reduce__(self):
-        return os.makedirs, (str(self.marker),)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _one_cluster():
     with cluster.connected(None):
         yield
+
+
+def test_a_training_goes_on_from_data_alone(tmp_path):
+    # Story: a stranger's folder holds a pickle in place of each file, and of each that RLlib's own checkpoints have,
+    # with its SHA-256 beside it. What the training needs is refused by name, the rest is not looked at.
+    made, marker = (
+        settings(tmp_path / "run", steps=ROWS, workers=1, worlds=4, evaluation_episodes=1),
+        tmp_path / "opened",
+    )
+    rllib.train(made, QUIET)
+    assert not list(made.out.rglob("*.pkl"))
+    more, forms = dataclasses.replace(made, steps=ROWS), payloads(marker)
+    needed = [path for path in made.out.iterdir() if path.suffix in (".json", ".safetensors")]
+    assert len(needed) == 3
+    for path in needed:
+        for data in (forms["plain"], forms["archive"]):
+            attacked = dataclasses.replace(more, out=tmp_path / "copy")
+            shutil.copytree(made.out, attacked.out)
+            plant(attacked.out / path.name, data)
+            with pytest.raises(ValueError, match=r"damaged|decode"):
+                rllib.train(attacked, QUIET)
+            shutil.rmtree(attacked.out)
+    for path in [path for path in made.out.rglob("*") if path.is_file() and path not in needed]:
+        plant(path, forms["plain"])
+    course = {"steps": ROWS // 2, "updates": 1, "seconds": 1.0, "curve": [], "rivals": {}}
+    plant_rllib(made.out, forms["plain"], {"settings": made.to_dict(), "course": course})
+    rllib.train(more, QUIET)
+    assert counted(made.out)[0] == ROWS
+    assert not opened(marker)
 
 
 @pytest.fixture(scope="module")

@@ -71,11 +71,13 @@ def load_ppo(algorithm: Algorithm, arrays: Mapping[str, np.ndarray], updates: in
         kept = {moment: arrays[f"optimizer.{name}.{moment}"] for moment in _MOMENTS}
         optimizer["state"][k] = kept | {"step": kept["step"].reshape(())}
     optimizer["param_groups"][0]["lr"] = float(arrays["learning_rate"][0])
-    learner = {
-        "rl_module": {MODULE: {name: arrays[f"model.{name}"] for name in module}},
-        "optimizer": {_OPTIMIZER: {"module_id": MODULE, "state": optimizer}},
-    }
+    weights = {"rl_module": {MODULE: {name: arrays[f"model.{name}"] for name in module}}}
+    learner = weights | {"optimizer": {_OPTIMIZER: {"module_id": MODULE, "state": optimizer}}}
     algorithm.set_state({"learner_group": {"learner": learner}, "training_iteration": updates})
+    # That drops the message to a worker which has not taken the one before: here it is waited for.
+    workers = algorithm.env_runner_group
+    assert workers is not None
+    workers.foreach_env_runner("set_state", kwargs={"state": weights}, local_env_runner=False)
     for name, (source, *key) in _COUNTERS.items():
         # As if a worker, or the learner, had counted them: what was logged here could not be added to by these.
         counted = MetricsLogger()
