@@ -1,5 +1,6 @@
 """Where a Ray cluster is: which addresses there are, and whether one answers, for Ray itself would try for minutes."""
 
+import importlib
 import os
 import re
 import socket
@@ -40,7 +41,7 @@ def knock(address: str) -> None:
     is_client = address.startswith("ray://")
     try:
         # Of this machine Ray takes another of its addresses.
-        asked = address.removeprefix("ray://") if is_client else canonicalize_bootstrap_address(address)
+        asked = address.removeprefix("ray://") if is_client else canonicalize_bootstrap_address(address) or address
         socket.create_connection(_parts(asked if address == "auto" else address), _PATIENCE).close()
     except (OSError, UnicodeError) as error:
         raise ConnectionError(f"no Ray cluster answers at {address}: {error}") from error
@@ -69,17 +70,18 @@ def _ask(address: str, is_client: bool, patience: float) -> object:
     try:
         import grpc
         from ray._private.grpc_utils import init_grpc_channel
-        from ray.core.generated import gcs_service_pb2, gcs_service_pb2_grpc, ray_client_pb2, ray_client_pb2_grpc
     except ImportError as error:
         raise ValueError(f'address must have gRPC ({error}): pip install "lissajous-env[cluster]"') from error
+    messages, services = (
+        _generated("ray_client" if is_client else "gcs_service", kind) for kind in ("pb2", "pb2_grpc")
+    )
     channel = init_grpc_channel(address, [("grpc.enable_http_proxy", 0)])
     try:
         if is_client:
-            question = ray_client_pb2.ClusterInfoRequest(type=ray_client_pb2.ClusterInfoType.PING)
-            ray_client_pb2_grpc.RayletDriverStub(channel).ClusterInfo(question, timeout=patience)
+            question = messages.ClusterInfoRequest(type=messages.ClusterInfoType.PING)
+            services.RayletDriverStub(channel).ClusterInfo(question, timeout=patience)
         else:
-            question = gcs_service_pb2.CheckAliveRequest()
-            gcs_service_pb2_grpc.NodeInfoGcsServiceStub(channel).CheckAlive(question, timeout=patience)
+            services.NodeInfoGcsServiceStub(channel).CheckAlive(messages.CheckAliveRequest(), timeout=patience)
     except grpc.RpcError as error:
         if error.code() == grpc.StatusCode.UNAUTHENTICATED:
             return _WANTS_TOKEN
@@ -89,3 +91,8 @@ def _ask(address: str, is_client: bool, patience: float) -> object:
     finally:
         channel.close()
     return None
+
+
+def _generated(service: str, kind: str) -> Any:
+    """Module that gRPC has generated of one of Ray's services."""
+    return importlib.import_module(f"ray.core.generated.{service}_{kind}")

@@ -44,17 +44,14 @@ def opened(marker):
 
 
 def plant(path, data):
-    """Put bytes in place of a file, and their SHA-256 where the manifest beside it has the file's."""
+    """Put bytes in place of a file, and their SHA-256 in place of its own wherever a file above has that."""
+    before = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(data)
-    manifest = path.parent / "checkpoint.json"
-    with contextlib.suppress(OSError, ValueError):
-        text = json.loads(manifest.read_text())
-        for entry in text["files"].values():
-            if entry["name"] == path.name:
-                entry["sha256"] = hashlib.sha256(data).hexdigest()
-        if path != manifest:
-            manifest.write_text(json.dumps(text))
+    for manifest in (file for folder in list(path.parents)[:6] for file in folder.glob("*.json") if file != path):
+        with contextlib.suppress(UnicodeDecodeError):
+            if before is not None and before in (text := manifest.read_text(encoding="utf-8")):
+                manifest.write_text(text.replace(before, hashlib.sha256(data).hexdigest()), encoding="utf-8")
 
 
 RLLIB_FILES = (

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 from ray.rllib.algorithms.algorithm import Algorithm
+from ray.rllib.core import ALL_MODULES
 from ray.rllib.utils.metrics import (
-    ALL_MODULES,
     ENV_RUNNER_RESULTS,
     LEARNER_RESULTS,
     NUM_ENV_STEPS_SAMPLED_LIFETIME,
@@ -65,7 +65,7 @@ def load_ppo(algorithm: Algorithm, arrays: Mapping[str, np.ndarray], updates: in
     for name, shape in shapes.items():
         if name not in arrays:
             raise ValueError(f"state must hold {name}, which it lacks")
-        if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
+        if arrays[name].dtype.kind not in "fi" or arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
             raise ValueError(f"state's {name} must be finite and of shape {shape}, got shape {arrays[name].shape}")
     for k, name in enumerate(module):
         kept = {moment: arrays[f"optimizer.{name}.{moment}"] for moment in _MOMENTS}

@@ -103,7 +103,7 @@ class Train:
     engine: Literal["sb3", "ray"] = "sb3"
     """sb3: this process. ray: RLlib, over a cluster."""
     address: str | None = None
-    """Address of a Ray cluster; without it one is started here."""
+    """Address of a Ray cluster: auto, HOST:PORT or ray://HOST:PORT; without it one is started here."""
     workers: int = 2
     """Processes that collect episodes, with ray."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
