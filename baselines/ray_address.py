@@ -72,9 +72,7 @@ def _ask(address: str, is_client: bool, patience: float) -> object:
         from ray._private.grpc_utils import init_grpc_channel
     except ImportError as error:
         raise ValueError(f'address must have gRPC ({error}): pip install "lissajous-env[cluster]"') from error
-    messages, services = (
-        _generated("ray_client" if is_client else "gcs_service", kind) for kind in ("pb2", "pb2_grpc")
-    )
+    messages, services = _generated("ray_client" if is_client else "gcs_service")
     channel = init_grpc_channel(address, [("grpc.enable_http_proxy", 0)])
     try:
         if is_client:
@@ -93,6 +91,7 @@ def _ask(address: str, is_client: bool, patience: float) -> object:
     return None
 
 
-def _generated(service: str, kind: str) -> Any:
-    """Module that gRPC has generated of one of Ray's services."""
-    return importlib.import_module(f"ray.core.generated.{service}_{kind}")
+def _generated(name: str) -> tuple[Any, Any]:
+    """Modules that gRPC has generated of one of Ray's interfaces: its messages, its services."""
+    messages, services = (importlib.import_module(f"ray.core.generated.{name}_{kind}") for kind in ("pb2", "pb2_grpc"))
+    return messages, services

@@ -44,12 +44,12 @@ def opened(marker):
 
 
 def plant(path, data):
-    """Put bytes in place of a file, and their SHA-256 in place of its own wherever a file above has that."""
+    """Put bytes in place of a file, and their SHA-256 in place of its own where a manifest has that."""
     before = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(data)
-    for manifest in (file for folder in list(path.parents)[:6] for file in folder.glob("*.json") if file != path):
-        with contextlib.suppress(UnicodeDecodeError):
+    for manifest in (path.parent / "checkpoint.json", *(each / "manifest.json" for each in list(path.parents)[:6])):
+        with contextlib.suppress(OSError, UnicodeDecodeError):
             if before is not None and before in (text := manifest.read_text(encoding="utf-8")):
                 manifest.write_text(text.replace(before, hashlib.sha256(data).hexdigest()), encoding="utf-8")
 

@@ -57,12 +57,12 @@ def _pickled(marker: Path, form: str) -> bytes:
 
 
 def _plant(path: Path, data: bytes) -> None:
-    """Put bytes in place of a file, and their SHA-256 in place of its own wherever a file above has that."""
+    """Put bytes in place of a file, and their SHA-256 in place of its own where a manifest has that."""
     before = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(data)
-    for manifest in (file for folder in list(path.parents)[:6] for file in folder.glob("*.json") if file != path):
-        with contextlib.suppress(UnicodeDecodeError):
+    for manifest in (path.parent / "checkpoint.json", *(each / "manifest.json" for each in list(path.parents)[:6])):
+        with contextlib.suppress(OSError, UnicodeDecodeError):
             if before is not None and before in (text := manifest.read_text(encoding="utf-8")):
                 manifest.write_text(text.replace(before, hashlib.sha256(data).hexdigest()), encoding="utf-8")
 
@@ -75,6 +75,8 @@ def _run(arguments: tuple) -> tuple[int | str | None, str]:
             main([str(each) for each in arguments])
         except SystemExit as end:
             return end.code, said.getvalue()
+        except Exception as error:
+            return None, repr(error)
     return None, said.getvalue()
 
 
@@ -128,14 +130,12 @@ def _with_pickles(kind: str) -> Callable[[np.random.Generator], str | None]:
             shutil.copytree(_made(kind), folder)
             files = sorted(path for path in folder.rglob("*") if path.is_file())
             files += [folder / inner / name for inner in (".", "rllib/000001") for name in _RLLIB]
-            if kind == "ray":  # few tries: what would end it sooner is left as it is
-                chosen = [
-                    path for path in files if path.suffix not in (".json", ".safetensors") and draw.random() < 0.7
-                ]
-            else:
-                chosen = [files[k] for k in draw.choice(len(files), draw.integers(1, 4), replace=False)]
+            chosen = [files[k] for k in draw.choice(len(files), draw.integers(1, 4), replace=False)]
+            form = draw.choice(["plain", "archive", "arrays"])
+            if kind == "ray":  # few tries: all at once, and what would end it sooner is left as it is
+                chosen, form = [path for path in files if path.suffix in (".pkl", "")], "plain"
             for path in chosen:
-                _plant(path, _pickled(marker, draw.choice(["plain", "archive", "arrays"])))
+                _plant(path, _pickled(marker, form))
             code, said = _run(_again(kind, folder, draw))
             names = ", ".join(str(path.relative_to(folder)) for path in chosen)
             if marker.exists():
