@@ -112,6 +112,13 @@ def test_an_episode_repeats_and_processes_of_rllib_play_other_worlds():
     assert len(firsts) == 8
 
 
+def test_fresh_environments_without_a_seed_begin_differently():
+    drawn = [LissajousMultiAgentEnv(SHORT) for _ in range(4)]
+    assert len({env.reset()[0]["robot_0"].tobytes() for env in drawn}) == 4
+    assert len({env.reset(seed=3)[0]["robot_0"].tobytes() for env in drawn}) == 1
+    assert len({env.reset()[0]["robot_0"].tobytes() for env in drawn}) == 1  # drawn from the seed before
+
+
 def in_rllib(env, seed):
     """The episode as RLlib's environment runner records it."""
     episode = MultiAgentEpisode(
