@@ -49,7 +49,7 @@ class Benchmark:
     engine: Literal["local", "ray"] = "local"
     """local plays here; ray plays over a cluster, and needs the extra `cluster`. It changes no result."""
     address: str | None = None
-    """Address of the Ray cluster, as auto or HOST:PORT; without one, engine ray starts its own on this machine."""
+    """Address of the Ray cluster: auto, HOST:PORT or ray://HOST:PORT; without one, engine ray starts its own here."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
 
@@ -193,7 +193,7 @@ def plan(
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
         raise ValueError(f"scenarios must differ in name, got {', '.join(scenario.name for scenario in made)}")
     if settings.engine == "ray":
-        _cluster().check(settings.device)
+        _cluster().check(settings.device, settings.address)
     else:
         as_device(settings.device)
     return cells

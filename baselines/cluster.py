@@ -8,33 +8,33 @@ doubled. Machines of one kind give the rows of the engine `local`, bit for bit.
 import contextlib
 import importlib
 import logging
-import socket
+import textwrap
 from collections import Counter, deque
 from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any
 
-from baselines import benchmark, stored
+from baselines import benchmark, ray_address, stored
 from baselines.benchmark import Benchmark, Cell, Failure
 from baselines.progress import Progress
+from lissajous_env.score import COLUMNS
 
 _RETRIES = 3
 """Times that a batch is played again after its worker or node was lost: a policy that kills its process must end."""
 _AHEAD = 2
 """Batches handed out for each CPU, so that none waits for work."""
-_PATIENCE = 10.0
-"""Time in which a cluster must answer [s]."""
 _STORE = 100_000_000
 """Memory that the workers of a Ray of our own share [bytes]; what they exchange is small."""
 
 
-def check(device: str) -> None:
+def check(device: str, address: str | None) -> None:
     """Refuse what no Ray cluster can do.
 
     Raises:
-        ValueError: Ray is not installed, or a device by its number.
+        ValueError: Ray is not installed, a device by its number, or what is no address of a cluster.
     """
     _ray()
+    ray_address.check(address)
     if device not in ("cpu", "cuda"):
         raise ValueError(f"device of engine ray must be cpu or cuda, for Ray chooses which one; got {device!r}")
 
@@ -46,27 +46,31 @@ def connected(address: str | None) -> Iterator[Any]:
     A process that is connected already stays with the cluster that it has.
 
     Raises:
-        ValueError: Ray is not installed, or cannot join that cluster.
-        ConnectionError: nothing answers at the address.
+        ValueError: Ray is not installed, what is no address, or a cluster that cannot be joined.
+        ConnectionError: no cluster answers at the address.
     """
     ray = _ray()
     if ray.is_initialized():
         yield ray
         return
-    if address:
-        _knock(address)
-    own = {} if address else {"object_store_memory": _STORE, "include_dashboard": False}
     try:
-        ray.init(address or "local", log_to_driver=False, logging_level=logging.ERROR, **own)
-    except ConnectionError as error:
-        raise ConnectionError(f"no Ray cluster answers at {address}: {_first_line(error)}") from error
-    except (RuntimeError, ValueError) as error:
-        where = f"the Ray cluster at {address} cannot be joined" if address else "Ray cannot be started"
-        raise ValueError(f"{where}: {_first_line(error)}") from error
-    try:
+        _join(ray, "local" if address is None else address)
         yield ray
     finally:
         ray.shutdown()
+
+
+def _join(ray: Any, address: str) -> None:
+    ray_address.check(address)
+    ray_address.knock(address)
+    own = {"object_store_memory": _STORE, "include_dashboard": False} if address == "local" else {}
+    try:
+        ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **own)
+    except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+        if own:
+            raise ValueError(f"Ray cannot be started: {_one_line(error)}") from error
+        kind = ConnectionError if isinstance(error, OSError) else ValueError
+        raise kind(f"the Ray cluster at {address} cannot be joined: {_one_line(error)}") from error
 
 
 def play_all(
@@ -106,7 +110,7 @@ def play_all(
                     playing[play(sent[_name(cell)], numbers)] = cell, numbers
             for reference in ray.wait(list(playing), timeout=1.0)[0] if playing else []:
                 cell, numbers = playing.pop(reference)
-                result = _result(ray, reference, cell)
+                result = _result(ray, reference, cell, settings, numbers)
                 if isinstance(result, Failure):
                     failures.setdefault(_name(cell), result)
                     shown.failed(cell)
@@ -114,17 +118,6 @@ def play_all(
                     kept.add(result)
                     shown.finished(cell, len(result))
     return [failures[_name(cell)] for cell, _ in work if _name(cell) in failures]
-
-
-def _knock(address: str) -> None:
-    """Refuse an address at which nobody is: Ray itself tries for minutes."""
-    host, colon, port = address.removeprefix("ray://").rpartition(":")
-    if not colon or not port.isdigit():
-        return
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), _PATIENCE).close()
-    except (OSError, OverflowError) as error:
-        raise ConnectionError(f"no Ray cluster answers at {address}: {error}") from error
 
 
 class _Shown:
@@ -192,26 +185,48 @@ def _packed(ray: Any, cell: Cell, settings: Benchmark) -> bytes:
         return ray.cloudpickle.dumps((cell, settings))
     except Exception as error:
         raise ValueError(
-            f"policy {cell.policy} cannot be sent to another process ({_first_line(error)}); "
+            f"policy {cell.policy} cannot be sent to another process ({_one_line(error)}); "
             "give a function (scenario, num_worlds, device) that makes it, or module:factory"
         ) from error
 
 
-def _result(ray: Any, reference: Any, cell: Cell) -> list[dict[str, Any]] | Failure:
+def _result(
+    ray: Any, reference: Any, cell: Cell, settings: Benchmark, numbers: list[int]
+) -> list[dict[str, Any]] | Failure:
     try:
-        return ray.get(reference)
+        result = ray.get(reference)
     except ray.exceptions.RayTaskError as error:
-        raise ValueError(f"a node of the Ray cluster cannot play: {_first_line(error.cause)}") from error
+        raise ValueError(f"a node of the Ray cluster cannot play: {_one_line(error.cause)}") from error
     except ray.exceptions.RayError as error:
         return benchmark.failure(cell, error)
+    return result if isinstance(result, Failure) else _checked(result, cell, settings, numbers)
+
+
+def _checked(rows: Any, cell: Cell, settings: Benchmark, numbers: list[int]) -> list[dict[str, Any]]:
+    """Refuse what a node returns in place of the rows of the episodes that it was given."""
+    try:
+        identities = [(row["scenario"], row["policy"], row["episode"], row["seed"]) for row in rows]
+        values = [row[name] for row in rows for name in stored.NUMBER_COLUMNS]
+        whole = all(tuple(row) == COLUMNS for row in rows)
+    except (KeyError, TypeError) as error:
+        raise ValueError(
+            f"a node of the Ray cluster must return score rows, got {type(error).__name__}: {error}"
+        ) from error
+    expected = [(cell.scenario.name, cell.policy, number, settings.seed + number) for number in numbers]
+    if not whole or identities != expected or not all(type(value) in (int, float) for value in values):
+        raise ValueError(
+            f"a node of the Ray cluster must return the score rows of episodes {numbers} of {_name(cell)}, "
+            f"got {textwrap.shorten(str(rows), 200, placeholder=' ...')}"
+        )
+    return rows
 
 
 def _name(cell: Cell) -> str:
     return f"{cell.scenario.name} {cell.policy}"
 
 
-def _first_line(error: BaseException) -> str:
-    return str(error).strip().partition("\n")[0] or type(error).__name__
+def _one_line(error: BaseException) -> str:
+    return textwrap.shorten(str(error), 400, placeholder=" ...") or type(error).__name__
 
 
 def _ray() -> Any:

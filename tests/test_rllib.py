@@ -27,7 +27,7 @@ from ray.rllib.env.multi_agent_episode import MultiAgentEpisode  # noqa: E402
 from ray.rllib.utils.pre_checks.env import check_multiagent_environments  # noqa: E402
 
 import training  # noqa: E402
-from training import checkpoint, rllib, rllib_checkpoint, rllib_ppo  # noqa: E402
+from training import checkpoint, rllib, rllib_ppo  # noqa: E402
 from training.checkpoint import Card  # noqa: E402
 from training.network import Network  # noqa: E402
 from training.rllib_env import LissajousMultiAgentEnv  # noqa: E402
@@ -62,10 +62,10 @@ def play(env, seed, steps=300):
     return returned
 
 
-def courses(out):
-    """(steps, iterations) of each checkpoint that is kept, oldest first."""
-    notes = [json.loads(path.read_text())["notes"]["course"] for path in sorted(out.glob("rllib/*/manifest.json"))]
-    return [(course["steps"], course["updates"]) for course in notes]
+def counted(out):
+    """(steps, iterations) of the checkpoint of a training."""
+    counters = json.loads((out / checkpoint.FILE).read_text())["counters"]
+    return counters["steps"], counters["updates"]
 
 
 # The environment.
@@ -110,6 +110,13 @@ def test_an_episode_repeats_and_processes_of_rllib_play_other_worlds():
         # RLlib seeds world k of a worker with the seed plus both numbers.
         firsts |= {env.reset(seed=9 + worker + k)[0]["robot_0"].tobytes() for k in range(4)}
     assert len(firsts) == 8
+
+
+def test_fresh_environments_without_a_seed_begin_differently():
+    drawn = [LissajousMultiAgentEnv(SHORT) for _ in range(4)]
+    assert len({env.reset()[0]["robot_0"].tobytes() for env in drawn}) == 4
+    assert len({env.reset(seed=3)[0]["robot_0"].tobytes() for env in drawn}) == 1
+    assert len({env.reset()[0]["robot_0"].tobytes() for env in drawn}) == 1  # drawn from the seed before
 
 
 def in_rllib(env, seed):
@@ -236,34 +243,27 @@ def run_command(out, steps):
 
 
 def test_killed_and_called_again_it_goes_on_with_equal_counters(tmp_path):
-    # Oracle: steps = iterations x rows at every checkpoint, before and after; nothing is lost, nothing counted twice.
+    # Oracle: steps = iterations x rows, before and after; nothing is lost, nothing counted twice.
     process = run_command(tmp_path, 1000 * ROWS)
     deadline = time.monotonic() + 300
-    while time.monotonic() < deadline and process.poll() is None and len(courses(tmp_path)) < 2:
+    while time.monotonic() < deadline and process.poll() is None:
+        if (tmp_path / checkpoint.FILE).exists() and counted(tmp_path)[1] >= 2:
+            break
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     said = process.communicate()[0]
     assert process.returncode == -signal.SIGKILL, said
-    (tmp_path / "rllib" / ".000099.tmp").mkdir()  # as a kill within a checkpoint leaves it
-    before = courses(tmp_path)
-    steps, iterations = before[-1]
+    steps, iterations = counted(tmp_path)
     assert steps == iterations * ROWS > 0
-    # The newest is damaged as well: the one before it counts.
-    damaged = sorted(tmp_path.glob("rllib/0*"))[-1]
-    (damaged / "algorithm_state.pkl").write_bytes(b"")
-    steps, iterations = before[-2]
 
     process = run_command(tmp_path, steps + 3 * ROWS)
     said = process.communicate(timeout=300)[0]
     assert process.returncode == 0, said
-    assert f"{damaged} is damaged" in said
-    assert courses(tmp_path) == [(steps + k * ROWS, iterations + k) for k in (1, 2, 3)]
-    text = json.loads((tmp_path / checkpoint.FILE).read_text())
-    assert text["counters"]["steps"] == steps + 3 * ROWS
-    assert text["counters"]["updates"] == iterations + 3
-    points = [point["steps"] for point in text["curve"]]
+    assert counted(tmp_path) == (steps + 3 * ROWS, iterations + 3)
+    points = [point["steps"] for point in json.loads((tmp_path / checkpoint.FILE).read_text())["curve"]]
     assert points == sorted(set(points))
-    assert not list(tmp_path.glob("rllib/.*"))
+    assert points[-3:] == [steps + k * ROWS for k in (1, 2, 3)]
+    assert not list(tmp_path.rglob("*.pkl"))
     policy = training.load(tmp_path, num_worlds=2)
     assert [row["seed"] for row in lissajous_env.evaluate(policy, policy.scenario, range(2))] == [0, 1]
 
@@ -274,7 +274,7 @@ def test_a_node_is_killed_and_the_training_goes_on(tmp_path, monkeypatch):
     cluster = Cluster(initialize_head=True, head_node_args=arguments)
     other = cluster.add_node(num_cpus=1, object_store_memory=STORE)
     ray.init(cluster.address, log_to_driver=False, logging_level="ERROR")
-    held = checkpoint.hold(tmp_path, "rllib/")
+    held = checkpoint.hold(tmp_path)
     trainer = rllib.ClusterTrainer(settings(tmp_path, steps=20 * ROWS, evaluate_every=1000 * ROWS), QUIET, held)
     healthy, stop = [], trainer.stop_if_asked
 
@@ -301,36 +301,6 @@ def test_a_node_is_killed_and_the_training_goes_on(tmp_path, monkeypatch):
     assert training.load(tmp_path).card.scenario == "failure"
 
 
-def test_a_checkpoint_is_whole_or_not_there(tmp_path):
-    def write(text):
-        def into(path):
-            (path / "inner").mkdir()
-            (path / "inner" / "file").write_text(text)
-
-        return into
-
-    def half_way(path):
-        write("half")(path)
-        raise KeyboardInterrupt
-
-    warned = []
-    assert rllib_checkpoint.newest(tmp_path, warned.append) is None
-    for k in range(5):
-        rllib_checkpoint.save(tmp_path, write(str(k)), {"k": k})
-    with pytest.raises(KeyboardInterrupt):
-        rllib_checkpoint.save(tmp_path, half_way, {})
-    path, notes = rllib_checkpoint.newest(tmp_path, warned.append)
-    assert ((path / "inner" / "file").read_text(), notes, warned) == ("4", {"k": 4}, [])
-    assert sorted(each.name for each in tmp_path.glob("0*")) == ["000003", "000004", "000005"]
-    (path / "inner" / "file").write_text("other")
-    path, notes = rllib_checkpoint.newest(tmp_path, warned.append)
-    assert (notes, len(warned)) == ({"k": 3}, 1)
-    for each in tmp_path.glob("0*"):
-        (each / "manifest.json").unlink()
-    with pytest.raises(ValueError, match="not damaged"):
-        rllib_checkpoint.newest(tmp_path, warned.append)
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -351,10 +321,9 @@ def test_the_results_of_others_are_refused(tmp_path):
     scenario = lissajous_env.scenario("failure")
     network = Network((np.zeros((1, 42), np.float32),), (np.zeros(1, np.float32),), "relu")
     checkpoint.save(tmp_path / "sb3", network, Card.of(scenario))
-    with pytest.raises(ValueError, match="no training of another engine"):
+    with pytest.raises(ValueError, match=r"engine = None there, 'ray' here"):
         rllib.train(settings(tmp_path / "sb3"), QUIET)
-    notes = {"settings": json.loads(json.dumps(settings(tmp_path, gamma=0.5).to_dict())), "course": {}}
-    with checkpoint.hold(tmp_path / "other", "rllib/") as held:
-        rllib_checkpoint.save(held.make_folder("rllib"), lambda path: None, notes)
+    other = Card.of(scenario, settings=settings(tmp_path, gamma=0.5).to_dict())
+    checkpoint.save(tmp_path / "other", network, other)
     with pytest.raises(ValueError, match=r"gamma = 0\.5 there, 0\.99 here"):
         rllib.train(settings(tmp_path / "other"), QUIET)

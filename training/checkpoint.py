@@ -38,17 +38,16 @@ _PACKAGES = ("lissajous-env", "warp-lang", "numpy", "torch", "stable-baselines3"
 _NAME = r"-[0-9a-f]{12}\.safetensors"
 
 
-def hold(folder: str | Path, *more: str) -> Folder:
+def hold(folder: str | Path) -> Folder:
     """Hold the folder of a training, and bring it into agreement where an earlier process was killed.
 
     Args:
         folder: Made if it is not there.
-        more: Names that will be written besides those of a checkpoint; those of folders with a slash at their end.
 
     Raises:
         ValueError: it is in use, holds files of a user under these names, or is damaged; the message says which.
     """
-    held = Folder(folder, (FILE, _BEST + "/", "curve.png", "tensorboard/", *more))
+    held = Folder(folder, (FILE, _BEST + "/", "curve.png", "tensorboard/"))
     try:
         settle(held)
     except BaseException:

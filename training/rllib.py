@@ -6,17 +6,16 @@
 import logging
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
-from ray.rllib.algorithms.algorithm import Algorithm
 from rich.console import Console
 from torch.utils.tensorboard.writer import SummaryWriter
 
 from baselines import cluster
 from lissajous_env.folder import Folder
-from training import checkpoint, rllib_checkpoint, rllib_ppo
+from training import checkpoint, rllib_ppo, rllib_state
 from training.course import Course
 from training.network import Network
 from training.rllib_env import LissajousMultiAgentEnv
@@ -27,10 +26,10 @@ __all__ = ["LissajousMultiAgentEnv", "train"]
 
 
 def train(settings: Train, console: Console | None = None) -> Course:
-    """Train to the end, from the last good checkpoint where `settings.out` has one.
+    """Train to the end, from the last checkpoint where `settings.out` has one.
 
-    `out` then holds the policy, as every training writes it, the best one under `best`, RLlib's own state under `rllib`
-    and what TensorBoard shows under `tensorboard`.
+    `out` then holds the policy and the state, as every training writes them, the best policy under `best`, and what
+    TensorBoard shows under `tensorboard`. RLlib's own checkpoints, which are pickles, are neither written nor read.
 
     Raises:
         ValueError: settings that RLlib cannot train with, a folder that holds the results of others or is in use by
@@ -38,7 +37,7 @@ def train(settings: Train, console: Console | None = None) -> Course:
         ConnectionError: nothing answers at the address.
         KeyboardInterrupt: Ctrl-C; everything up to then is in the checkpoint.
     """
-    cluster.check(settings.device)
+    cluster.check(settings.device, settings.address)
     console = console or Console()
     if settings.algorithm != "ppo":
         raise ValueError(f"algorithm of engine ray must be ppo, got {settings.algorithm}")
@@ -49,7 +48,7 @@ def train(settings: Train, console: Console | None = None) -> Course:
             raise ValueError(f"{name} of engine ray must be {value}, got {getattr(settings, name)}")
     if settings.imitated is not None:
         console.print("engine ray does not imitate first; --start takes the network of a training that did")
-    with checkpoint.hold(settings.out, "rllib/") as folder:
+    with checkpoint.hold(settings.out) as folder:
         return ClusterTrainer(settings, console, folder).run()
 
 
@@ -60,9 +59,12 @@ class ClusterTrainer(Trainer):
         super().__init__(settings, console, folder)
         if settings.threads:
             torch.set_num_threads(settings.threads)
-        self._states = folder.make_folder("rllib")
-        self._restored = self._find_state()
-        self._start = self._network_to_start_from() if self._restored is None else None
+        self._state: dict[str, np.ndarray] | None = None
+        self._start: Network | None = None
+        if (settings.out / checkpoint.FILE).exists():
+            self._go_on()
+        else:
+            self._start = self._network_to_start_from()
 
     def run(self) -> Course:
         """Train to the end."""
@@ -76,10 +78,8 @@ class ClusterTrainer(Trainer):
                 raise ValueError(f"workers must be at most the {cores} CPUs of the Ray cluster, got {settings.workers}")
             self.algorithm = rllib_ppo.make_ppo(settings, self.scenario, self.card, self._start, course.updates)
             try:
-                if self._restored is not None:
-                    self.algorithm.restore_from_path(self._restored.resolve())
-                    # Killed between the state and the policy, the policy is the one of the checkpoint before.
-                    self._export(self.network())
+                if self._state is not None:
+                    self._load(self._state)
                 return super().run()
             finally:
                 self.algorithm.stop()
@@ -92,10 +92,9 @@ class ClusterTrainer(Trainer):
             raise ValueError(f"learning_rate must be low enough that weights stay finite: {error}") from error
 
     def save(self) -> None:
-        """Write a checkpoint: RLlib's state, from which the training goes on, then the policy."""
-        notes = {"settings": self.settings.to_dict(), "course": vars(self.course)}
-        rllib_checkpoint.save(self._states, lambda path: _save(self.algorithm, path), notes)
-        self._export(self.network())
+        """Write a checkpoint: what was learned and how far, and a run that goes on from it plays other worlds."""
+        state = rllib_state.save_ppo(self.algorithm)
+        checkpoint.save(self.folder, self.network(), self.card, state=state, notes=self.course.notes)
 
     def _learn(self) -> None:
         course, robots = self.course, self.scenario.num_robots
@@ -106,7 +105,7 @@ class ClusterTrainer(Trainer):
                 began = time.monotonic()
                 result = self.algorithm.train()
                 course.seconds += time.monotonic() - began
-                course.steps = rllib_ppo.steps_sampled(self.algorithm) * robots
+                course.steps = rllib_state.steps_sampled(self.algorithm) * robots
                 course.updates = self.algorithm.iteration
                 self.network()  # raises where the training has diverged
                 self._show(result)
@@ -133,23 +132,15 @@ class ClusterTrainer(Trainer):
             self.log({f"{folder}/{name}": value for name, value in values.items()})
         self.display.update(shown)
 
-    def _export(self, network: Network) -> None:
-        checkpoint.save(self.folder, network, self.card, notes=self.course.notes)
+    def _go_on(self) -> None:
+        _, card, text = checkpoint.read(self.settings.out)
+        self._check_same(card.settings)
+        self._state = checkpoint.read_state(self.settings.out, text)
+        self._state_file = self.settings.out / text["files"]["state"]["name"]
+        self.course = Course.read(text)
 
-    def _find_state(self) -> Path | None:
-        """Take up the course of the newest good checkpoint, and return the folder of its state."""
-        found = rllib_checkpoint.newest(self._states, lambda text: self.console.print(text, markup=False))
-        if found is None:
-            if (self.settings.out / checkpoint.FILE).exists():
-                raise ValueError(
-                    f"out must be a folder that holds no training of another engine, got {self.settings.out}"
-                )
-            return None
-        path, notes = found
-        self._check_same(notes["settings"])
-        self.course = Course(**notes["course"])
-        return path
-
-
-def _save(algorithm: Algorithm, path: Path) -> None:
-    algorithm.save_to_path(path.resolve())
+    def _load(self, state: dict[str, np.ndarray]) -> None:
+        try:
+            rllib_state.load_ppo(self.algorithm, state, self.course.updates)
+        except ValueError as error:
+            raise ValueError(f"{self._state_file} is no state of this training: {error}") from error

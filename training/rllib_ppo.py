@@ -17,7 +17,6 @@ from ray.rllib.core.rl_module.apis.value_function_api import ValueFunctionAPI
 from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.core.rl_module.torch import TorchRLModule
-from ray.rllib.utils.metrics import ENV_RUNNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME
 from torch import nn
 
 from lissajous_env import Scenario
@@ -162,11 +161,6 @@ def make_ppo(
         # RLlib makes an empty folder in the user's home, and never writes to it.
         Path(str(algorithm.logdir)).rmdir()
     return algorithm
-
-
-def steps_sampled(algorithm: Algorithm) -> int:
-    """Steps of a world that an algorithm has collected in its life."""
-    return int(algorithm.metrics.peek((ENV_RUNNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME), default=0))
 
 
 def to_network(weights: Mapping[str, Any], activation: str) -> Network:

@@ -13,7 +13,7 @@ from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
 from training.network import ACTIVATIONS
 
-CHANGES_NOTHING = ("steps", "out", "threads", "engine", "address", "workers", "evaluation_episodes", "rivals")
+CHANGES_NOTHING = ("steps", "out", "threads", "address", "workers", "evaluation_episodes", "rivals")
 """Settings that may differ when a training goes on: they do not change what is learned from a step."""
 
 
@@ -103,7 +103,7 @@ class Train:
     engine: Literal["sb3", "ray"] = "sb3"
     """sb3: this process. ray: RLlib, over a cluster."""
     address: str | None = None
-    """Address of a Ray cluster; without it one is started here."""
+    """Address of a Ray cluster: auto, HOST:PORT or ray://HOST:PORT; without it one is started here."""
     workers: int = 2
     """Processes that collect episodes, with ray."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
@@ -125,6 +125,7 @@ class Train:
         self._require("seed", 0 <= self.seed < 2**11, "must be from 0 to 2047")
         self._require("layers", all(size >= 1 for size in self.layers), "must be sizes of at least 1")
         self._require("activation", self.activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}")
+        self._require("address", self.address is None or self.engine == "ray", "must be given with engine ray alone")
         self._require("threads", self.threads is None or self.threads >= 1, "must be at least 1")
         for name in ("learning_rate", "residual", "clip_range", "gradient_max", "short_time"):
             self._require(name, getattr(self, name) > 0, "must be positive")

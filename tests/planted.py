@@ -1,0 +1,70 @@
+"""Pickles that say so when they are opened, and what a stranger puts them in place of."""
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+import pickle
+import shutil
+import zipfile
+
+import numpy as np
+
+
+class Planted:
+    """Unpickled, it makes a folder."""
+
+    def __init__(self, marker):
+        self.marker = str(marker)
+
+    def __reduce__(self):
+        return os.makedirs, (self.marker,)
+
+
+def payloads(marker):
+    """The pickle as it is, as torch and Stable-Baselines3 pack it, and as NumPy does, alone and among others."""
+    planted = Planted(marker)
+    plain = pickle.dumps(planted)
+    archive, array, arrays = io.BytesIO(), io.BytesIO(), io.BytesIO()
+    with zipfile.ZipFile(archive, "w") as packed:
+        for name in ("archive/data.pkl", "archive/version", "data", "policy.pth", "pytorch_variables.pth"):
+            packed.writestr(name, plain)
+    objects = np.array([planted], dtype=object)
+    np.save(array, objects, allow_pickle=True)
+    np.savez(arrays, about=objects, position=objects)
+    return {"plain": plain, "archive": archive.getvalue(), "npy": array.getvalue(), "npz": arrays.getvalue()}
+
+
+def opened(marker):
+    """Whether the pickle was opened; forgets it."""
+    there = os.path.isdir(marker)
+    shutil.rmtree(marker, ignore_errors=True)
+    return there
+
+
+def plant(path, data):
+    """Put bytes in place of a file, and their SHA-256 in place of its own where a manifest has that."""
+    before = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+    for manifest in (path.parent / "checkpoint.json", *(each / "manifest.json" for each in list(path.parents)[:6])):
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            if before is not None and before in (text := manifest.read_text(encoding="utf-8")):
+                manifest.write_text(text.replace(before, hashlib.sha256(data).hexdigest()), encoding="utf-8")
+
+
+RLLIB_FILES = (
+    "algorithm_state.pkl", "class_and_ctor_args.pkl", "learner_group/state.pkl", "learner_group/learner/state.pkl",
+    "learner_group/learner/rl_module/robot/module_state.pkl", "env_runner/state.pkl", "rllib_checkpoint.json",
+)  # fmt: skip
+"""Files of a checkpoint that RLlib writes."""
+
+
+def plant_rllib(folder, data, notes=None):
+    """Make folders that look like checkpoints of RLlib's, each file of theirs the pickle, its SHA-256 beside it."""
+    for inner in ("rllib/000001", "rllib/000099", "."):
+        for name in RLLIB_FILES:
+            plant(folder / inner / name, data)
+        digests = {name: hashlib.sha256(data).hexdigest() for name in RLLIB_FILES}
+        (folder / inner / "manifest.json").write_text(json.dumps({"files": digests, "notes": notes or {}}))

@@ -1,0 +1,165 @@
+"""Files of strangers are data: a pickle in place of any file of any folder that a command reads is never opened."""
+
+import json
+import pickle
+import shutil
+
+import pytest
+from planted import opened, payloads, plant, plant_rllib
+
+from lissajous_env.cli import main
+from training import learned
+
+SHORT = ("--set", "task.duration=1.0")
+TRAINING = (
+    "--scenario", "failure", "--worlds", "2", "--rollout", "8", "--batch-size", "80", "--evaluate-every", "80",
+    "--evaluation-episodes", "1", "--layers", "4", "--threads", "1", "--teacher", "none", "--rivals", *SHORT,
+)  # fmt: skip
+
+
+@pytest.fixture
+def marker(tmp_path):
+    return tmp_path / "opened"
+
+
+@pytest.fixture
+def attacked(tmp_path, marker, capsys):
+    """Plants each pickle in each file of a folder in turn, runs a command, and tells what it ended with."""
+
+    def attack(original, command, forms=("plain",)):
+        endings = {}
+        for form in forms:
+            data = payloads(marker)[form]
+            for path in sorted(path for path in original.rglob("*") if path.is_file()):
+                name = path.relative_to(original)
+                copy = tmp_path / "copy"
+                shutil.copytree(original, copy)
+                plant(copy / name, data)
+                endings[str(name), form] = ended(command(copy), capsys)
+                assert not opened(marker), f"{name} was unpickled"
+                shutil.rmtree(copy)
+        return endings
+
+    return attack
+
+
+def ended(arguments, capsys):
+    """Exit code of a command: 2 for bad input, with why in one line; 1 where a table says that a policy failed."""
+    with pytest.raises(SystemExit) as raised:
+        main([str(each) for each in arguments])
+    said = capsys.readouterr().err
+    assert raised.value.code in (0, 1, 2)
+    assert "Traceback" not in said
+    assert raised.value.code != 2 or said.strip().rpartition("\n")[2].startswith("error: ")
+    return raised.value.code
+
+
+def test_the_pickles_would_say_so(marker):
+    # The test of the tests: whoever opens one makes the folder.
+    import numpy as np
+
+    pickle.loads(payloads(marker)["plain"])
+    assert opened(marker)
+    (path := marker.parent / "x.npz").write_bytes(payloads(marker)["npz"])
+    assert np.load(path, allow_pickle=True)["about"].shape == (1,)
+    assert opened(marker)
+
+
+def test_a_folder_of_a_training(attacked, tmp_path, marker, capsys):
+    pytest.importorskip("stable_baselines3")
+    made = tmp_path / "run"
+    assert ended(["train", *TRAINING, "--steps", "80", "--out", made], capsys) == 0
+    plant_rllib(made, payloads(marker)["plain"])
+
+    def go_on(folder):
+        return ["train", *TRAINING, "--steps", "160", "--out", folder]
+
+    (made / "rllib").rename(tmp_path / "rllib")  # these are tried together: nothing of ours has such names
+    endings = attacked(made, go_on)
+    shutil.copytree(tmp_path / "rllib", made / "rllib")
+    assert ended(go_on(made), capsys) == 0
+    assert not opened(marker)
+    refused = {name.partition("-")[0] for (name, _), code in endings.items() if code}
+    assert refused == {"checkpoint.json", "state", "weights"}  # the best, the curve and the log are made anew
+
+
+@pytest.mark.parametrize("form", ["archive", "npy"])
+def test_the_state_of_a_training_in_other_clothes(tmp_path, marker, capsys, form):
+    pytest.importorskip("stable_baselines3")
+    made = tmp_path / "run"
+    assert ended(["train", *TRAINING, "--steps", "80", "--out", made], capsys) == 0
+    (state,) = made.glob("state-*")
+    plant(state, payloads(marker)[form])
+    assert ended(["train", *TRAINING, "--steps", "160", "--out", made], capsys) == 2
+    assert not opened(marker)
+
+
+@pytest.mark.parametrize("command", ["run", "evaluate", "benchmark"])
+def test_a_folder_of_a_policy(attacked, tmp_path, command):
+    shipped = learned.find("learned-ring")
+
+    def play(folder):
+        out = tmp_path / "out"
+        shutil.rmtree(out, ignore_errors=True)
+        return {
+            "run": ["run", "failure", folder, "--out", tmp_path / "out.png", *SHORT],
+            "evaluate": ["evaluate", folder, "failure", "--episodes", "1", *SHORT],
+            "benchmark": ["benchmark", "--scenarios", "failure", "--policies", folder, "--episodes", "1",
+                          "--out", out, *SHORT],
+        }[command]  # fmt: skip
+
+    endings = attacked(shipped, play, ("plain", "archive"))
+    assert {code for (name, _), code in endings.items() if name.endswith((".json", ".safetensors"))} <= {1, 2}
+
+
+def test_a_folder_of_a_benchmark(attacked, tmp_path, capsys):
+    made = tmp_path / "made"
+
+    def play(folder):
+        return [
+            "benchmark",
+            "--scenarios",
+            "failure",
+            "--policies",
+            "still",
+            "--episodes",
+            "1",
+            "--out",
+            folder,
+            *SHORT,
+        ]
+
+    assert ended(play(made), capsys) == 0
+    endings = attacked(made, play)
+    assert endings["settings.json", "plain"] == 2
+    assert endings["episodes.csv", "plain"] == 0
+
+
+def test_a_folder_of_the_reproduction(tmp_path, marker, capsys):
+    made = tmp_path / "made"
+    assert ended(["reproduce", "knot", "--out", made], capsys) == 0
+    for path in list(made.iterdir()):
+        plant(path, payloads(marker)["plain"])
+    assert ended(["reproduce", "knot", "--out", made], capsys) == 0
+    assert not opened(marker)
+
+
+def test_a_recording(attacked, tmp_path, capsys):
+    made = tmp_path / "made"
+    made.mkdir()
+    assert ended(["run", "failure", "still", "--out", made / "one.npz", *SHORT], capsys) == 0
+    forms = ("plain", "archive", "npy", "npz")
+    replay = lambda folder: ["replay", folder / "one.npz", "--out", tmp_path / "out.png"]  # noqa: E731
+    assert set(attacked(made, replay, forms).values()) == {2}
+
+
+def test_what_a_checkpoint_names_stays_in_its_folder(tmp_path, capsys):
+    # Story: the manifest names a file elsewhere, by a path; only its last part counts.
+    folder = tmp_path / "policy"
+    shutil.copytree(learned.find("learned-ring"), folder)
+    text = json.loads((folder / "checkpoint.json").read_text())
+    (weights,) = folder.glob("weights-*")
+    weights.rename(tmp_path / weights.name)
+    text["files"]["weights"]["name"] = f"../{weights.name}"
+    (folder / "checkpoint.json").write_text(json.dumps(text))
+    assert ended(["evaluate", folder, "failure", "--episodes", "1", *SHORT], capsys) == 2
