@@ -80,7 +80,7 @@ def test_a_folder_of_a_training(attacked, tmp_path, marker, capsys):
     assert ended(go_on(made), capsys) == 0
     assert not opened(marker)
     refused = {name.partition("-")[0] for (name, _), code in endings.items() if code}
-    assert refused == {"checkpoint.json", "state", "weights"}  # the best, the curve and the log are made anew
+    assert refused == {".lissajous.jsonl", "checkpoint.json", "state", "weights"}  # the best, the curve and the log are made anew
 
 
 @pytest.mark.parametrize("form", ["archive", "npy"])
