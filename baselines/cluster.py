@@ -17,6 +17,7 @@ from typing import Any
 from baselines import benchmark, stored
 from baselines.benchmark import Benchmark, Cell, Failure
 from baselines.progress import Progress
+from lissajous_env.extras import missing
 
 _RETRIES = 3
 """Times that a batch is played again after its worker or node was lost: a policy that kills its process must end."""
@@ -218,4 +219,4 @@ def _ray() -> Any:
     try:
         return importlib.import_module("ray")
     except ImportError as error:
-        raise ValueError(f'engine ray must have Ray ({error}): pip install "lissajous-env[cluster]"') from error
+        raise missing("engine ray", "cluster", error) from error

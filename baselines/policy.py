@@ -100,6 +100,8 @@ class _Entry:
     kind: str | None
     factory: Callable[..., Policy]
     made_for: tuple[str, ...]
+    about: str
+    learned: bool
 
 
 _REGISTRY: dict[str, _Entry] = {}
@@ -107,7 +109,14 @@ _WRAPPERS: dict[str, tuple[str, Callable[[Policy], Policy]]] = {}
 _opener: Callable[..., Policy] | None = None
 
 
-def register(name: str, kind: str | None, factory: Callable[..., Policy], made_for: tuple[str, ...] = ()) -> None:
+def register(
+    name: str,
+    kind: str | None,
+    factory: Callable[..., Policy],
+    made_for: tuple[str, ...] = (),
+    about: str = "",
+    learned: bool = False,
+) -> None:
     """Add a policy.
 
     Args:
@@ -115,8 +124,11 @@ def register(name: str, kind: str | None, factory: Callable[..., Policy], made_f
         kind: Kind of robots that it drives; None: any.
         factory: `factory(scenario, num_worlds, device)` makes it.
         made_for: Names of the scenarios on which a benchmark plays it without being asked to; all by default.
+        about: What it is, in one line; the first line of the factory's docstring by default.
+        learned: Whether its weights were learned.
     """
-    _REGISTRY[name] = _Entry(kind, factory, made_for)
+    about = about or (factory.__doc__ if isinstance(factory, type) else None) or ""
+    _REGISTRY[name] = _Entry(kind, factory, made_for, about.partition("\n")[0], learned)
 
 
 def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy]) -> None:
@@ -130,9 +142,26 @@ def register_opener(opener: Callable[..., Policy]) -> None:
     _opener = opener
 
 
+def describe(name: str) -> dict[str, Any]:
+    """What a registered policy is, in plain values: name, kind of robot (None: any), made_for, learned, description."""
+    plain, suffix = unwrapped(name)
+    entry = _registry()[plain]
+    about = f"{plain} with the collision filter under it." if suffix else entry.about
+    return {
+        "name": name,
+        "kind": _kinds()[name],
+        "made_for": list(entry.made_for),
+        "learned": entry.learned,
+        "description": about,
+    }
+
+
 def is_folder(name: str) -> bool:
     """Whether a name is none of the registry's, but a folder that a policy may be in."""
-    return name not in _kinds() and _opener is not None and Path(name).is_dir()
+    try:
+        return name not in _kinds() and _opener is not None and Path(name).is_dir()
+    except OSError:  # no name of a file can be as long
+        return False
 
 
 def made_for(name: str, scenario: str) -> bool:

@@ -18,7 +18,7 @@ import baselines
 import lissajous_env
 from baselines import report
 from baselines.benchmark import Benchmark, measure, run
-from baselines.stored import NUMBER_COLUMNS
+from baselines.rows import NUMBER_COLUMNS
 from lissajous_env.files import Journal, replacing, write_atomically
 from lissajous_env.score import COLUMNS
 

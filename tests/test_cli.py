@@ -12,7 +12,8 @@ import pytest
 
 import baselines
 import lissajous_env
-from lissajous_env.cli import commands, main, parse_overrides
+from lissajous_env.cli import commands, main
+from lissajous_env.overrides import parse_overrides
 from lissajous_env.score import COLUMNS
 
 BENCHMARK = (

@@ -16,6 +16,19 @@ from training.network import ACTIVATIONS
 CHANGES_NOTHING = ("steps", "out", "threads", "engine", "address", "workers", "evaluation_episodes", "rivals")
 """Settings that may differ when a training goes on: they do not change what is learned from a step."""
 
+_MOST = {
+    "steps": 10**15,
+    "worlds": 1_000_000,
+    "rollout": 1_000_000,
+    "batch_size": 10**9,
+    "epochs": 10_000,
+    "evaluate_every": 10**15,
+    "evaluation_episodes": 65_536,
+    "noise_steps": 10**9,
+    "workers": 10_000,
+}
+"""Whole numbers, all of at least 1, and the most that each may be: above it lie typing errors alone."""
+
 
 @dataclass(frozen=True)
 class Train:
@@ -110,31 +123,31 @@ class Train:
     """Fields changed in the scenario, as {"task.reward_collision": -5.0}."""
 
     def __post_init__(self) -> None:
-        for name in (
-            "steps",
-            "worlds",
-            "rollout",
-            "batch_size",
-            "epochs",
-            "evaluate_every",
-            "evaluation_episodes",
-            "noise_steps",
-            "workers",
-        ):
+        for name, most in _MOST.items():
             self._require(name, getattr(self, name) >= 1, "must be at least 1")
+            self._require(name, getattr(self, name) <= most, f"must be at most {most:,}")
         self._require("seed", 0 <= self.seed < 2**11, "must be from 0 to 2047")
-        self._require("layers", all(size >= 1 for size in self.layers), "must be sizes of at least 1")
+        sizes = all(1 <= size <= 65_536 for size in self.layers)
+        self._require(
+            "layers", len(self.layers) <= 100 and sizes, "must be at most 100 sizes of at least 1 and at most 65,536"
+        )
         self._require("activation", self.activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}")
-        self._require("threads", self.threads is None or self.threads >= 1, "must be at least 1")
-        for name in ("learning_rate", "residual", "clip_range", "gradient_max", "short_time"):
-            self._require(name, getattr(self, name) > 0, "must be positive")
+        self._require(
+            "threads", self.threads is None or 1 <= self.threads <= 1024, "must be at least 1 and at most 1,024"
+        )
+        self._require("learning_rate", 0 < self.learning_rate <= 1, "must be positive and at most 1")
+        for name in ("residual", "clip_range", "gradient_max", "short_time"):
+            self._require(name, 0 < getattr(self, name) <= 1e6, "must be positive and at most 1e6")
         for name in ("gamma", "gae_lambda", "short"):
             self._require(name, 0 <= getattr(self, name) <= 1, "must be from 0 to 1")
         self._require("averaging", 0 <= self.averaging < 1, "must be at least 0 and below 1")
+        self._require("log_std", -20 <= self.log_std <= 2, "must be from -20 to 2")
         for name in ("entropy", "value_weight", "residual_penalty"):
-            self._require(name, getattr(self, name) >= 0, "must not be negative")
+            self._require(name, 0 <= getattr(self, name) <= 1e6, "must be at least 0 and at most 1e6")
         for name in ("imitation_steps", "critic_steps"):
-            self._require(name, getattr(self, name) >= 0, "must not be negative")
+            self._require(name, 0 <= getattr(self, name) <= _MOST["steps"], f"must be from 0 to {_MOST['steps']:,}")
+        for name in ("start", "address"):
+            self._require(name, getattr(self, name) != "", "must not be empty")
         self._require("teacher", self.imitated is None or self.base is None, "must be none where there is a base")
         self._require(
             "teacher", self.imitated is not None or self.algorithm == "ppo", "must be given for imitation alone"

@@ -16,14 +16,16 @@ import tyro
 from rich import progress as bars
 from rich.console import Console
 
-from baselines.report import wide_console
+from baselines.progress import bar
 from baselines.reproduce import bounds as conditions
 from baselines.reproduce import cars, detection, equilibria, failures, resilience, space, table, tracking
 from baselines.reproduce.played import Part, Player
 from baselines.reproduce.style import Picture
 from baselines.reproduce.table import Claim
+from baselines.stored import make_folder
 from lissajous_env.device import as_device
 from lissajous_env.files import locked, remove_leftovers, write_atomically
+from lissajous_env.terminal import AS_USUAL, Speech, make_console
 
 PARTS: dict[str, Callable[[Player], Part]] = {
     "fig2": detection.fig2,
@@ -51,7 +53,11 @@ _Out = Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
 
 
 def reproduce(
-    figures: _Names = ("all",), out: _Out = Path("results/reproduce"), seed: int = 0, device: str = "cpu"
+    figures: _Names = ("all",),
+    out: _Out = Path("results/reproduce"),
+    seed: int = 0,
+    device: str = "cpu",
+    output: Speech = AS_USUAL,
 ) -> list[Claim]:
     """Simulate the paper's figures and claims again: pictures, and a table of what agrees.
 
@@ -63,6 +69,7 @@ def reproduce(
         out: folder of the results.
         seed: seed of the first episode; further ones count up from it.
         device: cpu, cuda or cuda:k.
+        output: How it speaks.
 
     Returns:
         The rows of the table.
@@ -74,15 +81,14 @@ def reproduce(
     if not 0 <= seed < 2**31 - 1000:
         raise ValueError(f"seed must be from 0 to {2**31 - 1001}, got {seed}")
     as_device(device)
-    out = Path(out)
-    out.mkdir(parents=True, exist_ok=True)
+    out = make_folder(Path(out))
     player, claims, pictures = Player(seed, device), [], []
     command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed)])
-    console = wide_console()
+    console, notes = output.console(), make_console(stderr=True, quiet=output.quiet)
     with locked(out):
         remove_leftovers(out)
         try:
-            for part in _played(chosen, player):
+            for part in _played(chosen, player, notes):
                 for picture in part.pictures:
                     write_atomically(out / f"{picture.name}.png", picture.png)
                 claims += part.claims
@@ -91,9 +97,10 @@ def reproduce(
             _write(out, claims, pictures, command)
             raise KeyboardInterrupt(f"what was finished is in {out}") from None
         _write(out, claims, pictures, command)
-    table.print_table(console, claims)
+    table.print_claims(console, claims)
     words = f"\n{table.summary(claims)}. {len(pictures)} pictures, table.csv, table.md and README.md are in {out}"
     console.print(words, markup=False, highlight=False, soft_wrap=True)
+    output.give([dataclasses.asdict(claim) for claim in claims])
     return claims
 
 
@@ -107,13 +114,9 @@ def _chosen(figures: Sequence[str]) -> list[str]:
     return list(PARTS) if "all" in figures or not figures else [name for name in PARTS if name in figures]
 
 
-def _played(chosen: Sequence[str], player: Player) -> Iterable[Part]:
+def _played(chosen: Sequence[str], player: Player, console: Console) -> Iterable[Part]:
     """Make the parts one after the other, with a bar on stderr, or a line for each where that is no terminal."""
-    console = Console(stderr=True)
-    columns = "{task.description}", bars.BarColumn(bar_width=None), bars.MofNCompleteColumn(), bars.TimeElapsedColumn()
-    with bars.Progress(
-        bars.SpinnerColumn(), *columns, console=console, transient=True, expand=True, disable=not console.is_terminal
-    ) as progress:
+    with bar(console, bars.TextColumn("{task.description}"), bars.MofNCompleteColumn()) as progress:
         task = progress.add_task("", total=len(chosen))
         for name in chosen:
             about = (PARTS[name].__doc__ or "").partition("\n")[0].rstrip(".")
@@ -123,7 +126,7 @@ def _played(chosen: Sequence[str], player: Player) -> Iterable[Part]:
             made.claims = [dataclasses.replace(claim, part=name) for claim in made.claims]
             yield made
             progress.advance(task)
-            if not console.is_terminal:
+            if not console.is_interactive:
                 console.print(f"{name}: {time.monotonic() - began:.1f} s", highlight=False)
 
 
