@@ -59,13 +59,11 @@ def keep_settings(folder: Path, settings: "Benchmark", cells: Sequence["Cell"]) 
     there = _read(path)
     both = [name for name in now["scenarios"] if name in there["scenarios"]]
     fixed = ("seed", "device", "versions")
-    differing = _differences(
-        *(
-            {**{name: of[name] for name in fixed}, "scenarios": {n: of["scenarios"][n] for n in both}}
-            for of in (there, now)
-        )
+    then, wanted = (
+        {name: of[name] for name in fixed} | {"scenarios": {name: of["scenarios"][name] for name in both}}
+        for of in (there, now)
     )
-    if differing:
+    if differing := _differences(then, wanted):
         raise ValueError(_refusal(folder, differing))
     policies = {name: list(dict.fromkeys([*there["policies"].get(name, []), *now["policies"].get(name, [])]))
                 for name in {**there["policies"], **now["policies"]}}  # fmt: skip

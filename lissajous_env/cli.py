@@ -15,7 +15,7 @@ import re
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
@@ -121,23 +121,43 @@ def _bound(function: Callable[..., Any], program: str, arguments: list[str]) -> 
         return given, named
 
     said = io.StringIO()
+    asks_for_help = any(argument in ("-h", "--help") for argument in arguments)
     try:
-        with contextlib.redirect_stderr(said):
+        with contextlib.redirect_stderr(said), contextlib.nullcontext() if asks_for_help else _wide_frames():
             return tyro.cli(bind, prog=program, args=arguments)
     except SystemExit as ended:
         if not ended.code:
             raise
-        raise ValueError(f"{_without_frame(said.getvalue())}\n{program} --help lists what it takes") from None
+        words = _without_frame(said.getvalue())
+        # What the settings themselves refuse is said in their own words.
+        refused = re.fullmatch(r"error parsing \w+: (.*)", words)
+        raise ValueError(refused[1] if refused else f"{words}\n{program} --help lists what it takes") from None
+
+
+@contextlib.contextmanager
+def _wide_frames() -> Iterator[None]:
+    """Let tyro frame what it says in lines that are not broken."""
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = "10000"
+    try:
+        yield
+    finally:
+        del os.environ["COLUMNS"]
+        if before is not None:
+            os.environ["COLUMNS"] = before
 
 
 def _without_frame(said: str) -> str:
     """One line of what tyro says in a frame: what is wrong, and the options that were perhaps meant."""
-    inside = [line.strip("\u2502 \n") for line in said.splitlines() if not line.startswith(("\u256d", "\u2570"))]
-    parts = [part.split("\n") for part in "\n".join(inside).split("\u2500" * 3) if part.strip("\u2500\n ")]
-    words = " ".join(" ".join(parts[0]).split()) if parts else "the command line cannot be read"
-    for part in parts[1:]:
-        near = [line for line in part if line.startswith("-")]
-        if near and part[0 if part[0].strip("\u2500") else 1].startswith("Perhaps"):
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", said).splitlines()
+    # Around it are a title and a last line; without lines to draw with, the title is underlined.
+    underlined = bool(lines[1:]) and not lines[1].strip(" -")
+    inside = "\n".join(line.strip("\u2502| ") for line in lines[1 + underlined : -1])
+    first, *others = re.split(r"\n?^[\u2500-]{3,}$\n?", inside, flags=re.MULTILINE)
+    words = " ".join(first.split()) or "the command line cannot be read"
+    for part in others:
+        if part.startswith("Perhaps"):
+            near = [line for line in part.splitlines() if line.startswith("-")]
             words += f"; did you mean {', '.join(near)}?"
     return words[:1].lower() + words[1:]
 

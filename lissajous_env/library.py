@@ -142,7 +142,7 @@ def scenarios() -> tuple[str, ...]:
     return tuple(_BY_NAME)
 
 
-def scenario(name: str | Scenario, **overrides: Any) -> Scenario:
+def scenario(name: str | Scenario, /, **overrides: Any) -> Scenario:
     """Make a named scenario, with any field overridden.
 
     Overrides are dotted (`**{"curve.a": 11}`) or nested (`curve={"a": 11}`, `curve=Curve(...)`); also takes a

@@ -11,6 +11,7 @@ import tyro
 from baselines import policy as registry
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
+from lissajous_env.device import as_device
 from training.network import ACTIVATIONS
 
 CHANGES_NOTHING = ("steps", "out", "threads", "engine", "address", "workers", "evaluation_episodes", "rivals")
@@ -152,6 +153,8 @@ class Train:
         self._require(
             "teacher", self.imitated is not None or self.algorithm == "ppo", "must be given for imitation alone"
         )
+        if self.engine == "sb3":
+            as_device(self.device)
         for name in (self.base, self.imitated, *self.rivals):
             if name is not None:
                 registry.check(name, self.make_scenario())
