@@ -7,7 +7,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 from baselines import policy as registry
 from lissajous_env import scenarios
@@ -50,13 +50,14 @@ def as_factory(policy: Any, name: str) -> Factory:
     Raises:
         ValueError: it is neither.
     """
-    if _acts(policy) and not isinstance(policy, type):
-        return lambda *_: policy
+    if not isinstance(policy, type) and _acts(policy):
+        made_already = cast(ActingPolicy, policy)
+        return lambda *_: made_already
     if not callable(policy):
         raise ValueError(f"policy {name} must be a policy or factory(scenario, num_worlds, device), got {policy!r}")
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
-        made = policy(scenario, num_worlds, device)
+        made: Any = policy(scenario, num_worlds, device)
         if not _acts(made) or isinstance(made, type):
             raise ValueError(f"policy {name} must be made with reset, act and num_worlds, got {made!r}")
         return made

@@ -6,7 +6,6 @@ from typing import Any
 from rich import progress as bars
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column
 from rich.text import Text
 
 _EVERY = 0.1
@@ -30,28 +29,27 @@ class Clock(bars.ProgressColumn):
 
 def in_words(seconds: float) -> str:
     """A length of time in words, as `1 min 20 s`; above a minute to 5 s, above an hour to a minute."""
-    if seconds < 60:
+    if round(seconds) < 60:
         return f"{seconds:.0f} s"
-    if seconds < 3600:
-        minutes, rest = divmod(5 * round(seconds / 5), 60)
+    if (rounded := 5 * round(seconds / 5)) < 3600:
+        minutes, rest = divmod(rounded, 60)
         return f"{minutes} min {rest} s" if rest else f"{minutes} min"
     hours, minutes = divmod(round(seconds / 60), 60)
     days, hours = divmod(hours, 24)
     return f"{days} d {hours} h" if days else f"{hours} h {minutes} min" if minutes else f"{hours} h"
 
 
-def bar(console: Console, *columns: bars.ProgressColumn) -> bars.Progress:
-    """Bar in a terminal, nothing elsewhere; where it is narrow, the bar itself goes first."""
-    room = [bars.BarColumn(bar_width=None)] if console.width >= 100 else []
-    first, *others = columns
+def bar(console: Console, name: bars.ProgressColumn | None, *numbers: bars.ProgressColumn) -> bars.Progress:
+    """Bar in a terminal, nothing elsewhere; where it is narrow the bar itself goes first, then the name."""
+    shown = [name] if name is not None and console.width >= 80 else []
+    shown += [bars.BarColumn(bar_width=None)] if console.width >= 100 else []
     return bars.Progress(
-        first,
-        *room,
-        *others,
+        *shown,
+        *numbers,
         Clock(),
         console=console,
         transient=True,
-        expand=bool(room),
+        expand=console.width >= 100,
         disable=not console.is_interactive or console.quiet,
     )
 
@@ -67,7 +65,7 @@ class Progress:
         self._episodes, self._done = sum(self._left.values()), 0
         self._gone, self._shown, self._began, self._name = 0.0, 0.0, 0.0, ""
         counted = bars.TextColumn("{task.fields[done]}/{task.fields[episodes]} episodes")
-        self._bar = bar(console, bars.TextColumn("{task.description}", table_column=Column(overflow="fold")), counted)
+        self._bar = bar(console, bars.TextColumn("{task.description}"), counted)
         self._task = self._bar.add_task("", total=max(self._total, 1), done=0, episodes=self._episodes)
 
     def begin(self, cell: Any) -> None:

@@ -487,22 +487,17 @@ def test_the_first_run_says_that_it_compiles_and_damaged_kernels_are_made_again(
     place = {"WARP_CACHE_PATH": str(tmp_path)}
     compiling = ["compiling kernels, once: about 10 s"]
     assert loaded(**place) == compiling
-    assert loaded(**place) == []
     (compiled,) = tmp_path.rglob("*.o")
     whole = compiled.read_bytes()
-    damages = {
-        compiled: whole[: len(whole) // 2], compiled.parent / "checksums.json": b"[1",
-        next(tmp_path.rglob("*.meta")): b"{",
-    }  # fmt: skip
-    for path, damage in damages.items():
-        path.write_bytes(damage)
-        assert loaded(**place) == compiling
-        assert compiled.read_bytes() == whole
-    # Without a checksum, as Warp alone leaves it.
+    compiled.write_bytes(whole[: len(whole) // 2])
+    assert loaded(**place) == compiling
+    assert compiled.read_bytes() == whole
+    # Without a checksum, as Warp alone leaves it, the damage shows when it is loaded.
     (compiled.parent / "checksums.json").unlink()
     compiled.write_bytes(whole[:100])
     assert loaded(**place) == []
     assert compiled.read_bytes() == whole
+    assert loaded(**place) == []
 
 
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
@@ -517,7 +512,7 @@ def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
 
 @pytest.mark.parametrize(
     ("seconds", "words"),
-    [(0, "0 s"), (59, "59 s"), (60, "1 min"), (78, "1 min 20 s"), (3599, "60 min"), (3600, "1 h"), (5400, "1 h 30 min"),
+    [(0, "0 s"), (59.4, "59 s"), (60, "1 min"), (78, "1 min 20 s"), (3599, "1 h"), (3600, "1 h"), (5400, "1 h 30 min"),
      (90_000, "1 d 1 h")],
 )  # fmt: skip
 def test_time_in_words(seconds, words):

@@ -21,7 +21,7 @@ class Display:
     def __init__(self, settings: Train, console: Console, course: "Course"):
         self._settings, self._console, self._course = settings, console, course
         self._from, self._since = course.steps, time.monotonic()
-        self._bar = bar(console, bars.TextColumn("{task.description}"), bars.TextColumn("{task.fields[words]}"))
+        self._bar = bar(console, None, bars.TextColumn("{task.description}"), bars.TextColumn("{task.fields[words]}"))
         self._task = self._bar.add_task("", total=settings.steps, completed=course.steps, before=course.steps, words="")
 
     def __enter__(self) -> "Display":
