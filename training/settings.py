@@ -29,6 +29,7 @@ _MOST = {
     "workers": 10_000,
 }
 """Whole numbers, all of at least 1, and the most that each may be: above it lie typing errors alone."""
+_POSITIVE = ("residual", "clip_range", "gradient_max", "short_time")
 
 
 @dataclass(frozen=True)
@@ -128,25 +129,26 @@ class Train:
             self._require(name, getattr(self, name) >= 1, "must be at least 1")
             self._require(name, getattr(self, name) <= most, f"must be at most {most:,}")
         self._require("seed", 0 <= self.seed < 2**11, "must be from 0 to 2047")
-        sizes = all(1 <= size <= 65_536 for size in self.layers)
-        self._require(
-            "layers", len(self.layers) <= 100 and sizes, "must be at most 100 sizes of at least 1 and at most 65,536"
-        )
+        self._require("layers", all(size >= 1 for size in self.layers), "must be sizes of at least 1")
+        few = len(self.layers) <= 100 and all(size <= 65_536 for size in self.layers)
+        self._require("layers", few, "must be at most 100 sizes of at most 65,536")
         self._require("activation", self.activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}")
         self._require(
             "threads", self.threads is None or 1 <= self.threads <= 1024, "must be at least 1 and at most 1,024"
         )
-        self._require("learning_rate", 0 < self.learning_rate <= 1, "must be positive and at most 1")
-        for name in ("residual", "clip_range", "gradient_max", "short_time"):
-            self._require(name, 0 < getattr(self, name) <= 1e6, "must be positive and at most 1e6")
+        for name, most in (("learning_rate", 1), *((n, 1e6) for n in _POSITIVE)):
+            self._require(name, getattr(self, name) > 0, "must be positive")
+            self._require(name, getattr(self, name) <= most, f"must be at most {most:g}")
         for name in ("gamma", "gae_lambda", "short"):
             self._require(name, 0 <= getattr(self, name) <= 1, "must be from 0 to 1")
         self._require("averaging", 0 <= self.averaging < 1, "must be at least 0 and below 1")
         self._require("log_std", -20 <= self.log_std <= 2, "must be from -20 to 2")
         for name in ("entropy", "value_weight", "residual_penalty"):
-            self._require(name, 0 <= getattr(self, name) <= 1e6, "must be at least 0 and at most 1e6")
+            self._require(name, getattr(self, name) >= 0, "must not be negative")
+            self._require(name, getattr(self, name) <= 1e6, "must be at most 1e6")
         for name in ("imitation_steps", "critic_steps"):
-            self._require(name, 0 <= getattr(self, name) <= _MOST["steps"], f"must be from 0 to {_MOST['steps']:,}")
+            self._require(name, getattr(self, name) >= 0, "must not be negative")
+            self._require(name, getattr(self, name) <= _MOST["steps"], f"must be at most {_MOST['steps']:,}")
         for name in ("start", "address"):
             self._require(name, getattr(self, name) != "", "must not be empty")
         self._require("teacher", self.imitated is None or self.base is None, "must be none where there is a base")
