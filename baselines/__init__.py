@@ -16,16 +16,30 @@ from baselines.vector_field import WithVectorField
 
 __all__ = ["Policy", "make", "names", "register", "register_opener"]
 
-register("kuramoto", "curve", partial(OnCurve, Kuramoto))
-register("open-loop", "curve", partial(OnCurve, OpenLoop))
-register("kuramoto-mpcc", "car", partial(WithMpcc, Kuramoto))
-register("open-loop-mpcc", "car", partial(WithMpcc, OpenLoop))
-register("tracked-reference", "curve", partial(OnCurve, TrackedReference))
-register("tracked-reference-mpcc", "car", partial(WithMpcc, TrackedReference))
-register("consensus-gvf", "car", partial(WithVectorField, Consensus))
-register("kuramoto-arc-mpcc", "car", partial(WithMpcc, KuramotoByArc))
-register("sweep", "car", Sweep)
-register("laps", "car", Laps)
-register("random", None, RandomWaypoint)
-register("still", None, Still)
+_KURAMOTO = "Time-inverted Kuramoto coordination, the paper's method"
+_OPEN_LOOP = "Constant phase rate of every robot, without reaction (Borkar et al.)"
+_TRACKED = "Each robot tracks its own reference, computed in open loop (Borkar et al., later)"
+_MPCC = "by cars under model predictive contouring control."
+register("kuramoto", "curve", partial(OnCurve, Kuramoto), about=f"{_KURAMOTO}.")
+register("open-loop", "curve", partial(OnCurve, OpenLoop), about=f"{_OPEN_LOOP}.")
+register("kuramoto-mpcc", "car", partial(WithMpcc, Kuramoto), about=f"{_KURAMOTO}, {_MPCC}")
+register("open-loop-mpcc", "car", partial(WithMpcc, OpenLoop), about=f"{_OPEN_LOOP}, {_MPCC}")
+register("tracked-reference", "curve", partial(OnCurve, TrackedReference), about=f"{_TRACKED}.")
+register("tracked-reference-mpcc", "car", partial(WithMpcc, TrackedReference), about=f"{_TRACKED}, {_MPCC}")
+register(
+    "consensus-gvf",
+    "car",
+    partial(WithVectorField, Consensus),
+    about="A guiding vector field and linear consensus, with the spacing given (Yao et al.).",
+)
+register(
+    "kuramoto-arc-mpcc",
+    "car",
+    partial(WithMpcc, KuramotoByArc),
+    about="Kuramoto on the arc length, at constant ground speed, without the guarantee.",
+)
+register("sweep", "car", Sweep, about="A patrol in file: around the boundary, or in lanes.")
+register("laps", "car", Laps, about="The loop of the patrol, each car for itself, at top speed.")
+register("random", None, RandomWaypoint, about="Random waypoints; for points random phase rates.")
+register("still", None, Still, about="No motion.")
 register_wrapper("-safe", "car", Safe)

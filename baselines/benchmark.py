@@ -4,7 +4,6 @@
 made from it at the end.
 """
 
-import importlib
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -16,15 +15,18 @@ import tyro
 from rich.console import Console
 
 from baselines import registry, report, stored
+from baselines.factories import Factory, as_factory, is_ones_own, named, where_raised
 from baselines.progress import Progress
+from baselines.rows import what_is_wrong
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device import as_device
 from lissajous_env.evaluation import ActingPolicy, episodes
 from lissajous_env.folder import Folder
 from lissajous_env.scenario import Scenario
+from lissajous_env.terminal import make_console, plain
 
-Factory = Callable[[Scenario, int, Any], ActingPolicy]
-"""Makes a policy: `factory(scenario, num_worlds, device)`."""
+_MOST_EPISODES = 1_000_000
+_MOST_WORLDS = 65_536
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,8 @@ class Benchmark:
     device: str = "cpu"
     """cpu, cuda or cuda:k."""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("results/benchmark")
-    """Folder of the results. A second call with the same settings goes on there; more episodes extend it."""
+    """Folder of the results. A second call goes on there: it adds what it asks for (scenarios, policies, episodes) to
+    what is there, plays nothing twice, and refuses other settings. The files hold all of the folder."""
     engine: Literal["local", "ray"] = "local"
     """local plays here; ray plays over a cluster, and needs the extra `cluster`. It changes no result."""
     address: str | None = None
@@ -55,9 +58,11 @@ class Benchmark:
 
     def check(self) -> None:
         """Raise ValueError for a value that a rule forbids."""
-        for name in ("episodes", "batch"):
+        for name, most in (("episodes", _MOST_EPISODES), ("batch", _MOST_WORLDS)):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+            if getattr(self, name) > most:
+                raise ValueError(f"{name} must be at most {most:,}, got {getattr(self, name)}")
         if not 0 <= self.seed <= 2**31 - self.episodes:
             raise ValueError(f"seed must be from 0 to 2147483647, that of the last episode too, got {self.seed}")
         for name in ("scenarios", "policies"):
@@ -69,6 +74,8 @@ class Benchmark:
             raise ValueError(f"engine must be local or ray, got {self.engine!r}")
         if self.address is not None and self.engine != "ray":
             raise ValueError(f"address must be given with engine ray alone, got {self.address!r}")
+        if self.address == "":
+            raise ValueError("address must be auto or HOST:PORT, got ''")
 
     @property
     def worlds(self) -> int:
@@ -103,12 +110,17 @@ class Outcome:
     settings: Benchmark
     cells: list[Cell]
     rows: list[dict[str, Any]]
-    """Score rows, by scenario, policy and episode."""
+    """Score rows of what was asked for, by scenario, policy and episode."""
     failures: list[Failure]
     kept: int
     """How many of them were there from an earlier call."""
     elapsed: float
     """Time that it took, this call alone [s]."""
+    held: dict[str, Any]
+    """Settings that the folder holds, those of earlier calls among them."""
+    held_scenarios: dict[str, Scenario]
+    held_rows: list[dict[str, Any]]
+    """Score rows that the folder holds."""
 
     @property
     def scenarios(self) -> dict[str, Scenario]:
@@ -143,18 +155,22 @@ def measure(
     policies: Mapping[str, Factory | ActingPolicy] | None = None,
     scenarios: Iterable[Scenario] | None = None,
     console: Console | None = None,
+    progress: Console | None = None,
 ) -> Outcome:
-    """Do the same as `run`, and tell which policies failed as well."""
+    """Do the same as `run`, and tell which policies failed as well; `progress` is shown on a console of its own."""
     cells = plan(settings, policies, scenarios)
-    console = console or report.wide_console()
+    console = console or make_console()
+    progress = progress or make_console(stderr=True, quiet=console.quiet)
     started = time.monotonic()
     with Folder(settings.out, (*stored.NAMES, *report.NAMES)) as folder:
-        stored.keep_settings(folder, settings, cells)
-        with stored.open_episodes(folder, settings, cells) as kept:
-            found = len(kept)
-            failures = _play_all(settings, cells, kept, console.quiet)
-            rows = kept.in_order(cells)
-        outcome = Outcome(settings, cells, rows, failures, found, time.monotonic() - started)
+        held = stored.keep_settings(folder, settings, cells)
+        held_scenarios = stored.scenarios_of(folder.path, held)
+        with stored.Episodes(folder, held) as kept:
+            found = len(kept.of(cells, settings.episodes))
+            failures = _play_all(settings, cells, kept, progress)
+            rows, held_rows = kept.of(cells, settings.episodes), kept.all()
+        elapsed = time.monotonic() - started
+        outcome = Outcome(settings, cells, rows, failures, found, elapsed, held, held_scenarios, held_rows)
         report.write_files(folder, outcome)
     report.print_tables(console, outcome)
     return outcome
@@ -171,25 +187,24 @@ def plan(
         ValueError: a value that a rule forbids, an unknown name, or a policy or scenario that has no partner.
     """
     settings.check()
-    own = {name: _imported(name) for name in settings.policies if ":" in name}
-    own |= {name: _registered(name) for name in settings.policies if registry.is_folder(name)}
-    own |= {name: _as_factory(policy) for name, policy in (policies or {}).items()}
-    named = [name for name in settings.policies if name not in own]
+    own = {name: named(name) for name in settings.policies if is_ones_own(name)}
+    own |= {name: as_factory(policy, name) for name, policy in (policies or {}).items()}
+    others = [name for name in settings.policies if name not in own]
     made = [
         make_scenario(each, **settings.overrides) for each in (settings.scenarios if scenarios is None else scenarios)
     ]
-    for name in named:
+    for name in others:
         if not any(name in registry.names(scenario) for scenario in made):
             registry.make(name, made[0])  # says what is wrong with it
     cells = []
     for scenario in made:
         fitting = registry.names(scenario)
-        chosen = [name for name in named if name in fitting] if named or own else _usual(fitting, scenario)
-        cells += [Cell(scenario, name, _registered(name)) for name in chosen]
+        chosen = [name for name in others if name in fitting] if others or own else _usual(fitting, scenario)
+        cells += [Cell(scenario, name, named(name)) for name in chosen]
         cells += [Cell(scenario, name, factory) for name, factory in own.items()]
         if not chosen and not own:
             kind = f"robots of kind {scenario.robot.kind}"
-            raise ValueError(f"policies must hold one for {scenario.name}, which has {kind}; got {', '.join(named)}")
+            raise ValueError(f"policies must hold one for {scenario.name}, which has {kind}; got {', '.join(others)}")
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
         raise ValueError(f"scenarios must differ in name, got {', '.join(scenario.name for scenario in made)}")
     if settings.engine == "ray":
@@ -215,24 +230,30 @@ def play(
     """Play some episodes of a cell, given by number, and yield the score rows of each batch.
 
     After each step, `on_step` is called with the number of worlds that took it.
+
+    Raises:
+        ValueError: a score that is none, as one of a return that is infinite.
     """
     worlds = settings.worlds
     policy = cell.factory(cell.scenario, worlds, settings.device)
     numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
     for batch in episodes(policy, cell.scenario, seeds, settings.device, lambda _: on_step(worlds)):
-        yield [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
+        rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
+        for row in rows:
+            if wrong := what_is_wrong(plain(row)):
+                raise ValueError(f"the score of seed {row['seed']} {wrong}")
+        yield rows
 
 
 def failure(cell: Cell, error: Exception) -> Failure:
     """Put an error that a policy raised into words."""
-    words = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
-    return Failure(cell.scenario.name, cell.policy, words, "".join(traceback.format_exception(error)))
+    return Failure(cell.scenario.name, cell.policy, where_raised(error), "".join(traceback.format_exception(error)))
 
 
-def _play_all(settings: Benchmark, cells: list[Cell], kept: stored.Episodes, quiet: bool) -> list[Failure]:
-    work = [(cell, kept.missing(cell)) for cell in cells]
-    with Progress(work, quiet) as progress:
+def _play_all(settings: Benchmark, cells: list[Cell], kept: stored.Episodes, console: Console) -> list[Failure]:
+    work = [(cell, kept.missing(cell, settings.episodes)) for cell in cells]
+    with Progress(work, console) as progress:
         if settings.engine == "ray":
             return _cluster().play_all(settings, work, kept, progress)
         return _play_here(settings, work, kept, progress)
@@ -267,21 +288,3 @@ def _cluster() -> Any:
     from baselines import cluster
 
     return cluster
-
-
-def _registered(name: str) -> Factory:
-    return lambda scenario, num_worlds, device: registry.make(name, scenario, num_worlds, device)
-
-
-def _as_factory(policy: Any) -> Factory:
-    return (lambda *_: policy) if hasattr(policy, "act") and hasattr(policy, "num_worlds") else policy
-
-
-def _imported(name: str) -> Factory:
-    module, _, attribute = name.partition(":")
-    try:
-        return getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise ValueError(
-            f"policy must be one of {', '.join(registry.names())} or module:factory, got {name!r}; {error}"
-        ) from error

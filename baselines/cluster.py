@@ -17,6 +17,7 @@ from typing import Any
 from baselines import benchmark, ray_address, stored
 from baselines.benchmark import Benchmark, Cell, Failure
 from baselines.progress import Progress
+from lissajous_env.extras import missing
 from lissajous_env.score import COLUMNS
 
 _RETRIES = 3
@@ -233,4 +234,4 @@ def _ray() -> Any:
     try:
         return importlib.import_module("ray")
     except ImportError as error:
-        raise ValueError(f'engine ray must have Ray ({error}): pip install "lissajous-env[cluster]"') from error
+        raise missing("engine ray", "cluster", error) from error

@@ -27,6 +27,7 @@ class _Entry:
     kind: str | None
     factory: Callable[..., Policy]
     made_for: tuple[str, ...]
+    about: str
     learned: bool
 
 
@@ -42,6 +43,7 @@ def register(
     kind: str | None,
     factory: Callable[..., Policy],
     made_for: tuple[str, ...] = (),
+    about: str = "",
     learned: bool = False,
 ) -> None:
     """Add a policy.
@@ -51,6 +53,7 @@ def register(
         kind: Kind of robots that it drives; None: any.
         factory: `factory(scenario, num_worlds, device)` makes it.
         made_for: Names of the scenarios on which a benchmark plays it without being asked to; all by default.
+        about: What it is, in one line; the first line of the factory's docstring by default.
         learned: Whether it is a learned one, which no other is added to.
 
     Raises:
@@ -62,7 +65,8 @@ def register(
         raise ValueError(f"kind of {name} must be one of {', '.join(KINDS)}, or None, got {kind!r}")
     if not callable(factory):
         raise ValueError(f"factory of {name} must be callable, got {factory!r}")
-    entry = _Entry(kind, factory, tuple(made_for), learned)
+    about = about or (factory.__doc__ if isinstance(factory, type) else None) or ""
+    entry = _Entry(kind, factory, tuple(made_for), about.partition("\n")[0], learned)
     plain, suffix = _parted(name)
     if suffix or any(name + each in _REGISTRY for each in _WRAPPERS):
         raise ValueError(f"name of a policy must be new, got {name}; {suffix or 'a suffix'} marks a wrapped {plain}")
@@ -97,9 +101,26 @@ def register_opener(opener: Callable[..., Policy]) -> None:
     _opener = opener
 
 
+def describe(name: str) -> dict[str, Any]:
+    """What a registered policy is, in plain values: name, kind of robot (None: any), made_for, learned, description."""
+    plain, suffix = unwrapped(name)
+    entry = _registry()[plain]
+    about = f"{plain} with the collision filter under it." if suffix else entry.about
+    return {
+        "name": name,
+        "kind": _kinds()[name],
+        "made_for": list(entry.made_for),
+        "learned": entry.learned,
+        "description": about,
+    }
+
+
 def is_folder(name: str) -> bool:
     """Whether a name is none of the registry's, but a folder that a policy may be in."""
-    return name not in _kinds() and _opener is not None and Path(name).is_dir()
+    try:
+        return name not in _kinds() and _opener is not None and Path(name).is_dir()
+    except OSError:  # no name of a file can be as long
+        return False
 
 
 def made_for(name: str, scenario: str) -> bool:

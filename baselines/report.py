@@ -13,18 +13,17 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rich import box
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+from rich.text import Text
 
+from baselines.rows import NUMBER_COLUMNS
 from baselines.statistics import Statistics, summarize
-from baselines.stored import NUMBER_COLUMNS, as_settings, plain
 from lissajous_env.device import as_device
 from lissajous_env.files import write_atomically
 from lissajous_env.folder import Folder
 from lissajous_env.scenario import Faults, Scenario
 from lissajous_env.score import COLUMNS
+from lissajous_env.terminal import Column, plain, print_left_out, print_table
 
 if TYPE_CHECKING:
     from baselines.benchmark import Outcome
@@ -41,14 +40,14 @@ class Shown(NamedTuple):
 
 
 SHOWN = (
-    Shown("detection_time_mean", "detection\nmean \\[s]", -1),
+    Shown("detection_time_mean", "detection\nmean [s]", -1),
     Shown("detected_within_bound", "within\nT_max", 1),
     Shown("collisions", "colli-\nsions", -1),
-    Shown("min_separation", "least\ndistance \\[m]", 1),
-    Shown("detection_time_p95", "detection\np95 \\[s]", -1),
+    Shown("min_separation", "least\ndistance [m]", 1),
+    Shown("detection_time_p95", "detection\np95 [s]", -1),
     Shown("spacing_factor", "spacing\nfactor", -1),
-    Shown("recovery_time", "recovery\n\\[s]", -1),
-    Shown("idleness_mean", "idleness\nmean \\[s]", -1),
+    Shown("recovery_time", "recovery\n[s]", -1),
+    Shown("idleness_mean", "idleness\nmean [s]", -1),
 )
 """Main columns, the most important first: a narrow terminal leaves out the last."""
 
@@ -98,64 +97,64 @@ def overall(rows: Sequence[dict[str, Any]], scenarios: Mapping[str, Scenario]) -
     return cells
 
 
-def wide_console() -> Console:
-    """Console as wide as the terminal, or 120 columns where the output goes to a file."""
-    console = Console()
-    return console if console.is_terminal or "COLUMNS" in os.environ else Console(width=120)
-
-
 def print_tables(console: Console, outcome: "Outcome") -> None:
     """Print a table for each scenario, one over all scenarios of a kind of robot, and what failed."""
-    cells, scenarios = statistics(outcome.rows), outcome.scenarios
+    cells, scenarios, settings = statistics(outcome.rows), outcome.scenarios, outcome.settings
+    left_out: list[str] = []
     for name, scenario in scenarios.items():
-        title = f"[b]{escape(name)}[/b]  N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s"
-        errors = {failure.policy: failure.error for failure in outcome.failures if failure.scenario == name}
+        title = Text.assemble(
+            (name, "bold"), f"  N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s"
+        )
+        failed = {failure.policy for failure in outcome.failures if failure.scenario == name}
         # Without a fault there is nothing to recover from.
         shown = [each for each in SHOWN if each.column != "recovery_time" or scenario.faults != Faults()]
-        console.print(_table(console, title, cells.get(name, {}), shown, errors), "")
+        left_out += _print_policies(console, title, cells.get(name, {}), shown, failed)
     for names, policies in overall(outcome.rows, scenarios).items():
-        console.print(_table(console, f"[b]over {escape(names)}[/b]", policies, _OVERALL), "")
+        left_out += _print_policies(console, Text(f"over {names}", "bold"), policies, _OVERALL)
+    print_left_out(console, left_out, f"episodes.csv in {settings.out} has them, and a wider terminal shows them.")
+    counted = "1 episode, below it" if settings.episodes == 1 else f"{settings.episodes} episodes, below it"
     words = (
-        f"Interquartile mean over {outcome.settings.episodes} episodes, below it the 95 % bootstrap interval; "
-        f"* best; (k/n): k of n episodes had a number."
+        f"Interquartile mean over {counted} the 95 % bootstrap interval; * best; (k/n): k of n episodes had a number."
     )
-    console.print(words, style="dim", highlight=False)
+    _say(console, words, "dim")
     for failure in outcome.failures:
-        words = f"{failure.policy} failed on {failure.scenario}: {failure.error}"
-        console.print(words, style="bold red", markup=False, highlight=False)
+        _say(console, f"{failure.policy} failed on {failure.scenario}: {failure.error}", "bold red")
     if outcome.failures:
-        console.print("Tracebacks are in summary.json.", style="red", highlight=False)
+        _say(console, "Tracebacks are in summary.json.", "red")
     if outcome.kept:
         words = (
-            f"{outcome.kept} of {len(outcome.rows)} episodes were in {outcome.settings.out} already, not played "
+            f"{outcome.kept} of {len(outcome.rows)} episodes were in {settings.out} already, not played "
             "again; to play them anew, delete that folder or take another --out."
         )
-        console.print(words, style="yellow", markup=False, highlight=False)
-    where = f"{len(outcome.rows)} episodes in {outcome.settings.out} (episodes.csv, summary.json, pictures)"
-    console.print(f"{where}, {outcome.elapsed:.1f} s", markup=False, highlight=False, soft_wrap=True)
+        _say(console, words, "yellow")
+    words = f"{len(outcome.rows)} episodes"
+    if len(outcome.held_rows) > len(outcome.rows):
+        words += f" asked for, {len(outcome.held_rows)} with those of earlier calls,"
+    _say(console, f"{words} in {settings.out} (episodes.csv, summary.json, pictures), {outcome.elapsed:.1f} s", "")
 
 
-def print_scores(console: Console, title: str, columns: dict[str, Statistics]) -> None:
-    """Print every column of one policy on one scenario as a row."""
-    table = _plain_table(title)
-    table.add_column("score", style="cyan", no_wrap=True)
-    for name in ("interquartile mean", "95 % interval", "mean", "std", "min", "max", "n"):
-        table.add_column(name, justify="right")
+def print_scores(console: Console, policy: str, scenario: str, columns: dict[str, Statistics]) -> list[str]:
+    """Print every score of one policy on one scenario as a row; return the columns there was no room for."""
+    _print_title(console, Text.assemble((policy, "bold"), " on ", (scenario, "bold")))
+    names = ("interquartile mean", "95 % interval", "n", "mean", "std", "min", "max")
+    rows = []
     for name, of in columns.items():
-        numbers = [_number(value) for value in (of.mean, of.std, of.min, of.max)]
+        mean, std, least, most = (number(value) for value in (of.mean, of.std, of.min, of.max))
         counted = str(of.n) if of.n_finite == of.n else f"{of.n_finite}/{of.n}"
-        table.add_row(name, f"[b]{_number(of.iqm)}[/b]", _interval(of), *numbers, counted)
-    console.print(table, "")
+        interval = _interval(of) if of.n_finite > 1 else _DASH
+        rows.append([name, Text(number(of.iqm), "bold"), interval, counted, mean, std, least, most])
+    left_out = print_table(console, [Column("score", left=True, style="cyan"), *map(Column, names)], rows)
+    console.print()
+    return left_out
 
 
 def print_row(console: Console, row: dict[str, Any]) -> None:
     """Print one score row as a table."""
-    table = _plain_table(f"[b]{escape(row['policy'])}[/b] on [b]{escape(row['scenario'])}[/b], seed {row['seed']}")
-    table.add_column("score", style="cyan", no_wrap=True)
-    table.add_column("value", justify="right")
-    for name in NUMBER_COLUMNS:
-        table.add_row(name, _number(row[name]))
-    console.print(table)
+    _print_title(
+        console, Text.assemble((row["policy"], "bold"), " on ", (row["scenario"], "bold"), f", seed {row['seed']}")
+    )
+    rows = [[name, number(row[name])] for name in NUMBER_COLUMNS]
+    print_table(console, [Column("score", left=True, style="cyan"), Column("value")], rows)
 
 
 NAMES = ("episodes.csv", "summary.json", "detection_time.png", "detection_time_distribution.png", "collisions.png")
@@ -163,30 +162,37 @@ NAMES = ("episodes.csv", "summary.json", "detection_time.png", "detection_time_d
 
 
 def write_files(folder: Folder, outcome: "Outcome") -> None:
-    """Write episodes.csv, summary.json and the pictures."""
+    """Write episodes.csv, summary.json and the pictures, of all that the folder holds."""
     from baselines import pictures
 
-    folder.write("episodes.csv", as_csv(outcome.rows))
-    settings, cells = outcome.settings, statistics(outcome.rows)
-    summary = {
-        "machine": machine(settings.device),
+    rows, scenarios = outcome.held_rows, outcome.held_scenarios
+    folder.write("episodes.csv", as_csv(rows))
+    summary = summarized(outcome, rows, scenarios)
+    folder.write("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
+    for name, data in pictures.draw(rows, statistics(rows), scenarios).items():
+        folder.write(name, data)
+
+
+def summarized(outcome: "Outcome", rows: Sequence[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> dict[str, Any]:
+    """What is known of some of an outcome's rows, as summary.json has it; the failures are those of this call."""
+    held = outcome.held
+    return {
+        "machine": machine(held["device"]),
         "versions": versions(),
         "command": shlex.join(sys.argv),
         "elapsed_s": outcome.elapsed,
-        "seeds": [settings.seed + k for k in range(settings.episodes)],
-        "settings": as_settings(settings, outcome.cells),
+        "seeds": sorted({row["seed"] for row in rows}),
+        "settings": held,
         "statistics": {
-            s: {p: {c: asdict(of) for c, of in cs.items()} for p, cs in ps.items()} for s, ps in cells.items()
+            s: {p: {c: asdict(of) for c, of in cs.items()} for p, cs in ps.items()}
+            for s, ps in statistics(rows).items()
         },
         "overall": {
             names: {p: {c: asdict(of) for c, of in cs.items()} for p, cs in ps.items()}
-            for names, ps in overall(outcome.rows, outcome.scenarios).items()
+            for names, ps in overall(rows, scenarios).items()
         },
         "failures": [asdict(failure) for failure in outcome.failures],
     }
-    folder.write("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
-    for name, data in pictures.draw(outcome.rows, cells, outcome.scenarios).items():
-        folder.write(name, data)
 
 
 def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
@@ -232,67 +238,65 @@ def _cpu_model() -> str:
     return models[0] if models else platform.processor() or platform.machine()
 
 
-def _table(
+def _print_policies(
     console: Console,
-    title: str,
+    title: Text,
     policies: dict[str, dict[str, Statistics]],
     shown: Sequence[Shown],
-    errors: dict[str, str] | None = None,
-) -> Table:
-    """Table with a row for each policy and as many columns as the terminal has room for."""
-    errors = errors or {}
-    table = _plain_table(title)
-    table.add_column("policy", style="cyan", no_wrap=True)
-    for each in shown:
-        table.add_column(each.title, justify="right", no_wrap=True)
+    failed: Iterable[str] = (),
+) -> list[str]:
+    """Print a table with a row for each policy; return the columns there was no room for."""
     best = [_best([of[each.column] for of in policies.values()], each.better) for each in shown]
-    for name, of in policies.items():
-        cells = [_cell(of[each.column], mark) for each, mark in zip(shown, best, strict=True)]
-        label = f"{escape(name)}\n[red]failed[/red]" if name in errors else escape(name)
-        table.add_row(label, *cells)
-    for name in errors:
-        if name not in policies:
-            table.add_row(escape(name), "[red]failed[/red]")
-    if (
-        len(shown) > 1
-        and table.__rich_measure__(console, console.options.update(max_width=1000)).maximum > console.width
-    ):
-        return _table(console, title, policies, shown[:-1], errors)
-    return table
+    rows = []
+    for name in dict.fromkeys([*policies, *failed]):
+        of = policies.get(name)
+        cells = ["" if of is None else _cell(of[each.column], mark) for each, mark in zip(shown, best, strict=True)]
+        rows.append([Text.assemble(name, ("\nfailed", "red")) if name in failed else name, *cells])
+    columns = [Column(each.title, name=each.column) for each in shown]
+    _print_title(console, title)
+    left_out = print_table(console, [Column("policy", left=True, style="cyan"), *columns], rows)
+    console.print()
+    return left_out
 
 
-def _plain_table(title: str) -> Table:
-    style = {"title_justify": "left", "title_style": "", "box": box.SIMPLE_HEAD, "pad_edge": False, "show_edge": False}
-    return Table(title=title, **style)
+def _print_title(console: Console, title: Text) -> None:
+    console.print(title, soft_wrap=True, highlight=False)
+
+
+def _say(console: Console, words: str, style: str) -> None:
+    console.print(words, style=style, markup=False, highlight=False, soft_wrap=True)
 
 
 def _best(candidates: list[Statistics], better: int) -> str:
     """Best interquartile mean, as shown, of the policies with most episodes that have a number; none if all agree."""
     most = max((of.n_finite / of.n for of in candidates), default=0)
     values = [of.iqm for of in candidates if of.n_finite / of.n == most]
-    if not most or not better or len({_number(of.iqm) for of in candidates}) == 1:
+    if not most or not better or len({number(of.iqm) for of in candidates}) == 1:
         return ""
-    return _number(better * max(better * value for value in values))
+    return number(better * max(better * value for value in values))
 
 
-def _cell(of: Statistics, best: str) -> str:
+def _cell(of: Statistics, best: str) -> Text:
     if not of.n_finite:
-        return f"{_DASH}\n[dim](0/{of.n})[/dim]"
-    value = _number(of.iqm)
-    value = f"[bold green]{value}*[/]" if value == best else f"{value} "
+        return Text.assemble(_DASH, (f"\n(0/{of.n})", "dim"))
+    value = number(of.iqm)
+    shown = (f"{value}*", "bold green") if value == best else f"{value} "
     counted = "" if of.n_finite == of.n else f" ({of.n_finite}/{of.n})"
-    return f"{value}\n[dim]{_interval(of)}{counted} [/dim]".rstrip()
+    below = f"{_interval(of)}{counted}"
+    return Text.assemble(shown, (f"\n{below} ", "dim") if below else "")
 
 
 def _interval(of: Statistics) -> str:
-    low, high = _number(of.low), _number(of.high)
+    low, high = number(of.low), number(of.high)
     return "" if low == high else f"{low}\N{EN DASH}{high}"
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
     """Three significant digits, but no more than three decimals; an em dash for NaN."""
     if value != value:
         return _DASH
+    if abs(value) >= 1e7:
+        return f"{value:.3g}"
     if float(value).is_integer() or abs(value) >= 100:
         return f"{value:.0f}"
     return f"{value:#.3g}" if abs(value) >= 0.9995 else f"{value:.3f}"

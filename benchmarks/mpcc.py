@@ -9,12 +9,17 @@ import argparse
 import time
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
 from baselines.mpcc import Mpcc, MpccParameters
 from lissajous_env import theory
+from lissajous_env.extras import missing
 from lissajous_env.scenario import Curve, Robot
+
+try:
+    import casadi as ca
+except ImportError as error:
+    raise missing("benchmarks/mpcc.py", "bench", error) from error
 
 RING = (0, 1, 4, 2, 3)
 PHASE_RATE = 0.3

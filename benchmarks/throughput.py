@@ -18,6 +18,7 @@ from collections.abc import Callable
 import numpy as np
 
 import lissajous_env
+from lissajous_env.extras import missing
 
 ROBOTS, TARGETS = 5, 20
 SETTINGS = {"targets.count": TARGETS, "targets.arrival_rate": 0.0}
@@ -99,7 +100,10 @@ def main() -> None:
 
     sides = {name: (ours_single(name), 500) for name in ("experiment", "intruders")}
     if not given.without_rivals:
-        sides["mpe2 simple_spread"] = (mpe2_single(), 200)
+        try:
+            sides["mpe2 simple_spread"] = (mpe2_single(), 200)
+        except ImportError as error:
+            sys.exit(f"error: {missing('benchmarks/throughput.py', 'bench', error)}")
     single = measured(sides, given.rounds)
     print(
         f"\nParallelEnv.step, {ROBOTS} cars, {TARGETS} moving targets that stay, coverage grid on: median (best) [us]"

@@ -1,5 +1,6 @@
 """Commands about the world itself: which scenarios there are, and recordings of episodes."""
 
+import math
 import os
 import sys
 from pathlib import Path
@@ -7,34 +8,36 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from lissajous_env.files import check_writable_file
+from lissajous_env.terminal import AS_USUAL, Column, Output, Speech, make_console, print_left_out, print_table
+
 if TYPE_CHECKING:
     from lissajous_env.replay import Recording
 
 _File = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+_MOST_PICTURES = 20_000
+"""Of a GIF."""
 
 
-def scenarios() -> None:
-    """List the scenarios, with the numbers that describe their designs."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
+def scenarios(output: Speech = AS_USUAL) -> None:
+    """List the scenarios, with the numbers that describe their designs.
 
+    Args:
+        output: How it speaks.
+    """
     from lissajous_env import library
 
-    console = Console()
+    console = output.console()
     narrow = console.width < 110
-    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
-    table.add_column("name", style="bold cyan", no_wrap=True)
-    for title in ("N", "robots", "rectangle\n\\[m]", "curve\na:b", "r_s\n\\[m]", "T_max\n\\[s]"):
-        table.add_column(title, justify="left" if title == "robots" else "right", no_wrap=True)
-    if not narrow:
-        table.add_column("description")
     made = [library.scenario(name).resolve() for name in library.scenarios()]
+    columns = [Column("name", left=True, style="bold cyan"), Column("N"), Column("robots", left=True)]
+    columns += map(Column, ("rectangle\n[m]", "curve\na:b", "r_s\n[m]", "T_max\n[s]"))
+    rows = []
     for each in made:
         curve = each.curve
         sides = [2 * curve.half_width, 2 * curve.half_height, 2 * curve.half_depth]
-        table.add_row(
+        rows.append([
             each.name,
             str(each.num_robots),
             each.robot.kind,
@@ -42,34 +45,53 @@ def scenarios() -> None:
             f"{curve.a}:{curve.b}" + (f":{curve.c}" if curve.half_depth > 0 else ""),
             f"{each.sensing.radius:.3g}",
             f"{each.detection_time_bound:.3g}",
-            *([] if narrow else [escape(each.description)]),
-        )
-    console.print(table, "")
+        ])  # fmt: skip
+    if not narrow:
+        columns.append(Column("description", prose=True))
+        rows = [[*row, each.description] for row, each in zip(rows, made, strict=True)]
+    left_out = print_table(console, columns, rows)
+    console.print()
     if narrow:
         for each in made:
-            console.print(f"[bold cyan]{each.name}[/]: {escape(each.description)}", highlight=False)
+            console.print(f"[bold cyan]{each.name}[/]: {each.description}", highlight=False)
         console.print()
+    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     words = "N robots; r_s sensing radius; T_max = (2 pi / omega) / (N / kappa), by which a target is detected."
     console.print(words, style="dim", highlight=False)
+    bounds = {each.name: each.detection_time_bound for each in made}
+    output.give([{**each.to_dict(), "num_robots": each.num_robots, "detection_time_bound": bounds[each.name]}
+                 for each in made])  # fmt: skip
 
 
-def replay(file: _File, out: _Out = None, speed: float = 1.0, fps: float = 10.0) -> None:
+def replay(file: _File, out: _Out = None, speed: float = 1.0, fps: float = 10.0, output: Speech = AS_USUAL) -> None:
     """Show a recording: in a window, or as a GIF or PNG file.
 
     Args:
         file: recording, as `lissajous run SCENARIO POLICY --out FILE.npz` writes it.
         out: .gif or .png to write; without it a window opens: space pauses, left and right step, escape quits.
-        speed: seconds of the episode shown in one second.
-        fps: pictures a second of a GIF.
+        speed: seconds of the episode shown in one second, from 0.01 to 1000.
+        fps: pictures a second of a GIF, from 0.1 to 50.
+        output: How it speaks.
     """
     from lissajous_env.replay import load
 
     check_file(out, ".gif", ".png")
+    for name, value, least, most in (("speed", speed, 0.01, 1000), ("fps", fps, 0.1, 50)):
+        if not least <= value <= most:
+            raise ValueError(f"{name} must be from {least:g} to {most:g}, got {value:g}")
     if not file.is_file():
         raise ValueError(f"file must be a recording (.npz), but there is no file {file}")
     if out is None and not has_display():
         raise ValueError("out must be given (.gif or .png): there is no display to open a window on")
-    show(load(file), out, speed, fps)
+    recording = load(file)
+    if (pictures := recording.duration * fps / speed) > _MOST_PICTURES and out is not None:
+        raise ValueError(
+            f"speed must be such that a GIF has at most {_MOST_PICTURES:,} pictures, got {speed:g} with "
+            f"{math.ceil(pictures):,}"
+        )
+    row = recording.score
+    show(recording, out, output, speed, fps)
+    output.give({"file": file, "wrote": out, "score": row})
 
 
 def has_display() -> bool:
@@ -82,36 +104,37 @@ def has_display() -> bool:
 
 
 def check_file(out: Path | None, *suffixes: str) -> None:
-    """Refuse a file to write whose format or folder is not there, before any work is done.
+    """Refuse a file that cannot be written or whose format is not there, before any work is done for it.
 
     Raises:
-        ValueError: another suffix, or a folder that does not exist.
+        ValueError: another suffix, a folder in its place, or a folder around it that is not there or not writable.
     """
     if out is None:
         return
     if out.suffix.lower() not in suffixes:
         raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}")
-    if not out.absolute().parent.is_dir():
-        raise ValueError(f"out must be in a folder that is there, got {out}")
+    check_writable_file(out)
 
 
-def show(recording: "Recording", out: Path | None, speed: float = 1.0, fps: float = 10.0) -> None:
+def show(
+    recording: "Recording", out: Path | None, output: Output | None = None, speed: float = 1.0, fps: float = 10.0
+) -> None:
     """Show a recording in a window or, given a file, write it there in the format of its suffix."""
-    from rich.console import Console
     from rich.progress import Progress
 
     from lissajous_env.replay import play
 
+    output = output or Output()
     if out is None:
         play(recording, speed=speed)
         return
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(f"drawing {out.name}", total=max(recording.duration * fps / max(speed, 1e-9), 1))
+    console = make_console(stderr=True, quiet=output.quiet)
+    with Progress(console=console, transient=True, disable=not console.is_interactive or output.quiet) as progress:
+        task = progress.add_task("drawing", total=max(recording.duration * fps / speed, 1))
         if out.suffix.lower() == ".gif":
             recording.save_gif(out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
         elif out.suffix.lower() == ".png":
             recording.save_png(out)
         else:
             recording.save(out)
-    print(f"wrote {out}")
+    output.console().print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)

@@ -1,17 +1,19 @@
 """Which curve, how many robots, which sensor: every design for a rectangle, checked against (6), (7) and (8)."""
 
+import dataclasses
 import math
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from lissajous_env import geometry, theory
 from lissajous_env.candidate import Candidate
 from lissajous_env.scenario import Curve
+from lissajous_env.terminal import AS_USUAL, Column, Speech, print_left_out, print_table
 
 _MOST_ROBOTS = 200
+_RANGE = 1e-6, 1e6
+"""Lengths that a design can be made for [m]: from a thousandth of a millimetre to a thousand kilometres."""
 
 
 def design(
@@ -44,8 +46,7 @@ def design(
     """
     _require_positive(half_width=half_width, half_height=half_height, robot_radius=robot_radius)
     _require_positive(sensor_radius=sensor_radius)
-    if not _is_number(phase_rate) or phase_rate <= 0:
-        raise ValueError(f"phase_rate must be positive [rad/s], got {phase_rate!r}")
+    _require_positive("rad/s", phase_rate=phase_rate)
     if wheelbase is not None:
         _require_positive(wheelbase=wheelbase)
     if not _is_number(steering_max) or not 0 < steering_max < math.pi / 2:
@@ -97,6 +98,7 @@ def print_design(
     wheelbase: float | None = None,
     steering_max: float = math.pi / 9,
     rows: int = 10,
+    output: Speech = AS_USUAL,
 ) -> None:
     """Say which curve and how many robots suit a rectangle, and why others do not.
 
@@ -110,6 +112,7 @@ def print_design(
         wheelbase: distance between a car's axles [m]; without it robots turn on the spot.
         steering_max: largest steering angle of a car [rad].
         rows: how many feasible, and how many infeasible, designs to show.
+        output: How it speaks.
     """
     if not isinstance(rows, int) or rows < 1:
         raise ValueError(f"rows must be a whole number of at least 1, got {rows!r}")
@@ -118,14 +121,18 @@ def print_design(
     )
     feasible = [each for each in candidates if each.feasible]
     infeasible = [each for each in candidates if not each.feasible]
-    console = Console()
+    console, words = output.console(), recommendation(candidates)
     area = f"{2 * half_width:g} m x {2 * half_height:g} m, bodies of {robot_radius:g} m, sensors of {sensor_radius:g} m"
+    left_out: list[str] = []
     if feasible:
-        console.print(_feasible_table(f"Designs for {area}: {len(feasible)} work", feasible[:rows]))
+        left_out += _print_feasible(console, f"Designs for {area}: {len(feasible)} work", feasible[:rows])
     if infeasible:
         title = "Those that fail by least" if feasible else f"Designs for {area}: none meets all bounds"
-        console.print(_infeasible_table(title, infeasible[:rows]))
-    console.print(recommendation(candidates), soft_wrap=True, markup=False, highlight=False)
+        left_out += _print_infeasible(console, title, infeasible[:rows])
+    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+    console.print(words, soft_wrap=True, markup=False, highlight=False)
+    shown = [_as_plain(each) for each in feasible[:rows] + infeasible[:rows]]
+    output.give({"recommendation": words, "feasible": len(feasible), "designs": shown})
 
 
 def recommendation(candidates: list[Candidate]) -> str:
@@ -204,14 +211,12 @@ def _call(each: Candidate) -> str:
     return f"To use it: lissajous_env.scenario('experiment', **{each.overrides})"
 
 
-def _feasible_table(title: str, candidates: list[Candidate]) -> Table:
-    table = Table(title=title, title_justify="left")
+def _print_feasible(console: Console, title: str, candidates: list[Candidate]) -> list[str]:
     headers = ["N", "a", "b", "p", "alpha", "T_max\n[s]", "r below (6)\n[m]", "r_s above (7)\n[m]", "r_s from (8)\n[m]"]
     headers += ["margin", "top speed\n[m/s]"]
-    for header in headers:
-        table.add_column(escape(header), justify="right")
     if candidates[0].tight_share is not None:
-        table.add_column("arc too\ntight", justify="right")
+        headers.append("arc too\ntight")
+    rows = []
     for each in candidates:
         row = [str(number) for number in (each.num_robots, each.curve.a, each.curve.b, each.p, each.alpha)]
         row += [f"{each.detection_time_bound:.2f}", f"{each.robot_radius_bound:.4g}"]
@@ -219,26 +224,39 @@ def _feasible_table(title: str, candidates: list[Candidate]) -> Table:
         row += [f"{each.margin:.0%}", f"{each.top_speed:.2f}"]
         if each.tight_share is not None:
             row.append(f"{each.tight_share:.1%}")
-        table.add_row(*row)
-    return table
+        rows.append(row)
+    return _print_designs(console, title, [Column(header) for header in headers], rows)
 
 
-def _infeasible_table(title: str, candidates: list[Candidate]) -> Table:
-    table = Table(title=title, title_justify="left")
-    for header in ("N", "a", "b", "T_max\n[s]"):
-        table.add_column(escape(header), justify="right")
-    table.add_column("why not")
+def _print_infeasible(console: Console, title: str, candidates: list[Candidate]) -> list[str]:
+    columns = [*map(Column, ("N", "a", "b")), Column("T_max\n[s]", rank=1), Column("why not", prose=True)]
+    rows = []
     for each in candidates:
-        row = [str(number) for number in (each.num_robots, each.curve.a, each.curve.b)]
-        table.add_row(*row, f"{each.detection_time_bound:.2f}", each.reason)
-    return table
+        numbers = [str(number) for number in (each.num_robots, each.curve.a, each.curve.b)]
+        rows.append([*numbers, f"{each.detection_time_bound:.2f}", each.reason])
+    return _print_designs(console, title, columns, rows)
+
+
+def _print_designs(console: Console, title: str, columns: list[Column], rows: list[list[str]]) -> list[str]:
+    console.print(title, style="italic", markup=False, highlight=False, soft_wrap=True)
+    left_out = print_table(console, columns, rows)
+    console.print()
+    return left_out
+
+
+def _as_plain(each: Candidate) -> dict[str, Any]:
+    """What a design is, and what follows from it, as plain values."""
+    followed = ("feasible", "avoids_collisions", "covers", "detects", "margin", "reason", "overrides")
+    return dataclasses.asdict(each) | {name: getattr(each, name) for name in followed}
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _require_positive(**lengths: float) -> None:
-    for name, value in lengths.items():
+def _require_positive(unit: str = "m", **values: float) -> None:
+    for name, value in values.items():
         if not _is_number(value) or value <= 0:
-            raise ValueError(f"{name} must be positive [m], got {value!r}")
+            raise ValueError(f"{name} must be positive [{unit}], got {value!r}")
+        if not _RANGE[0] <= value <= _RANGE[1]:
+            raise ValueError(f"{name} must be from {_RANGE[0]:g} to {_RANGE[1]:g} [{unit}], got {value!r}")

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from lissajous_env import kernels
+
 
 def as_device(device: Any) -> Any:
     """Return the Warp device of a name such as `cpu`, `cuda` or `cuda:1`.
@@ -81,8 +83,8 @@ def compile_quietly() -> Iterator[None]:
 
 @cache
 def _start() -> None:
-    with compile_quietly(), silent_stderr():
-        wp.init()
+    with compile_quietly():
+        kernels.start(silent_stderr)
 
 
 @contextlib.contextmanager

@@ -2,6 +2,7 @@
 
 import csv
 import fcntl
+import functools
 import json
 import math
 import os
@@ -13,12 +14,13 @@ import time
 import numpy as np
 import pytest
 from rich.console import Console
+from rich.text import Text
 
 import baselines
 import lissajous_env
-from baselines import report
+from baselines import benchmark, report
 from baselines.benchmark import Benchmark, measure, run
-from baselines.stored import NUMBER_COLUMNS
+from baselines.rows import NUMBER_COLUMNS
 from lissajous_env.files import replacing, write_atomically
 from lissajous_env.folder import LIST
 from lissajous_env.journal import Journal
@@ -26,6 +28,7 @@ from lissajous_env.score import COLUMNS
 
 QUIET = Console(quiet=True)
 SHORT = {"task.duration": 2.0}
+SHORT_SCENARIO = lissajous_env.scenario("failure", **SHORT)
 SCRIPT = """
 import sys, time
 from pathlib import Path
@@ -157,23 +160,6 @@ def test_a_damaged_line_in_the_middle_is_refused_by_file_and_number(tmp_path, da
     assert lines(tmp_path) == damaged
 
 
-@pytest.mark.parametrize(
-    ("column", "value", "words"),
-    [
-        ("policy", "sweep", "not asked for"), ("policy", "open-loop", "there already"),
-        ("episode", 7, "episode 7 of 2"), ("seed", 5, "must have seed 0"),
-        ("collisions", "many", "a number as collisions"),
-    ],
-)  # fmt: skip
-def test_an_episode_that_does_not_belong_is_refused(tmp_path, column, value, words):
-    run(small(tmp_path, episodes=2), console=QUIET)
-    changed = [json.loads(line) for line in lines(tmp_path)]
-    changed[0][column] = value
-    (tmp_path / "episodes.jsonl").write_text("".join(json.dumps(row) + "\n" for row in changed))
-    with pytest.raises(ValueError, match=rf"line \d .*{words}"):
-        run(small(tmp_path, episodes=2), console=QUIET)
-
-
 def test_other_settings_are_refused_and_both_are_shown(tmp_path):
     run(small(tmp_path, episodes=2), console=QUIET)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name != LIST}
@@ -182,8 +168,6 @@ def test_other_settings_are_refused_and_both_are_shown(tmp_path):
         run(other, console=QUIET)
     shown = [line.split() for line in str(error.value).splitlines()[1:]]
     assert shown == [["there", "now"], ["seed", "0", "7"], ["scenarios.failure.task.duration", "2.0", "3.0"]]
-    with pytest.raises(ValueError, match=r"episodes +2 +1"):
-        run(small(tmp_path, episodes=1), console=QUIET)
     assert before == {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name != LIST}
 
 
@@ -191,6 +175,44 @@ def test_more_episodes_extend_and_another_batch_changes_nothing(whole, tmp_path)
     run(small(tmp_path, episodes=2), console=QUIET)
     run(small(tmp_path, batch=3), console=QUIET)
     assert (tmp_path / "episodes.csv").read_bytes() == (whole[0] / "episodes.csv").read_bytes()
+
+
+def test_scenarios_and_policies_are_added_and_nothing_is_played_twice(whole, tmp_path):
+    run(small(tmp_path, policies=("kuramoto",), episodes=3), console=QUIET)
+    first = lines(tmp_path)
+    outcome = measure(small(tmp_path, policies=("open-loop",), episodes=5), console=QUIET)
+    assert (outcome.kept, {row["policy"] for row in outcome.rows}) == (0, {"open-loop"})
+    run(small(tmp_path, scenarios=("failure", "knot"), policies=("kuramoto", "open-loop"), episodes=5), console=QUIET)
+    held = lines(tmp_path)
+    assert held[:3] == first
+    assert len(held) == len(set(held)) == 20
+    # Oracle: the same episodes, played at once; the files hold all of the folder, in the order of its settings.
+    assert sorted(line for line in held if '"failure"' in line) == sorted(lines(whole[0]))
+    with open(tmp_path / "episodes.csv", newline="") as file:
+        table = list(csv.DictReader(file))
+    places = [("failure", "kuramoto"), ("failure", "open-loop"), ("knot", "kuramoto"), ("knot", "open-loop")]
+    assert [(row["scenario"], row["policy"]) for row in table] == [place for place in places for _ in range(5)]
+    assert list(json.loads((tmp_path / "summary.json").read_text())["statistics"]) == ["failure", "knot"]
+
+
+def test_fewer_episodes_are_the_first_of_those_there(whole, tmp_path):
+    run(small(tmp_path), console=QUIET)
+    before = (tmp_path / "episodes.csv").read_bytes()
+    outcome = measure(small(tmp_path, policies=("kuramoto",), episodes=2), console=QUIET)
+    assert str(outcome.rows) == str(whole[1][:2])
+    assert (outcome.kept, len(outcome.held_rows)) == (2, 10)
+    assert (tmp_path / "episodes.csv").read_bytes() == before
+    assert json.loads((tmp_path / "settings.json").read_text())["episodes"] == 5
+
+
+def test_a_scenario_that_is_there_cannot_change_by_coming_again_with_others(tmp_path):
+    run(small(tmp_path, episodes=1), console=QUIET)
+    other = small(tmp_path, scenarios=("knot", "failure"), episodes=1, overrides={"task.duration": 3.0})
+    with pytest.raises(ValueError, match=r"other settings(.|\n)*scenarios.failure.task.duration +2.0 +3.0") as error:
+        run(other, console=QUIET)
+    assert "knot" not in str(error.value)
+    run(small(tmp_path, scenarios=("knot",), episodes=1, overrides={"task.duration": 3.0}), console=QUIET)
+    assert len(lines(tmp_path)) == 4
 
 
 def test_a_folder_in_use_is_refused_and_free_once_its_holder_is_gone(tmp_path):
@@ -229,6 +251,81 @@ def test_a_policy_object_and_a_scenario_of_ones_own(tmp_path):
     assert [(row["policy"], row["seed"]) for row in rows] == [("mine", k) for k in range(4)]
 
 
+class Mine:
+    def __init__(self, scenario, num_worlds=1, device="cpu", speed=0.0):
+        self.scenario, self.num_worlds, self.speed = scenario, num_worlds, speed
+
+    def reset(self, worlds=None):
+        pass
+
+    def act(self, observation):
+        return np.full((self.num_worlds, self.scenario.num_robots, 1), self.speed, np.float32)
+
+
+class WithAttribute(Mine):
+    num_worlds = 1
+
+
+@pytest.mark.parametrize(
+    "policy",
+    [Mine, WithAttribute, lambda *given: Mine(*given), functools.partial(Mine, speed=0.5), Mine(SHORT_SCENARIO)],
+    ids=["class", "class with an attribute", "function", "partial", "instance"],
+)
+def test_whatever_makes_a_policy_is_one(tmp_path, policy):
+    assert len(run(small(tmp_path, policies=(), episodes=2), {"mine": policy}, console=QUIET)) == 2
+
+
+@pytest.mark.parametrize("made", [3, None, Mine, "still", type("HalfAPolicy", (), {"act": print, "num_worlds": 1})()])
+def test_a_factory_that_makes_no_policy_is_named(tmp_path, made):
+    outcome = measure(small(tmp_path, episodes=1), {"mine": lambda *_: made}, console=QUIET)
+    (failed,) = outcome.failures
+    assert failed.policy == "mine"
+    assert "policy mine must be made with reset, act and num_worlds, got" in failed.error
+
+
+def test_what_is_neither_policy_nor_factory_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="policy mine must be a policy or factory"):
+        run(small(tmp_path), {"mine": 3}, console=QUIET)
+
+
+def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, monkeypatch):
+    rows = benchmark.episodes
+    spoilt = {"return_mean": math.inf}
+    monkeypatch.setattr(
+        benchmark, "episodes", lambda *given: ([row | spoilt for row in batch] for batch in rows(*given))
+    )
+    outcome = measure(small(tmp_path, policies=("kuramoto",), episodes=1), console=QUIET)
+    assert "the score of seed 0 must hold a finite number as return_mean, got 'inf'" in outcome.failures[0].error
+    assert lines(tmp_path) == []
+
+
+@pytest.mark.parametrize("width", [1, 40, 60, 80, 100, 200])
+@pytest.mark.parametrize("digits", [1.0, 1234.5])
+def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
+    rng = np.random.default_rng(1)
+    played = [
+        {"scenario": "failure", "policy": policy, "episode": k, "seed": k}
+        | {column: digits * rng.random() for column in NUMBER_COLUMNS}
+        for policy in ("kuramoto-arc-mpcc-safe", "runs/x[/b]") for k in range(4)
+    ]  # fmt: skip
+
+    def shown(columns):
+        console = Console(width=columns, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
+        of = report.statistics(played)["failure"]
+        left_out = report._print_policies(console, Text("title"), of, report.SHOWN)
+        left_out += report.print_scores(console, "runs/x[/b]", "failure", of["runs/x[/b]"])
+        return console.export_text(), left_out
+
+    whole, nothing = shown(400)
+    text, left_out = shown(width)
+    assert nothing == []
+    assert bool(left_out) == (width < 200)
+    assert {word.strip("\N{BOX DRAWINGS LIGHT HORIZONTAL}") for word in text.split()} <= {"", *whole.split()}
+    assert {"kuramoto-arc-mpcc-safe", "runs/x[/b]"} <= set(text.split())
+    if width >= 60:
+        assert max(map(len, text.splitlines())) <= width
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -237,6 +334,10 @@ def test_a_policy_object_and_a_scenario_of_ones_own(tmp_path):
         ({"policies": ("kuramoto", "sweep")}, "robots of kind curve"),
         ({"policies": ("nowhere:Policy",)}, "nowhere"),
         ({"episodes": 0}, "episodes must be at least 1"),
+        ({"episodes": 10**9}, "episodes must be at most 1,000,000, got 1000000000"),
+        ({"batch": 10**9}, "batch must be at most 65,536"),
+        ({"overrides": {"name": "evil"}}, "override must name one of curve, .*got 'name'"),
+        ({"address": ""}, "address"),
         ({"seed": 2**31 - 2}, "seed must be"),
         ({"scenarios": ("failure", "failure")}, "each one once"),
         ({"overrides": {"targets.cont": 3}}, "did you mean count"),
@@ -263,7 +364,7 @@ def test_table_marks_the_best_and_shows_missing_numbers_as_a_dash():
     ]
     console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
     shown = [each for each in report.SHOWN if each.column in ("detection_time_mean", "recovery_time")]
-    console.print(report._table(console, "", report.statistics(played)["failure"], shown))
+    report._print_policies(console, Text("title"), report.statistics(played)["failure"], shown)
     text = [line.split() for line in console.export_text().splitlines()]
     assert ["a", "2*", "3"] in text  # 3 s is faster, but in one episode of two alone
     assert ["b", "4", "5*"] in text

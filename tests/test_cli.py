@@ -1,6 +1,7 @@
 """The command `lissajous`, as a person runs it: another process, its output, its exit code."""
 
 import csv
+import json
 import os
 import re
 import signal
@@ -12,7 +13,7 @@ import pytest
 
 import baselines
 import lissajous_env
-from lissajous_env.cli import commands, main, parse_overrides
+from lissajous_env.cli import commands, main
 from lissajous_env.score import COLUMNS
 
 BENCHMARK = (
@@ -45,12 +46,19 @@ def error_of(ended):
 
 
 @pytest.mark.parametrize("arguments", [(), ("--help",)])
-def test_help_lists_every_command_in_one_line(arguments):
+def test_help_lists_every_command(arguments):
     ended = lissajous(*arguments, width=80)
     assert ended.returncode == 0
-    for name in ("benchmark", "design", "evaluate", "replay", "run", "scenarios"):
+    for name in ("benchmark", "design", "evaluate", "policies", "replay", "run", "scenarios", "train"):
         assert re.search(rf"^  {name} +[A-Z]", ended.stdout, re.MULTILINE), name
     assert all(len(line) <= 80 for line in ended.stdout.splitlines())
+
+
+def called(capsys, *arguments):
+    """Exit code, stdout and stderr of a command in this process."""
+    with pytest.raises(SystemExit) as ended:
+        main([*map(str, arguments)])
+    return (ended.value.code, *capsys.readouterr())
 
 
 @pytest.mark.parametrize("name", sorted(commands()))
@@ -91,9 +99,41 @@ def test_an_unknown_scenario_is_one_clear_line_and_exit_code_2(tmp_path):
     [
         (["benchmrk"], "did you mean benchmark?"),
         (["benchmark", "--policies", "kuramto"], "did you mean kuramoto?"),
-        (["evaluate", "kuramoto", "failure", "--set", "task.duraton=3"], "did you mean duration?"),
-        (["evaluate", "kuramoto", "failure", "--set", "task.duration=-3"], "must be positive [s], got -3"),
-        (["evaluate", "kuramoto", "failure", "--episodes", "0"], "episodes must be at least 1, got 0"),
+        (["evaluate", "failure", "kuramoto", "--set", "task.duraton=3"], "did you mean duration?"),
+        (["evaluate", "failure", "kuramoto", "--set", "task.duration=-3"], "must be positive [s], got -3"),
+        (["evaluate", "failure", "kuramoto", "--set", "name=evil"], "override must name one of curve"),
+        (["evaluate", "failure", "kuramoto", "--set", "curve.a=" + "-" * 100_000 + "1"], "--set curve.a must be given"),
+        (["evaluate", "failure", "kuramoto", "--set", "curve.a=" + "[" * 100_000], "--set curve.a must be given"),
+        (["evaluate", "failure", "kuramoto", "--set", "faults.schedule=((0,1,nan),)"], "without nan"),
+        (["evaluate", "failure", "kuramoto", "--episodes", "0"], "episodes must be at least 1, got 0"),
+        (["evaluate", "failure", "kuramoto", "--episodes", "1000000000"], "episodes must be at most 1,000,000"),
+        (["evaluate", "failure", "kuramoto", "--batch", "0"], "batch must be at least 1, got 0"),
+        (["evaluate", "failure", "kuramoto", "--seed", "99999999999"], "seed must be from 0 to 2147483647"),
+        (
+            ["evaluate", "failure", "kuramoto", "--out", "nowhere/rows.csv"],
+            "out must be in a folder that can be written",
+        ),
+        (["evaluate", "failure", "kuramoto", "--out", "."], "out must end in .csv, got ."),
+        (["evaluate", "failure", "kuramoto", "--out", "rows.json"], "out must end in .csv"),
+        (["evaluate", "failure", "kuramoto", "--out", ""], "--out must not be followed by nothing"),
+        (["evaluate", "failure", "kuramoto", "--out="], "--out must not be followed by nothing"),
+        (["evaluate", "failure", ""], "failure must not be followed by nothing"),
+        (["evaluate", "failure", "failure", "kuramoto"], "scenarios must name each one once"),
+        (["evaluate", "failure", "x\udcff"], "arguments must be text in UTF-8"),
+        (["evaluate", "failure", "nowhere:Policy"], "got 'nowhere:Policy': ModuleNotFoundError"),
+        (["evaluate", "failure", "os:nothing"], "has no attribute 'nothing'"),
+        (["evaluate", "failure", "os:sep"], "policy os:sep must be a policy or factory(scenario, num_worlds, device)"),
+        (["evaluate", "failure", "os:"], "policy must be module:factory that can be loaded, got 'os:'"),
+        (["evaluate", "failure", "x[/b]"], "got 'x[/b]'"),
+        (["run", "failure", "kuramoto", "--device", "tpu"], "device must be one of"),
+        (["train", "--learning-rate", "1000"], "learning_rate must be at most 1, got 1000.0"),
+        (["train", "--log-std", "nan"], "log_std must be from -20 to 2, got nan"),
+        (["train", "--worlds", "1000000000"], "worlds must be at most 1,000,000"),
+        (["design", "--half-width", "nan"], "half_width must be positive [m], got nan"),
+        (["design", "--half-width", "1e300"], "half_width must be from 1e-06 to 1e+06 [m], got 1e+300"),
+        (["design", "--sensor-radius", "1e-300"], "sensor_radius must be from 1e-06 to 1e+06 [m]"),
+        (["replay", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
+        (["replay", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),
         (["run", "failure", "kuramoto", "--out", "film.mov"], "must end in .gif"),
         (["replay", "nowhere.npz"], "nowhere.npz"),
     ],
@@ -130,7 +170,8 @@ def test_a_policy_that_raises_ends_with_exit_code_1(tmp_path):
     command = [sys.executable, "-m", "lissajous_env", "benchmark", *arguments, "--out", str(tmp_path / "out")]
     ended = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60)
     assert ended.returncode == 1
-    assert "mine:policy failed on failure: RuntimeError: broken" in ended.stdout
+    assert "mine:policy failed on failure: RuntimeError: broken (mine.py, line 2)" in ended.stdout
+    assert ended.stderr.splitlines()[-1].startswith("error: mine:policy on failure failed; ")
     assert len((tmp_path / "out" / "episodes.jsonl").read_text().splitlines()) == 1
 
 
@@ -175,20 +216,6 @@ def test_ctrl_c_ends_with_130_and_says_how_to_go_on(tmp_path):
     assert episodes.read_text().endswith("\n")
 
 
-def test_overrides_are_literals_words_and_infinity():
-    given = [["curve.a=5", "task.grid=(4, 2)"], ["formation.start=random", "task.duration=inf", "robot.count=None"]]
-    assert parse_overrides(given) == {
-        "curve.a": 5, "task.grid": (4, 2), "formation.start": "random", "task.duration": float("inf"),
-        "robot.count": None,
-    }  # fmt: skip
-
-
-@pytest.mark.parametrize("entry", ["curve.a", "=3", "curve.a=3 +", "curve.a=__import__('os')"])
-def test_an_override_that_is_no_value_is_refused(entry):
-    with pytest.raises(ValueError, match="--set"):
-        parse_overrides([[entry]])
-
-
 def test_run_and_replay_make_files_and_need_no_display(tmp_path):
     headless = {name: value for name, value in os.environ.items() if "DISPLAY" not in name and "SDL" not in name}
     command = [sys.executable, "-m", "lissajous_env"]
@@ -212,3 +239,160 @@ def test_run_and_replay_make_files_and_need_no_display(tmp_path):
     assert re.search(rf"^min_separation +{row['min_separation']:.3f}$", shown.stdout, re.MULTILINE)
     (tmp_path / "episode.npz").write_bytes((tmp_path / "episode.npz").read_bytes()[:1000])
     assert "episode.npz" in error_of(call("replay", "episode.npz", "--out", "film.gif"))
+
+
+@pytest.mark.parametrize(
+    "arguments", [["benchmark", "--epsiodes", "3"], ["run", "failure"], ["scenarios", "--episodes"]]
+)
+def test_a_line_that_is_no_command_line_is_said_in_two_lines(arguments, capsys):
+    code, out, error = called(capsys, *arguments)
+    assert (code, out) == (2, "")
+    first, second = error.splitlines()
+    assert first.startswith("error: ")
+    assert second == f"lissajous {arguments[0]} --help lists what it takes"
+
+
+@pytest.mark.parametrize(
+    "order", [["failure", "knot", "still"], ["still", "failure", "knot"], ["failure", "still", "knot"]]
+)
+def test_the_scenario_comes_first_and_any_other_order_is_understood(order, capsys):
+    code, out, _ = called(capsys, "evaluate", *order, "--episodes", 1, "--set", "task.duration=1", "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert (found["policy"], list(found["statistics"])) == ("still", ["failure", "knot"])
+    if len({"knot"} & set(order[:2])) == 0 or order[0] == "still":
+        one = [each for each in order if each != "knot"]
+        code, out, _ = called(capsys, "run", *one, "--set", "task.duration=1", "--json")
+        assert (code, json.loads(out)["policy"], json.loads(out)["scenario"]) == (0, "still", "failure")
+
+
+def test_help_names_the_scenario_first(capsys):
+    for command, usage in (("run", "SCENARIO POLICY"), ("evaluate", "SCENARIO [SCENARIO ...] POLICY")):
+        assert usage in called(capsys, command, "--help")[1]
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["failure", "knot"], "policy must be given beside the scenario, got failure, knot"),
+        (["still", "kuramoto"], "policy must be one alone, got still, kuramoto"),
+        (["faliure", "still"], "got 'faliure'; did you mean failure?"),
+        (["still", "faliure"], "got 'faliure'; did you mean failure?"),
+        (["failure", "stil"], "got 'stil'; did you mean still?"),
+        (["faliure", "stil"], "got 'faliure'; did you mean failure?"),
+    ],
+)
+def test_names_that_are_neither_or_both_are_errors_with_a_name(names, words, capsys):
+    for command in ("run", "evaluate"):
+        code, out, error = called(capsys, command, *names)
+        assert (code, out) == (2, "")
+        assert words in error.splitlines()[0]
+        assert len(error.splitlines()) <= 2
+
+
+def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):
+    code, out, _ = called(capsys, "policies", "failure", "--json")
+    listed = {each["name"]: each for each in json.loads(out)}
+    assert (code, tuple(listed)) == (0, baselines.names("failure"))
+    assert listed["learned-ring"]["learned"]
+    assert not listed["kuramoto"]["learned"]
+    everything = json.loads(called(capsys, "policies", "--json")[1])
+    assert [each["name"] for each in everything] == list(baselines.names())
+    assert all(each["description"] and each["kind"] in (None, "car", "curve") for each in everything)
+    table = called(capsys, "policies")[1]
+    for each in everything:
+        assert re.search(rf"^{each['name']} +({each['kind'] or 'any'}) ", table, re.MULTILINE)
+    assert called(capsys, "policies", "faliure")[0] == 2
+
+
+SHORT = ["--episodes", "2", "--set", "task.duration=1"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["scenarios"], ["policies"], ["design"], ["evaluate", "failure", "still", *SHORT],
+        ["run", "failure", "still", "--set", "task.duration=1"],
+        ["benchmark", "--scenarios", "failure", "--policies", "still", "kuramoto", *SHORT, "--out", "results"],
+    ],
+    ids=lambda arguments: arguments[0],
+)  # fmt: skip
+def test_json_is_all_that_is_on_stdout_and_quiet_says_nothing(arguments, capsys, tmp_path, monkeypatch):
+    def refuse(word):
+        raise AssertionError(word)
+
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = called(capsys, *arguments, "--json")
+    assert code == 0
+    assert json.loads(out, parse_constant=refuse)
+    code, out, error = called(capsys, *arguments, "--quiet")
+    assert (code, out, error) == (0, "", "")
+    code, out, error = called(capsys, *arguments, "--quiet", "--json")
+    assert (code, error) == (0, "")
+    assert json.loads(out)
+
+
+def test_version(capsys):
+    assert called(capsys, "-V") == called(capsys, "--version")
+    assert called(capsys, "-V")[0] == 0
+
+
+def test_a_module_in_the_current_folder_is_found(tmp_path):
+    (tmp_path / "helper.py").write_text("import baselines\nmake = baselines.make\n")
+    (tmp_path / "mine.py").write_text(
+        "from functools import partial\nimport helper\npolicy = partial(helper.make, 'still')\n"
+    )
+    # As the console script is called: the folder that Python itself looks in first is that of the script.
+    command = [sys.executable, "-P", "-c", "from lissajous_env.cli import main; main()", "evaluate", "failure"]
+    short = ["mine:policy", "--episodes", "1", "--set", "task.duration=1", "--json", "--quiet"]
+    ended = subprocess.run([*command, *short], capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert json.loads(ended.stdout)["policy"] == "mine:policy"
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("raise RuntimeError('[/b] boom')", "RuntimeError: [/b] boom (mine.py, line 1)"),
+        ("import sys; sys.exit(0)", "SystemExit: 0 (mine.py, line 1)"),
+        ("policy =", "SyntaxError"),
+        ("policy = 3", "policy mine:policy must be a policy or factory"),
+        ("other = 3", "has no attribute 'policy'"),
+    ],
+)
+def test_a_module_that_cannot_be_used_is_one_line(source, words, tmp_path, monkeypatch, capsys):
+    (tmp_path / "mine.py").write_text(source + "\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    code, out, error = called(capsys, "run", "failure", "mine:policy")
+    assert (code, out, len(error.splitlines())) == (2, "", 1)
+    assert words in error
+
+
+BROKEN = """
+import numpy as np
+class Broken:
+    def __init__(self, scenario, num_worlds, device):
+        self.num_worlds = num_worlds
+    def reset(self, worlds=None):
+        pass
+    def act(self, observation):
+        raise RuntimeError("[/b] out of ideas\\nand of lines")
+"""
+
+
+def test_a_policy_that_raises_is_one_line_with_its_place(tmp_path, monkeypatch, capsys):
+    (tmp_path / "giving_up.py").write_text(BROKEN)
+    monkeypatch.chdir(tmp_path)
+    for command in ("run", "evaluate"):
+        code, out, error = called(capsys, command, "failure", "giving_up:Broken")
+        assert (code, out) == (1, "")
+        place = "(giving_up.py, line 9)"
+        assert error == f"error: giving_up:Broken failed on failure: RuntimeError: [/b] out of ideas {place}\n"
+
+
+def test_a_missing_extra_says_what_works_from_a_checkout_too(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "training.train", None)
+    code, _, error = called(capsys, "train")
+    assert (code, len(error.splitlines())) == (2, 1)
+    assert 'pip install ".[train]" in a checkout, pip install "lissajous-env[train]" elsewhere' in error

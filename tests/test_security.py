@@ -80,7 +80,8 @@ def test_a_folder_of_a_training(attacked, tmp_path, marker, capsys):
     assert ended(go_on(made), capsys) == 0
     assert not opened(marker)
     refused = {name.partition("-")[0] for (name, _), code in endings.items() if code}
-    assert refused == {".lissajous.jsonl", "checkpoint.json", "state", "weights"}  # the best, the curve and the log are made anew
+    # The best, the curve and the log are made anew.
+    assert refused == {".lissajous.jsonl", "checkpoint.json", "state", "weights"}
 
 
 @pytest.mark.parametrize("form", ["archive", "npy"])

@@ -5,15 +5,18 @@ import importlib
 
 import tyro
 
-from lissajous_env.cli import Overrides, parse_overrides
+from lissajous_env.extras import missing
+from lissajous_env.overrides import Overrides, parse_overrides
+from lissajous_env.terminal import AS_USUAL, Speech, make_console
 from training.settings import Train
 
 
-def train(settings: tyro.conf.OmitArgPrefixes[Train], overrides: Overrides = ()) -> None:
+def train(settings: tyro.conf.OmitArgPrefixes[Train], output: Speech = AS_USUAL, overrides: Overrides = ()) -> None:
     """Train a policy; it can be stopped or killed at any moment, the same command goes on.
 
     Args:
         settings: What is trained, how, and where it goes.
+        output: How it speaks.
         overrides: fields changed in the scenario, as in --set task.reward_collision=-5 targets.count=5
     """
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
@@ -21,5 +24,8 @@ def train(settings: tyro.conf.OmitArgPrefixes[Train], overrides: Overrides = ())
     try:
         engine = importlib.import_module("training.rllib" if settings.engine == "ray" else "training.train")
     except ImportError as error:
-        raise ValueError(f'train must have its libraries ({error}): pip install "lissajous-env[{extra}]"') from error
-    engine.train(settings)
+        raise missing("train", extra, error) from error
+    # Its lines tell how it goes: where stdout is for the result alone, they go to stderr.
+    console = make_console(stderr=output.json, quiet=output.quiet)
+    course = engine.train(settings, console)
+    output.give({"out": settings.out, **dataclasses.asdict(course)})

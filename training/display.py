@@ -8,6 +8,7 @@ from rich import progress as bars
 from rich.console import Console
 from rich.markup import escape
 
+from baselines.progress import bar, in_words
 from training.settings import Train
 
 if TYPE_CHECKING:
@@ -20,17 +21,8 @@ class Display:
     def __init__(self, settings: Train, console: Console, course: "Course"):
         self._settings, self._console, self._course = settings, console, course
         self._from, self._since = course.steps, time.monotonic()
-        self._bar = bars.Progress(
-            bars.TextColumn("{task.description}"),
-            bars.BarColumn(bar_width=None),
-            bars.TextColumn("{task.fields[words]}"),
-            bars.TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            expand=True,
-            disable=not console.is_terminal,
-        )
-        self._task = self._bar.add_task("", total=settings.steps, completed=course.steps, words="")
+        self._bar = bar(console, None, bars.TextColumn("{task.description}"), bars.TextColumn("{task.fields[words]}"))
+        self._task = self._bar.add_task("", total=settings.steps, completed=course.steps, before=course.steps, words="")
 
     def __enter__(self) -> "Display":
         settings, course = self._settings, self._course
@@ -53,15 +45,17 @@ class Display:
         """Show the scores of the latest episodes."""
         course, now = self._course, time.monotonic()
         pace = (course.steps - self._from) / max(now - self._since, 1e-9)
-        words = f"{pace / 1e3:.0f} k/s" + (f", {_words(recent)}" if recent else "")
+        # A narrow terminal has room for the pace alone: a number is never cut.
+        wide = self._console.width >= 110
+        words = f"{pace / 1e3:.0f} k/s" + (f", {_words(recent)}" if recent and wide else "")
         self._bar.update(
             self._task, description=f"{course.steps / 1e6:.1f} M steps", completed=course.steps, words=words
         )
 
     def evaluated(self, point: Mapping[str, float | None]) -> None:
         """Print a line for an evaluation."""
-        at = f"{(point['steps'] or 0) / 1e6:6.1f} M steps {point['seconds'] or 0:6.0f} s"
-        self.say(f"{at}  {_words(point)}")
+        at = f"{(point['steps'] or 0) / 1e6:6.1f} M steps, {in_words(point['seconds'] or 0)}"
+        self.say(f"{at}: {_words(point)}")
 
 
 def _words(scores: Mapping[str, float | None]) -> str:

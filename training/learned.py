@@ -98,7 +98,9 @@ def register_shipped() -> None:
     baselines.register_opener(load)
     for name in names():
         text = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
-        baselines.register(name, text["policy"]["kind"], partial(load, name), tuple(text["made_for"]), True)
+        policy, scenario = text["policy"], text["policy"]["scenario"]
+        about = f"Learned on {scenario}{', on top of ' + policy['base'] if policy['base'] else ''}."
+        baselines.register(name, policy["kind"], partial(load, name), tuple(text["made_for"]), about, learned=True)
 
 
 _SHIPPED = Path(__file__).parent / "policies"

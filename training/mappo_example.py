@@ -12,12 +12,18 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
-from benchmarl.algorithms import IppoConfig, MappoConfig, QmixConfig
-from benchmarl.experiment import Experiment, ExperimentConfig
-from benchmarl.models import MlpConfig
 
-from lissajous_env.cli import Overrides, parse_overrides
-from training.benchmarl import LissajousTaskClass
+from lissajous_env.extras import missing
+from lissajous_env.overrides import Overrides, parse_overrides
+
+try:
+    from benchmarl.algorithms import IppoConfig, MappoConfig, QmixConfig
+    from benchmarl.experiment import Experiment, ExperimentConfig
+    from benchmarl.models import MlpConfig
+
+    from training.benchmarl import LissajousTaskClass
+except ImportError as error:
+    raise missing("training.mappo_example", "marl", error) from error
 
 ALGORITHMS = {"mappo": MappoConfig, "ippo": IppoConfig, "qmix": QmixConfig}
 

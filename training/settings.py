@@ -11,10 +11,25 @@ import tyro
 from baselines import registry
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
+from lissajous_env.device import as_device
 from training.network import ACTIVATIONS
 
 CHANGES_NOTHING = ("steps", "out", "threads", "address", "workers", "evaluation_episodes", "rivals")
 """Settings that may differ when a training goes on: they do not change what is learned from a step."""
+
+_MOST = {
+    "steps": 10**15,
+    "worlds": 1_000_000,
+    "rollout": 1_000_000,
+    "batch_size": 10**9,
+    "epochs": 10_000,
+    "evaluate_every": 10**15,
+    "evaluation_episodes": 65_536,
+    "noise_steps": 10**9,
+    "workers": 10_000,
+}
+"""Whole numbers, all of at least 1, and the most that each may be: above it lie typing errors alone."""
+_POSITIVE = ("residual", "clip_range", "gradient_max", "short_time")
 
 
 @dataclass(frozen=True)
@@ -110,36 +125,39 @@ class Train:
     """Fields changed in the scenario, as {"task.reward_collision": -5.0}."""
 
     def __post_init__(self) -> None:
-        for name in (
-            "steps",
-            "worlds",
-            "rollout",
-            "batch_size",
-            "epochs",
-            "evaluate_every",
-            "evaluation_episodes",
-            "noise_steps",
-            "workers",
-        ):
+        for name, most in _MOST.items():
             self._require(name, getattr(self, name) >= 1, "must be at least 1")
+            self._require(name, getattr(self, name) <= most, f"must be at most {most:,}")
         self._require("seed", 0 <= self.seed < 2**11, "must be from 0 to 2047")
         self._require("layers", all(size >= 1 for size in self.layers), "must be sizes of at least 1")
+        few = len(self.layers) <= 100 and all(size <= 65_536 for size in self.layers)
+        self._require("layers", few, "must be at most 100 sizes of at most 65,536")
         self._require("activation", self.activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}")
         self._require("address", self.address is None or self.engine == "ray", "must be given with engine ray alone")
-        self._require("threads", self.threads is None or self.threads >= 1, "must be at least 1")
-        for name in ("learning_rate", "residual", "clip_range", "gradient_max", "short_time"):
+        self._require(
+            "threads", self.threads is None or 1 <= self.threads <= 1024, "must be at least 1 and at most 1,024"
+        )
+        for name, most in (("learning_rate", 1), *((n, 1e6) for n in _POSITIVE)):
             self._require(name, getattr(self, name) > 0, "must be positive")
+            self._require(name, getattr(self, name) <= most, f"must be at most {most:g}")
         for name in ("gamma", "gae_lambda", "short"):
             self._require(name, 0 <= getattr(self, name) <= 1, "must be from 0 to 1")
         self._require("averaging", 0 <= self.averaging < 1, "must be at least 0 and below 1")
+        self._require("log_std", -20 <= self.log_std <= 2, "must be from -20 to 2")
         for name in ("entropy", "value_weight", "residual_penalty"):
             self._require(name, getattr(self, name) >= 0, "must not be negative")
+            self._require(name, getattr(self, name) <= 1e6, "must be at most 1e6")
         for name in ("imitation_steps", "critic_steps"):
             self._require(name, getattr(self, name) >= 0, "must not be negative")
+            self._require(name, getattr(self, name) <= _MOST["steps"], f"must be at most {_MOST['steps']:,}")
+        for name in ("start", "address"):
+            self._require(name, getattr(self, name) != "", "must not be empty")
         self._require("teacher", self.imitated is None or self.base is None, "must be none where there is a base")
         self._require(
             "teacher", self.imitated is not None or self.algorithm == "ppo", "must be given for imitation alone"
         )
+        if self.engine == "sb3":
+            as_device(self.device)
         for name in (self.base, self.imitated, *self.rivals):
             if name is not None:
                 registry.check(name, self.make_scenario())

@@ -16,7 +16,7 @@ import tyro
 from rich import progress as bars
 from rich.console import Console
 
-from baselines.report import wide_console
+from baselines.progress import bar
 from baselines.reproduce import bounds as conditions
 from baselines.reproduce import cars, detection, equilibria, failures, resilience, space, table, tracking
 from baselines.reproduce.played import Part, Player
@@ -24,6 +24,7 @@ from baselines.reproduce.style import Picture
 from baselines.reproduce.table import Claim
 from lissajous_env.device import as_device
 from lissajous_env.folder import Folder
+from lissajous_env.terminal import AS_USUAL, Speech, make_console
 
 PARTS: dict[str, Callable[[Player], Part]] = {
     "fig2": detection.fig2,
@@ -52,7 +53,11 @@ _Out = Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
 
 
 def reproduce(
-    figures: _Names = ("all",), out: _Out = Path("results/reproduce"), seed: int = 0, device: str = "cpu"
+    figures: _Names = ("all",),
+    out: _Out = Path("results/reproduce"),
+    seed: int = 0,
+    device: str = "cpu",
+    output: Speech = AS_USUAL,
 ) -> list[Claim]:
     """Simulate the paper's figures and claims again: pictures, and a table of what agrees.
 
@@ -64,6 +69,7 @@ def reproduce(
         out: folder of the results.
         seed: seed of the first episode; further ones count up from it.
         device: cpu, cuda or cuda:k.
+        output: How it speaks.
 
     Returns:
         The rows of the table.
@@ -77,10 +83,10 @@ def reproduce(
     as_device(device)
     player, claims, pictures = Player(seed, device), [], []
     command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed)])
-    console = wide_console()
+    console, notes = output.console(), make_console(stderr=True, quiet=output.quiet)
     with Folder(out, (*_TABLES, *(f"{name}.png" for name in chosen))) as folder:
         try:
-            for part in _played(chosen, player):
+            for part in _played(chosen, player, notes):
                 for picture in part.pictures:
                     folder.write(f"{picture.name}.png", picture.png)
                 claims += part.claims
@@ -89,9 +95,10 @@ def reproduce(
             _write(folder, claims, pictures, command)
             raise KeyboardInterrupt(f"what was finished is in {out}") from None
         _write(folder, claims, pictures, command)
-    table.print_table(console, claims)
+    table.print_claims(console, claims)
     words = f"\n{table.summary(claims)}. {len(pictures)} pictures, table.csv, table.md and README.md are in {out}"
     console.print(words, markup=False, highlight=False, soft_wrap=True)
+    output.give([dataclasses.asdict(claim) for claim in claims])
     return claims
 
 
@@ -105,13 +112,9 @@ def _chosen(figures: Sequence[str]) -> list[str]:
     return list(PARTS) if "all" in figures or not figures else [name for name in PARTS if name in figures]
 
 
-def _played(chosen: Sequence[str], player: Player) -> Iterable[Part]:
+def _played(chosen: Sequence[str], player: Player, console: Console) -> Iterable[Part]:
     """Make the parts one after the other, with a bar on stderr, or a line for each where that is no terminal."""
-    console = Console(stderr=True)
-    columns = "{task.description}", bars.BarColumn(bar_width=None), bars.MofNCompleteColumn(), bars.TimeElapsedColumn()
-    with bars.Progress(
-        bars.SpinnerColumn(), *columns, console=console, transient=True, expand=True, disable=not console.is_terminal
-    ) as progress:
+    with bar(console, bars.TextColumn("{task.description}"), bars.MofNCompleteColumn()) as progress:
         task = progress.add_task("", total=len(chosen))
         for name in chosen:
             about = (PARTS[name].__doc__ or "").partition("\n")[0].rstrip(".")
@@ -121,7 +124,7 @@ def _played(chosen: Sequence[str], player: Player) -> Iterable[Part]:
             made.claims = [dataclasses.replace(claim, part=name) for claim in made.claims]
             yield made
             progress.advance(task)
-            if not console.is_terminal:
+            if not console.is_interactive:
                 console.print(f"{name}: {time.monotonic() - began:.1f} s", highlight=False)
 
 

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from rich import box
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+from rich.text import Text
 
 from baselines.reproduce.style import Picture
+from lissajous_env.terminal import Column, print_left_out, print_table
 
-_COLOURED = {"yes": "[green]yes[/]", "no": "[bold red]no[/]", "-": "[dim]-[/]"}
+_STYLE = {"yes": "green", "no": "bold red", "-": "dim"}
 SILENT = "not stated"
 """In place of the paper's number where it gives none."""
 
@@ -91,22 +90,25 @@ def verdict(claim: Claim) -> str:
     return {True: "yes", False: "no", None: "-"}[claim.agrees]
 
 
-def print_table(console: Console, claims: Sequence[Claim]) -> None:
+def print_claims(console: Console, claims: Sequence[Claim]) -> None:
     """Print the table, a rule between the parts."""
-    table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, padding=(0, 1), show_edge=False)
-    table.add_column("", no_wrap=True, style="bold cyan")
-    for title, ratio in (("claim", 26), ("paper", 14), ("ours", 18), ("tolerance", 12)):
-        table.add_column(title, ratio=ratio)
-    table.add_column("agrees", no_wrap=True)
-    table.add_column("why, or what was chosen", ratio=30)
-    table.expand = True
+    columns = [
+        Column("", left=True, style="bold cyan"),
+        Column("claim", prose=True),
+        Column("paper", prose=True, rank=1),
+        Column("ours", prose=True),
+        Column("tolerance", prose=True, rank=2),
+        Column("agrees", left=True),
+        Column("why, or what was chosen", prose=True, rank=3),
+    ]
+    rows: list[list[str | Text]] = []
     for number, each in enumerate(claims):
         first = number == 0 or claims[number - 1].part != each.part
-        last = number + 1 == len(claims) or claims[number + 1].part != each.part
-        agrees = _COLOURED[verdict(each)]
-        words = [escape(word) for word in (each.claim, each.paper, each.ours, each.tolerance)]
-        table.add_row(each.part if first else "", *words, agrees, escape(each.why), end_section=last)
-    console.print(table)
+        agrees = Text(verdict(each), style=_STYLE[verdict(each)])
+        rows.append([each.part if first else "", each.claim, each.paper, each.ours, each.tolerance, agrees, each.why])
+    ends = [k for k in range(len(claims)) if k + 1 == len(claims) or claims[k + 1].part != claims[k].part]
+    left_out = print_table(console, columns, rows, ends)
+    print_left_out(console, left_out, "table.md and table.csv have them, and a wider terminal shows them.")
 
 
 def summary(claims: Sequence[Claim]) -> str:

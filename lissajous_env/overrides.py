@@ -1,0 +1,62 @@
+"""What `--set` takes: `name=value`, the value a Python literal that is read, never run."""
+
+import ast
+import math
+import re
+from collections.abc import Iterable
+from typing import Annotated, Any
+
+import tyro
+
+Overrides = Annotated[
+    tuple[tuple[str, ...], ...],
+    tyro.conf.UseAppendAction,
+    tyro.conf.arg(name="set", metavar="NAME=VALUE ...", help_behavior_hint=""),
+]
+"""Type of a command's `--set name=value ...`; `parse_overrides` reads it."""
+
+
+def parse_overrides(groups: Iterable[Iterable[str]]) -> dict[str, Any]:
+    """Read what `--set` was given: `name=value`, the value a Python literal, in which `inf` may stand, or a bare word.
+
+    Raises:
+        ValueError: an entry without a name, one that is given twice, or a value that is none of these.
+    """
+    overrides: dict[str, Any] = {}
+    for entry in (entry for group in groups for entry in tuple(group) or ("",)):
+        name, equals, text = (part.strip() for part in entry.partition("="))
+        if not equals or not name:
+            raise ValueError(f"--set must be given as name=value, as in curve.a=5, got {entry!r}")
+        if name in overrides:
+            raise ValueError(f"--set must give {name} once, got {entry!r} too")
+        overrides[name] = _value(name, text)
+    return overrides
+
+
+def _value(name: str, text: str) -> Any:
+    if re.fullmatch(r"[A-Za-z][\w-]*", text) and text not in ("None", "True", "False", "inf", "nan"):
+        return text
+    try:
+        return _literal(ast.parse(text, mode="eval").body)
+    except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError):
+        pass
+    raise ValueError(f"--set {name} must be given a number, a word or another Python literal without nan, got {text!r}")
+
+
+def _literal(node: ast.expr) -> Any:
+    """Value of a literal; ValueError for whatever else an expression can be."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, (bool, int, float, str, type(None))):
+        return node.value
+    if isinstance(node, ast.Name) and node.id == "inf":
+        return math.inf
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.UAdd, ast.USub)):
+        value = _literal(node.operand)
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            return -value if isinstance(node.op, ast.USub) else value
+    if isinstance(node, ast.Tuple):
+        return tuple(map(_literal, node.elts))
+    if isinstance(node, ast.List):
+        return list(map(_literal, node.elts))
+    if isinstance(node, ast.Dict) and None not in node.keys:
+        return {_literal(key): _literal(value) for key, value in zip(node.keys, node.values, strict=True) if key}
+    raise ValueError("no literal")

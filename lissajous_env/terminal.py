@@ -1,0 +1,158 @@
+"""What commands say: one pair of options for all of them, tables that never cut a number, and JSON for programs."""
+
+import contextlib
+import json
+import math
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import tyro
+from rich import box
+from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+_PIPE = 120
+"""Columns of a table where the output goes to no terminal and COLUMNS is not set."""
+_GAP = 2
+"""Columns between two columns of a table."""
+_NARROWEST = 16
+"""Least width of a column of prose."""
+
+
+class CommandError(Exception):
+    """What was asked for is well-formed, but did not work: exit code 1 and one line."""
+
+
+@dataclass(frozen=True)
+class Output:
+    """How a command speaks."""
+
+    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print the result as JSON, and nothing else, to stdout; a number that does not exist is null."""
+    quiet: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Print nothing but errors, and what --json asks for; files are still written."""
+
+    def console(self) -> Console:
+        """Console for what people read of the result."""
+        return make_console(quiet=self.quiet or self.json)
+
+    def give(self, result: Any) -> None:
+        """Print a result as JSON where that is asked for."""
+        if self.json:
+            print(json.dumps(plain(result), indent=2, allow_nan=False))
+
+
+AS_USUAL = Output()
+Speech = tyro.conf.OmitArgPrefixes[Output]
+"""Type of a command's parameter `output`: the options --json and --quiet."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table."""
+
+    title: str
+    """Over it; more lines are allowed."""
+    prose: bool = False
+    """Text that may be broken between words; everything else stands whole in its line."""
+    left: bool = False
+    rank: int = 0
+    """Of the columns that can be spared, the highest ranks go first, from the right."""
+    style: str = ""
+    name: str = ""
+    """What it is called where it is left out; the title, if empty."""
+
+
+def make_console(stderr: bool = False, quiet: bool = False) -> Console:
+    """Console as wide as COLUMNS says or the terminal is, or 120 columns where the output goes to a file."""
+    console = Console(stderr=stderr, quiet=quiet)
+    asked = os.environ.get("COLUMNS", "")
+    if asked.isdecimal() and int(asked) > 0:
+        console.width = min(int(asked), 1000)
+    elif not console.is_terminal:
+        console.width = _PIPE
+    elif console.width < 1:
+        console.width = 80
+    return console
+
+
+def print_table(
+    console: Console, columns: Sequence[Column], rows: Sequence[Sequence[str | Text]], sections: Sequence[int] = ()
+) -> list[str]:
+    """Print a table, leave out columns that do not fit whole, and return their names.
+
+    The first column and one more always stand, and are broken by a terminal that is narrower still.
+
+    Args:
+        console: Where to print.
+        columns: Its columns.
+        rows: Cells; a string is shown as it stands, brackets and all.
+        sections: Numbers of the rows that a rule is drawn below.
+    """
+    if console.quiet:
+        return []
+    cells = [[column.title, *map(str, (row[k] for row in rows))] for k, column in enumerate(columns)]
+    whole = [max(cell_len(line) for cell in of for line in cell.split("\n")) for of in cells]
+    words = [max((cell_len(word) for cell in of for word in cell.split()), default=0) for of in cells]
+    least = [max(words[k], min(_NARROWEST, whole[k])) if c.prose else whole[k] for k, c in enumerate(columns)]
+    kept = list(range(len(columns)))
+    while len(kept) > 2 and _width(least, kept) > console.width:
+        kept.remove(max(kept[1:], key=lambda k: (columns[k].rank, k)))
+    widths = {k: least[k] for k in kept}
+    room = console.width - _width(least, kept)
+    while room > 0 and (growing := [k for k in kept if widths[k] < whole[k]]):
+        # The column that lacks most grows first, so that prose of equal length gets equal room.
+        widths[max(growing, key=lambda k: whole[k] - widths[k])] += 1
+        room -= 1
+    table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
+    table.width = _width(widths, kept)
+    for k in kept:
+        column = columns[k]
+        justify = "left" if column.left or column.prose else "right"
+        table.add_column(Text(column.title), justify=justify, style=column.style, width=widths[k])
+    for number, row in enumerate(rows):
+        shown = [Text(cell) if isinstance(cell, str) else cell for cell in row]
+        table.add_row(*(shown[k] for k in kept), end_section=number in sections)
+    console.print(table, crop=False)
+    return [column.name or column.title.replace("\n", " ") for k, column in enumerate(columns) if k not in kept]
+
+
+def print_left_out(console: Console, names: Sequence[str], where: str) -> None:
+    """Say which columns there was no room for, and where they are."""
+    if names:
+        words = f"No room at this width for: {', '.join(dict.fromkeys(names))}. {where}"
+        console.print(words, style="yellow", markup=False, highlight=False, soft_wrap=True)
+
+
+def plain(value: Any) -> Any:
+    """Turn a value into what JSON can hold: NaN becomes null, infinity a word."""
+    if isinstance(value, dict):
+        return {str(name): plain(entry) for name, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)
+
+
+def complain(text: str) -> None:
+    """Print an error to stderr, each of its lines short and without characters that move the cursor."""
+    shown = "\n".join(_shortened(line) for line in text.strip().splitlines())
+    with contextlib.suppress(OSError):  # nobody reads it
+        print(shown, file=sys.stderr, flush=True)
+
+
+def _shortened(line: str, most: int = 1500) -> str:
+    visible = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+    return visible if len(visible) <= most else f"{visible[: most // 2]} ... {visible[-most // 2 :]}"
+
+
+def _width(widths: Any, kept: Sequence[int]) -> int:
+    return sum(widths[k] for k in kept) + _GAP * (len(kept) - 1)

@@ -1,0 +1,91 @@
+"""What a benchmark finds in its folder is held to the rules of what it writes there: each column, each setting."""
+
+import json
+import math
+
+import pytest
+from rich.console import Console
+
+from baselines.benchmark import Benchmark, run
+
+QUIET = Console(quiet=True)
+
+
+def small(out, **changes):
+    given = {"scenarios": ("failure",), "policies": ("kuramoto", "open-loop"), "episodes": 5, "batch": 2}
+    return Benchmark(**given | {"out": out, "overrides": {"task.duration": 2.0}} | changes)
+
+
+def lines(folder):
+    return (folder / "episodes.jsonl").read_text().splitlines()
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [
+        ("targets", "NaN", "a whole number"), ("targets", "true", "a whole number"), ("targets", "null", "a whole"),
+        ("targets", "-1", "a whole number"), ("targets", "2.0", "a whole number"), ("collisions", "false", "a whole"),
+        ("detected_fraction", "1.01", "from 0 to 1 or null \\(no target appeared\\)"),
+        ("contact_time", "null", r"at least 0 \[s\] as contact_time, got None"), ("contact_time", "-0.1", "at least 0"),
+        ("return_mean", "Infinity", "a finite number"), ("return_mean", "NaN", "a finite number"),
+        ("return_mean", "1" + "0" * 400, "a finite number"), ("idleness_mean", "-1", r"or null \(no grid\)"),
+        ("phase_error", '"3"', "a number"), ("spacing_factor", "[1]", "a number"), ("seed", "0.0", "a whole number"),
+        ("scenario", "null", "a word as scenario"),
+    ],
+)  # fmt: skip
+def test_a_value_that_no_score_has_is_refused_by_file_line_rule_and_value(tmp_path, column, value, words):
+    run(small(tmp_path, episodes=1), console=QUIET)
+    row, other = lines(tmp_path)
+    given = json.dumps(json.loads(row)[column])
+    (tmp_path / "episodes.jsonl").write_text(
+        row.replace(f'"{column}": {given}', f'"{column}": {value}') + f"\n{other}\n"
+    )
+    with pytest.raises(ValueError, match=rf"episodes\.jsonl, line 1 .*({words}|it must hold|damaged)"):
+        run(small(tmp_path, episodes=1), console=QUIET)
+
+
+@pytest.mark.parametrize("empty", ["recovery_time", "coverage_time", "coverage_time_each", "detection_time_mean"])
+def test_a_time_that_never_came_is_null(tmp_path, empty):
+    run(small(tmp_path, episodes=1), console=QUIET)
+    rows = [json.loads(line) | {empty: None} for line in lines(tmp_path)]
+    (tmp_path / "episodes.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert all(math.isnan(row[empty]) for row in run(small(tmp_path, episodes=1), console=QUIET))
+
+
+def test_lists_in_each_other_are_damage_and_no_crash(tmp_path):
+    run(small(tmp_path, episodes=1), console=QUIET)
+    (tmp_path / "episodes.jsonl").write_text("\n".join(["[" * 100_000, *lines(tmp_path)]) + "\n")
+    with pytest.raises(ValueError, match=r"episodes\.jsonl, line 1 "):
+        run(small(tmp_path, episodes=1), console=QUIET)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("episodes", True), ("episodes", -1), ("seed", 0.0), ("policies", []), ("policies", {"failure": "still"}),
+        ("scenarios", {"failure": 3}), ("digests", {"failure": "0"}), ("versions", None), ("new", 1), ("seed", None),
+    ],
+)  # fmt: skip
+def test_damaged_settings_are_refused_by_name(tmp_path, name, value):
+    run(small(tmp_path, episodes=1), console=QUIET)
+    path = tmp_path / "settings.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
+    with pytest.raises(ValueError, match=r"settings\.json is damaged \("):
+        run(small(tmp_path, episodes=1), console=QUIET)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [
+        ("policy", "sweep", "settings.json does not name"), ("policy", "open-loop", "there already"),
+        ("episode", 7, "episode 7 of 2"), ("seed", 5, "must have seed 0"),
+        ("collisions", "many", "a whole number of at least 0 as collisions"),
+    ],
+)  # fmt: skip
+def test_an_episode_that_does_not_belong_is_refused(tmp_path, column, value, words):
+    run(small(tmp_path, episodes=2), console=QUIET)
+    changed = [json.loads(line) for line in lines(tmp_path)]
+    changed[0][column] = value
+    (tmp_path / "episodes.jsonl").write_text("".join(json.dumps(row) + "\n" for row in changed))
+    with pytest.raises(ValueError, match=rf"line \d .*{words}"):
+        run(small(tmp_path, episodes=2), console=QUIET)

@@ -1,0 +1,161 @@
+"""What a terminal shows: whole numbers and names at any width, streams that are closed, kernels, the time left."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+import rich.progress
+
+from baselines.progress import Clock, in_words
+from baselines.reproduce import table
+from baselines.reproduce.table import Claim
+from lissajous_env import kernels
+from lissajous_env.cli import main
+from lissajous_env.terminal import make_console
+
+
+def called(capsys, *arguments):
+    """Exit code, stdout and stderr of a command in this process."""
+    with pytest.raises(SystemExit) as ended:
+        main([*map(str, arguments)])
+    return (ended.value.code, *capsys.readouterr())
+
+
+CLAIMS = [
+    Claim(f"claim {k} of a lap of 12.5 s", "1.234 m", f"{k}.567 to 9.8765 m", "at most 3", k > 1, "", "fig3")
+    for k in range(3)
+]
+
+
+@pytest.mark.parametrize("command", ["scenarios", "policies", "design", "reproduce"])
+@pytest.mark.parametrize("width", [40, 60, 80, 100])
+def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
+    def shown(columns, **place):
+        for name, value in {"COLUMNS": str(columns), **place}.items():
+            monkeypatch.setenv(name, value)
+        if command != "reproduce":
+            return called(capsys, command)[1]
+        table.print_claims(make_console(), CLAIMS)
+        return capsys.readouterr().out
+
+    whole, text = shown(1000), shown(width)
+    rows = [
+        line for line in text.splitlines() if not line.startswith(("No room", "Take ")) and "Designs for" not in line
+    ]
+    assert max(map(len, rows)) <= width
+    words = {word for line in rows for word in line.split() if re.search(r"\d", word)}
+    assert words <= set(whole.split())
+    assert shown(width, TERM="dumb", NO_COLOR="1") == text
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("scenarios >&-", 0), ("scenarios 2>&-", 0), ("nothing 2>&-", 2), ("nothing <&- >&- 2>&-", 2),
+        ("scenarios > /dev/full", 1), ("policies | true", 1), (r"run $'\xff' still", 2),
+    ],
+)  # fmt: skip
+def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, code):
+    command = f"set -o pipefail; {sys.executable} -m lissajous_env {line}"
+    ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == code or ("|" in line and ended.returncode == 0)
+    assert "Traceback" not in ended.stderr
+    assert "Exception ignored" not in ended.stderr
+    assert "\ufffd" not in ended.stdout
+
+
+LOAD = """
+import sys
+import warp as wp
+from lissajous_env import collision, kernels
+from lissajous_env.device import as_device, compile_quietly
+kernels.listener = print
+as_device("cpu")
+with compile_quietly():
+    wp.load_module(collision, device="cpu")
+"""
+
+
+def loaded(**place):
+    """What a process says that loads one module of kernels."""
+    environment = {name: value for name, value in os.environ.items() if name != "WARP_CACHE_PATH"} | place
+    ended = subprocess.run([sys.executable, "-c", LOAD], capture_output=True, text=True, env=environment, timeout=120)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout.splitlines()
+
+
+@pytest.mark.parametrize("name", ["HOME", "WARP_CACHE_PATH"])
+def test_kernels_that_cannot_be_kept_are_compiled_for_one_run(name):
+    note, compiling = loaded(**{name: "/dev/null/nowhere"})
+    assert "cannot be written to (Not a directory): kernels are compiled for this run alone" in note
+    assert compiling == "compiling kernels, once: about 10 s"
+
+
+def test_the_first_run_says_that_it_compiles_and_damaged_kernels_are_made_again(tmp_path):
+    place = {"WARP_CACHE_PATH": str(tmp_path)}
+    compiling = ["compiling kernels, once: about 10 s"]
+    assert loaded(**place) == compiling
+    (compiled,) = tmp_path.rglob("*.o")
+    whole = compiled.read_bytes()
+    compiled.write_bytes(whole[: len(whole) // 2])
+    assert loaded(**place) == compiling
+    assert compiled.read_bytes() == whole
+    # Without a checksum, as Warp alone leaves it, the damage shows when it is loaded.
+    (compiled.parent / "checksums.json").unlink()
+    compiled.write_bytes(whole[:100])
+    assert loaded(**place) == []
+    assert compiled.read_bytes() == whole
+    assert loaded(**place) == []
+
+
+def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
+    monkeypatch.setattr(kernels, "listener", None)
+    for options, heard in (([], "compiling\n"), (["--quiet"], "")):
+        monkeypatch.setattr(
+            "lissajous_env.library.scenarios", lambda: (kernels.listener and kernels.listener("compiling")) or ()
+        )
+        code, _, error = called(capsys, "scenarios", *options)
+        assert (code, error) == (0, heard)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [(0, "0 s"), (59.4, "59 s"), (60, "1 min"), (78, "1 min 20 s"), (3599, "1 h"), (3600, "1 h"), (5400, "1 h 30 min"),
+     (90_000, "1 d 1 h")],
+)  # fmt: skip
+def test_time_in_words(seconds, words):
+    assert in_words(seconds) == words
+
+
+def test_time_left_is_said_once_there_is_something_to_judge_by():
+    clock, now = Clock(), 0.0
+    bars = rich.progress.Progress(get_time=lambda: now)
+    bars.add_task("", total=200, completed=100, before=100)
+    (task,) = bars.tasks
+    now = 1.0
+    bars.update(task.id, completed=101)
+    assert clock.render(task).plain == "1 s"
+    now = 40.0
+    bars.update(task.id, completed=110)
+    # Ten took 40 s, so the other ninety take 360 s; what was there before took none of them.
+    assert clock.render(task).plain == "40 s, 6 min left"
+    bars.update(task.id, completed=200)
+    assert clock.render(task).plain == "40 s"
+
+
+def test_names_in_brackets_stand_in_what_is_printed(tmp_path, monkeypatch, capsys):
+    (tmp_path / "mine.py").write_text(
+        "from functools import partial\nimport baselines\nb = partial(baselines.make, 'still')\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    out = tmp_path / "x[/b]" / "[red]"
+    out.parent.mkdir(parents=True)
+    short = ["--episodes", "1", "--set", "task.duration=1"]
+    code, text, _ = called(capsys, "benchmark", "--scenarios", "failure", "--policies", "mine:b", *short, "--out", out)
+    assert code == 0
+    assert str(out) in text
+    code, text, _ = called(capsys, "evaluate", "failure", "mine:b", *short, "--out", f"{out}.csv")
+    assert (code, f"wrote {out}.csv" in text) == (0, True)
