@@ -2,8 +2,8 @@
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict
+from contextlib import contextmanager, nullcontext
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +11,7 @@ import tyro
 
 from baselines import registry
 from baselines.benchmark import Benchmark, Cell, measure, plan, play
-from baselines.factories import told_apart, where_raised
+from baselines.factories import as_factory, is_imported, told_apart, where_raised
 from baselines.progress import Progress
 from lissajous_env.commands import check_file
 from lissajous_env.overrides import Overrides, parse_overrides
@@ -98,8 +98,9 @@ def evaluate(
     with Progress([(cell, numbers) for cell in cells], _progress(output)) as progress:
         for cell in cells:
             progress.begin(cell)
+            made = _made(cell, settings)
             with _naming(cell):
-                for finished in play(cell, settings, numbers, progress.step):
+                for finished in play(made, settings, numbers, progress.step):
                     rows += finished
                     progress.finished(len(finished))
             progress.end()
@@ -144,10 +145,11 @@ def run(
     settings = Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=parse_overrides(overrides))
     (cell,) = plan(settings)
     notes = _progress(output)
-    with Progress([(cell, [0])], notes) as progress, _naming(cell):
+    with Progress([(cell, [0])], notes) as progress:
         progress.begin(cell)
-        made = cell.factory(cell.scenario, 1, device)
-        recording = record(made, cell.scenario, seed, device, on_step=lambda: progress.step(1))
+        acting = _made(cell, settings).factory(cell.scenario, 1, device)
+        with _naming(cell):
+            recording = record(acting, cell.scenario, seed, device, on_step=lambda: progress.step(1))
         progress.finished(1)
         progress.end()
     row = recording.score | {"policy": policy}
@@ -192,6 +194,17 @@ def _described(name: str, kind: str | None, made_for: Sequence[str], learned: bo
 
 def _progress(output: Output) -> Any:
     return make_console(stderr=True, quiet=output.quiet)
+
+
+def _made(cell: Cell, settings: Benchmark) -> Cell:
+    """Make the policy of a cell: what is wrong with a name or a folder is bad input, what fails later is the policy's.
+
+    Returns:
+        The cell, with the policy that was made as its factory's result.
+    """
+    with _naming(cell) if is_imported(cell.policy) else nullcontext():
+        policy = cell.factory(cell.scenario, settings.worlds, settings.device)
+    return replace(cell, factory=as_factory(policy, cell.policy))
 
 
 @contextmanager

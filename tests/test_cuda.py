@@ -26,7 +26,8 @@ def modules_with_kernels():
             try:
                 module = importlib.import_module(each.name)
             except ImportError as error:
-                if (error.name or "").partition(".")[0] not in EXTRAS:
+                without = error.__cause__ if isinstance(error.__cause__, ImportError) else error
+                if (without.name or "").partition(".")[0] not in EXTRAS:
                     raise
                 continue
             kernels = [of for of in vars(module).values() if isinstance(of, wp.Kernel) and of.module.name == each.name]

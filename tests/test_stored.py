@@ -70,7 +70,7 @@ def test_damaged_settings_are_refused_by_name(tmp_path, name, value):
     run(small(tmp_path, episodes=1), console=QUIET)
     path = tmp_path / "settings.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
-    with pytest.raises(ValueError, match=r"settings\.json is damaged \("):
+    with pytest.raises(ValueError, match=r"settings\.json is damaged: "):
         run(small(tmp_path, episodes=1), console=QUIET)
 
 
