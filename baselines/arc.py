@@ -42,7 +42,7 @@ from baselines.observed import hears, lead, message_age, own_phase
 from lissajous_env import theory
 from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import TWO_PI
-from lissajous_env.fields import Checked, positive
+from lissajous_env.fields import Checked, number
 from lissajous_env.geometry import curve_length
 from lissajous_env.scenario import Curve, Scenario
 
@@ -56,9 +56,9 @@ PREVIEW = 0.6
 class ArcParameters(Checked):
     """What the coordinator is given besides the scenario."""
 
-    speed: float | None = positive(None, "m/s")
+    speed: float | None = number(None, 1e-6, 1e5, "m/s")
     """v, speed along the curve [m/s]; None is `ground_speed`."""
-    preview: float = positive(PREVIEW, "s")
+    preview: float = number(PREVIEW, 1e-3, 1e3, "s")
     """Time over which the phase rate is averaged [s]."""
 
 

@@ -10,10 +10,11 @@ import numpy as np
 import warp as wp
 
 from lissajous_env import library, theory
-from lissajous_env.collision import ON_COLLISION, find_collisions
+from lissajous_env.collision import COUNT, ON_COLLISION, REMOVE, find_collisions
 from lissajous_env.coverage import cover, reset_cells
 from lissajous_env.curve import CurveStruct
 from lissajous_env.device import as_device, compile_quietly, copy_in, side_by_side
+from lissajous_env.distance import table_of
 from lissajous_env.faults import FaultsStruct, removal_steps, reset_losses, schedule_steps
 from lissajous_env.observation import Layout, Scales, layout, observe
 from lissajous_env.reward import TERMS, TaskStruct
@@ -36,8 +37,8 @@ class Simulation:
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
         observation: (W, N, D) float32, one row a robot; `lissajous_env.observation` documents the entries.
         final_observation: (W, N, D) the rows with which each world's episode before ended.
-        reward: (W, N) float32; `reward_terms` (W, N, 6) holds its terms, named by `reward_term_names`.
-        terminated: (W, N) bool, robots that a collision removed.
+        reward: (W, N) float32; `reward_terms` (W, N, 7) holds its terms, named by `reward_term_names`.
+        terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and zero was taken instead.
         invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
@@ -198,8 +199,8 @@ class Simulation:
         lanes = self._lanes(self.num_robots)
         move = move_points if self.scenario.robot.kind == "curve" else move_cars
         return [
-            (move, lanes, [*lanes, of.curve, of.formation, of.robot, of.noise, of.faults, of.step, of.schedule,
-                           self.action, clock, robots, self.links, latest]),
+            (move, lanes, [*lanes, of.curve, of.formation, of.robot, of.noise, of.faults, of.step, of.walled,
+                           of.schedule, self.action, clock, robots, self.links, latest]),
             (find_collisions, lanes, [*lanes, of.robot, clock, robots, latest, tally]),
             *self._sensing_recipe(of, begin=0),
             self._observing(of, begin=0),
@@ -214,7 +215,8 @@ class Simulation:
                                    self.rogues, latest]),
             *([covering] if of.cells_total > 0 else []),
             (keep_score, (), [begin, of.curve, of.formation, of.task, of.steps, of.cells_total, of.on_collision,
-                              of.equilibrium, of.neighbours, clock, robots, latest, tally]),
+                              of.on_leaving, of.robot.radius, of.distances, of.equilibrium, of.neighbours, clock,
+                              robots, latest, tally]),
         ]  # fmt: skip
 
     def _observing(self, of: "_Constants", begin: int) -> tuple:
@@ -306,6 +308,9 @@ class _Constants:
         self.start = _START[scenario.formation.start]
         self.at_boundary = int(scenario.targets.entry == "boundary")
         self.on_collision = ON_COLLISION[task.on_collision]
+        self.on_leaving = REMOVE if task.boundary == "remove" else COUNT
+        self.walled = int(task.boundary == "wall")
+        self.distances = table_of(scenario, device)
         self.cells_total = 0 if task.grid is None else task.grid[0] * task.grid[1]
         displaced = np.zeros(n)
         for robot, angle in scenario.formation.displaced:
