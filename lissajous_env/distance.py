@@ -4,8 +4,9 @@ A robot's own parameter only ever moves along its branch; the nearest point of t
 cell holds the few circles that the curve is around the points nearest to it, and the smallest distance from these is
 the distance from the curve: a root and a division each, where a search would cost a hundred times as much.
 
-The error is below 4e-4 of the smaller half extent of the rectangle (0.3 mm on the experiment, 1 mm on `intruders`), or of
-the distance where that is larger, as long as a b is at most 100; on denser curves below half the width of their meshes.
+On random places the error is at most 2e-4 m on the experiment, 5e-4 m on `intruders` and 1e-3 m with a, b = 7, 8 in
+10 m x 10 m; around the rectangle twice as much, far from it 1e-3 of the distance. On curves so dense or rectangles so
+narrow that the table would grow beyond its limit, it is below the size of a cell.
 """
 
 from functools import lru_cache
@@ -76,8 +77,8 @@ def curve_distance(table: DistanceTable, place: wp.vec2) -> float:
         row = wp.min(int(y), _SPLIT - 1)
         node = table.nodes[row * _SPLIT + column - node]
     least = float(1.0e30)
-    begin = node / 16
-    for k in range(begin, begin + node % 16):
+    begin = node >> 4
+    for k in range(begin, begin + (node & 15)):
         arc = table.arcs[k]
         across = here[0] - arc[0]
         up = here[1] - arc[1]

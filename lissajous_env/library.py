@@ -142,7 +142,7 @@ def scenarios() -> tuple[str, ...]:
     return tuple(_BY_NAME)
 
 
-def scenario(name: str | Scenario, **overrides: Any) -> Scenario:
+def scenario(name: str | Scenario, /, **overrides: Any) -> Scenario:
     """Make a named scenario, with any field overridden.
 
     Overrides are dotted (`**{"curve.a": 11}`) or nested (`curve={"a": 11}`, `curve=Curve(...)`); also takes a
@@ -153,7 +153,7 @@ def scenario(name: str | Scenario, **overrides: Any) -> Scenario:
     """
     if isinstance(name, Scenario):
         base = name
-    elif name in _BY_NAME:
+    elif isinstance(name, str) and name in _BY_NAME:
         base = _BY_NAME[name]
     else:
         raise ValueError(f"scenario must be one of {', '.join(_BY_NAME)}, got {name!r}{_nearest(name, _BY_NAME)}")

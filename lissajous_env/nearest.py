@@ -1,8 +1,8 @@
 """The point of the plane curve that is nearest to a place, and a table from which kernels take its distance.
 
-Float64 NumPy. The table is a tree of cells. Each holds a few arcs of circles, the curve as it is around the points nearest
-to the cell; the smallest distance from their circles is the distance from the curve. As the curve is the same to the
-left and to the right, above and below, the cells are those of one quarter, x and y of at least 0.
+Float64 NumPy. The table is a tree of cells. Each holds a few arcs of circles, the curve as it is around the points
+nearest to the cell; the smallest distance from their circles is the distance from the curve. As the curve is the same
+to the left and to the right, above and below, the cells are those of one quarter, x and y of at least 0.
 """
 
 from dataclasses import dataclass
@@ -52,9 +52,9 @@ def _edges(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Ends (M, 4) of the stretches of the curve on which the nearest point of a place may lie [rad].
 
     The curve is a mesh, and the nearest point lies on one of the four edges around the place: between the point of the
-    edge that is straight above or below the place and the one that is straight beside it. With alpha = arccos(x / A) and
-    beta = arcsin(y / B) the place stands at (+-alpha, beta) and (+-alpha, pi - beta) on the torus of the angles
-    (a gamma, b gamma), on which the curve is a bundle of straight lines, equally far apart: a line of it is next to each.
+    edge that is straight above or below the place and the one that is straight beside it. With alpha = arccos(x / A)
+    and beta = arcsin(y / B) the place stands at (+-alpha, beta) and (+-alpha, pi - beta) on the torus of the angles
+    (a gamma, b gamma), where the curve is a bundle of straight lines, equally far apart: one of them is next to each.
     """
     a, b = curve.a, curve.b
     x, y = np.clip(places / [curve.half_width, curve.half_height], -1, 1).T
@@ -97,7 +97,7 @@ class Table:
     nodes: np.ndarray
     """(cells,) int32."""
     arcs: np.ndarray
-    """(arcs, 5) a point of the curve [m], the unit normal there, and the curvature [1/m], above 0 to the normal's back."""
+    """(arcs, 5) a point of the curve [m], the unit normal there, and the curvature against it [1/m]."""
     columns: int
     """Of the innermost grid."""
     rows: int
@@ -168,7 +168,9 @@ def _divided(centres: np.ndarray, halves: np.ndarray) -> tuple[np.ndarray, np.nd
     return parts.reshape(-1, 2), np.repeat(halves / SPLIT, SPLIT**2, axis=0)
 
 
-_CHECKED = np.array([(x, y) for x in (0, -1, 1) for y in (0, -1, 1)] + [(x, y) for x in (-0.5, 0.5) for y in (-0.5, 0.5)])
+_CHECKED = np.array(
+    [(x, y) for x in (0, -1, 1) for y in (0, -1, 1)] + [(x, y) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
+)
 
 
 def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -214,7 +214,7 @@ def move_points(
     links: Links,
     step_out: Step,
 ):
-    """Move robots of kind `curve`: the phase goes on at the commanded rate, the robot stays on the curve, in any wall."""
+    """Move robots of kind `curve`: the phase goes on at the commanded rate, on the curve; no wall is in their way."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.stage[w] != RUNNING:

@@ -13,9 +13,10 @@ from lissajous_env import library, theory
 from lissajous_env.collision import COUNT, ON_COLLISION, REMOVE, find_collisions
 from lissajous_env.coverage import cover, reset_cells
 from lissajous_env.curve import CurveStruct
-from lissajous_env.device import as_device, compile_quietly, copy_in, side_by_side
+from lissajous_env.device import as_device, check_room, compile_quietly, copy_in, side_by_side
 from lissajous_env.distance import table_of
 from lissajous_env.faults import FaultsStruct, removal_steps, reset_losses, schedule_steps
+from lissajous_env.fields import is_whole
 from lissajous_env.observation import Layout, Scales, layout, observe
 from lissajous_env.reward import TERMS, TaskStruct
 from lissajous_env.robot import FormationStruct, NoiseStruct, RobotStruct, move_cars, move_points, reset_robots
@@ -29,6 +30,8 @@ from lissajous_env.targets import TargetsStruct, move_targets, reset_arrivals, r
 _START = {"equilibrium": 0, "rotated": 1, "random": 2}
 _BLOCK = 256
 """Worlds below which a CPU thread of its own costs more than it saves."""
+_LAST_SEED = 2**31 - 1
+_ROGUE_BYTES = 32
 
 
 class Simulation:
@@ -54,7 +57,8 @@ class Simulation:
         threads: CPU threads over which a large batch is split; all cores by default.
 
     Raises:
-        ValueError: a number of worlds below 1, a device that is not there, or a seed out of range.
+        ValueError: a number of worlds below 1 or of more than the device's memory holds, a device that is not there,
+            or a seed out of range.
     """
 
     def __init__(
@@ -65,10 +69,12 @@ class Simulation:
         seed: int = 0,
         threads: int | None = None,
     ):
-        if not isinstance(num_worlds, (int, np.integer)) or num_worlds < 1:
+        if not is_whole(num_worlds) or num_worlds < 1:
             raise ValueError(f"num_worlds must be a whole number of at least 1, got {num_worlds!r}")
-        if threads is not None and threads < 1:
-            raise ValueError(f"threads must be at least 1, got {threads!r}")
+        if threads is not None and not (is_whole(threads) and threads >= 1):
+            raise ValueError(f"threads must be a whole number of at least 1 or None, got {threads!r}")
+        if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
+            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {seed!r}")
         self.scenario = library.scenario(scenario).resolve()
         self.num_worlds = int(num_worlds)
         self.device = as_device(device)
@@ -79,7 +85,7 @@ class Simulation:
         self._allocate()
         with compile_quietly():
             self._record()
-            self.reset(seeds=seed + np.arange(self.num_worlds))
+            self.reset(seeds=int(seed) + np.arange(self.num_worlds))
 
     @property
     def num_robots(self) -> int:
@@ -95,7 +101,7 @@ class Simulation:
         """Begin a new episode in some worlds; the others are left as they are.
 
         Args:
-            worlds: (W,) mask or indices of the worlds; all by default.
+            worlds: (W,) mask or indices of the worlds, each once; all by default.
             seeds: A seed for each of these worlds, whole numbers from 0 to 2^31 - 1; by default each world draws its
                 next seed from its last.
 
@@ -126,7 +132,7 @@ class Simulation:
             observation, reward, terminated, truncated: the arrays of these names.
 
         Raises:
-            ValueError: the action has another shape.
+            ValueError: the action has another shape, or does not hold real numbers.
         """
         self._take(action)
         self._run(self._steps)
@@ -147,6 +153,8 @@ class Simulation:
         columns, rows = scenario.task.grid or (1, 1)
         words = (columns + 31) // 32
         delay = round(scenario.noise.message_delay / scenario.task.step)
+        large = [t * _ROGUE_BYTES, rows * columns * 4, rows * n * words * 4, n * n * 4]
+        check_room([*large, n * (delay + 1) * 16, 2 * n * self.layout.size * 4], w, self.device)
         each, robot = (w,), (w, n)
         self.clock = allocate(Clock, {}, each, self.device)
         self.robots = allocate(Robots, {"track": (w, n, s + 1)}, robot, self.device)
@@ -159,7 +167,8 @@ class Simulation:
         self.latest = allocate(Step, terms, robot, self.device)
         self.tally = allocate(Tally, {"contact": (w, n, n), "returns": robot}, each, self.device)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
-        self._action_host = self.action.numpy()  # on a CPU the same memory
+        # On a CPU the same memory; elsewhere of no shape that an action has.
+        self._action_host = self.action.numpy() if self.device.is_cpu else np.empty(0, dtype=np.float32)
         self.observation = wp.zeros((w, n, self.layout.size), dtype=wp.float32, device=self.device)
         self.final_observation = wp.zeros_like(self.observation)
         self._seeds = wp.zeros(w, dtype=wp.int32, device=self.device)
@@ -243,23 +252,31 @@ class Simulation:
             side_by_side([partial(_launch_all, block) for block in blocks], self.threads)
 
     def _take(self, action: Any) -> None:
-        if isinstance(action, np.ndarray) and self.device.is_cpu and action.shape == self.action_shape:
-            np.copyto(self._action_host, action, casting="same_kind")
+        if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:
+            self._action_host[:] = action
         else:
             copy_in("action", action, self.action)
 
     def _chosen(self, worlds: Any) -> np.ndarray:
         if worlds is None:
             return np.arange(self.num_worlds)
-        chosen = np.asarray(worlds)
+        try:
+            chosen = np.atleast_1d(np.asarray(worlds))
+        except ValueError as error:  # rows of different lengths
+            raise ValueError(f"worlds must be a mask or indices of worlds, got {worlds!r}") from error
         if chosen.dtype == bool:
             if chosen.shape != (self.num_worlds,):
                 raise ValueError(f"worlds must be a mask of shape ({self.num_worlds},), got shape {chosen.shape}")
             return np.flatnonzero(chosen)
-        chosen = np.atleast_1d(chosen).astype(np.int64)
-        if chosen.size and not (chosen.min() >= 0 and chosen.max() < self.num_worlds):
+        if chosen.size == 0 and chosen.ndim == 1:
+            return np.arange(0)
+        if chosen.dtype.kind not in "iu":
+            raise ValueError(f"worlds must be a mask or indices of worlds, got {worlds!r}")
+        if chosen.min() < 0 or chosen.max() >= self.num_worlds:
             raise ValueError(f"worlds must be from 0 to {self.num_worlds - 1}, got {worlds!r}")
-        return chosen
+        if chosen.ndim != 1 or len(np.unique(chosen)) != len(chosen):
+            raise ValueError(f"worlds must be in one row, each once, got {worlds!r}")
+        return chosen.astype(np.int64)
 
     def _groups(self) -> dict[str, Any]:
         structs = (self.clock, self.robots, self.links, self.rogues, self.cells, self.latest, self.tally)
@@ -347,10 +364,12 @@ def fold_seed(seed: int) -> int:
 
 
 def _checked_seeds(seeds: Any, count: int) -> np.ndarray:
-    array = np.atleast_1d(np.asarray(seeds))
-    whole = array.dtype.kind in "iu"
-    if not whole or array.min() < 0 or array.max() >= 2**31:
-        raise ValueError(f"seed must be a whole number from 0 to 2147483647, got {seeds!r}")
+    try:
+        array = np.atleast_1d(np.asarray(seeds))
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {seeds!r}") from error
+    if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > _LAST_SEED):
+        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {seeds!r}")
     if array.shape != (count,):
         raise ValueError(f"seeds must be one for each of the {count} worlds that are reset, got shape {array.shape}")
     return array.astype(np.int32)

@@ -81,20 +81,20 @@ def reset_tally(first: int, clock: Clock, robots: Robots, step_out: Step, tally:
 
 
 @wp.func
-def leave(
-    w: int, i: int, on_leaving: int, radius: float, curve: CurveStruct, robots: Robots, step_out: Step
-) -> int:
+def leave(w: int, i: int, on_leaving: int, radius: float, curve: CurveStruct, robots: Robots, step_out: Step) -> int:
     """Return 1, and remove the robot where `on_leaving` says so, if its whole body is outside the rectangle."""
     place = robots.position[w, i]
     beyond_x = wp.max(wp.abs(place[0]) - curve.half_width, 0.0)
     beyond_y = wp.max(wp.abs(place[1]) - curve.half_height, 0.0)
-    is_out = robots.status[w, i] != REMOVED and beyond_x * beyond_x + beyond_y * beyond_y > radius * radius
-    step_out.outside[w, i] = wp.where(is_out, 1, 0)
-    if is_out and on_leaving == REMOVE:
-        robots.status[w, i] = REMOVED
-        robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
-        step_out.terminated[w, i] = True
-    return step_out.outside[w, i]
+    outside = int(0)
+    if beyond_x * beyond_x + beyond_y * beyond_y > radius * radius and robots.status[w, i] != REMOVED:
+        outside = 1
+        if on_leaving == REMOVE:
+            robots.status[w, i] = REMOVED
+            robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
+            step_out.terminated[w, i] = True
+    step_out.outside[w, i] = outside
+    return outside
 
 
 @wp.kernel
@@ -130,10 +130,6 @@ def keep_score(
     if on_collision != COUNT:
         for i in range(n):
             take_consequence(w, i, on_collision, robots, step_out)
-    outside = int(0)
-    for i in range(n):
-        outside += leave(w, i, on_leaving, radius, curve, robots, step_out)
-    tally.outside_steps[w] += wp.int64(outside)
     there = int(0)
     running = int(0)
     stuck = int(0)
@@ -143,6 +139,9 @@ def keep_score(
     tracking = wp.float64(0.0)
     tracking_max = float(0.0)
     spacing = float(0.0)
+    outside = int(0)
+    for i in range(n):
+        outside += leave(w, i, on_leaving, radius, curve, robots, step_out)
     for i in range(n):
         if not step_out.terminated[w, i]:
             running += 1
@@ -164,6 +163,7 @@ def keep_score(
                 j = neighbours[i, side]
                 if j > i and robots.status[w, j] != REMOVED:
                     spacing = wp.max(spacing, wp.length_sq(robots.position[w, i] - robots.position[w, j]))
+    tally.outside_steps[w] += wp.int64(outside)
     tally.fault_end[w] = wp.where(stuck == 0, fault_end, -1)
     tally.lateral_max[w] = wp.max(tally.lateral_max[w], lateral_max)
     tally.tracking_max[w] = wp.max(tally.tracking_max[w], tracking_max)
