@@ -15,7 +15,7 @@ stretch of the curve alone.
 
 Lost: equally spaced robots are not on ellipse (5), so (6), (8) and T_max promise nothing, and `phase_error`, the
 deviation from (2) in theta, does not fall to 0. On curve (16) the smallest distance of two robots in formation is
-0.350 m instead of 0.455 m. With the lateral error of its cars, 0.17 m, that is too little: `experiment` without faults
+0.350 m instead of 0.455 m. With the tracking error of its cars, 0.17 m, that is too little: `experiment` without faults
 has 54 collisions in an episode, where `kuramoto-mpcc` has 0.7.
 
 Gained: intruders are found sooner. Means of 64 episodes of `intruders`:

@@ -146,7 +146,7 @@ class LissajousVectorEnv(VectorEnv):
 class LissajousEnv(gymnasium.Env):
     """One world as a `gymnasium.Env`; the agent is the team, as in `LissajousVectorEnv`.
 
-    The info holds `reward` (N,), `reward_terms` (N, 6) and, when the episode ends, `score`.
+    The info holds `reward` (N,), `reward_terms` (N, 7) and, when the episode ends, `score`.
     """
 
     metadata = LissajousParallelEnv.metadata

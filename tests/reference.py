@@ -26,6 +26,8 @@ PARTED = 1.05
 """Distance over the sum of the radii, above which a collision is over."""
 RECOVERED = 0.05
 """Deviation from the equilibrium below which a formation has recovered [rad]."""
+STAYS = 1.0
+"""Time for which it must have stayed there [s]."""
 
 
 @dataclass
@@ -396,7 +398,8 @@ class World:
 
     def _recovery_time(self) -> float:
         faulty = any(self.stuck(i) for i in range(self.n))
-        if self.resumed_at is None or faulty or self.deviations[-1] >= RECOVERED:
+        stayed = list(itertools.takewhile(lambda deviation: deviation < RECOVERED, reversed(self.deviations)))
+        if self.resumed_at is None or faulty or len(stayed) * self.dt < STAYS - 1e-9:
             return math.nan
         recovered = self.now
         while recovered > self.resumed_at and self.deviations[recovered - 1] < RECOVERED:

@@ -203,7 +203,7 @@ def test_the_experiment_is_the_papers():
     spacing = np.array([row["spacing_factor"] for row in rows])
     assert ((spacing > 1.10) & (spacing < 1.30)).all()
     assert min(row["min_separation"] for row in rows) < 0.25
-    assert np.mean([row["lateral_error_mean"] for row in rows]) == pytest.approx(0.137, abs=0.02)
+    assert np.mean([row["tracking_error_mean"] for row in rows]) == pytest.approx(0.137, abs=0.02)
     assert np.max([row["phase_error"] for row in rows]) < 0.3
     without = lissajous_env.evaluate(baselines.make("open-loop-mpcc", scenario, num_worlds=16), scenario, range(16))
     # Without feedback the cars, which differ, drift apart: the formation is lost, and robots meet on every lap.
