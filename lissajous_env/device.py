@@ -77,7 +77,7 @@ def _as_floats(name: str, value: Any) -> np.ndarray:
         raise ValueError(f"{name} must hold real numbers, got {array.dtype} {value!r:.80}")
     # A number beyond the range of float32 becomes infinite, and is treated as such.
     with np.errstate(over="ignore"):
-        return np.ascontiguousarray(array, dtype=np.float32)
+        return np.asarray(array, dtype=np.float32, order="C")
 
 
 def is_torch(value: Any) -> bool:

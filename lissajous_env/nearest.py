@@ -156,7 +156,7 @@ def _grids(curve: Curve, columns: int, rows: int) -> tuple[np.ndarray, np.ndarra
     centres, halves, used = [], [], []
     for grid in range(GRIDS + 1):
         shape = np.array([columns, rows] if grid == 0 else [AROUND, AROUND])
-        row, column = np.indices(shape[::-1]).reshape(2, -1)
+        row, column = np.indices((int(shape[1]), int(shape[0]))).reshape(2, -1)
         half = 2.0**grid * extent / (2 * shape)
         centres.append((2 * np.stack([column, row], axis=-1) + 1) * half)
         halves.append(np.broadcast_to(half, centres[-1].shape))
@@ -176,7 +176,7 @@ _CHECKED = np.array(
 )
 
 
-def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.ndarray, ...]:
+def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Arcs (cells, C, 5) nearest to C points of each cell, which of them it takes, and whether they are right there.
 
     A cell takes the arc nearest to its centre, then again and again the one of the point whose distance is worst.
@@ -202,4 +202,4 @@ def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.
             break
         chosen[more, worst[more]] = True
         best[more] = np.minimum(best[more], by_arc[more, worst[more]])
-    return arcs, chosen, (np.abs(best - exact) <= allowed).all(axis=1)
+    return arcs, chosen, np.all(np.abs(best - exact) <= allowed, axis=1)

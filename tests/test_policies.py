@@ -248,9 +248,9 @@ def test_a_patrol_is_what_its_parameters_say():
     ("make", "rule"),
     [
         (lambda: SweepParameters(lanes=3), "lanes must be even, got 3"),
-        (lambda: SweepParameters(cruise=0.0), "cruise must be positive .*got 0.0"),
+        (lambda: SweepParameters(cruise=0.0), r"cruise must be from 0.001 to 10000 \[m/s\], got 0.0"),
         (lambda: SweepParameters(inset=-0.1), "inset must be .*got -0.1"),
-        (lambda: ArcParameters(speed=-1.0), "speed must be positive .*got -1.0"),
+        (lambda: ArcParameters(speed=-1.0), r"speed must be from 1e-06 to 100000 \[m/s\], got -1.0"),
         (lambda: FieldParameters(slowest=1.5), "slowest must be .*got 1.5"),
     ],
 )
