@@ -15,7 +15,7 @@ stretch of the curve alone.
 
 Lost: equally spaced robots are not on ellipse (5), so (6), (8) and T_max promise nothing, and `phase_error`, the
 deviation from (2) in theta, does not fall to 0. On curve (16) the smallest distance of two robots in formation is
-0.350 m instead of 0.455 m. With the lateral error of its cars, 0.17 m, that is too little: `experiment` without faults
+0.350 m instead of 0.455 m. With the tracking error of its cars, 0.17 m, that is too little: `experiment` without faults
 has 54 collisions in an episode, where `kuramoto-mpcc` has 0.7.
 
 Gained: intruders are found sooner. Means of 64 episodes of `intruders`:
@@ -42,7 +42,7 @@ from baselines.observed import hears, lead, message_age, own_phase
 from lissajous_env import theory
 from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import TWO_PI
-from lissajous_env.fields import Checked, positive
+from lissajous_env.fields import Checked, number
 from lissajous_env.geometry import curve_length
 from lissajous_env.scenario import Curve, Scenario
 
@@ -56,9 +56,9 @@ PREVIEW = 0.6
 class ArcParameters(Checked):
     """What the coordinator is given besides the scenario."""
 
-    speed: float | None = positive(None, "m/s")
+    speed: float | None = number(None, 1e-6, 1e5, "m/s")
     """v, speed along the curve [m/s]; None is `ground_speed`."""
-    preview: float = positive(PREVIEW, "s")
+    preview: float = number(PREVIEW, 1e-3, 1e3, "s")
     """Time over which the phase rate is averaged [s]."""
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lissajous_env import theory
-from lissajous_env.fields import Checked, non_negative, positive, whole
+from lissajous_env.fields import Checked, number, whole
 from lissajous_env.scenario import Scenario
 
 _CRUISE = 0.85
@@ -19,14 +19,14 @@ _ROOM = 1.15
 class SweepParameters(Checked):
     """What a patrol is given besides the scenario; None is derived from it."""
 
-    cruise: float | None = positive(None, "m/s")
+    cruise: float | None = number(None, 1e-3, 1e4, "m/s")
     """Speed of the patrol [m/s]; None is `cruising_speed`."""
-    inset: float | None = non_negative(None, "m")
+    inset: float | None = number(None, 0, 1e4, "m")
     """Distance of the loop from the boundary [m]; None is 0.1 sensing radii where targets enter at the
     boundary, else 0.7. Less where the corners would not fit."""
-    lanes: int | None = whole(None, at_least=2, at_most=64)
+    lanes: int | None = whole(None, 2, 64)
     """Lanes of the loop, an even number; 2 goes around the rectangle. None is what `patrol_loop` says."""
-    lookahead: float | None = positive(None, "m")
+    lookahead: float | None = number(None, 1e-3, 1e4, "m")
     """Distance of the goal ahead of a car's place [m]; None is 0.3 s at cruising speed, 4 wheelbases at least."""
 
     def _check_together(self) -> None:

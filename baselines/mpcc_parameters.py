@@ -5,7 +5,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from lissajous_env.fields import Checked, finite, non_negative, positive, whole, within
+from lissajous_env.fields import Checked, number, whole
 from lissajous_env.scenario import Robot
 
 
@@ -13,41 +13,41 @@ from lissajous_env.scenario import Robot
 class MpccParameters(Checked):
     """What problem (11)-(15) holds besides the curve, and when the solver stops."""
 
-    stages: int = whole(15, at_least=1, at_most=200)
+    stages: int = whole(15, 1, 200)
     """M, stages of the horizon."""
-    step: float = positive(0.1, "s")
+    step: float = number(0.1, 1e-4, 100, "s")
     """Length of a stage [s]."""
-    weight_lateral: float = non_negative(0.01, "1/(m s)^2")
+    weight_lateral: float = number(0.01, 0, 1e6, "1/(m s)^2")
     """Weight on the squared lateral error [1/(m s)^2].
 
     Differs from the paper: it prints the lateral and the lag weight in the reverse order, with which cars leave the
     curve: on the experiment they touch 22 times a minute instead of once.
     """
-    weight_lag: float = non_negative(0.025, "1/(m s)^2")
+    weight_lag: float = number(0.025, 0, 1e6, "1/(m s)^2")
     """Weight on the squared lag error [1/(m s)^2]."""
-    weight_steering: float = positive(0.01, "1/s^2")
+    weight_steering: float = number(0.01, 1e-9, 1e6, "1/s^2")
     """q_4, weight on the squared steering angle [1/s^2]."""
-    weight_throttle: float = positive(0.01, "1/s^2")
+    weight_throttle: float = number(0.01, 1e-9, 1e6, "1/s^2")
     """q_3, weight on the squared throttle [1/s^2]."""
-    drag: float = positive(0.945, "1/s")
+    drag: float = number(0.945, 1e-3, 1e3, "1/s")
     """c, damping of the speed [1/s]."""
-    drive: float = positive(36.81, "m/s^2")
+    drive: float = number(36.81, 1e-3, 1e6, "m/s^2")
     """alpha of the motor, acceleration per throttle [m/s^2]."""
-    offset: float = non_negative(3.804, "m/s^2")
+    offset: float = number(3.804, 0, 1e6, "m/s^2")
     """beta of the model, a linear fit around 1 m/s; the plant's is 3.681 with a dead zone [m/s^2]."""
-    wheelbase: float = positive(0.175, "m")
+    wheelbase: float = number(0.175, 1e-3, 100, "m")
     """l, distance between the axles [m]."""
-    steering_max: float = within(math.pi / 9, 0, math.pi / 2, "rad")
+    steering_max: float = number(math.pi / 9, 1e-3, 1.57, "rad")
     """Largest steering angle to either side [rad]."""
-    throttle_min: float = finite(0.1)
+    throttle_min: float = number(0.1, -1e3, 1e3)
     """Smallest throttle."""
-    throttle_max: float = finite(0.25)
+    throttle_max: float = number(0.25, -1e3, 1e3)
     """Largest throttle."""
-    max_iterations: int = whole(100, at_least=1, at_most=10_000)
+    max_iterations: int = whole(100, 1, 10_000)
     """Iterations after which a start is given up."""
-    tolerance: float = positive(1e-4)
+    tolerance: float = number(1e-4, 1e-12, 1)
     """A start has converged when an iteration lowers its cost by less than this fraction."""
-    poor: float = non_negative(0.05)
+    poor: float = number(0.05, 0, 1e6)
     """A cost above this fraction of (M + 1) phase_rate^2, the cost of standing still, is tried from another start too.
 
     Only there has the problem several optima: before the tight turns, which a car can pass early or late.

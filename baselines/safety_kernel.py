@@ -8,7 +8,7 @@ from baselines.observed import own_heading, own_position, own_works
 from baselines.programme import TOLERANCE, into_box, solve_programme
 from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import CurveStruct
-from lissajous_env.fields import Checked, finite, non_negative, positive, whole
+from lissajous_env.fields import Checked, number, whole
 from lissajous_env.observation import LINK, OWN, ROBOT, Scales
 from lissajous_env.robot import RobotStruct
 from lissajous_env.structs import struct_of
@@ -32,23 +32,23 @@ scores = wp.types.vector(length=9, dtype=wp.float32)
 class SafetyParameters(Checked):
     """What the collision filter is given besides the scenario."""
 
-    clearance: float = non_negative(0.07, "m")
+    clearance: float = number(0.07, 0, 1e3, "m")
     """Distance to keep besides the two radii [m]."""
-    growth: float = non_negative(0.2, "m/s")
+    growth: float = number(0.2, 0, 1e3, "m/s")
     """How fast the distance to keep grows with the time ahead, as the prediction gets worse [m/s]."""
-    horizon: int = whole(8, at_least=1, at_most=100)
+    horizon: int = whole(8, 1, 100)
     """Control steps that are looked ahead."""
-    ample: float = non_negative(0.1, "m")
+    ample: float = number(0.1, 0, 1e3, "m")
     """Margin beyond which a way out does not get better [m]."""
-    effort: float = non_negative(0.1, "m")
+    effort: float = number(0.1, 0, 1e3, "m")
     """Margin that full steering must be worth in a way out, and coasting or full throttle half of it [m]."""
-    right: float = finite(0.01, "m")
+    right: float = number(0.01, -1e3, 1e3, "m")
     """Margin by which a way out to the right counts as better: what breaks a symmetric meeting [m]."""
-    throttle_weight: float = positive(0.5)
+    throttle_weight: float = number(0.5, 1e-6, 1e6)
     """Weight of a change of the throttle's action against one of the steering's."""
-    passes: int = whole(3, at_least=1, at_most=20)
+    passes: int = whole(3, 1, 20)
     """Most linearisations of the margins, each a quadratic programme."""
-    speed_max: float | None = positive(None, "m/s")
+    speed_max: float | None = number(None, 1e-3, 1e5, "m/s")
     """Speed that the throttle may not lead above [m/s]; None is `baselines.safety.speed_limit`."""
 
 

@@ -23,7 +23,7 @@ A car takes q' as heading and speed, e [rad] being the angle from its heading to
 Differs from Yao et al.: their unicycle goes on at the speed it is given and turns with the feed-forward of the field's
 direction, which the limits of this car leave without effect. A car that is ahead of w cannot reverse, and waits.
 
-A robot that is stuck puts w where it stands, so that it goes on from there. On `experiment` without faults the lateral
+A robot that is stuck puts w where it stands, so that it goes on from there. On `experiment` without faults the tracking
 error is 0.147 m in the mean, against 0.182 m of `open-loop-mpcc`.
 """
 
@@ -40,7 +40,7 @@ from baselines.observed import own_heading, own_phase, own_position, own_works
 from baselines.patrol import robot_speed_max
 from lissajous_env.compilation import OPTIONS
 from lissajous_env.curve import CurveStruct, point2, tangent2, wrap
-from lissajous_env.fields import Checked, fraction, positive
+from lissajous_env.fields import Checked, number
 from lissajous_env.geometry import curve_length
 from lissajous_env.robot import RobotStruct
 from lissajous_env.scenario import Scenario
@@ -53,13 +53,13 @@ wp.set_module_options(OPTIONS)
 class FieldParameters(Checked):
     """What the tracker is given besides the scenario."""
 
-    pull: float = positive(4.0, "1/m")
+    pull: float = number(4.0, 1e-6, 1e6, "1/m")
     """Largest k, the pull towards the path [1/m]."""
-    turn: float = positive(6.0, "1/s")
+    turn: float = number(6.0, 1e-6, 1e6, "1/s")
     """TURN, the rate at which a car turns into the field [1/s]."""
-    speed: float = positive(8.0, "1/s")
+    speed: float = number(8.0, 1e-6, 1e6, "1/s")
     """SPEED, the rate at which a car takes the field's speed [1/s]."""
-    slowest: float = fraction(0.3)
+    slowest: float = number(0.3, 0, 1)
     """SLOWEST, the share of the field's speed that a car keeps while it turns: a car that stands does not turn."""
 
 

@@ -14,8 +14,9 @@ COLUMNS = {
     "spacing_factor": "eta_1",
     "min_separation": "smallest distance [m]",
     "collisions": "collisions",
-    "lateral_error_mean": "lateral error, mean [m]",
-    "lateral_error_max": "lateral error, max [m]",
+    "lateral_error_mean": "distance from the curve, mean [m]",
+    "tracking_error_mean": "tracking error, mean [m]",
+    "tracking_error_max": "tracking error, max [m]",
     "phase_error": "phase error [rad]",
 }
 

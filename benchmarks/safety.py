@@ -14,7 +14,14 @@ import lissajous_env
 from baselines.safety import Safe
 
 POLICIES = ("kuramoto-mpcc", "open-loop-mpcc", "tracked-reference-mpcc", "consensus-gvf", "sweep", "random")
-COLUMNS = ("collisions", "min_separation", "spacing_factor", "lateral_error_mean", "phase_error", "detection_time_mean")
+COLUMNS = (
+    "collisions",
+    "min_separation",
+    "spacing_factor",
+    "tracking_error_mean",
+    "phase_error",
+    "detection_time_mean",
+)
 
 
 def time_per_action(name: str, scenario: str, worlds: int = 64) -> tuple[float, float, float]:

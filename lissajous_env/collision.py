@@ -49,10 +49,10 @@ def find_collisions(
                         before = after
                     nearest = wp.min(nearest, least)
                     if least < touch * touch:
-                        wp.atomic_add(tally.contact_steps, w, 1)
+                        wp.atomic_add(tally.contact_steps, w, wp.int64(1))
                         if tally.contact[w, i, j] == 0:
                             tally.contact[w, i, j] = 1
-                            wp.atomic_add(tally.collisions, w, 1)
+                            wp.atomic_add(tally.collisions, w, wp.int64(1))
                             wp.atomic_add(step_out.collisions, w, i, 1)
                             wp.atomic_add(step_out.collisions, w, j, 1)
                     if wp.dot(before, before) > PARTED * PARTED * touch * touch:

@@ -59,9 +59,9 @@ def cover(
     columns = cells.sensed_at.shape[2]
     cell_width = 2.0 * curve.half_width / float(columns)
     cell_height = 2.0 * curve.half_height / float(rows)
-    ended = int(0)
-    fresh = int(0)
-    fresh_each = int(0)
+    ended = wp.int64(0)
+    fresh = wp.int64(0)
+    fresh_each = wp.int64(0)
     for row in range(lane, rows, lanes):
         y = (float(row) + 0.5) * cell_height - curve.half_height
         squares = cells.idle_squares[w, row]
@@ -72,14 +72,15 @@ def cover(
             if half > 0.0:
                 half = wp.sqrt(half)
                 middle = place[0] + curve.half_width
-                low = wp.max(int(wp.ceil((middle - half) / cell_width - 0.5)), 0)
-                high = wp.min(int(wp.floor((middle + half) / cell_width - 0.5)), columns - 1)
+                # Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
+                low = int(wp.clamp(wp.ceil((middle - half) / cell_width - 0.5), 0.0, float(columns)))
+                high = int(wp.clamp(wp.floor((middle + half) / cell_width - 0.5), -1.0, float(columns - 1)))
                 for word in range(wp.min(low, columns - 1) / 32, wp.max(high, 0) / 32 + 1):
                     run = run_of_bits(word, low, high)
                     mine = cells.sensed_by[w, row, i, word]
                     others = cells.sensed[w, row, word]
-                    fresh_each += int(wp.bit_count(run & ~mine))
-                    fresh += int(wp.bit_count(run & ~others))
+                    fresh_each += wp.int64(wp.bit_count(run & ~mine))
+                    fresh += wp.int64(wp.bit_count(run & ~others))
                     cells.sensed_by[w, row, i, word] = mine | run
                     cells.sensed[w, row, word] = others | run
                 for column in range(low, high + 1):
@@ -87,11 +88,11 @@ def cover(
                     cells.sensed_at[w, row, column] = now
                     squares += wp.int64(gap) * wp.int64(gap)
                     longest = wp.max(longest, gap)
-                    ended += gap
+                    ended += wp.int64(gap)
         cells.idle_squares[w, row] = squares
         cells.idle_max[w, row] = longest
-    if ended > 0:
+    if ended > wp.int64(0):
         wp.atomic_add(step_out.idle_ended, w, ended)
-    if fresh_each > 0:
+    if fresh_each > wp.int64(0):
         wp.atomic_add(tally.covered_each, w, fresh_each)
         wp.atomic_add(tally.covered, w, fresh)

@@ -21,30 +21,65 @@ def as_device(device: Any) -> Any:
     """
     _start()
     try:
+        if device is None:
+            raise ValueError("Warp would take one of its own choice")
         return wp.get_device(device)
     except Exception as error:
         there = ", ".join(str(each) for each in wp.get_devices())
         raise ValueError(f"device must be one of those present ({there}), got {device!r}") from error
 
 
+def check_room(sizes: Sequence[int], num_worlds: int, device: Any) -> None:
+    """Refuse to allocate arrays that take these sizes of each world [bytes] where they exceed what there is.
+
+    Raises:
+        ValueError: the arrays of `num_worlds` worlds do not fit on the device, or one world not into an array.
+    """
+    if device.is_cpu:
+        room = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 2**40
+    else:
+        room = device.total_memory
+    each = f"{sum(sizes) / 2**20:.3g} MiB a world"
+    if max(sizes) >= 2**31:  # Warp counts the bytes of a world in an array by 32 bits
+        raise ValueError(f"scenario must need less than 2048 MiB in an array of a world (grid, robots), got {each}")
+    if sum(sizes) * num_worlds > room:
+        rule = f"must fit into the memory of {device}, {room / 2**20:.0f} MiB, at {each}"
+        raise ValueError(f"num_worlds {rule}, got {num_worlds}")
+
+
 def copy_in(name: str, value: Any, target: Any) -> None:
     """Copy a NumPy array, torch tensor or Warp array of numbers into a Warp array of float32.
 
     Raises:
-        ValueError: the value has another shape than the target.
+        ValueError: the value has another shape than the target, or does not hold real numbers.
     """
     if is_torch(value):
+        if value.is_complex() or str(value.dtype) == "torch.bool":
+            raise ValueError(f"{name} must hold real numbers, got {value.dtype}")
         value = wp.from_torch(value.detach().float().contiguous())
-    elif not isinstance(value, wp.array):
-        # A number beyond the range of float32 becomes infinite, and is treated as such.
-        with np.errstate(over="ignore"):
-            value = np.asarray(value, dtype=np.float32, order="C")
+    elif isinstance(value, wp.array):
+        if value.dtype is not wp.float32:
+            raise ValueError(f"{name} must hold float32 where it is a Warp array, got {value.dtype.__name__}")
+    else:
+        value = _as_floats(name, value)
     if tuple(value.shape) != tuple(target.shape):
         raise ValueError(f"{name} must have shape {tuple(target.shape)}, got {tuple(value.shape)}")
     if isinstance(value, wp.array):
         wp.copy(target, value)
     else:
         target.assign(value)
+
+
+def _as_floats(name: str, value: Any) -> np.ndarray:
+    try:
+        array = np.asarray(value)
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"{name} must hold real numbers, got rows of different lengths") from error
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} must hold real numbers, got {array.dtype} {value!r:.80}")
+    # A number beyond the range of float32 becomes infinite, and is treated as such.
+    with np.errstate(over="ignore"):
+        return np.asarray(array, dtype=np.float32, order="C")
 
 
 def is_torch(value: Any) -> bool:

@@ -42,7 +42,7 @@ def update_status(
         draw = draws.stream(key, i, draws.FAULT)
         if wp.randf(draw) < chance(faults.rate, step):
             duration = -wp.log(1.0 - wp.randf(draw)) * faults.mean_duration
-            robots.stuck_until[w, i] = now + int(duration / step)
+            robots.stuck_until[w, i] = now + int(wp.min(duration / step, 1.0e9))
     status = wp.where(stuck == 1 or now <= robots.stuck_until[w, i], STUCK, WORKING)
     if status == WORKING and robots.status[w, i] == STUCK:
         robots.resumed_at[w, i] = now - 1
@@ -75,14 +75,14 @@ def reset_losses(
 
 def schedule_steps(faults: Faults, step: float):
     """Rows (robot, start, end) of the schedule in steps, as a list."""
-    return [(int(i), round(start / step), _steps(end, step)) for i, start, end in faults.schedule]
+    return [(i, _steps(start, step), _steps(end, step)) for i, start, end in faults.schedule]
 
 
 def removal_steps(faults: Faults, num_robots: int, step: float) -> list[int]:
     """Step after which each robot is removed by schedule."""
     removals = [int(NEVER)] * num_robots
     for robot, time in faults.removed:
-        removals[int(robot)] = min(removals[int(robot)], _steps(time, step))
+        removals[robot] = min(removals[robot], _steps(time, step))
     return removals
 
 

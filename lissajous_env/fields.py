@@ -1,63 +1,46 @@
 """Checked fields for frozen dataclasses: a rule stands beside its field and is enforced once, at construction.
 
-An error names the field, the rule with its unit, and the value got: `robot.wheelbase must be positive [m], got -1`.
+An error names the field, the rule with its unit, and the value got:
+`robot.wheelbase must be from 0.001 to 10000 [m], got -1`. What a field means and its rule also stand in `help()`.
 """
 
+import ast
 import dataclasses
+import inspect
 import math
 import operator
 from collections.abc import Callable
+from functools import cache
+from itertools import pairwise
 from typing import Any
 
-
-def positive(default: Any, unit: str = "") -> Any:
-    """Declare a finite number above zero."""
-    return _checked(default, f"must be positive{_bracket(unit)}", lambda v: _is_finite(v) and v > 0, float)
+import numpy as np
 
 
-def positive_or_infinite(default: Any, unit: str = "") -> Any:
-    """Declare a number above zero; infinity switches the limit off."""
-    return _checked(default, f"must be positive or infinite{_bracket(unit)}", lambda v: _is_number(v) and v > 0, float)
+def number(
+    default: float | None, low: float, high: float, unit: str = "", or_zero: bool = False, or_infinite: bool = False
+) -> Any:
+    """Declare a number from `low` to `high`, both included; zero and infinity only where asked for."""
+    rule = "must be " + "0 or " * or_zero + f"from {_text(low)} to {_text(high)}" + " or infinite" * or_infinite
+
+    def holds(value: Any) -> bool:
+        return _is_number(value) and (
+            low <= value <= high or (or_zero and value == 0) or (or_infinite and value == math.inf)
+        )
+
+    return _checked(default, rule + _bracket(unit), holds, float)
 
 
-def non_negative(default: Any, unit: str = "") -> Any:
-    """Declare a finite number of at least zero."""
-    return _checked(default, f"must be at least 0{_bracket(unit)}", lambda v: _is_finite(v) and v >= 0, float)
+def whole(default: int | None, low: int, high: int) -> Any:
+    """Declare a whole number from `low` to `high`, both included."""
+    rule = f"must be a whole number from {low} to {high}"
+    return _checked(default, rule, lambda v: is_whole(v) and low <= v <= high, operator.index)
 
 
-def finite(default: Any, unit: str = "") -> Any:
-    """Declare any finite number."""
-    return _checked(default, f"must be a finite number{_bracket(unit)}", _is_finite, float)
-
-
-def fraction(default: Any) -> Any:
-    """Declare a number in [0, 1]."""
-    return _checked(default, "must be between 0 and 1", lambda v: _is_finite(v) and 0 <= v <= 1, float)
-
-
-def spread(default: Any, below: float) -> Any:
-    """Declare a number in the half-open interval [0, below)."""
-    rule = f"must be at least 0 and below {below:g}"
-    return _checked(default, rule, lambda v: _is_finite(v) and 0 <= v < below, float)
-
-
-def within(default: Any, low: float, high: float, unit: str = "") -> Any:
-    """Declare a number in the open interval (low, high)."""
-    rule = f"must be between {low:g} and {high:g}, both excluded{_bracket(unit)}"
-    return _checked(default, rule, lambda v: _is_finite(v) and low < v < high, float)
-
-
-def whole(default: Any, at_least: int = 0, at_most: int | None = None) -> Any:
-    """Declare a whole number of at least `at_least` and, where given, at most `at_most`."""
-    rule = f"must be a whole number of at least {at_least}" + ("" if at_most is None else f" and at most {at_most}")
-    limit = math.inf if at_most is None else at_most
-    return _checked(default, rule, lambda v: _is_whole(v) and at_least <= v <= limit, operator.index)
-
-
-def odd(default: Any) -> Any:
-    """Declare an odd whole number of at least 1."""
-    rule = "must be an odd whole number of at least 1"
-    return _checked(default, rule, lambda v: _is_whole(v) and v > 0 and v % 2, operator.index)
+def odd(default: int, high: int) -> Any:
+    """Declare an odd whole number from 1 to `high`."""
+    rule = f"must be an odd whole number from 1 to {high}"
+    return _checked(default, rule, lambda v: is_whole(v) and 0 < v <= high and v % 2, operator.index)
 
 
 def choice(default: str, *options: str) -> Any:
@@ -70,13 +53,27 @@ def flag(default: bool) -> Any:
     return _checked(default, "must be True or False", lambda v: isinstance(v, bool))
 
 
-def rows(default: tuple | None, rule: str, check: Callable[[Any], bool], optional: bool = False) -> Any:
-    """Declare a tuple whose every entry passes `check`; `optional` also takes None, as a default of None does."""
-    return _checked(default, rule, lambda v: isinstance(v, tuple) and all(check(entry) for entry in v), None, optional)
+def rows(default: tuple | None, rule: str, convert: Callable[[Any], Any], optional: bool = False) -> Any:
+    """Declare a tuple of entries, each as `convert` returns it; `convert` returns None for what the rule forbids.
+
+    `optional` also takes None, as a default of None does.
+    """
+
+    def converted(value: tuple) -> tuple:
+        return tuple(convert(entry) for entry in value)
+
+    def holds(value: Any) -> bool:
+        return isinstance(value, tuple) and all(entry is not None for entry in converted(value))
+
+    return _checked(default, rule, holds, converted, optional)
 
 
 class Checked:
     """Base of the frozen dataclasses: checks each declared field, then calls `_check_together`."""
+
+    def __init_subclass__(cls, **settings: Any) -> None:
+        super().__init_subclass__(**settings)
+        cls.__doc__ = f"{inspect.cleandoc(cls.__doc__ or '')}\n\n{_fields_in_words(cls)}".strip()
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
@@ -86,7 +83,7 @@ class Checked:
                 continue
             value = _plain(given)
             if not _holds(rule["check"], value):
-                raise ValueError(f"{self.part}.{field.name} {rule['rule']}, got {given!r}")
+                raise ValueError(f"{self.part}.{field.name} {rule['rule']}, got {_shown(given)}")
             object.__setattr__(self, field.name, rule["convert"](value) if rule["convert"] else value)
         self._check_together()
 
@@ -100,7 +97,23 @@ class Checked:
 
     def _require(self, holds: bool, name: str, rule: str) -> None:
         if not holds:
-            raise ValueError(f"{self.part}.{name} {rule}, got {getattr(self, name)!r}")
+            raise ValueError(f"{self.part}.{name} {rule}, got {_shown(getattr(self, name))}")
+
+
+def is_whole(value: Any) -> bool:
+    """Whether a value is a whole number of any make; True and False are none."""
+    return hasattr(value, "__index__") and not isinstance(value, (bool, np.bool_))
+
+
+def as_robot(value: Any) -> int:
+    """The index of a robot, also where it is written as 1.0.
+
+    Raises:
+        ValueError: no whole number of at least 0.
+    """
+    if not _is_number(value) or value < 0 or not float(value).is_integer():
+        raise ValueError(f"a robot must be a whole number of at least 0, got {value!r}")
+    return int(value)
 
 
 def _checked(
@@ -117,27 +130,74 @@ def _checked(
 def _holds(check: Callable[[Any], Any], value: Any) -> bool:
     try:
         return bool(check(value))
-    except (TypeError, ValueError, OverflowError):  # a wrong type, or a whole number beyond all floats
+    except (TypeError, ValueError, ArithmeticError):  # a wrong type, or a number beyond all floats
         return False
+
+
+def _text(value: float) -> str:
+    return f"{value:.9g}"
 
 
 def _bracket(unit: str) -> str:
     return f" [{unit}]" if unit else ""
 
 
+def _shown(value: Any) -> str:
+    """The value in an error, cut where it is long; Python refuses to print whole numbers of thousands of digits."""
+    try:
+        words = repr(value)
+    except ValueError:
+        return f"a {type(value).__name__} that is too long to print"
+    return words if len(words) <= 200 else f"{words[:200]}..."
+
+
 def _is_number(value: Any) -> bool:
     return hasattr(value, "__float__") and not isinstance(value, (bool, str)) and not math.isnan(value)
-
-
-def _is_finite(value: Any) -> bool:
-    return _is_number(value) and math.isfinite(value)
-
-
-def _is_whole(value: Any) -> bool:
-    return hasattr(value, "__index__") and not isinstance(value, bool)
 
 
 def _plain(value: Any) -> Any:
     """Turn NumPy scalars and arrays into Python's own numbers and tuples, which hash and go into JSON."""
     value = value.tolist() if hasattr(value, "tolist") else value
     return tuple(_plain(entry) for entry in value) if isinstance(value, (list, tuple)) else value
+
+
+# What help() shows.
+
+
+def _fields_in_words(cls: type) -> str:
+    """The section of a docstring that names each field: what stands in the source after it, rule and default."""
+    meanings, lines = _meanings(cls), []
+    for name, field in vars(cls).items():
+        if isinstance(field, dataclasses.Field) and "rule" in field.metadata:
+            text = "\n".join(part for part in (meanings.get(name, ""), _rule_in_words(field)) if part)
+            lines.append(f"{name}: {text}".replace("\n", "\n        "))
+    return "\n    ".join(["Attributes:", *lines]) if lines else ""
+
+
+def _rule_in_words(field: dataclasses.Field) -> str:
+    rule = str(field.metadata["rule"]).removeprefix("must be ")
+    return f"({rule}{', or None' if field.metadata['optional'] else ''}; default {field.default!r})"
+
+
+def _meanings(cls: type) -> dict[str, str]:
+    """The string that stands after each field of a class in its source; empty where there is no source."""
+    try:
+        tree = _parsed(inspect.getsourcefile(cls) or "")
+    except (OSError, TypeError, SyntaxError):
+        return {}
+    body = next((node.body for node in tree.body if isinstance(node, ast.ClassDef) and node.name == cls.__name__), [])
+    return {
+        before.target.id: inspect.cleandoc(after.value.value)
+        for before, after in pairwise(body)
+        if isinstance(before, ast.AnnAssign)
+        and isinstance(before.target, ast.Name)
+        and isinstance(after, ast.Expr)
+        and isinstance(after.value, ast.Constant)
+        and isinstance(after.value.value, str)
+    }
+
+
+@cache
+def _parsed(path: str) -> ast.Module:
+    with open(path, encoding="utf-8") as source:
+        return ast.parse(source.read())

@@ -21,10 +21,10 @@ class LissajousParallelEnv(ParallelEnv):
     """Robots that monitor a rectangle and detect rogue targets, as a PettingZoo `ParallelEnv`.
 
     The agents are `robot_0` ... and stay the same through an episode: a robot that a fault stops keeps observing, with
-    `works` at 0 and actions without effect. Only what removes robots, as `task.on_collision = "remove"`, terminates
-    agents. Every episode is truncated after `task.duration`. Without a seed the first episode is another one each time.
-    Observation rows are laid out in `lissajous_env.observation`; the reward of an agent is the sum of the terms in its
-    info under `reward_terms`, in the order of `lissajous_env.reward.TERMS`.
+    `works` at 0 and actions without effect. Only `task.on_collision` and `task.boundary`, where they are `remove`,
+    terminate agents. Every episode is truncated after `task.duration`. Without a seed the first episode is another one
+    each time. Observation rows are laid out in `lissajous_env.observation`; the reward of an agent is the sum of the
+    terms in its info under `reward_terms`, in the order of `lissajous_env.reward.TERMS`.
 
     Args:
         scenario: Name of a scenario, or one that was made.

@@ -56,6 +56,18 @@ def car_step(robot: RobotStruct, state: wp.vec4, curvature: float, push: float, 
 
 
 @wp.func
+def stop_at_wall(curve: CurveStruct, car: wp.vec4) -> wp.vec4:
+    """Keep a car's centre in the rectangle: what of its velocity goes into a wall is lost, its heading stays."""
+    along = cos_sin(car[2])
+    x = wp.clamp(car[0], -curve.half_width, curve.half_width)
+    y = wp.clamp(car[1], -curve.half_height, curve.half_height)
+    along_x = wp.where((car[0] - x) * along[0] > 0.0, 0.0, along[0])
+    along_y = wp.where((car[1] - y) * along[1] > 0.0, 0.0, along[1])
+    kept = wp.where(along_x == along[0] and along_y == along[1], 1.0, wp.length(wp.vec2(along_x, along_y)))
+    return wp.vec4(x, y, car[2], car[3] * kept)
+
+
+@wp.func
 def measure(
     w: int,
     i: int,
@@ -122,7 +134,7 @@ def clear_step(w: int, i: int, step_out: Step):
     if i == 0:
         step_out.in_sight[w] = 0
         step_out.waiting[w] = 0
-        step_out.idle_ended[w] = 0
+        step_out.idle_ended[w] = wp.int64(0)
 
 
 @wp.func
@@ -194,6 +206,7 @@ def move_points(
     noise: NoiseStruct,
     faults: FaultsStruct,
     step: float,
+    walled: int,
     schedule: wp.array2d(dtype=int),
     action: wp.array3d(dtype=float),
     clock: Clock,
@@ -201,7 +214,7 @@ def move_points(
     links: Links,
     step_out: Step,
 ):
-    """Move robots of kind `curve`: the phase goes on at the commanded rate, the robot stays on the curve."""
+    """Move robots of kind `curve`: the phase goes on at the commanded rate, on the curve; no wall is in their way."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.stage[w] != RUNNING:
@@ -236,6 +249,7 @@ def move_cars(
     noise: NoiseStruct,
     faults: FaultsStruct,
     step: float,
+    walled: int,
     schedule: wp.array2d(dtype=int),
     action: wp.array3d(dtype=float),
     clock: Clock,
@@ -270,6 +284,8 @@ def move_cars(
             car = wp.vec4(position[0], position[1], robots.heading[w, i], robots.speed[w, i])
             for s in range(substeps):
                 car = car_step(robot, car, curvature, push, step / float(substeps))
+                if walled == 1:
+                    car = stop_at_wall(curve, car)
                 robots.track[w, i, s + 1] = wp.vec3(car[0], car[1], 0.0)
             robots.position[w, i] = wp.vec3(car[0], car[1], 0.0)
             robots.heading[w, i] = wrap(car[2])
@@ -281,6 +297,6 @@ def move_cars(
 
 
 @wp.func
-def lateral_error(curve: CurveStruct, gamma: float, position: wp.vec3) -> float:
-    """Distance of a robot from the curve at its own parameter [m]."""
+def tracking_error(curve: CurveStruct, gamma: float, position: wp.vec3) -> float:
+    """Distance of a robot from the point of the curve at its own parameter [m]."""
     return wp.length(wp.vec2(position[0], position[1]) - point2(curve, gamma))

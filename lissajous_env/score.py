@@ -13,7 +13,8 @@ COLUMNS = (
     "scenario", "policy", "episode", "seed", "targets", "detected_fraction", "detection_time_mean",
     "detection_time_p95", "detection_time_max", "detected_within_bound", "collisions", "contact_time",
     "min_separation", "coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "lateral_error_mean",
-    "lateral_error_max", "spacing_factor", "phase_error", "recovery_time", "return_mean",
+    "lateral_error_max", "tracking_error_mean", "tracking_error_max", "spacing_factor", "phase_error", "recovery_time",
+    "outside_time", "return_mean",
 )  # fmt: skip
 
 STAYS = 1.0
@@ -40,7 +41,7 @@ def score_rows(simulation: "Simulation", worlds: np.ndarray) -> list[dict[str, A
         bound = scenario.detection_time_bound
         open_gaps = now - sensed_at[w]
         has_grid, fault_end = scenario.task.grid is not None, int(host["fault_end"][w])
-        squares = idle_squares[w].sum() + np.sum(open_gaps.astype(np.int64) ** 2)
+        squares = idle_squares[w].sum(dtype=float) + np.sum(open_gaps.astype(float) ** 2)
         recovered = fault_end >= 0 and (now - host["off_at"][w]) * step >= STAYS
         rows.append({
             "scenario": scenario.name,
@@ -60,9 +61,12 @@ def score_rows(simulation: "Simulation", worlds: np.ndarray) -> list[dict[str, A
             "idleness_max": max(idle_max[w].max(), open_gaps.max()) * step if has_grid else np.nan,
             "lateral_error_mean": host["lateral_sum"][w] / max(now, 1),
             "lateral_error_max": host["lateral_max"][w],
+            "tracking_error_mean": host["tracking_sum"][w] / max(now, 1),
+            "tracking_error_max": host["tracking_max"][w],
             "spacing_factor": host["spacing_max"][w] / (2 * scenario.detection_radius),
             "phase_error": host["phase_error_max"][w],
             "recovery_time": max(host["off_at"][w] + 1 - fault_end, 0) * step if recovered else np.nan,
+            "outside_time": host["outside_steps"][w] * step,
             "return_mean": host["returns"][w].mean(),
         })  # fmt: skip
     return [{name: _plain(value) for name, value in row.items()} for row in rows]

@@ -10,11 +10,13 @@ import numpy as np
 import warp as wp
 
 from lissajous_env import library, theory
-from lissajous_env.collision import ON_COLLISION, find_collisions
+from lissajous_env.collision import COUNT, ON_COLLISION, REMOVE, find_collisions
 from lissajous_env.coverage import cover, reset_cells
 from lissajous_env.curve import CurveStruct
-from lissajous_env.device import as_device, compile_quietly, copy_in, side_by_side
+from lissajous_env.device import as_device, check_room, compile_quietly, copy_in, side_by_side
+from lissajous_env.distance import table_of
 from lissajous_env.faults import FaultsStruct, removal_steps, reset_losses, schedule_steps
+from lissajous_env.fields import is_whole
 from lissajous_env.observation import Layout, Scales, layout, observe
 from lissajous_env.reward import TERMS, TaskStruct
 from lissajous_env.robot import FormationStruct, NoiseStruct, RobotStruct, move_cars, move_points, reset_robots
@@ -30,6 +32,8 @@ from lissajous_env.worlds import chosen_worlds, whole_number
 _START = {"equilibrium": 0, "rotated": 1, "random": 2}
 _BLOCK = 256
 """Worlds below which a CPU thread of its own costs more than it saves."""
+_LAST_SEED = 2**31 - 1
+_ROGUE_BYTES = 32
 
 
 class Simulation:
@@ -38,8 +42,8 @@ class Simulation:
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
         observation: (W, N, D) float32, one row a robot; `lissajous_env.observation` documents the entries.
         final_observation: (W, N, D) the rows with which each world's episode before ended.
-        reward: (W, N) float32; `reward_terms` (W, N, 6) holds its terms, named by `reward_term_names`.
-        terminated: (W, N) bool, robots that a collision removed.
+        reward: (W, N) float32; `reward_terms` (W, N, 7) holds its terms, named by `reward_term_names`.
+        terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and zero was taken instead.
         invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
@@ -55,7 +59,8 @@ class Simulation:
         threads: CPU threads over which a large batch is split; all cores by default.
 
     Raises:
-        ValueError: a number of worlds below 1, a device that is not there, or a seed out of range.
+        ValueError: a number of worlds below 1 or of more than the device's memory holds, a device that is not there,
+            or a seed out of range.
     """
 
     def __init__(
@@ -66,8 +71,10 @@ class Simulation:
         seed: int = 0,
         threads: int | None = None,
     ):
-        if threads is not None and threads < 1:
-            raise ValueError(f"threads must be at least 1, got {threads!r}")
+        if threads is not None and not (is_whole(threads) and threads >= 1):
+            raise ValueError(f"threads must be a whole number of at least 1 or None, got {threads!r}")
+        if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
+            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {seed!r}")
         self.scenario = library.scenario(scenario).resolve()
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.device = as_device(device)
@@ -78,7 +85,7 @@ class Simulation:
         self._allocate()
         with compile_quietly():
             self._record()
-            self.reset(seeds=seed + np.arange(self.num_worlds))
+            self.reset(seeds=int(seed) + np.arange(self.num_worlds))
 
     @property
     def num_robots(self) -> int:
@@ -94,7 +101,7 @@ class Simulation:
         """Begin a new episode in some worlds; the others are left as they are.
 
         Args:
-            worlds: (W,) mask or indices of the worlds; all by default.
+            worlds: (W,) mask or indices of the worlds, each once; all by default.
             seeds: A seed for each of these worlds, whole numbers from 0 to 2^31 - 1; by default each world draws its
                 next seed from its last.
 
@@ -125,7 +132,7 @@ class Simulation:
             observation, reward, terminated, truncated: the arrays of these names.
 
         Raises:
-            ValueError: the action has another shape.
+            ValueError: the action has another shape, or does not hold real numbers.
         """
         self._take(action)
         self._run(self._steps)
@@ -146,6 +153,8 @@ class Simulation:
         columns, rows = scenario.task.grid or (1, 1)
         words = (columns + 31) // 32
         delay = round(scenario.noise.message_delay / scenario.task.step)
+        large = [t * _ROGUE_BYTES, rows * columns * 4, rows * n * words * 4, n * n * 4]
+        check_room([*large, n * (delay + 1) * 16, 2 * n * self.layout.size * 4], w, self.device)
         each, robot = (w,), (w, n)
         self.clock = allocate(Clock, {}, each, self.device)
         self.robots = allocate(Robots, {"track": (w, n, s + 1)}, robot, self.device)
@@ -158,7 +167,8 @@ class Simulation:
         self.latest = allocate(Step, terms, robot, self.device)
         self.tally = allocate(Tally, {"contact": (w, n, n), "returns": robot}, each, self.device)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
-        self._action_host = self.action.numpy()  # on a CPU the same memory
+        # On a CPU the same memory; elsewhere of no shape that an action has.
+        self._action_host = self.action.numpy() if self.device.is_cpu else np.empty(0, dtype=np.float32)
         self.observation = wp.zeros((w, n, self.layout.size), dtype=wp.float32, device=self.device)
         self.final_observation = wp.zeros_like(self.observation)
         self._seeds = wp.zeros(w, dtype=wp.int32, device=self.device)
@@ -198,8 +208,8 @@ class Simulation:
         lanes = self._lanes(self.num_robots)
         move = move_points if self.scenario.robot.kind == "curve" else move_cars
         return [
-            (move, lanes, [*lanes, of.curve, of.formation, of.robot, of.noise, of.faults, of.step, of.schedule,
-                           self.action, clock, robots, self.links, latest]),
+            (move, lanes, [*lanes, of.curve, of.formation, of.robot, of.noise, of.faults, of.step, of.walled,
+                           of.schedule, self.action, clock, robots, self.links, latest]),
             (find_collisions, lanes, [*lanes, of.robot, clock, robots, latest, tally]),
             *self._sensing_recipe(of, begin=0),
             self._observing(of, begin=0),
@@ -214,7 +224,8 @@ class Simulation:
                                    self.rogues, latest]),
             *([covering] if of.cells_total > 0 else []),
             (keep_score, (), [begin, of.curve, of.formation, of.task, of.steps, of.cells_total, of.on_collision,
-                              of.equilibrium, of.neighbours, clock, robots, latest, tally]),
+                              of.on_leaving, of.robot.radius, of.distances, of.equilibrium, of.neighbours, clock,
+                              robots, latest, tally]),
         ]  # fmt: skip
 
     def _observing(self, of: "_Constants", begin: int) -> tuple:
@@ -241,8 +252,8 @@ class Simulation:
             side_by_side([partial(_launch_all, block) for block in blocks], self.threads)
 
     def _take(self, action: Any) -> None:
-        if isinstance(action, np.ndarray) and self.device.is_cpu and action.shape == self.action_shape:
-            np.copyto(self._action_host, action, casting="same_kind")
+        if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:
+            self._action_host[:] = action
         else:
             copy_in("action", action, self.action)
 
@@ -296,6 +307,9 @@ class _Constants:
         self.start = _START[scenario.formation.start]
         self.at_boundary = int(scenario.targets.entry == "boundary")
         self.on_collision = ON_COLLISION[task.on_collision]
+        self.on_leaving = REMOVE if task.boundary == "remove" else COUNT
+        self.walled = int(task.boundary == "wall")
+        self.distances = table_of(scenario, device)
         self.cells_total = 0 if task.grid is None else task.grid[0] * task.grid[1]
         displaced = np.zeros(n)
         for robot, angle in scenario.formation.displaced:
@@ -332,10 +346,12 @@ def fold_seed(seed: int) -> int:
 
 
 def _checked_seeds(seeds: Any, count: int) -> np.ndarray:
-    array = np.atleast_1d(np.asarray(seeds))
-    whole = array.dtype.kind in "iu"
-    if not whole or array.min() < 0 or array.max() >= 2**31:
-        raise ValueError(f"seed must be a whole number from 0 to 2147483647, got {seeds!r}")
+    try:
+        array = np.atleast_1d(np.asarray(seeds))
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {seeds!r}") from error
+    if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > _LAST_SEED):
+        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {seeds!r}")
     if array.shape != (count,):
         raise ValueError(f"seeds must be one for each of the {count} worlds that are reset, got shape {array.shape}")
     return array.astype(np.int32)

@@ -142,14 +142,16 @@ class Step:
     """(W,) targets in some working robot's disc."""
     waiting: wp.array(dtype=wp.int32)
     """(W,) undetected targets present."""
-    idle_ended: wp.array(dtype=wp.int32)
+    outside: wp.array2d(dtype=wp.int32)
+    """(W, N) 1 where the whole body is outside the rectangle."""
+    idle_ended: wp.array(dtype=wp.int64)
     """(W,) idleness of the cells that were sensed, summed [step]."""
     terms: wp.array3d(dtype=wp.float32)
-    """(W, N, 6) terms of the reward: `lissajous_env.reward.TERMS`."""
+    """(W, N, 7) terms of the reward: `lissajous_env.reward.TERMS`."""
     reward: wp.array2d(dtype=wp.float32)
     """(W, N) their sum."""
     terminated: wp.array2d(dtype=wp.bool)
-    """(W, N) whether a collision removed the robot."""
+    """(W, N) whether a collision or the edge of the rectangle removed the robot."""
     truncated: wp.array2d(dtype=wp.bool)
     """(W, N) whether the time is over."""
 
@@ -160,24 +162,28 @@ class Tally:
 
     contact: wp.array3d(dtype=wp.int32)
     """(W, N, N) 1 above the diagonal while a pair has collided and not yet parted."""
-    collisions: wp.array(dtype=wp.int32)
+    collisions: wp.array(dtype=wp.int64)
     """(W,) collisions."""
-    contact_steps: wp.array(dtype=wp.int32)
+    contact_steps: wp.array(dtype=wp.int64)
     """(W,) steps in contact, summed over pairs."""
     min_separation: wp.array(dtype=wp.float32)
     """(W,) smallest distance of two robots [m]."""
-    covered: wp.array(dtype=wp.int32)
+    covered: wp.array(dtype=wp.int64)
     """(W,) cells sensed by some robot."""
-    covered_each: wp.array(dtype=wp.int32)
+    covered_each: wp.array(dtype=wp.int64)
     """(W,) cells sensed, summed over robots."""
     covered_at: wp.array(dtype=wp.int32)
     """(W,) step in which every cell had been sensed."""
     covered_each_at: wp.array(dtype=wp.int32)
     """(W,) step in which every robot had sensed every cell."""
-    lateral_sum: wp.array(dtype=wp.float32)
-    """(W,) lateral error, summed over steps, mean over robots [m]."""
+    lateral_sum: wp.array(dtype=wp.float64)
+    """(W,) distance from the curve, summed over steps, mean over robots [m]."""
     lateral_max: wp.array(dtype=wp.float32)
-    """(W,) largest lateral error [m]."""
+    """(W,) largest distance from the curve [m]."""
+    tracking_sum: wp.array(dtype=wp.float64)
+    """(W,) distance from the point of the curve at a robot's own phase, summed over steps, mean over robots [m]."""
+    tracking_max: wp.array(dtype=wp.float32)
+    """(W,) largest distance from the point of the curve at a robot's own phase [m]."""
     spacing_max: wp.array(dtype=wp.float32)
     """(W,) largest distance of ring neighbours [m]."""
     phase_error: wp.array(dtype=wp.float32)
@@ -188,7 +194,9 @@ class Tally:
     """(W,) latest step in which the deviation was not below the band of recovery."""
     fault_end: wp.array(dtype=wp.int32)
     """(W,) step at whose end the latest fault was over; -1 for none or while one lasts."""
-    returns: wp.array2d(dtype=wp.float32)
+    outside_steps: wp.array(dtype=wp.int64)
+    """(W,) steps with the whole body outside the rectangle, summed over robots."""
+    returns: wp.array2d(dtype=wp.float64)
     """(W, N) sum of the rewards."""
 
 

@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from lissajous_env.fields import is_whole
+
 
 def whole_number(name: str, value: Any) -> int:
     """Check a number of things.
@@ -11,7 +13,7 @@ def whole_number(name: str, value: Any) -> int:
     Raises:
         ValueError: it is not a whole number of at least 1.
     """
-    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 1:
+    if not is_whole(value) or value < 1:
         raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
     return int(value)
 
@@ -20,11 +22,14 @@ def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
     """Indices of the worlds of a (W,) mask, or of indices; None is all of them.
 
     Raises:
-        ValueError: a mask of another shape, or indices that are not whole numbers from 0 to W - 1.
+        ValueError: a mask of another shape, or indices that are not whole numbers from 0 to W - 1, each once.
     """
     if worlds is None:
         return np.arange(num_worlds)
-    chosen = np.asarray(worlds)
+    try:
+        chosen = np.asarray(worlds)
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"worlds must be a mask or indices of worlds, got {worlds!r}") from error
     if chosen.dtype == bool:
         if chosen.shape != (num_worlds,):
             raise ValueError(f"worlds must be a mask of shape ({num_worlds},), got shape {chosen.shape}")
@@ -32,8 +37,10 @@ def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
     chosen = np.atleast_1d(chosen)
     if chosen.size == 0:
         return np.zeros(0, dtype=np.int64)
-    if chosen.ndim != 1 or chosen.dtype.kind not in "iu":
-        raise ValueError(f"worlds must be a mask or whole numbers, got {worlds!r}")
+    if chosen.dtype.kind not in "iu":
+        raise ValueError(f"worlds must be a mask or indices of worlds, got {worlds!r}")
     if chosen.min() < 0 or chosen.max() >= num_worlds:
         raise ValueError(f"worlds must be from 0 to {num_worlds - 1}, got {worlds!r}")
+    if chosen.ndim != 1 or len(np.unique(chosen)) != len(chosen):
+        raise ValueError(f"worlds must be in one row, each once, got {worlds!r}")
     return chosen.astype(np.int64)

@@ -11,13 +11,23 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from reference_motion import car_runge_kutta, closest_approach, curve_point, curve_tangent, projection, wrapped
+from reference_motion import (
+    car_runge_kutta,
+    closest_approach,
+    curve_point,
+    curve_tangent,
+    curve_tree,
+    projection,
+    wrapped,
+)
 
 STILL, DRIFTING, WANDERING, FLEEING = range(4)
 PARTED = 1.05
 """Distance over the sum of the radii, above which a collision is over."""
 RECOVERED = 0.05
 """Deviation from the equilibrium below which a formation has recovered [rad]."""
+STAYS = 1.0
+"""Time for which it must have stayed there [s]."""
 
 
 @dataclass
@@ -33,6 +43,8 @@ class Car:
     """Whether a collision stopped it for good."""
     crashed: bool = False
     """Whether a collision removed it."""
+    left: bool = False
+    """Whether the edge of the rectangle removed it."""
 
 
 @dataclass
@@ -73,9 +85,12 @@ class World:
         self.detections = [0] * self.n
         self.ended_idleness = 0
         self.lateral_sum = self.lateral_max = self.spacing_max = 0.0
+        self.tracking_sum = self.tracking_max = 0.0
+        self.outside = [False] * self.n
+        self.outside_steps = 0
         self.deviations: list[float] = []
         self.returns = np.zeros(self.n)
-        self.terms = np.zeros((self.n, 6))
+        self.terms = np.zeros((self.n, 7))
         columns, rows = task.grid or (0, 0)
         self.centres = [
             (x, y)
@@ -104,9 +119,9 @@ class World:
     # Who works.
 
     def removed(self, i: int) -> bool:
-        """Whether robot i is gone, by the schedule or by a collision."""
+        """Whether robot i is gone, by the schedule, by a collision or by the edge of the rectangle."""
         times = [round(time / self.dt) for robot, time in self.scenario.faults.removed if robot == i]
-        return self.robots[i].crashed or any(at < max(self.now, 1) for at in times)
+        return self.robots[i].crashed or self.robots[i].left or any(at < max(self.now, 1) for at in times)
 
     def stuck(self, i: int) -> bool:
         """Whether robot i stands still in the step that ends now."""
@@ -122,8 +137,8 @@ class World:
 
     @property
     def over(self) -> bool:
-        """Whether the time is over or collisions removed every robot."""
-        return self.now >= self.scenario.task.steps or all(robot.crashed for robot in self.robots)
+        """Whether the time is over or collisions and the edge of the rectangle removed every robot."""
+        return self.now >= self.scenario.task.steps or all(robot.crashed or robot.left for robot in self.robots)
 
     def step(self, action: np.ndarray) -> None:
         """Move robots, find collisions, move and sense targets, cover cells, score, reward, hear messages.
@@ -146,6 +161,7 @@ class World:
         self._collide()
         self._sense(begin=False)
         self._consequences()
+        self._leave()
         self._tally(begin=False)
         self._reward(command)
         self._hear()
@@ -177,6 +193,8 @@ class World:
             state = np.array([car.position[0], car.position[1], car.heading, car.speed])
             for _ in range(substeps):
                 state = car_runge_kutta(self.bodies[i], state, steering, throttle, self.dt / substeps)
+                if self.scenario.task.boundary == "wall":
+                    state = self._stopped_by_walls(state)
                 car.way.append(np.array([state[0], state[1], 0.0]))
             car.heading, car.speed = float(state[2]), float(state[3])
             car.phase += projection(curve, state[:2], self.alpha * car.phase) / self.alpha
@@ -211,6 +229,28 @@ class World:
                 car.stopped = True
             if collisions and self.scenario.task.on_collision == "remove":
                 car.crashed = True
+
+    def _stopped_by_walls(self, state: np.ndarray) -> np.ndarray:
+        """The state with the centre put back to the wall, and the velocity projected on it."""
+        x, y, heading, speed = state
+        velocity = speed * np.array([math.cos(heading), math.sin(heading)])
+        place = []
+        for k, (at, half) in enumerate([(x, self.scenario.curve.half_width), (y, self.scenario.curve.half_height)]):
+            if abs(at) > half and at * velocity[k] > 0:
+                velocity[k] = 0.0
+            place.append(max(-half, min(at, half)))
+        return np.array([*place, heading, math.hypot(*velocity)])
+
+    def _leave(self) -> None:
+        """Who is outside with the whole body; removed, if so told."""
+        half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
+        for i, car in enumerate(self.robots):
+            nearest = np.clip(car.position[:2], -half, half)
+            is_out = math.dist(nearest, car.position[:2]) > self.scenario.robot.radius
+            self.outside[i] = is_out and not self.removed(i)
+            self.outside_steps += self.outside[i]
+            if self.outside[i] and self.scenario.task.boundary == "remove":
+                car.left = True
 
     def _sensors(self) -> dict[int, np.ndarray]:
         """Places of the robots that sense."""
@@ -275,13 +315,16 @@ class World:
     def _tally(self, begin: bool) -> None:
         here = [i for i in range(self.n) if not self.removed(i)]
         curve = self.scenario.curve
-        errors = []
+        tracking, lateral = [], []
         for i in here:
             on_curve = curve_point(curve, self.alpha * self.robots[i].phase)
-            errors.append(math.dist(on_curve[:2], self.robots[i].position[:2]))
-        self.lateral_max = max([self.lateral_max, *errors])
+            tracking.append(math.dist(on_curve[:2], self.robots[i].position[:2]))
+            lateral.append(self._distance_from_curve(self.robots[i].position[:2]))
+        self.tracking_max = max([self.tracking_max, *tracking])
+        self.lateral_max = max([self.lateral_max, *lateral])
         if not begin and here:
-            self.lateral_sum += sum(errors) / len(here)
+            self.tracking_sum += sum(tracking) / len(here)
+            self.lateral_sum += sum(lateral) / len(here)
         for i in here:
             for j in self.scenario.neighbours[i]:
                 if j in here:
@@ -292,11 +335,18 @@ class World:
         turn = math.atan2(sum(math.sin(o) for o in offsets), sum(math.cos(o) for o in offsets))
         self.deviations.append(max([abs(wrapped(o - turn)) for o in offsets], default=0.0))
 
+    def _distance_from_curve(self, place: np.ndarray) -> float:
+        """By brute force over a lap in millimetres."""
+        if self.scenario.robot.kind == "curve":
+            return 0.0
+        return float(curve_tree(self.scenario.curve).query(place)[0])
+
     def _reward(self, command: np.ndarray) -> None:
         task = self.scenario.task
         waiting = sum(t.appears_at <= self.now and t.found_at is None for t in self.targets)
         for i in range(self.n):
-            crashed = self.robots[i].crashed and not self.new_collisions[i]
+            gone = self.robots[i].crashed or self.robots[i].left
+            crashed = gone and not self.new_collisions[i] and not self.outside[i]
             ended = self.ended_idleness * self.dt / max(len(self.centres), 1)
             self.terms[i] = [
                 task.reward_detection * self.detections[i],
@@ -305,6 +355,7 @@ class World:
                 0.0 if crashed else task.reward_idleness * ended,
                 0.0 if crashed else task.reward_effort * float(np.mean(command[i] ** 2)),
                 0.0 if crashed else task.reward_formation * self.deviations[-1] * self.dt,
+                task.reward_outside * self.outside[i] * self.dt,
             ]
         self.returns += self.terms.sum(axis=1)
 
@@ -336,15 +387,19 @@ class World:
             "idleness_max": max(g.max() for g in gaps) * dt if gaps else nan,
             "lateral_error_mean": self.lateral_sum / now,
             "lateral_error_max": self.lateral_max,
+            "tracking_error_mean": self.tracking_sum / now,
+            "tracking_error_max": self.tracking_max,
             "spacing_factor": self.spacing_max / (2 * math.sin(math.pi / places) * corner),
             "phase_error": max(self.deviations),
             "recovery_time": self._recovery_time(),
+            "outside_time": self.outside_steps * dt,
             "return_mean": self.returns.mean(),
         }
 
     def _recovery_time(self) -> float:
         faulty = any(self.stuck(i) for i in range(self.n))
-        if self.resumed_at is None or faulty or self.deviations[-1] >= RECOVERED:
+        stayed = list(itertools.takewhile(lambda deviation: deviation < RECOVERED, reversed(self.deviations)))
+        if self.resumed_at is None or faulty or len(stayed) * self.dt < STAYS - 1e-9:
             return math.nan
         recovered = self.now
         while recovered > self.resumed_at and self.deviations[recovered - 1] < RECOVERED:

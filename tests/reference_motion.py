@@ -1,8 +1,10 @@
 """Formulas of the reference in float64: the curve, the bicycle with its motor, the closest approach."""
 
+import functools
 import math
 
 import numpy as np
+from scipy.spatial import KDTree
 
 PROJECTION_LIMIT = 0.1
 """Largest correction of a car's curve parameter in a control step [rad]."""
@@ -32,6 +34,14 @@ def curve_tangent(curve, gamma: float) -> np.ndarray:
             curve.half_height * curve.b * math.cos(curve.b * gamma),
         ]
     )
+
+
+@functools.lru_cache(maxsize=8)
+def curve_tree(curve, points: int = 200_000) -> KDTree:
+    """Points of a lap of (3) [m], to ask for the nearest of."""
+    gamma = np.linspace(0, 2 * math.pi, points)
+    x, y = curve.half_width * np.cos(curve.a * gamma), curve.half_height * np.sin(curve.b * gamma)
+    return KDTree(np.stack([x, y], axis=-1))
 
 
 def projection(curve, place: np.ndarray, gamma: float) -> float:

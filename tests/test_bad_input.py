@@ -5,6 +5,8 @@ What a scenario refuses is tested beside it; here is what a running environment,
 
 import numpy as np
 import pytest
+import torch
+import warp as wp
 from gymnasium.error import ResetNeeded
 
 import lissajous_env
@@ -26,26 +28,26 @@ def good_actions(env):
 # Making a simulation or an environment.
 
 
-@pytest.mark.parametrize("worlds", [0, -3, 1.5, "4", None])
+@pytest.mark.parametrize("worlds", [0, -3, 1.5, "4", None, True, np.True_])
 def test_a_number_of_worlds(worlds):
     with pytest.raises(ValueError, match="num_worlds must be a whole number of at least 1, got"):
         lissajous_env.Simulation(lissajous_env.scenario("failure"), worlds)
 
 
-@pytest.mark.parametrize("device", ["cuda:9", "tpu", "", 7])
+@pytest.mark.parametrize("device", ["cuda:9", "tpu", "", 7, None])
 def test_a_device_that_is_not_there(device):
     with pytest.raises(ValueError, match=r"device must be one of those present \(.*cpu.*\), got") as refused:
         lissajous_env.Simulation(lissajous_env.scenario("failure"), device=device)
     assert repr(device) in str(refused.value)
 
 
-@pytest.mark.parametrize("threads", [0, -1])
+@pytest.mark.parametrize("threads", [0, -1, "2", 1.5, True])
 def test_a_number_of_threads(threads):
-    with pytest.raises(ValueError, match=f"threads must be at least 1, got {threads}"):
+    with pytest.raises(ValueError, match=f"threads must be a whole number of at least 1 or None, got {threads!r}"):
         lissajous_env.Simulation(lissajous_env.scenario("failure"), threads=threads)
 
 
-@pytest.mark.parametrize("seed", [-1, 2**31, 1.5])
+@pytest.mark.parametrize("seed", [-1, 2**31, 1.5, True, "1", None, 10**30])
 def test_a_seed_of_a_simulation(seed):
     with pytest.raises(ValueError, match="seed must be a whole number from 0 to 2147483647, got"):
         lissajous_env.Simulation(lissajous_env.scenario("failure"), seed=seed)
@@ -89,16 +91,64 @@ def test_an_action_of_another_shape(shape):
     assert_untouched(simulation, before)
 
 
-@pytest.mark.parametrize("action", [None, "north", [[["a"]] * 5] * 2, np.zeros((2, 5, 1), dtype=complex)])
+@pytest.mark.parametrize("scenario", ["failure", "swarm"])
+def test_more_worlds_than_there_is_memory(scenario):
+    with pytest.raises(
+        ValueError, match=r"^num_worlds must fit into the memory of cpu, \d+ MiB, at .* a world, got 1000"
+    ):
+        lissajous_env.Simulation(scenario, 10**9)
+
+
+def test_a_grid_for_a_thousand_robots_that_no_array_holds():
+    large = {"robot.count": 1024, "task.grid": (4096, 4096), "faults.schedule": ()}
+    with pytest.raises(ValueError, match=r"^scenario must need less than 2048 MiB in an array of a world"):
+        lissajous_env.Simulation(lissajous_env.scenario("failure", **large))
+
+
+NO_NUMBERS = {
+    "None": None,
+    "a word": "north",
+    "words": [[["a"]] * 5] * 2,
+    "complex": np.zeros((2, 5, 1), dtype=complex),
+    "objects": np.zeros((2, 5, 1), dtype=object),
+    "booleans": np.zeros((2, 5, 1), dtype=bool),
+    "ragged": [[[0.0]] * 5, [[0.0]] * 4],
+    "torch booleans": torch.zeros((2, 5, 1), dtype=torch.bool),
+    "torch complex": torch.zeros((2, 5, 1), dtype=torch.complex64),
+}
+
+
+@pytest.mark.parametrize("action", NO_NUMBERS.values(), ids=NO_NUMBERS)
 def test_an_action_that_is_no_numbers(action):
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"), 2)
     before = state_of(simulation)
-    with pytest.raises((ValueError, TypeError)):
+    with pytest.raises(ValueError, match=r"^action must hold real numbers, got"):
         simulation.step(action)
     assert_untouched(simulation, before)
 
 
-@pytest.mark.parametrize("seeds", [[-1, 0], [0, 2**31], [0.5, 1.0], ["a", "b"], [True, False], [None, 1], [2**70, 0]])
+@pytest.mark.parametrize("dtype", [wp.int32, wp.float64, wp.float16, wp.uint8])
+def test_a_warp_action_of_another_type(dtype):
+    # Its bits used to be read as float32.
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"), 2)
+    before = state_of(simulation)
+    with pytest.raises(ValueError, match=r"^action must hold float32 where it is a Warp array, got"):
+        simulation.step(wp.zeros((2, 5, 1), dtype=dtype))
+    assert_untouched(simulation, before)
+
+
+@pytest.mark.parametrize("dtype", [np.int64, np.float16, np.float64, np.uint8])
+def test_numbers_of_any_size_are_taken_as_what_they_are(dtype):
+    # Oracle: the same numbers as float32.
+    simulations = [lissajous_env.Simulation(lissajous_env.scenario("failure"), 2) for _ in range(2)]
+    for simulation, kind in zip(simulations, (dtype, np.float32), strict=True):
+        simulation.step(np.ones((2, 5, 1), dtype=kind))
+    assert_untouched(simulations[0], state_of(simulations[1]))
+
+
+@pytest.mark.parametrize(
+    "seeds", [[-1, 0], [0, 2**31], [0.5, 1.0], ["a", "b"], [True, False], [None, 1], [2**70, 0], [[0], [1, 2]]]
+)
 def test_seeds_of_a_reset(seeds):
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"), 2)
     before = state_of(simulation)
@@ -114,11 +164,29 @@ def test_a_wrong_count_of_seeds():
             simulation.reset(worlds, seeds=seeds)
 
 
-@pytest.mark.parametrize("worlds", [[True, False], [[True, False, True]], [0, 3], [-1], 7])
+@pytest.mark.parametrize(
+    "worlds",
+    [
+        [True, False],
+        [[True, False, True]],
+        [0, 3],
+        [-1],
+        7,
+        [0.9],
+        0.0,
+        ["0"],
+        [None],
+        [[0], [1]],
+        [1, 1],
+        [[0], [1, 2]],
+        [2**70],
+    ],
+)
 def test_worlds_of_a_reset(worlds):
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"), 3)
     before = state_of(simulation)
-    with pytest.raises(ValueError, match=r"worlds must be (a mask of shape \(3,\)|from 0 to 2), got"):
+    rules = r"(a mask of shape \(3,\)|from 0 to 2|a mask or indices of worlds|in one row, each once)"
+    with pytest.raises(ValueError, match=f"^worlds must be {rules}, got"):
         simulation.reset(worlds)
     assert_untouched(simulation, before)
 

@@ -253,11 +253,14 @@ def test_parameters_of_a_robot():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: MpccParameters(stages=0), "stages must be a whole number of at least 1"),
-        (lambda: MpccParameters(step=-0.1), r"step must be positive \[s\], got -0.1"),
-        (lambda: MpccParameters(weight_lag=math.nan), "weight_lag must be at least 0"),
+        (lambda: MpccParameters(stages=0), "stages must be a whole number from 1 to 200, got 0"),
+        (lambda: MpccParameters(step=-0.1), r"step must be from 0.0001 to 100 \[s\], got -0.1"),
+        (
+            lambda: MpccParameters(weight_lag=math.nan),
+            r"weight_lag must be from 0 to 1000000 \[1/\(m s\)\^2\], got nan",
+        ),
         (lambda: MpccParameters(throttle_min=0.3), "throttle_max must be above throttle_min, got 0.25"),
-        (lambda: MpccParameters(steering_max=2.0), "steering_max must be between 0 and"),
+        (lambda: MpccParameters(steering_max=2.0), r"steering_max must be from 0.001 to 1.57 \[rad\], got 2.0"),
         (lambda: Mpcc(CURVE, P, 0), "batch must be at least 1, got 0"),
         (lambda: Mpcc(CURVE, P, 2, threads=0), "threads must be at least 1, got 0"),
         (lambda: Mpcc(CURVE, P, 2, device="nowhere"), "device must be"),

@@ -63,7 +63,7 @@ def scenarios(draw):
         "targets.speed": draw(st.floats(0, 20)),
         "targets.flee_speed": draw(st.floats(0, 20)),
         "targets.leave": draw(st.booleans()),
-        "faults.schedule": tuple((i, min(s, e), max(s, e) + 0.01) for i, s, e in faults),
+        "faults.schedule": tuple((i, min(s, e), max(s, e) + step) for i, s, e in faults),
         "faults.removed": tuple(draw(st.lists(st.tuples(robots, times), max_size=2))),
         "faults.rate": draw(st.sampled_from([0.0, 0.5])),
         "faults.lost": draw(st.integers(0, min(n, 2))),
@@ -78,6 +78,8 @@ def scenarios(draw):
         "task.substeps": draw(st.integers(1, 3)),
         "task.grid": draw(st.one_of(st.none(), st.tuples(st.integers(1, 40), st.integers(1, 12)))),
         "task.on_collision": draw(st.sampled_from(["count", "stop", "remove"])),
+        "task.boundary": draw(st.sampled_from(["open", "wall", "remove"])),
+        "task.reward_outside": draw(st.sampled_from([0.0, -1.0])),
         "task.reward_idleness": draw(st.sampled_from([0.0, 1.0])),
         "task.reward_effort": draw(st.sampled_from([0.0, -1.0])),
     }
@@ -124,7 +126,7 @@ def test_every_world_keeps_its_promises(scenario, seed):
 
 
 def assert_score_in_range(scenario, simulation):
-    duration = scenario.task.duration
+    duration, longest = scenario.task.duration, max(scenario.curve.half_width, scenario.curve.half_height)
     gone = simulation.terminated.numpy().all(axis=1)
     for row, all_gone in zip(simulation.score(), gone, strict=True):
         assert set(row) == set(COLUMNS) - {"policy", "episode"}
@@ -145,7 +147,13 @@ def assert_score_in_range(scenario, simulation):
         assert row["lateral_error_max"] >= row["lateral_error_mean"] - 1e-3 * abs(row["lateral_error_max"]) >= -1e-6
         assert row["spacing_factor"] >= 0
         assert math.isfinite(row["return_mean"])
-        if scenario.task.on_collision != "remove":
+        assert 0 <= row["outside_time"] <= duration * simulation.num_robots + 1e-6
+        if scenario.robot.kind == "curve" or scenario.task.boundary == "wall":
+            assert row["outside_time"] == 0
+        # The nearest point of the curve is no farther than that of the robot's own phase.
+        for part in ("mean", "max"):
+            assert row[f"lateral_error_{part}"] <= 1.001 * row[f"tracking_error_{part}"] + 0.01 * longest
+        if scenario.task.on_collision != "remove" and scenario.task.boundary != "remove":
             assert not all_gone
     cells = math.prod(scenario.task.grid or (0,))
     assert (simulation.tally.covered.numpy() <= cells).all()

@@ -23,6 +23,8 @@ SHORT_SIGHT = {"sensing.radius": 0.4, "targets.flee_radius": 0.6}
 ALL_TERMS = {"task.reward_idleness": 0.1, "task.reward_effort": -0.01}
 NO_RING = {"formation.p": 0, "formation.ring": None, "faults.schedule": ()}
 
+ROAMING = {**SHORT_SIGHT, **MIXED, **ALL_TERMS, "task.reward_outside": -0.7, "robot.radius": 0.06}
+
 CASES = {
     "experiment": ("experiment", {**SHORT_SIGHT, **ALL_TERMS, **MIXED}),
     "targets stay, messages are late, a robot is lost": (
@@ -73,6 +75,12 @@ CASES = {
         "experiment",
         {"formation.p": 1, "formation.alpha": 2, "formation.start": "random", **SHORT_SIGHT, **MIXED},
     ),
+    "a wall around the cars": ("experiment", {"task.boundary": "wall", **ROAMING}),
+    "cars that leave are removed": ("experiment", {"task.boundary": "remove", **ROAMING}),
+    "cars that leave or crash are removed": (
+        "experiment",
+        {"task.boundary": "remove", "task.on_collision": "remove", "formation.start": "random", **ROAMING},
+    ),
     "one car": ("experiment", {"robot.count": 1, **NO_RING, **SHORT_SIGHT, **MIXED}),
 }
 
@@ -88,7 +96,7 @@ class Both:
         self.disagreements: list[str] = []
         self._compare()
         for action in reference_driving.smooth_actions(self.simulation.action_shape[1:], steps, seed):
-            if self.world.scenario.robot.kind == "car":
+            if self.world.scenario.robot.kind == "car" and not CASES[case][1].get("task.reward_outside"):
                 action = 0.3 * action + reference_driving.pursuit(self.world, ahead=0.4, speed=1.0)
             action = action.astype(np.float32)
             self.simulation.step(action[None])
@@ -100,7 +108,7 @@ class Both:
         self._differ("position", simulation.robots.position, [robot.position for robot in world.robots])
         self._differ("observation", simulation.observation, reference_observation.rows(world))
         terms = simulation.reward_terms.numpy()
-        self._differ("reward", terms[..., [0, 1, 2, 4]], world.terms[:, [0, 1, 2, 4]])
+        self._differ("reward", terms[..., [0, 1, 2, 4, 6]], world.terms[:, [0, 1, 2, 4, 6]])
         self._differ("idleness", terms[..., 3], world.terms[:, 3])
         self._agree("works", simulation.robots.status.numpy()[0] == 0, [world.works(i) for i in range(world.n)])
         here = [k for k, target in enumerate(world.targets) if target.appears_at <= world.now]
@@ -145,7 +153,15 @@ def test_the_score_is_that_of_the_reference(case):
     # one cell in a thousand; a running maximum or a mean as its terms.
     run = both(case)
     expected, got = run.world.score(), run.simulation.score()[0]
-    exact = {"targets", "collisions", "contact_time", "coverage_time", "coverage_time_each", "recovery_time"}
+    exact = {
+        "targets",
+        "collisions",
+        "contact_time",
+        "outside_time",
+        "coverage_time",
+        "coverage_time_each",
+        "recovery_time",
+    }
     exact |= {name for name in expected if name.startswith("detect")}
     for name, value in expected.items():
         tolerance = 1e-9 if name in exact else 2e-4 + 1e-3 * abs(value)
@@ -158,6 +174,9 @@ def test_the_cases_are_not_idle():
     assert sum(world.collisions > 0 for world in worlds) >= 6
     assert sum(math.isfinite(world.score()["coverage_time"]) for world in worlds) >= 4
     assert any(robot.crashed for world in worlds for robot in world.robots)
+    assert any(robot.left for world in worlds for robot in world.robots)
+    assert any(world.outside_steps > 5 and not any(robot.left for robot in world.robots) for world in worlds)
+    assert any(abs(abs(r.position[0]) - 1.8) < 1e-12 for r in both("a wall around the cars").world.robots)
     assert any(robot.stopped for world in worlds for robot in world.robots)
     assert any(world.resumed_at is not None for world in worlds)
     assert any(target.appears_at > 0 and target.found_at for world in worlds for target in world.targets)

@@ -104,10 +104,10 @@ def test_reset_forgets_one_world_alone(name, scenario):
 
 @pytest.mark.parametrize("name", ["tracked-reference-mpcc", "consensus-gvf"])
 def test_the_curve_is_followed(name):
-    """Oracle: the lateral error of `open-loop-mpcc`, times 1.5."""
+    """Oracle: the tracking error of `open-loop-mpcc`, times 1.5."""
     rows, _ = played(name, "experiment", 16, **NO_FAULTS)
     other, _ = played("open-loop-mpcc", "experiment", 16, **NO_FAULTS)
-    assert mean(rows, "lateral_error_mean") < 1.5 * mean(other, "lateral_error_mean")
+    assert mean(rows, "tracking_error_mean") < 1.5 * mean(other, "tracking_error_mean")
     assert mean(rows, "phase_error") < 0.5 * mean(other, "phase_error")
 
 

@@ -13,8 +13,8 @@ from lissajous_env.score import COLUMNS
 PROMISED = (
     "scenario, policy, episode, seed, targets, detected_fraction, detection_time_mean, detection_time_p95, "
     "detection_time_max, detected_within_bound, collisions, contact_time, min_separation, coverage_time, "
-    "coverage_time_each, idleness_mean, idleness_max, lateral_error_mean, lateral_error_max, spacing_factor, "
-    "phase_error, recovery_time, return_mean"
+    "coverage_time_each, idleness_mean, idleness_max, lateral_error_mean, lateral_error_max, "
+    "tracking_error_mean, tracking_error_max, spacing_factor, phase_error, recovery_time, outside_time, return_mean"
 )
 
 

@@ -139,9 +139,12 @@ def test_a_folder_of_a_benchmark(attacked, tmp_path, capsys):
 def test_a_folder_of_the_reproduction(tmp_path, marker, capsys):
     made = tmp_path / "made"
     assert ended(["reproduce", "knot", "--out", made], capsys) == 0
-    for path in list(made.iterdir()):
+    (listed,) = made.glob(".*")
+    for path in set(made.iterdir()) - {listed}:
         plant(path, payloads(marker)["plain"])
     assert ended(["reproduce", "knot", "--out", made], capsys) == 0
+    plant(listed, payloads(marker)["plain"])
+    assert ended(["reproduce", "knot", "--out", made], capsys) == 2
     assert not opened(marker)
 
 

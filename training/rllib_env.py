@@ -20,8 +20,9 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
 
         config.environment(LissajousMultiAgentEnv, env_config={"scenario": "intruders", "task.duration": 60.0})
 
-    A robot that a fault stops keeps observing and acting, without effect. One that a collision removes, with
-    `task.on_collision = "remove"`, is terminated: it has no observation after that of the step in which it goes.
+    A robot that a fault stops keeps observing and acting, without effect. One that is removed, with
+    `task.on_collision` or `task.boundary` set to `remove`, is terminated: it has no observation after that of the step
+    in which it goes.
     When the time is over, only `truncateds["__all__"]` says so. A flag for each robot as well would make RLlib call
     the whole episode terminated, and value its last states at zero. `terminateds["__all__"]` is set when the last robot
     was removed before that. Seeds and observations are those of `LissajousParallelEnv`; infos are empty.

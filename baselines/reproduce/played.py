@@ -87,8 +87,8 @@ class Played:
         """(F, W) distance of two robots [m]."""
         return np.linalg.norm(self.position[:, :, one] - self.position[:, :, other], axis=-1)
 
-    def lateral_error(self, robot: int) -> np.ndarray:
-        """(F, W) distance of a robot from its point on the curve [m]."""
+    def tracking_error(self, robot: int) -> np.ndarray:
+        """(F, W) distance of a robot from the point of the curve at its own phase [m]."""
         gamma = self.scenario.alpha * self.phase[:, :, robot]
         return np.linalg.norm(self.position[:, :, robot, :2] - theory.curve_point(self.scenario.curve, gamma), axis=-1)
 

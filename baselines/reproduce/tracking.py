@@ -24,18 +24,19 @@ def _undisturbed(**overrides: Any) -> Scenario:
 
 
 def fig9(player: Player) -> Part:
-    """Fig. 9: distances and lateral error of robot 3 without faults."""
+    """Fig. 9: distances and tracking error of robot 3 without faults."""
     played = player.play("kuramoto-mpcc", _undisturbed(), worlds=_SEEDS)
     made = played.scenario
     spacing, body = 2 * made.detection_radius, 2 * made.robot.radius
-    series = {"$d_{34}$": played.distance(2, 3), "$d_{35}$": played.distance(2, 4), "$d_{3l}$": played.lateral_error(2)}
+    series = {"$d_{34}$": played.distance(2, 3), "$d_{35}$": played.distance(2, 4)}
+    series["$d_{3l}$"] = played.tracking_error(2)
     factor, closest = played.score("spacing_factor"), played.score("min_separation")
-    lateral = series["$d_{3l}$"].max(axis=0)
+    tracking = series["$d_{3l}$"].max(axis=0)
 
     with Sheet("fig9", "Fig. 9   Robot 3 in the experiment without faults", 7.2, 3.7) as sheet:
         grid = sheet.figure.add_gridspec(2, 2, width_ratios=(2.6, 1), height_ratios=(1, 1))
         axes = sheet.figure.add_subplot(grid[:, 0])
-        words = (" to robot 4", " to robot 5", ", lateral error")
+        words = (" to robot 4", " to robot 5", ", tracking error")
         for (name, values), word, colour in zip(series.items(), words, (BLUE, GREEN, RED), strict=True):
             axes.plot(played.time, values[:, 0], color=colour, lw=1.1, label=name + word)
         axes.axhline(spacing, color=DARK, lw=1, ls="--", label=f"2 $r_s$ of (8), {spacing:.2f} m")
@@ -84,9 +85,9 @@ def fig9(player: Player) -> Part:
             f"{int((closest < body).sum())} of {_SEEDS} seeds touch",
         ),
         reported(
-            "largest lateral error of robot 3",
+            "largest tracking error of robot 3",
             "d3l in the plot, no number",
-            f"{lateral.min():.2f} to {lateral.max():.2f} m",
+            f"{tracking.min():.2f} to {tracking.max():.2f} m",
             "7.6 % of the curve turns tighter than the car can",
         ),
     ]

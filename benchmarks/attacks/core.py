@@ -1,0 +1,282 @@
+"""The world itself: what its fields, actions and resets are given, and whether it stays the world of its promises."""
+
+import dataclasses
+import math
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+import baselines
+import lissajous_env
+from attacks import Attack, held_back
+from lissajous_env.scenario import PARTS, Scenario
+
+FIELDS = [(part, field) for part, kind in PARTS.items() for field in dataclasses.fields(kind)]
+BASES = ("experiment", "intruders", "rough", "failure", "knot", "perturbation")
+_MAY_BE_NAN = {
+    "detected_fraction", "detection_time_mean", "detection_time_p95", "detection_time_max", "detected_within_bound",
+    "min_separation", "coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "recovery_time",
+}  # fmt: skip
+_STRANGE: tuple[Any, ...] = (
+    None, True, False, "", "1", "nan", b"1", 1j, object, (), [], (0,), ((0, 1),), ((0, 1, 2),), ((1.0, 0.2),), {},
+    math.nan, math.inf, -math.inf, 0, 0.0, -0.0, 10**30, -(10**30), 10**400, 2**31, 2**32 + 3, np.float32(2), np.nan,
+    ((0, 1e10, 1e11),), ((0, 1.0, math.inf),), ((0, math.nan, 1),), ((-1, 0, 1),), ((2**70, 1, 2),), (1, 1), (4096, 1),
+    np.array([1.0, np.nan]), np.ones((2, 2)), "open", "wall", "remove", "stop", "curve", "car", "random", "boundary",
+)  # fmt: skip
+
+
+# Fields.
+
+
+def any_value(draw: np.random.Generator, field: dataclasses.Field) -> Any:
+    """A value of any size and kind, or one inside the field's range, its ends among them."""
+    kind = draw.integers(4)
+    ends = re.search(r"from (\S+) to (\S+)", field.metadata["rule"])
+    if kind == 0 or ends is None:
+        return _STRANGE[draw.integers(len(_STRANGE))]
+    if kind == 1:
+        value = float(draw.choice([-1, 1]) * 10 ** draw.uniform(-300, 300))
+        return int(value) if draw.random() < 0.2 else value
+    return within_range(draw, field)
+
+
+def within_range(draw: np.random.Generator, field: dataclasses.Field) -> Any:
+    """A value inside the range that the rule of a field names, of any order of magnitude; else its default."""
+    rule = field.metadata["rule"]
+    ends = re.search(r"from (\S+) to (\S+)", rule)
+    if ends is None or not rule.startswith("must be") or "(columns" in rule:
+        return field.default
+    low, high = float(ends[1]), float(ends[2])
+    if draw.random() < 0.2:
+        value = low if draw.random() < 0.5 else high
+    elif low < 0:
+        value = draw.uniform(low, high)
+    else:
+        least = max(low, 1e-6 * high)
+        value = least * (high / least) ** draw.random()
+    return round(value) if "whole" in rule else float(min(max(value, low), high))
+
+
+def any_fields(draw: np.random.Generator) -> dict[str, Any]:
+    """Overrides of one to three fields with any values, or of many with values inside their ranges."""
+    if draw.random() < 0.3:
+        picked = draw.choice(len(FIELDS), draw.integers(3, 12), replace=False)
+        return {f"{FIELDS[k][0]}.{FIELDS[k][1].name}": within_range(draw, FIELDS[k][1]) for k in picked}
+    picked = draw.choice(len(FIELDS), draw.integers(1, 4), replace=False)
+    return {f"{FIELDS[k][0]}.{FIELDS[k][1].name}": any_value(draw, FIELDS[k][1]) for k in picked}
+
+
+def fields(draw: np.random.Generator) -> str | None:
+    """Make a scenario of any fields, and run what is not refused."""
+    overrides, base = any_fields(draw), str(draw.choice(BASES))
+    seen: list[str | None] = []
+    refused = held_back(lambda: seen.append(run_clean(lissajous_env.scenario(base, **overrides), draw)))
+    words = refused or (seen[0] if seen else None)
+    return None if words is None else f"{base} with {overrides}: {words}"
+
+
+def run_clean(scenario: Scenario, draw: np.random.Generator, steps: int = 8) -> str | None:
+    """Step one or two worlds with random and extreme actions: what is not finite or in its range, None for nothing."""
+    work = scenario.num_robots * (math.prod(scenario.task.grid or (0,)) + scenario.target_capacity)
+    if work > 3e7:
+        return None  # possible, but seconds a step
+    simulation = lissajous_env.Simulation(scenario, int(draw.integers(1, 3)), seed=int(draw.integers(2**31 - 2)))
+    for _ in range(min(steps, max(int(3e7 // (work + 1)), 1))):
+        simulation.step(extreme_action(draw, simulation.action_shape))
+        words = out_of_range(simulation)
+        if words is not None:
+            return f"after step {simulation.clock.step.numpy()[0]}: {words}"
+    simulation.reset()
+    return out_of_range(simulation)
+
+
+def extreme_action(draw: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+    """Actions in and out of [-1, 1], at its ends, and what is no number."""
+    kind = draw.integers(4)
+    if kind == 0:
+        return draw.choice([-1.0, 1.0], shape).astype(np.float32)
+    if kind == 1:
+        return draw.choice([np.nan, np.inf, -np.inf, 1e300, -1e-300, 0.5], shape)
+    return draw.uniform(-1.5, 1.5, shape).astype(np.float32)
+
+
+def out_of_range(simulation: Any) -> str | None:
+    """What of a simulation's arrays and score is not finite, or not in the range that is promised."""
+    rows = simulation.observation.numpy()
+    if not (
+        np.isfinite(rows).all() and (rows >= simulation.layout.low).all() and (rows <= simulation.layout.high).all()
+    ):
+        names = np.array(simulation.layout.names)
+        bad = ~np.isfinite(rows) | (rows < simulation.layout.low) | (rows > simulation.layout.high)
+        return f"observation of {', '.join(sorted(set(names[np.nonzero(bad)[2]])))}: {rows[bad][:3]}"
+    robots, rogues = simulation.robots, simulation.rogues
+    arrays = {"reward": simulation.reward, "terms": simulation.reward_terms, "position": robots.position}
+    arrays |= {"heading": robots.heading, "speed": robots.speed, "phase": robots.phase, "rogues": rogues.position}
+    for name, array in arrays.items():
+        if not np.isfinite(array.numpy()).all():
+            return f"{name} is not finite"
+    for row in simulation.score():
+        for name, value in row.items():
+            if isinstance(value, float) and not (math.isfinite(value) or (math.isnan(value) and name in _MAY_BE_NAN)):
+                return f"score {name} is {value}"
+    return None
+
+
+def policies(draw: np.random.Generator) -> str | None:
+    """Let a classical policy act on a scenario with fields inside their ranges: its actions are finite."""
+    base = str(draw.choice(BASES))
+    picked = draw.choice(len(FIELDS), 2, replace=False)
+    overrides = {f"{FIELDS[k][0]}.{FIELDS[k][1].name}": within_range(draw, FIELDS[k][1]) for k in picked}
+    name = str(draw.choice([each for each in baselines.names(base) if "learned" not in each]))
+    try:
+        scenario = lissajous_env.scenario(base, **overrides).resolve()
+        if scenario.num_robots * (math.prod(scenario.task.grid or (0,)) + scenario.target_capacity) > 3e6:
+            return None
+        simulation = lissajous_env.Simulation(scenario, 1)
+        policy = baselines.make(name, scenario, 1)
+    except ValueError:
+        return None
+    for _ in range(5):
+        action = policy.act(simulation.observation)
+        if not np.isfinite(action.numpy()).all():
+            return f"{name} on {base} with {overrides}: {action.numpy().ravel()[:4]}"
+        simulation.step(action)
+    return None
+
+
+# Actions and resets.
+
+
+def actions(draw: np.random.Generator) -> str | None:
+    """Step with what is no action: refused, and nothing has moved."""
+    simulation = lissajous_env.Simulation("experiment", 2, seed=int(draw.integers(1000)))
+    shape = simulation.action_shape
+    wrong = [
+        None, 1.0, "left", object(), [], {}, np.zeros(shape[1:]), np.zeros((*shape, 1)), np.zeros((3, 5, 2)),
+        np.zeros(shape, dtype=object), np.zeros(shape, dtype=bool), np.zeros(shape, dtype=complex),
+        np.full(shape, "a"), np.zeros(shape, dtype="M8[s]"), [[[0.0, 0.0]] * 5, [[0.0]] * 5],
+        wp.zeros(shape, dtype=wp.int32), wp.zeros(shape, dtype=wp.float64), wp.zeros((2, 5), dtype=wp.vec2),
+    ]  # fmt: skip
+    action = wrong[draw.integers(len(wrong))]
+    return _refused_untouched(simulation, lambda: simulation.step(action), f"action {action!r:.80}")
+
+
+def resets(draw: np.random.Generator) -> str | None:
+    """Reset with what are no worlds and no seeds: refused, and nothing has moved."""
+    simulation = lissajous_env.Simulation("failure", 3, seed=int(draw.integers(1000)))
+    wrong: list[tuple[Any, Any]] = [
+        ([0.9], None), ("all", None), ([[0, 1]], None), ([0, 0], None), ([-1], None), ([3], None), ([None], None),
+        ([True], None), ([2**70], None), ([[0], [1, 2]], None), (1.0, None), (None, [1, 2]), (None, [1.0, 2.0, 3.0]),
+        (None, [True, False, True]), (None, "abc"), (None, [-1, 0, 1]), (None, [2**31, 0, 1]), ([0], [[1]]),
+        ([0], None if draw.random() < 0 else [1, 2]), (None, 10**30), (None, math.nan),
+    ]  # fmt: skip
+    worlds, seeds = wrong[draw.integers(len(wrong))]
+    return _refused_untouched(
+        simulation, lambda: simulation.reset(worlds, seeds), f"worlds {worlds!r}, seeds {seeds!r}"
+    )
+
+
+def _refused_untouched(simulation: Any, call: Any, what: str) -> str | None:
+    before = simulation.save_state()
+    try:
+        call()
+    except ValueError:
+        after = simulation.save_state()
+        changed = [name for name in before if before[name].tobytes() != after[name].tobytes()]
+        return f"{what} changed {changed}" if changed else None
+    return f"{what} was taken"
+
+
+# The world of the promises.
+
+
+def any_scenario(draw: np.random.Generator) -> Scenario:
+    """A scenario with a few fields inside their ranges that runs in moments."""
+    while True:
+        picked = draw.choice(len(FIELDS), draw.integers(1, 6), replace=False)
+        overrides = {f"{FIELDS[k][0]}.{FIELDS[k][1].name}": within_range(draw, FIELDS[k][1]) for k in picked}
+        edge = {"task.boundary": str(draw.choice(["open", "wall", "remove"]))}
+        try:
+            scenario = lissajous_env.scenario(str(draw.choice(BASES)), **(edge | overrides))
+        except ValueError:
+            continue
+        if scenario.num_robots * (math.prod(scenario.task.grid or (0,)) + scenario.target_capacity) < 1e5:
+            return scenario
+
+
+def batch_law(draw: np.random.Generator) -> str | None:
+    """World k alone is world k of a batch, bit for bit."""
+    scenario, worlds, seed = any_scenario(draw), int(draw.integers(2, 6)), int(draw.integers(1000))
+    k = int(draw.integers(worlds))
+    batch = lissajous_env.Simulation(scenario, worlds, seed=seed)
+    alone = lissajous_env.Simulation(scenario, 1, seed=seed + k)
+    for _ in range(15):
+        action = draw.uniform(-1.3, 1.3, batch.action_shape).astype(np.float32)
+        batch.step(action)
+        alone.step(action[[k]])
+        for name in ("observation", "reward_terms", "terminated"):
+            if getattr(alone, name).numpy()[0].tobytes() != getattr(batch, name).numpy()[k].tobytes():
+                return f"{name} of world {k} of {worlds} differs in {scenario}"
+    if str(alone.score()) != str(batch.score([k])):
+        return f"the score of world {k} of {worlds} differs in {scenario}"
+    return None
+
+
+def independent_reference(draw: np.random.Generator) -> str | None:
+    """Against the float64 model of the tests: who works, what collides, leaves and is found, and the score."""
+    sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+    import reference
+    import reference_driving
+
+    overrides = {
+        "targets.turn_rate": 0.0, "sensing.radius": float(draw.uniform(0.3, 0.9)),
+        "robot.radius": float(draw.uniform(0.03, 0.15)), "task.boundary": str(draw.choice(["open", "wall", "remove"])),
+        "task.on_collision": str(draw.choice(["count", "stop", "remove"])), "faults.schedule": ((0, 1.0, 2.0),),
+        "task.reward_outside": -1.0,
+    }  # fmt: skip
+    scenario = lissajous_env.scenario(str(draw.choice(["experiment", "failure"])), **overrides)
+    seed = int(draw.integers(10_000))
+    simulation = lissajous_env.Simulation(scenario, seed=seed)
+    world = reference.world_like(simulation)
+    for action in reference_driving.smooth_actions(simulation.action_shape[1:], 60, seed):
+        simulation.step(action[None])
+        world.step(action)
+    expected, got = world.score(), simulation.score()[0]
+    for name, value in expected.items():
+        if not np.isclose(got[name], value, atol=2e-3, rtol=5e-3, equal_nan=True):
+            return f"{name} is {got[name]}, not {value}, with seed {seed} and {overrides}"
+    return None
+
+
+def overflow(draw: np.random.Generator) -> str | None:
+    """Sums far beyond 32 bits go on exactly."""
+    # All five touch from the start, in each of ten pairs and in every step.
+    crowd = {"robot.radius": 900.0, "formation.start": "equilibrium", "task.reward_waiting": -1.0, "targets.count": 3}
+    overrides = crowd | {"sensing.radius": 1e-6, "targets.arrival_rate": 0.0, "faults.schedule": ()}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides))
+    large, steps = int(draw.integers(2**31 - 20, 2**45)), int(draw.integers(1, 20))
+    simulation.tally.contact_steps.fill_(large)
+    simulation.tally.returns.fill_(2.0**31)
+    for _ in range(steps):
+        simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
+    contact = int(simulation.tally.contact_steps.numpy()[0]) - large
+    earned = float(simulation.tally.returns.numpy()[0, 1]) - 2.0**31
+    collided = -4.0  # with four others, once each
+    if contact != 10 * steps or abs(earned - collided + 0.3 * steps) > 1e-4:
+        return f"{steps} steps after {large}: {contact} pairs in contact, {earned} earned"
+    return None
+
+
+ATTACKS = [
+    Attack("any value in any field", "runs clean, or a ValueError of a line", 400, fields),
+    Attack("classical policies in any scenario", "actions are finite", 60, policies),
+    Attack("what is no action", "refused, nothing has moved", 60, actions),
+    Attack("what are no worlds or seeds", "refused, nothing has moved", 60, resets),
+    Attack("a world alone and in a batch", "the same, bit for bit", 60, batch_law),
+    Attack("an independent model of the world", "the same score", 40, independent_reference),
+    Attack("sums beyond 32 bits", "exact", 30, overflow),
+]

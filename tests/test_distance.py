@@ -1,0 +1,101 @@
+"""The distance from the whole curve: the exact one, and the table that kernels take it from."""
+
+import numpy as np
+import pytest
+import warp as wp
+from reference_motion import curve_tree
+
+import baselines
+import lissajous_env
+from lissajous_env.distance import DistanceTable, curve_distance, table_of
+from lissajous_env.nearest import arc_distance, nearest_phase
+from lissajous_env.scenario import Curve
+from lissajous_env.theory import curve_point
+
+
+@wp.kernel
+def distances(table: DistanceTable, places: wp.array(dtype=wp.vec2), out: wp.array(dtype=float)):
+    k = wp.tid()
+    out[k] = curve_distance(table, places[k])
+
+
+def by_table(scenario, places):
+    out = wp.zeros(len(places), dtype=float, device="cpu")
+    inputs = [table_of(scenario, "cpu"), wp.array(places, dtype=wp.vec2, device="cpu")]
+    wp.launch(distances, dim=len(places), inputs=inputs, outputs=[out], device="cpu")
+    return out.numpy()
+
+
+def places_around(curve, reach, count=3000):
+    half = np.array([curve.half_width, curve.half_height])
+    return np.random.default_rng(0).uniform(-reach, reach, (count, 2)) * half
+
+
+DENSE = lissajous_env.scenario(
+    "intruders", **{"curve.a": 7, "curve.b": 8, "curve.half_width": 5, "curve.half_height": 5}
+)
+BOUNDS = {"experiment": 2.5e-4, "intruders": 7e-4, "dense": 1.2e-3}
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_the_table_is_the_distance_by_brute_force(name):
+    # Oracle: the nearest of a million points of a lap.
+    scenario = DENSE if name == "dense" else lissajous_env.scenario(name)
+    million = curve_tree(scenario.curve, 1_000_001)
+    for reach, worse in ((1.0, 1), (1.5, 2), (4.0, 4)):
+        places = places_around(scenario.curve, reach)
+        assert by_table(scenario, places) == pytest.approx(million.query(places)[0], abs=worse * BOUNDS[name])
+    far = places_around(scenario.curve, 50.0)
+    assert by_table(scenario, far) == pytest.approx(million.query(far)[0], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "curve", [Curve(), Curve(5, 5, 7, 8), Curve(10, 0.5, 7, 1), Curve(1, 1, 1, 1), Curve(20, 12.5, 51, 50)], ids=str
+)
+def test_the_nearest_point_is_the_nearest(curve):
+    # Oracle: the nearest of many points of a lap, which is never nearer than the nearest of all.
+    points = curve_tree(curve, 1_000_001)
+    for reach in (1.0, 3.0):
+        places = places_around(curve, reach, 1000)
+        phases, found = nearest_phase(curve, places)
+        assert np.linalg.norm(curve_point(curve, phases) - places, axis=1) == pytest.approx(found)
+        assert (found <= points.query(places)[0] + 2e-4 * curve.half_height).all()
+
+
+def test_the_distance_from_an_arc():
+    # Oracle: a circle of radius 2 around (1, 0), of which the arc is the rightmost point; and the line x = 3.
+    places = np.array([[3.5, 0.0], [1.0, 0.0], [0.0, 0.0], [1.0, 5.0], [3.0, 0.0], [-7.0, 0.0]])
+    assert arc_distance(np.array([3.0, 0, 1, 0, 0.5]), places) == pytest.approx([0.5, 2, 1, 3, 0, 6])
+    assert arc_distance(np.array([3.0, 0, 1, 0, 0]), places) == pytest.approx([0.5, 2, 3, 2, 0, 10])
+
+
+@pytest.mark.parametrize(
+    "overrides", [{"curve.half_width": 1e4, "curve.half_height": 1e-3}, {"curve.a": 301, "curve.b": 300}]
+)
+def test_a_curve_too_dense_or_narrow_for_the_table(overrides):
+    # Oracle: brute force; the table falls back to points, which are never too near.
+    scenario = lissajous_env.scenario("experiment", **overrides, **{"robot.count": 5, "formation.phase_rate": 1e-3})
+    places = places_around(scenario.curve, 1.0, 500)
+    _, exact = nearest_phase(scenario.curve, places)
+    found = by_table(scenario, places)
+    assert np.isfinite(found).all()
+    assert (found > 0.99 * exact - 0.02 * scenario.curve.half_height).all()
+    assert (found < exact + 0.05 * scenario.curve.half_width).all()
+
+
+def test_who_goes_around_the_rectangle_is_near_the_curve_and_far_from_its_own_point():
+    # Story: `laps` goes around the boundary. Its own phase cannot follow; the curve is near all the same.
+    scenario = lissajous_env.scenario("intruders", **{"task.duration": 30.0})
+    (row,) = lissajous_env.evaluate(baselines.make("laps", scenario, 1), scenario, seeds=[3])
+    assert row["tracking_error_mean"] > 1.0
+    assert 0.05 < row["lateral_error_mean"] < 0.25
+    assert row["lateral_error_max"] < row["tracking_error_max"]
+
+
+def test_points_of_the_curve_are_on_it():
+    simulation = lissajous_env.Simulation("knot")
+    for _ in range(20):
+        simulation.step(np.ones(simulation.action_shape))
+    (row,) = simulation.score()
+    assert row["lateral_error_mean"] == row["lateral_error_max"] == 0
+    assert row["tracking_error_max"] < 1e-4
