@@ -36,9 +36,9 @@ def any_value(draw: np.random.Generator, field: dataclasses.Field) -> Any:
     """A value of any size and kind, or one inside the field's range, its ends among them."""
     kind = draw.integers(4)
     ends = re.search(r"from (\S+) to (\S+)", field.metadata["rule"])
-    if kind == 0 or ends is None:
+    if kind == 0:
         return _STRANGE[draw.integers(len(_STRANGE))]
-    if kind == 1:
+    if kind == 1 or ends is None:
         value = float(draw.choice([-1, 1]) * 10 ** draw.uniform(-300, 300))
         return int(value) if draw.random() < 0.2 else value
     return within_range(draw, field)
