@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from lissajous_env.wording import shown
+
 
 def number(
     default: float | None, low: float, high: float, unit: str = "", or_zero: bool = False, or_infinite: bool = False
@@ -83,7 +85,7 @@ class Checked:
                 continue
             value = _plain(given)
             if not _holds(rule["check"], value):
-                raise ValueError(f"{self.part}.{field.name} {rule['rule']}, got {_shown(given)}")
+                raise ValueError(f"{self.part}.{field.name} {rule['rule']}, got {shown(given)}")
             object.__setattr__(self, field.name, rule["convert"](value) if rule["convert"] else value)
         self._check_together()
 
@@ -97,7 +99,7 @@ class Checked:
 
     def _require(self, holds: bool, name: str, rule: str) -> None:
         if not holds:
-            raise ValueError(f"{self.part}.{name} {rule}, got {_shown(getattr(self, name))}")
+            raise ValueError(f"{self.part}.{name} {rule}, got {shown(getattr(self, name))}")
 
 
 def is_whole(value: Any) -> bool:
@@ -140,15 +142,6 @@ def _text(value: float) -> str:
 
 def _bracket(unit: str) -> str:
     return f" [{unit}]" if unit else ""
-
-
-def _shown(value: Any) -> str:
-    """The value in an error, cut where it is long; Python refuses to print whole numbers of thousands of digits."""
-    try:
-        words = repr(value)
-    except ValueError:
-        return f"a {type(value).__name__} that is too long to print"
-    return words if len(words) <= 200 else f"{words[:200]}..."
 
 
 def _is_number(value: Any) -> bool:

@@ -263,8 +263,8 @@ def test_window_without_a_display_is_refused_with_a_way_out(monkeypatch):
 
 HUGE = {
     "radius 20": ("experiment", {"sensing.radius": 20.0}),
-    "radius 1e6": ("experiment", {"sensing.radius": 1e6}),
-    "radius of a crowd": ("swarm", {"sensing.radius": 1e6}),
+    "radius 1e5": ("experiment", {"sensing.radius": 1e5}),
+    "radius of a crowd": ("swarm", {"sensing.radius": 1e5}),
     "lobes": ("failure", {"curve.a": 1023, "curve.b": 1022, "robot.count": 5}),
     "lobes of a knot": ("knot", {"curve.a": 1023, "curve.b": 1022, "robot.count": 5}),
     "robots": ("failure", {"robot.count": 1024, "formation.p": None, "faults.schedule": ()}),
