@@ -24,7 +24,7 @@ AROUND = 8
 """Columns and rows of the grids around the innermost one."""
 _SAMPLES = 9
 _MOST_ARCS = 7
-_MOST_COLUMNS = 64
+_COLUMNS, _MOST_COLUMNS = 40, 64
 _MOST_CELLS = 30_000
 _DEPTH = 5
 
@@ -121,7 +121,7 @@ def arc_distance(arcs: np.ndarray, places: np.ndarray) -> np.ndarray:
 def distance_table(half_width: float, half_height: float, a: int, b: int) -> Table:
     """The table of a curve (3): it is divided until it is right to `TOLERANCE` at nine points of every cell."""
     curve = Curve(half_width, half_height, a, b)
-    columns, rows = min(4 * b, _MOST_COLUMNS), min(4 * a, _MOST_COLUMNS)
+    columns, rows = (min(max(4 * n, _COLUMNS), _MOST_COLUMNS) for n in (b, a))
     centres, halves, used = _grids(curve, columns, rows)
     nodes, arcs = np.zeros(len(centres), dtype=np.int64), []
     total = 0

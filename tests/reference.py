@@ -17,11 +17,12 @@ from reference_motion import (
     curve_point,
     curve_tangent,
     curve_tree,
+    move_target,
     projection,
+    stopped_by_walls,
     wrapped,
 )
 
-STILL, DRIFTING, WANDERING, FLEEING = range(4)
 PARTED = 1.05
 """Distance over the sum of the radii, above which a collision is over."""
 RECOVERED = 0.05
@@ -84,10 +85,8 @@ class World:
         self.new_collisions = [0] * self.n
         self.detections = [0] * self.n
         self.ended_idleness = 0
-        self.lateral_sum = self.lateral_max = self.spacing_max = 0.0
-        self.tracking_sum = self.tracking_max = 0.0
-        self.outside = [False] * self.n
-        self.outside_steps = 0
+        self.lateral_sum = self.lateral_max = self.tracking_sum = self.tracking_max = self.spacing_max = 0.0
+        self.outside, self.outside_steps = [False] * self.n, 0
         self.deviations: list[float] = []
         self.returns = np.zeros(self.n)
         self.terms = np.zeros((self.n, 7))
@@ -194,7 +193,7 @@ class World:
             for _ in range(substeps):
                 state = car_runge_kutta(self.bodies[i], state, steering, throttle, self.dt / substeps)
                 if self.scenario.task.boundary == "wall":
-                    state = self._stopped_by_walls(state)
+                    state = stopped_by_walls(self.scenario.curve, state)
                 car.way.append(np.array([state[0], state[1], 0.0]))
             car.heading, car.speed = float(state[2]), float(state[3])
             car.phase += projection(curve, state[:2], self.alpha * car.phase) / self.alpha
@@ -230,17 +229,6 @@ class World:
             if collisions and self.scenario.task.on_collision == "remove":
                 car.crashed = True
 
-    def _stopped_by_walls(self, state: np.ndarray) -> np.ndarray:
-        """The state with the centre put back to the wall, and the velocity projected on it."""
-        x, y, heading, speed = state
-        velocity = speed * np.array([math.cos(heading), math.sin(heading)])
-        place = []
-        for k, (at, half) in enumerate([(x, self.scenario.curve.half_width), (y, self.scenario.curve.half_height)]):
-            if abs(at) > half and at * velocity[k] > 0:
-                velocity[k] = 0.0
-            place.append(max(-half, min(at, half)))
-        return np.array([*place, heading, math.hypot(*velocity)])
-
     def _leave(self) -> None:
         """Who is outside with the whole body; removed, if so told."""
         half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
@@ -265,7 +253,7 @@ class World:
             if target.appears_at > self.now or gone:
                 continue
             if target.appears_at < self.now:
-                self._move_target(target, sensors)
+                move_target(self.scenario, target, sensors)
             distances = {i: float(np.linalg.norm(place - target.position)) for i, place in sensors.items()}
             target.in_sight = any(distance < radius for distance in distances.values())
             if target.in_sight and target.found_at is None:
@@ -284,31 +272,6 @@ class World:
                 self.covered_at = self.now
             if self.covered_each_at is None and all(len(robots) == self.n for robots in self.sensed_by):
                 self.covered_each_at = self.now
-
-    def _move_target(self, target: Target, sensors: dict[int, np.ndarray]) -> None:
-        curve, rules = self.scenario.curve, self.scenario.targets
-        half = np.array([curve.half_width, curve.half_height])
-        if target.motion == STILL:
-            return
-        if target.motion == FLEEING and sensors:
-            nearest = min(sensors.values(), key=lambda place: float(np.linalg.norm(place - target.position)))
-            away = target.position - nearest
-            distance = float(np.linalg.norm(away))
-            if distance < rules.flee_radius:
-                fled = target.position + rules.flee_speed * self.dt * away / distance
-                target.position = np.clip(fled, -half, half)
-                target.heading = math.atan2(away[1], away[0])
-                return
-        if target.motion != DRIFTING and rules.turn_rate > 0:
-            raise ValueError("the reference does not follow random turns")
-        x, y = target.position + rules.speed * self.dt * np.array([math.cos(target.heading), math.sin(target.heading)])
-        if abs(x) > curve.half_width:
-            x = math.copysign(2 * curve.half_width, x) - x
-            target.heading = math.pi - target.heading
-        if abs(y) > curve.half_height:
-            y = math.copysign(2 * curve.half_height, y) - y
-            target.heading = -target.heading
-        target.position = np.array([x, y])
 
     # Score and reward.
 

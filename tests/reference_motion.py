@@ -1,4 +1,4 @@
-"""Formulas of the reference in float64: the curve, the bicycle with its motor, the closest approach."""
+"""Motion in the reference, in float64: the curve, the bicycle with its motor, walls, targets, the closest approach."""
 
 import functools
 import math
@@ -6,6 +6,7 @@ import math
 import numpy as np
 from scipy.spatial import KDTree
 
+STILL, DRIFTING, WANDERING, FLEEING = range(4)
 PROJECTION_LIMIT = 0.1
 """Largest correction of a car's curve parameter in a control step [rad]."""
 
@@ -94,3 +95,42 @@ def closest_approach(before: np.ndarray, after: np.ndarray) -> float:
         return float(np.linalg.norm(before))
     along = min(max(-float(before @ way) / length, 0.0), length)
     return float(np.linalg.norm(before + along * way / length))
+
+
+def stopped_by_walls(curve, state: np.ndarray) -> np.ndarray:
+    """The state with the centre put back to the wall, and the velocity projected on it."""
+    x, y, heading, speed = state
+    velocity = speed * np.array([math.cos(heading), math.sin(heading)])
+    place = []
+    for k, (at, half) in enumerate([(x, curve.half_width), (y, curve.half_height)]):
+        if abs(at) > half and at * velocity[k] > 0:
+            velocity[k] = 0.0
+        place.append(max(-half, min(at, half)))
+    return np.array([*place, heading, math.hypot(*velocity)])
+
+
+def move_target(scenario, target, sensors: dict[int, np.ndarray]) -> None:
+    """Move a target of the reference over a step; `sensors` are the places of the robots that sense [m]."""
+    curve, rules, dt = scenario.curve, scenario.targets, scenario.task.step
+    half = np.array([curve.half_width, curve.half_height])
+    if target.motion == STILL:
+        return
+    if target.motion == FLEEING and sensors:
+        nearest = min(sensors.values(), key=lambda place: float(np.linalg.norm(place - target.position)))
+        away = target.position - nearest
+        distance = float(np.linalg.norm(away))
+        if distance < rules.flee_radius:
+            fled = target.position + rules.flee_speed * dt * away / distance
+            target.position = np.clip(fled, -half, half)
+            target.heading = math.atan2(away[1], away[0])
+            return
+    if target.motion != DRIFTING and rules.turn_rate > 0:
+        raise ValueError("the reference does not follow random turns")
+    x, y = target.position + rules.speed * dt * np.array([math.cos(target.heading), math.sin(target.heading)])
+    if abs(x) > curve.half_width:
+        x = math.copysign(2 * curve.half_width, x) - x
+        target.heading = math.pi - target.heading
+    if abs(y) > curve.half_height:
+        y = math.copysign(2 * curve.half_height, y) - y
+        target.heading = -target.heading
+    target.position = np.array([x, y])
