@@ -74,8 +74,6 @@ class Benchmark:
             raise ValueError(f"engine must be local or ray, got {self.engine!r}")
         if self.address is not None and self.engine != "ray":
             raise ValueError(f"address must be given with engine ray alone, got {self.address!r}")
-        if self.address == "":
-            raise ValueError("address must be auto or HOST:PORT, got ''")
 
     @property
     def worlds(self) -> int:

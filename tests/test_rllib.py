@@ -25,6 +25,7 @@ from ray.rllib.core.columns import Columns  # noqa: E402
 from ray.rllib.env.env_context import EnvContext  # noqa: E402
 from ray.rllib.env.multi_agent_episode import MultiAgentEpisode  # noqa: E402
 from ray.rllib.utils.pre_checks.env import check_multiagent_environments  # noqa: E402
+from test_network import outputs  # noqa: E402
 
 import training  # noqa: E402
 from training import checkpoint, rllib, rllib_ppo  # noqa: E402
@@ -193,7 +194,7 @@ def test_a_base_and_chosen_inputs_act_as_the_learned_policy_does():
     observations, _ = env.reset(seed=4)
     assert env.observation_spaces["robot_0"].shape == (4,)
     for _ in range(30):
-        actions = {agent: network(row[None])[0] for agent, row in observations.items()}
+        actions = {agent: outputs(network, row[None])[0] for agent, row in observations.items()}
         observations, rewards, *_ = env.step(actions)
         simulation.step(learned.act(simulation.observation.numpy()))
         penalty = [0.5 * np.clip(action, -1, 1)[0] ** 2 for action in actions.values()]
@@ -222,7 +223,7 @@ def test_the_network_that_comes_out_acts_as_the_module(activation, layers):
     parameters = module.forward_inference(batch)[Columns.ACTION_DIST_INPUTS]
     deterministic = module.get_inference_action_dist_cls().from_logits(parameters).to_deterministic().sample()
     assert network.hidden == layers
-    assert network(rows) == pytest.approx(deterministic.numpy(), abs=1e-5)
+    assert outputs(network, rows) == pytest.approx(deterministic.numpy().clip(-1, 1), abs=1e-5)
     started = rllib_ppo.RobotModule(
         observation_space=spaces[0], action_space=spaces[1], model_config=model | {"start": network}
     )

@@ -173,11 +173,11 @@ def test_a_training_that_diverges_ends_in_one_line(tmp_path, algorithm, rate):
     words = "learning_rate must be low enough that weights and actions stay"
     with checkpoint.hold(settings.out) as folder:
         trainer = Sb3Trainer(settings, QUIET, folder)
-        trainer.settings = dataclasses.replace(settings, learning_rate=rate, evaluate_every=100_000)
+        trainer.settings = dataclasses.replace(settings, evaluate_every=100_000)
         trainer.model.lr_schedule = lambda _: rate
         with pytest.raises(ValueError, match=words) as refused:
             trainer.run()
-    assert f"got {rate:g}: after " in str(refused.value)
+    assert f"got {settings.learning_rate:g}: after " in str(refused.value)
     assert "\n" not in str(refused.value)
     assert {path: path.read_bytes() for path in before} == before
 

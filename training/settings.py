@@ -150,8 +150,7 @@ class Train:
         for name in ("imitation_steps", "critic_steps"):
             self._require(name, getattr(self, name) >= 0, "must not be negative")
             self._require(name, getattr(self, name) <= _MOST["steps"], f"must be at most {_MOST['steps']:,}")
-        for name in ("start", "address"):
-            self._require(name, getattr(self, name) != "", "must not be empty")
+        self._require("start", self.start != "", "must not be empty")
         self._require("teacher", self.imitated is None or self.base is None, "must be none where there is a base")
         self._require(
             "teacher", self.imitated is not None or self.algorithm == "ppo", "must be given for imitation alone"
