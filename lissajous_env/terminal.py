@@ -70,7 +70,8 @@ class Column:
 
 def make_console(stderr: bool = False, quiet: bool = False) -> Console:
     """Console as wide as COLUMNS says or the terminal is, or 120 columns where the output goes to a file."""
-    console = Console(stderr=stderr, quiet=quiet)
+    # A name between two colons is a name, not a little picture.
+    console = Console(stderr=stderr, quiet=quiet, emoji=False)
     asked = os.environ.get("COLUMNS", "")
     if asked.isdecimal() and int(asked) > 0:
         console.width = min(int(asked), 1000)

@@ -305,6 +305,7 @@ def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):
     table = called(capsys, "policies")[1]
     for each in everything:
         assert re.search(rf"^{each['name']} +({each['kind'] or 'any'}) ", table, re.MULTILINE)
+    assert "module:factory: factory(scenario" in " ".join(table.split())  # and no little picture of a factory
     assert called(capsys, "policies", "faliure")[0] == 2
 
 

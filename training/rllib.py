@@ -15,6 +15,7 @@ from torch.utils.tensorboard.writer import SummaryWriter
 
 from baselines import cluster
 from lissajous_env.folder import Folder
+from lissajous_env.terminal import make_console
 from training import checkpoint, rllib_ppo, rllib_state
 from training.course import Course
 from training.network import Network
@@ -38,7 +39,7 @@ def train(settings: Train, console: Console | None = None) -> Course:
         KeyboardInterrupt: Ctrl-C; everything up to then is in the checkpoint.
     """
     cluster.check(settings.device, settings.address)
-    console = console or Console()
+    console = console or make_console()
     if settings.algorithm != "ppo":
         raise ValueError(f"algorithm of engine ray must be ppo, got {settings.algorithm}")
     if settings.teacher not in (None, "none"):

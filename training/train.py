@@ -17,6 +17,7 @@ from torch.utils.tensorboard.writer import SummaryWriter
 
 import baselines
 from lissajous_env.folder import Folder
+from lissajous_env.terminal import make_console
 from training import checkpoint, imitation, sb3
 from training.course import Course
 from training.network import Network
@@ -34,7 +35,7 @@ def train(settings: Train, console: Console | None = None) -> Course:
         KeyboardInterrupt: Ctrl-C; everything up to then is in the checkpoint.
     """
     with checkpoint.hold(settings.out) as folder:
-        return Sb3Trainer(settings, console or Console(), folder).run()
+        return Sb3Trainer(settings, console or make_console(), folder).run()
 
 
 class Sb3Trainer(Trainer):

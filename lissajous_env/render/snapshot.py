@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lissajous_env.state import REMOVED
+
 if TYPE_CHECKING:
     from lissajous_env.simulation import Simulation
 
@@ -71,19 +73,22 @@ def snapshot(simulation: "Simulation", world: int = 0, most_cells: tuple[int, in
         most_cells: Rows and columns of the grid at most, evenly chosen; None takes all.
     """
     clock, robots, rogues = simulation.clock, simulation.robots, simulation.rogues
+    status = _of(robots.status, world)
+    # A pair of which one was removed never parts; it is in contact no longer all the same.
+    there = status != int(REMOVED)
     return Snapshot(
         step=int(_of(clock.step, world)),
         world=world,
         seed=int(_of(clock.seed, world)),
         position=_of(robots.position, world),
         heading=_of(robots.heading, world),
-        status=_of(robots.status, world),
+        status=status,
         target_position=_of(rogues.position, world),
         motion=_of(rogues.motion, world),
         appears_at=_of(rogues.appears_at, world),
         found_at=_of(rogues.found_at, world),
         sensed_at=_of(simulation.cells.sensed_at, world, most_cells),
-        contact=np.argwhere(_of(simulation.tally.contact, world)),
+        contact=np.argwhere(_of(simulation.tally.contact, world) * np.outer(there, there)),
         collisions=int(_of(simulation.tally.collisions, world)),
     )
 
