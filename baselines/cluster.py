@@ -19,6 +19,7 @@ from baselines.benchmark import Benchmark, Cell, Failure
 from baselines.progress import Progress
 from lissajous_env.extras import missing
 from lissajous_env.score import COLUMNS
+from lissajous_env.wording import shown
 
 _RETRIES = 3
 """Times that a batch is played again after its worker or node was lost: a policy that kills its process must end."""
@@ -37,7 +38,7 @@ def check(device: str, address: str | None) -> None:
     _ray()
     ray_address.check(address)
     if device not in ("cpu", "cuda"):
-        raise ValueError(f"device of engine ray must be cpu or cuda, for Ray chooses which one; got {device!r}")
+        raise ValueError(f"device of engine ray must be cpu or cuda, for Ray chooses which one; got {shown(device)}")
 
 
 @contextlib.contextmanager

@@ -13,6 +13,7 @@ from baselines import registry
 from lissajous_env import scenarios
 from lissajous_env.evaluation import ActingPolicy
 from lissajous_env.scenario import Scenario
+from lissajous_env.wording import shown
 
 Factory = Callable[[Scenario, int, Any], ActingPolicy]
 """Makes a policy: `factory(scenario, num_worlds, device)`."""
@@ -54,12 +55,14 @@ def as_factory(policy: Any, name: str) -> Factory:
         made_already = cast(ActingPolicy, policy)
         return lambda *_: made_already
     if not callable(policy):
-        raise ValueError(f"policy {name} must be a policy or factory(scenario, num_worlds, device), got {policy!r}")
+        raise ValueError(
+            f"policy {name} must be a policy or factory(scenario, num_worlds, device), got {shown(policy)}"
+        )
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
         made: Any = policy(scenario, num_worlds, device)
         if not _acts(made) or isinstance(made, type):
-            raise ValueError(f"policy {name} must be made with reset, act and num_worlds, got {made!r}")
+            raise ValueError(f"policy {name} must be made with reset, act and num_worlds, got {shown(made)}")
         return made
 
     return make

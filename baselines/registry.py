@@ -13,6 +13,7 @@ from typing import Any
 from baselines.policy import Policy
 from lissajous_env import scenario as make_scenario
 from lissajous_env.scenario import Scenario
+from lissajous_env.wording import shown
 from lissajous_env.worlds import whole_number
 
 KINDS = ("car", "curve")
@@ -62,9 +63,9 @@ def register(
     if not isinstance(name, str) or not name:
         raise ValueError(f"name of a policy must be a word, got {name!r}")
     if kind not in (None, *KINDS):
-        raise ValueError(f"kind of {name} must be one of {', '.join(KINDS)}, or None, got {kind!r}")
+        raise ValueError(f"kind of {name} must be one of {', '.join(KINDS)}, or None, got {shown(kind)}")
     if not callable(factory):
-        raise ValueError(f"factory of {name} must be callable, got {factory!r}")
+        raise ValueError(f"factory of {name} must be callable, got {shown(factory)}")
     about = about or (factory.__doc__ if isinstance(factory, type) else None) or ""
     entry = _Entry(kind, factory, tuple(made_for), about.partition("\n")[0], learned)
     plain, suffix = _parted(name)
@@ -91,7 +92,7 @@ def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy]
         ValueError: a suffix that another wrapper has.
     """
     if _WRAPPERS.get(suffix, (kind, wrapper)) != (kind, wrapper):
-        raise ValueError(f"suffix of a wrapper must be new, got {suffix!r}")
+        raise ValueError(f"suffix of a wrapper must be new, got {shown(suffix)}")
     _WRAPPERS[suffix] = kind, wrapper
 
 

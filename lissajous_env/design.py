@@ -10,6 +10,7 @@ from lissajous_env import geometry, theory
 from lissajous_env.candidate import Candidate
 from lissajous_env.scenario import Curve
 from lissajous_env.terminal import AS_USUAL, Column, Speech, print_left_out, print_table
+from lissajous_env.wording import shown
 
 _MOST_ROBOTS = 200
 _RANGE = 1e-6, 1e6
@@ -50,9 +51,9 @@ def design(
     if wheelbase is not None:
         _require_positive(wheelbase=wheelbase)
     if not _is_number(steering_max) or not 0 < steering_max < math.pi / 2:
-        raise ValueError(f"steering_max must be between 0 and pi / 2, both excluded [rad], got {steering_max!r}")
+        raise ValueError(f"steering_max must be between 0 and pi / 2, both excluded [rad], got {shown(steering_max)}")
     if num_robots is not None and (not isinstance(num_robots, int) or not 2 <= num_robots <= 1024):
-        raise ValueError(f"num_robots must be a whole number from 2 to 1024, got {num_robots!r}")
+        raise ValueError(f"num_robots must be a whole number from 2 to 1024, got {shown(num_robots)}")
 
     turning_radius = None if wheelbase is None else geometry.turning_radius(wheelbase, steering_max)
     largest = _largest_num_robots(half_width, half_height, robot_radius, sensor_radius)
@@ -115,7 +116,7 @@ def print_design(
         output: How it speaks.
     """
     if not isinstance(rows, int) or rows < 1:
-        raise ValueError(f"rows must be a whole number of at least 1, got {rows!r}")
+        raise ValueError(f"rows must be a whole number of at least 1, got {shown(rows)}")
     candidates = design(
         half_width, half_height, robot_radius, sensor_radius, num_robots, phase_rate, wheelbase, steering_max
     )
@@ -131,8 +132,8 @@ def print_design(
         left_out += _print_infeasible(console, title, infeasible[:rows])
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     console.print(words, soft_wrap=True, markup=False, highlight=False)
-    shown = [_as_plain(each) for each in feasible[:rows] + infeasible[:rows]]
-    output.give({"recommendation": words, "feasible": len(feasible), "designs": shown})
+    designs = [_as_plain(each) for each in feasible[:rows] + infeasible[:rows]]
+    output.give({"recommendation": words, "feasible": len(feasible), "designs": designs})
 
 
 def recommendation(candidates: list[Candidate]) -> str:
@@ -257,6 +258,6 @@ def _is_number(value: Any) -> bool:
 def _require_positive(unit: str = "m", **values: float) -> None:
     for name, value in values.items():
         if not _is_number(value) or value <= 0:
-            raise ValueError(f"{name} must be positive [{unit}], got {value!r}")
+            raise ValueError(f"{name} must be positive [{unit}], got {shown(value)}")
         if not _RANGE[0] <= value <= _RANGE[1]:
-            raise ValueError(f"{name} must be from {_RANGE[0]:g} to {_RANGE[1]:g} [{unit}], got {value!r}")
+            raise ValueError(f"{name} must be from {_RANGE[0]:g} to {_RANGE[1]:g} [{unit}], got {shown(value)}")

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env import kernels
+from lissajous_env.wording import shown
 
 
 def as_device(device: Any) -> Any:
@@ -26,7 +27,7 @@ def as_device(device: Any) -> Any:
         return wp.get_device(device)
     except Exception as error:
         there = ", ".join(str(each) for each in wp.get_devices())
-        raise ValueError(f"device must be one of those present ({there}), got {device!r}") from error
+        raise ValueError(f"device must be one of those present ({there}), got {shown(device)}") from error
 
 
 def check_room(sizes: Sequence[int], num_worlds: int, device: Any) -> None:

@@ -114,7 +114,7 @@ def as_robot(value: Any) -> int:
         ValueError: no whole number of at least 0.
     """
     if not _is_number(value) or value < 0 or not float(value).is_integer():
-        raise ValueError(f"a robot must be a whole number of at least 0, got {value!r}")
+        raise ValueError(f"a robot must be a whole number of at least 0, got {shown(value)}")
     return int(value)
 
 

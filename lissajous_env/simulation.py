@@ -72,9 +72,9 @@ class Simulation:
         threads: int | None = None,
     ):
         if threads is not None and not (is_whole(threads) and threads >= 1):
-            raise ValueError(f"threads must be a whole number of at least 1 or None, got {threads!r}")
+            raise ValueError(f"threads must be a whole number of at least 1 or None, got {shown(threads)}")
         if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
-            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {seed!r}")
+            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
         self.scenario = library.scenario(scenario).resolve()
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.device = as_device(device)
@@ -349,9 +349,9 @@ def _checked_seeds(seeds: Any, count: int) -> np.ndarray:
     try:
         array = np.atleast_1d(np.asarray(seeds))
     except ValueError as error:  # rows of different lengths
-        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {seeds!r}") from error
+        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seeds)}") from error
     if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > _LAST_SEED):
-        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {seeds!r}")
+        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seeds)}")
     if array.shape != (count,):
         raise ValueError(f"seeds must be one for each of the {count} worlds that are reset, got shape {array.shape}")
     return array.astype(np.int32)

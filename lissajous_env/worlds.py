@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.fields import is_whole
+from lissajous_env.wording import shown
 
 
 def whole_number(name: str, value: Any) -> int:
@@ -14,7 +15,7 @@ def whole_number(name: str, value: Any) -> int:
         ValueError: it is not a whole number of at least 1.
     """
     if not is_whole(value) or value < 1:
-        raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
+        raise ValueError(f"{name} must be a whole number of at least 1, got {shown(value)}")
     return int(value)
 
 
@@ -29,7 +30,7 @@ def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
     try:
         chosen = np.asarray(worlds)
     except ValueError as error:  # rows of different lengths
-        raise ValueError(f"worlds must be a mask or indices of worlds, got {worlds!r}") from error
+        raise ValueError(f"worlds must be a mask or indices of worlds, got {shown(worlds)}") from error
     if chosen.dtype == bool:
         if chosen.shape != (num_worlds,):
             raise ValueError(f"worlds must be a mask of shape ({num_worlds},), got shape {chosen.shape}")
@@ -38,9 +39,9 @@ def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
     if chosen.size == 0:
         return np.zeros(0, dtype=np.int64)
     if chosen.dtype.kind not in "iu":
-        raise ValueError(f"worlds must be a mask or indices of worlds, got {worlds!r}")
+        raise ValueError(f"worlds must be a mask or indices of worlds, got {shown(worlds)}")
     if chosen.min() < 0 or chosen.max() >= num_worlds:
-        raise ValueError(f"worlds must be from 0 to {num_worlds - 1}, got {worlds!r}")
+        raise ValueError(f"worlds must be from 0 to {num_worlds - 1}, got {shown(worlds)}")
     if chosen.ndim != 1 or len(np.unique(chosen)) != len(chosen):
-        raise ValueError(f"worlds must be in one row, each once, got {worlds!r}")
+        raise ValueError(f"worlds must be in one row, each once, got {shown(worlds)}")
     return chosen.astype(np.int64)

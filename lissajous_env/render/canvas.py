@@ -9,6 +9,7 @@ import pygame
 
 from lissajous_env.render import palette
 from lissajous_env.scenario import Scenario
+from lissajous_env.wording import shown
 
 FINE = 3
 """Pixels of the fine surface for one of the picture, along each side."""
@@ -56,7 +57,7 @@ class View:
         elif not _is_size(size):
             raise ValueError(
                 f"size must be (width, height), whole numbers of at least {SMALLEST} [px] and together of at most "
-                f"{LARGEST:,} pixels, got {size!r}"
+                f"{LARGEST:,} pixels, got {shown(size)}"
             )
         width, height = int(size[0]), int(size[1])
         room = np.array([width - 2 * MARGIN, height - HEADER - FOOTER - 2 * MARGIN])

@@ -16,6 +16,7 @@ from lissajous_env.render.canvas import View
 from lissajous_env.render.gif import GifWriter
 from lissajous_env.render.renderer import Renderer
 from lissajous_env.render.window import Window
+from lissajous_env.wording import shown
 
 if TYPE_CHECKING:
     from lissajous_env.replay import Recording
@@ -108,7 +109,7 @@ def save_png(
     if len(times) > MOST_PICTURES:
         raise ValueError(f"at must hold at most {MOST_PICTURES} times, got {len(times)}")
     if columns is not None and (not isinstance(columns, int) or columns < 1):
-        raise ValueError(f"columns must be a whole number of at least 1, got {columns!r}")
+        raise ValueError(f"columns must be a whole number of at least 1, got {shown(columns)}")
     renderer = Renderer(recording.scenario, size)
     frames = [renderer.draw(recording.snapshot(min(round(time / step), last))) for time in times]
     height, width, _ = frames[0].shape
@@ -166,4 +167,4 @@ def _spread(count: int, wanted: int) -> list[int]:
 def _require_positive(**values: float) -> None:
     for name, value in values.items():
         if not 0 < value < math.inf:
-            raise ValueError(f"{name} must be positive, got {value!r}")
+            raise ValueError(f"{name} must be positive, got {shown(value)}")
