@@ -17,8 +17,9 @@ from typing import Any
 from baselines import benchmark, ray_address, stored
 from baselines.benchmark import Benchmark, Cell, Failure
 from baselines.progress import Progress
+from baselines.rows import what_is_wrong
 from lissajous_env.extras import missing
-from lissajous_env.score import COLUMNS
+from lissajous_env.terminal import plain
 from lissajous_env.wording import shown
 
 _RETRIES = 3
@@ -206,19 +207,16 @@ def _result(
 
 def _checked(rows: Any, cell: Cell, settings: Benchmark, numbers: list[int]) -> list[dict[str, Any]]:
     """Refuse what a node returns in place of the rows of the episodes that it was given."""
-    try:
-        identities = [(row["scenario"], row["policy"], row["episode"], row["seed"]) for row in rows]
-        values = [row[name] for row in rows for name in stored.NUMBER_COLUMNS]
-        whole = all(tuple(row) == COLUMNS for row in rows)
-    except (KeyError, TypeError) as error:
-        raise ValueError(
-            f"a node of the Ray cluster must return score rows, got {type(error).__name__}: {error}"
-        ) from error
     expected = [(cell.scenario.name, cell.policy, number, settings.seed + number) for number in numbers]
-    if not whole or identities != expected or not all(type(value) in (int, float) for value in values):
+    try:
+        wrong = next((wrong for row in rows if (wrong := what_is_wrong(plain(row)))), "")
+        identities = [(row["scenario"], row["policy"], row["episode"], row["seed"]) for row in rows]
+    except (KeyError, TypeError) as error:
+        wrong, identities = f"{type(error).__name__}: {error}", []
+    if wrong or identities != expected:
         raise ValueError(
             f"a node of the Ray cluster must return the score rows of episodes {numbers} of {_name(cell)}, "
-            f"got {textwrap.shorten(str(rows), 200, placeholder=' ...')}"
+            f"got {textwrap.shorten(str(rows), 200, placeholder=' ...')}" + f"; a row {wrong}" * bool(wrong)
         )
     return rows
 

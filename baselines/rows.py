@@ -46,17 +46,19 @@ _RULES = {
         ("detection_time_mean", "detection_time_p95", "detection_time_max"),
         _Rule("at least 0 [s]", _is_positive, _NO_TARGET),
     ),
-    "contact_time": _Rule("at least 0 [s]", _is_positive),
+    **dict.fromkeys(("contact_time", "outside_time"), _Rule("at least 0 [s]", _is_positive)),
     "min_separation": _Rule("at least 0 [m]", _is_positive, "one robot alone"),
     **dict.fromkeys(("coverage_time", "coverage_time_each"), _Rule("at least 0 [s]", _is_positive, "never")),
     **dict.fromkeys(("idleness_mean", "idleness_max"), _Rule("at least 0 [s]", _is_positive, "no grid")),
-    **dict.fromkeys(("lateral_error_mean", "lateral_error_max"), _Rule("at least 0 [m]", _is_positive)),
+    **dict.fromkeys(
+        ("lateral_error_mean", "lateral_error_max", "tracking_error_mean", "tracking_error_max"),
+        _Rule("at least 0 [m]", _is_positive),
+    ),
     "spacing_factor": _Rule("at least 0", _is_positive),
     "phase_error": _Rule("at least 0 [rad]", _is_positive),
     "recovery_time": _Rule("at least 0 [s]", _is_positive, "never"),
     "return_mean": _Rule("a finite number", _is_finite),
 }
-_ANY = _Rule("a finite number", _is_finite, "there is none")
 
 
 def what_is_wrong(row: Mapping[str, Any]) -> str | None:
@@ -66,9 +68,9 @@ def what_is_wrong(row: Mapping[str, Any]) -> str | None:
     for name in TEXT_COLUMNS:
         if not isinstance(row[name], str):
             return f"must hold a word as {name}, got {row[name]!r}"
-    for name in COLUMNS:
-        rule, given = _RULES.get(name, _ANY), row[name]
-        if name not in TEXT_COLUMNS and not (given is None and rule.empty) and not rule.holds(given):
+    for name in (*NUMBER_COLUMNS, "episode", "seed"):
+        rule, given = _RULES[name], row[name]
+        if not (given is None and rule.empty) and not rule.holds(given):
             empty = f" or null ({rule.empty})" if rule.empty else ""
             number = "" if rule.words.startswith("a ") else "a number "
             return f"must hold {number}{rule.words}{empty} as {name}, got {short(given)}"
