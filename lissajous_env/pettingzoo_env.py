@@ -127,7 +127,8 @@ class LissajousParallelEnv(ParallelEnv):
                 raise
             self._reader.read(agent, action, rows[self._index[agent]])
         self._reader.check(self.possible_agents, rows)
-        self.simulation.step(rows[None])
+        self._action_taken[0] = rows
+        self.simulation.step(self._action_taken)
         observation, terms = self._host(self._observation), self._host(self._terms)
         rewards, terminated = self._host(self._reward).tolist(), self._host(self._terminated).tolist()
         truncated = self._host(self._truncated).tolist()
@@ -207,6 +208,7 @@ class LissajousParallelEnv(ParallelEnv):
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
         self._reader = ActionReader(self.scenario, self._discrete_actions)
         self._action = np.zeros(sim.action_shape[1:])  # float64: what float32 cannot hold is clipped first
+        self._action_taken = np.zeros(sim.action_shape, dtype=np.float32)
         of_device = (lambda array: array.numpy()) if sim.device.is_cpu else (lambda array: array)
         self._observation, self._reward = of_device(sim.observation), of_device(sim.reward)
         self._terminated, self._truncated = of_device(sim.terminated), of_device(sim.truncated)
