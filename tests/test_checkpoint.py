@@ -43,7 +43,7 @@ def write(folder, text):
 
 
 def play(folder):
-    """Read all of a checkpoint and take a step with it; what it does must be finite."""
+    """Read all of a checkpoint and take a step with it; returns its action, which must be finite and in its range."""
     _, _, text = checkpoint.read(folder)
     if "state" in text["files"]:
         checkpoint.read_state(folder, text)
@@ -53,6 +53,7 @@ def play(folder):
     action = policy.act(Simulation(policy.scenario).observation.numpy())
     assert np.isfinite(action).all()
     assert (np.abs(action) <= 1).all()
+    return action
 
 
 def refusal(folder):
@@ -87,7 +88,7 @@ def changed(text, place, value=None, removed=False):
 
 
 def test_the_checkpoint_plays_as_it_is(folder):
-    play(folder)
+    assert np.isfinite(play(folder)).all()
 
 
 def test_any_entry_may_be_missing_or_wrong(folder):

@@ -336,11 +336,6 @@ def test_json_is_all_that_is_on_stdout_and_quiet_says_nothing(arguments, capsys,
     assert json.loads(out)
 
 
-def test_version(capsys):
-    assert called(capsys, "-V") == called(capsys, "--version")
-    assert called(capsys, "-V")[0] == 0
-
-
 def test_a_module_in_the_current_folder_is_found(tmp_path):
     (tmp_path / "helper.py").write_text("import baselines\nmake = baselines.make\n")
     (tmp_path / "mine.py").write_text(

@@ -152,14 +152,6 @@ def test_a_target_that_flees_or_has_not_appeared_looks_different():
     assert red[0] > red[1] > red[2]
 
 
-def test_a_pair_is_in_contact_until_one_of_it_is_gone():
-    simulation = lissajous_env.Simulation("experiment")
-    simulation.tally.contact.numpy()[0, 0, 1] = 1
-    assert snapshot(simulation).contact.tolist() == [[0, 1]]
-    simulation.robots.status.numpy()[0, 1] = REMOVED
-    assert snapshot(simulation).contact.tolist() == []
-
-
 def test_a_contact_is_ringed():
     simulation, seen = world()
     renderer = Renderer(simulation.scenario)

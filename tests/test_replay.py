@@ -11,7 +11,8 @@ from PIL import Image
 
 import lissajous_env
 from lissajous_env import replay
-from lissajous_env.render import Renderer, film
+from lissajous_env.render import Renderer, film, snapshot
+from lissajous_env.state import REMOVED
 
 SHORT = {"task.duration": 1.2, "faults.schedule": ((0, 0.3, 0.9),), "targets.count": 6, "targets.fleeing": 0.5,
          "targets.wandering": 0.5, "targets.arrival_rate": 2.0, "sensing.radius": 0.4}  # fmt: skip
@@ -305,3 +306,11 @@ def test_an_episode_too_large_to_be_kept_is_refused_while_it_is_recorded(monkeyp
     monkeypatch.setattr(replay.archive, "MOST_BYTES", 10_000)
     with pytest.raises(ValueError, match=r"a recording must hold at most 10,000 bytes: take a coarser task\.grid"):
         replay.record(Straight(), lissajous_env.scenario("experiment", **SHORT))
+
+
+def test_a_pair_is_in_contact_until_one_of_it_is_gone():
+    simulation = lissajous_env.Simulation("experiment")
+    simulation.tally.contact.numpy()[0, 0, 1] = 1
+    assert snapshot(simulation).contact.tolist() == [[0, 1]]
+    simulation.robots.status.numpy()[0, 1] = REMOVED
+    assert snapshot(simulation).contact.tolist() == []

@@ -11,7 +11,7 @@ import rich.progress
 from baselines.progress import Clock, in_words
 from baselines.reproduce import table
 from baselines.reproduce.table import Claim
-from lissajous_env import kernels
+from lissajous_env import kernels, library
 from lissajous_env.cli import main
 from lissajous_env.terminal import make_console
 
@@ -113,9 +113,7 @@ def test_the_first_run_says_that_it_compiles_and_damaged_kernels_are_made_again(
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
     monkeypatch.setattr(kernels, "listener", None)
     for options, heard in (([], "compiling\n"), (["--quiet"], "")):
-        monkeypatch.setattr(
-            "lissajous_env.library.scenarios", lambda: (kernels.listener and kernels.listener("compiling")) or ()
-        )
+        monkeypatch.setattr(library, "scenarios", lambda: (kernels.listener and kernels.listener("compiling")) or ())
         code, _, error = called(capsys, "scenarios", *options)
         assert (code, error) == (0, heard)
 
@@ -159,3 +157,8 @@ def test_names_in_brackets_stand_in_what_is_printed(tmp_path, monkeypatch, capsy
     assert str(out) in text
     code, text, _ = called(capsys, "evaluate", "failure", "mine:b", *short, "--out", f"{out}.csv")
     assert (code, f"wrote {out}.csv" in text) == (0, True)
+
+
+def test_version(capsys):
+    assert called(capsys, "-V") == called(capsys, "--version")
+    assert called(capsys, "-V")[0] == 0
