@@ -124,14 +124,6 @@ def test_an_action_that_is_no_numbers(action):
     assert_untouched(simulation, before)
 
 
-@pytest.mark.parametrize("dtype", ["bool", "complex64"])
-def test_a_torch_action_that_is_no_numbers(dtype):
-    torch = pytest.importorskip("torch")
-    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"), 2)
-    with pytest.raises(ValueError, match=r"^action must hold real numbers, got"):
-        simulation.step(torch.zeros((2, 5, 1), dtype=getattr(torch, dtype)))
-
-
 @pytest.mark.parametrize("dtype", [wp.int32, wp.float64, wp.float16, wp.uint8])
 def test_a_warp_action_of_another_type(dtype):
     # Its bits used to be read as float32.
