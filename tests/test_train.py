@@ -17,6 +17,7 @@ import training
 from lissajous_env import Simulation
 from lissajous_env.folder import LIST, Folder
 from training import checkpoint, sb3
+from training.events import open_rows
 from training.publish import publish
 from training.settings import Train
 from training.train import Sb3Trainer, train
@@ -288,3 +289,14 @@ def test_two_trainings_do_not_share_a_folder(tmp_path):
     settings = small(tmp_path, steps=1280)
     with Folder(settings.out), pytest.raises(ValueError, match=f"in use by another process.*{os.getpid()}"):
         train(settings, QUIET)
+
+
+def test_rows_of_a_process_are_read_after_those_of_the_one_before(tmp_path):
+    # Story: a process that is called again within the second; files are read in the order of their names.
+    first = open_rows(tmp_path, 0)
+    first.add_scalar("a", 1.0, 5)
+    first.close()
+    (before,) = tmp_path.iterdir()
+    before = before.rename(tmp_path / before.name.replace(f".{os.getpid()}.", ".999999999."))
+    open_rows(tmp_path, 3).close()
+    assert min(tmp_path.iterdir()) == before

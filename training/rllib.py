@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import torch
 from rich.console import Console
-from torch.utils.tensorboard.writer import SummaryWriter
 
 from baselines import cluster
 from lissajous_env.folder import Folder
 from lissajous_env.terminal import make_console
 from training import checkpoint, rllib_ppo, rllib_state
 from training.course import Course
+from training.events import open_rows
 from training.network import Network
 from training.rllib_env import LissajousMultiAgentEnv
 from training.settings import Train
@@ -100,8 +100,8 @@ class ClusterTrainer(Trainer):
     def _learn(self) -> None:
         course, robots = self.course, self.scenario.num_robots
         # What an earlier process logged after its last checkpoint is taken back.
-        log = str(self.folder.make_folder("tensorboard"))
-        with SummaryWriter(log, purge_step=course.steps + 1) as self._writer:
+        log = self.folder.make_folder("tensorboard")
+        with open_rows(log, course.steps) as self._writer:
             while course.steps < self.settings.steps:
                 began = time.monotonic()
                 result = self.algorithm.train()

@@ -13,13 +13,13 @@ from rich.console import Console
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.policies import ActorCriticPolicy
-from torch.utils.tensorboard.writer import SummaryWriter
 
 import baselines
 from lissajous_env.folder import Folder
 from lissajous_env.terminal import make_console
 from training import checkpoint, imitation, sb3
 from training.course import Course
+from training.events import open_rows
 from training.network import Network
 from training.settings import Train
 from training.trainer import RECENT, Trainer, summarize_scores
@@ -219,5 +219,5 @@ class _Rows(TensorBoardOutputFormat):
     """Rows of TensorBoard that go on after some steps; later ones of another process are taken back."""
 
     def __init__(self, folder: Path, steps: int):
-        self.writer = SummaryWriter(str(folder), purge_step=steps + 1)
+        self.writer = open_rows(folder, steps)
         self._is_closed = False
