@@ -2,17 +2,17 @@
 
 from functools import partial
 
-from baselines.arc import KuramotoByArc
-from baselines.consensus import Consensus
-from baselines.coordinated import OnCurve, WithMpcc
-from baselines.kuramoto import Kuramoto
-from baselines.open_loop import OpenLoop
-from baselines.patrol import Laps, RandomWaypoint, Still, Sweep
-from baselines.policy import Policy
-from baselines.registry import make, names, register, register_opener, register_wrapper
-from baselines.safety import Safe
-from baselines.tracked_reference import TrackedReference
-from baselines.vector_field import WithVectorField
+from baselines.policies.base import Policy
+from baselines.policies.coordinators.arc_length import KuramotoByArc
+from baselines.policies.coordinators.consensus import Consensus
+from baselines.policies.coordinators.kuramoto import Kuramoto
+from baselines.policies.coordinators.open_loop import OpenLoop
+from baselines.policies.coordinators.tracked_reference import TrackedReference
+from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
+from baselines.policies.registry import make, names, register, register_opener, register_wrapper
+from baselines.policies.trackers.coordinated import OnCurve, WithMpcc
+from baselines.policies.trackers.vector_field import WithVectorField
+from baselines.safety.filter import Safe
 
 __all__ = ["Policy", "make", "names", "register", "register_opener"]
 

@@ -9,13 +9,12 @@ from typing import Annotated, Any
 
 import tyro
 
-from baselines import registry
-from baselines.benchmark import Benchmark, Cell, measure, plan, play
-from baselines.factories import as_factory, is_imported, told_apart, where_raised
-from baselines.progress import Progress
-from lissajous_env.commands import check_file
-from lissajous_env.overrides import Overrides, parse_overrides
-from lissajous_env.terminal import (
+from baselines.benchmark.progress import Progress
+from baselines.benchmark.running import Benchmark, Cell, measure, plan, play
+from baselines.policies import registry
+from baselines.policies.factories import as_factory, is_imported, told_apart, where_raised
+from lissajous_env.console.commands import check_file
+from lissajous_env.console.terminal import (
     AS_USUAL,
     Column,
     CommandError,
@@ -25,6 +24,7 @@ from lissajous_env.terminal import (
     print_left_out,
     print_table,
 )
+from lissajous_env.parameters.overrides import Overrides, parse_overrides
 
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _PolicyName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
@@ -49,7 +49,7 @@ def benchmark(
         output: How it speaks.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
-    from baselines import report
+    from baselines.benchmark import report
 
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
     try:
@@ -86,7 +86,7 @@ def evaluate(
         output: How it speaks.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
-    from baselines import report
+    from baselines.benchmark import report
 
     scenarios, policy = told_apart(names)
     check_file(out, ".csv")
@@ -136,9 +136,9 @@ def run(
         output: How it speaks.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
-    from baselines import report
-    from lissajous_env.commands import has_display, show
-    from lissajous_env.replay import record
+    from baselines.benchmark import report
+    from lissajous_env.console.commands import has_display, show
+    from lissajous_env.episodes.recording import record
 
     scenarios, policy = told_apart((scenario, policy))
     check_file(out, ".gif", ".png", ".npz")

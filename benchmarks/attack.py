@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import attacks
 
-from lissajous_env.files import write_atomically
+from lissajous_env.storage.files import write_atomically
 
 _SHOWN = 3
 """Failures of an attack that are shown in full."""

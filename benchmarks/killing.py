@@ -22,8 +22,8 @@ import numpy as np
 from rich.console import Console
 
 QUIET = Console(quiet=True)
-_LOADED = ["torch._dynamo", "torch.utils.tensorboard", "matplotlib.backends.backend_agg", "training.train"]
-_LOADED += ["training.learned", "baselines.pictures", "baselines.reproduce"]
+_LOADED = ["torch._dynamo", "torch.utils.tensorboard", "matplotlib.backends.backend_agg", "training.sb3.learning"]
+_LOADED += ["training.learned.policy", "baselines.benchmark.pictures", "baselines.reproduce"]
 _ADDS = ("open", "os.mkdir", "os.rename", "write", "fsync")
 """What a full disk refuses."""
 
@@ -130,8 +130,8 @@ def train(folder: Path) -> None:
     """Train for three rollouts with an evaluation after each, of which the second is the best."""
     import torch
 
+    from training.sb3.learning import train
     from training.settings import Train
-    from training.train import train
 
     torch.set_num_threads(1)
     settings = Train(
@@ -144,7 +144,7 @@ def train(folder: Path) -> None:
 
 def benchmark(folder: Path) -> None:
     """Play two policies for three episodes, in batches."""
-    from baselines.benchmark import Benchmark, run
+    from baselines.benchmark.running import Benchmark, run
 
     settings = Benchmark(("failure",), ("kuramoto", "still"), 3, batch=2, out=folder, overrides={"task.duration": 0.5})
     run(settings, console=QUIET)
@@ -163,7 +163,7 @@ def result_of_train(folder: Path) -> dict[str, Any]:
     Raises:
         ValueError: a part of it is damaged, or they do not agree.
     """
-    from training import checkpoint
+    from training.learned import checkpoint
 
     network, _, text = checkpoint.read(folder)
     checkpoint.read_state(folder, text)

@@ -21,8 +21,8 @@ from tuning import HELD_OUT, make
 import baselines
 import lissajous_env
 import training
-from baselines.policy import Policy
-from baselines.statistics import Statistics, summarize
+from baselines.benchmark.statistics import Statistics, summarize
+from baselines.policies.base import Policy
 
 TUNED = Path(__file__).parent / "tuned.json"
 LEARNED = {
@@ -112,9 +112,9 @@ def times_per_row(name: str, worlds: int, steps: int = 2000) -> tuple[float, flo
 
 def throughput(console: Console, steps: int) -> None:
     """Print robot steps per second of `lissajous train` with the default network, and the environment's share."""
-    from training import sb3
+    from training.sb3 import ppo
+    from training.sb3.learning import train
     from training.settings import Train
-    from training.train import train
 
     in_env = [0.0]
 
@@ -127,7 +127,7 @@ def throughput(console: Console, steps: int) -> None:
 
         return call
 
-    sb3.RobotVecEnv.step_wait = timed(sb3.RobotVecEnv.step_wait)
+    ppo.RobotVecEnv.step_wait = timed(ppo.RobotVecEnv.step_wait)
     with tempfile.TemporaryDirectory() as folder:
         settings = Train("intruders", steps=steps, teacher="none", rivals=(), evaluate_every=10 * steps,
                          evaluation_episodes=1, out=Path(folder))  # fmt: skip

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baselines.mpcc import Mpcc, MpccParameters
-from lissajous_env import theory
+from baselines.mpcc.solver import Mpcc, MpccParameters
 from lissajous_env.extras import missing
-from lissajous_env.scenario import Curve, Robot
+from lissajous_env.parameters.scenario import Curve, Robot
+from lissajous_env.theory import closed_forms
 
 try:
     import casadi as ca
@@ -152,9 +152,11 @@ def tangent(curve: Curve, gamma: np.ndarray) -> np.ndarray:
 def closed_loop(mpcc: Mpcc, curve: Curve, steps: int):
     """Run the experiment of Section VII with our solver; returns the problems met and the time per warm solve [s]."""
     robot, n, h = Robot(), len(RING), mpcc.parameters.step
-    phase = theory.equilibrium_phases(n, 2, RING)
+    phase = closed_forms.equilibrium_phases(n, 2, RING)
     d = tangent(curve, phase)
-    z = np.c_[theory.curve_point(curve, phase), np.arctan2(d[:, 1], d[:, 0]), PHASE_RATE * np.hypot(d[:, 0], d[:, 1])]
+    z = np.c_[
+        closed_forms.curve_point(curve, phase), np.arctan2(d[:, 1], d[:, 0]), PHASE_RATE * np.hypot(d[:, 0], d[:, 1])
+    ]
     before, after = np.empty(n, int), np.empty(n, int)
     before[list(RING)], after[list(RING)] = np.roll(RING, 1), np.roll(RING, -1)
     states, rates, guesses, warm = [], [], [], []
@@ -174,7 +176,7 @@ def closed_loop(mpcc: Mpcc, curve: Curve, steps: int):
         for _ in range(2):
             z = plant_step(robot, z, control, h / 2)
             d = tangent(curve, phase)
-            off = z[:, :2] - theory.curve_point(curve, phase)
+            off = z[:, :2] - closed_forms.curve_point(curve, phase)
             phase = phase + np.clip((d * off).sum(1) / (d * d).sum(1), -0.05, 0.05)
     skip = slice(1, None)
     problems = Problems(np.concatenate(states[skip]), np.concatenate(rates[skip]), np.concatenate(guesses[skip]))
@@ -187,7 +189,7 @@ def random_problems(count: int, curve: Curve, p: MpccParameters, rng: np.random.
     d = tangent(curve, gamma)
     speed = np.hypot(d[:, 0], d[:, 1])
     state = np.c_[
-        theory.curve_point(curve, gamma) + rng.normal(0, 0.1, (count, 2)),
+        closed_forms.curve_point(curve, gamma) + rng.normal(0, 0.1, (count, 2)),
         np.arctan2(d[:, 1], d[:, 0]) + rng.normal(0, 0.3, count),
         PHASE_RATE * speed * rng.uniform(0.5, 1.5, count),
         gamma,

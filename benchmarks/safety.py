@@ -11,7 +11,7 @@ import numpy as np
 
 import baselines
 import lissajous_env
-from baselines.safety import Safe
+from baselines.safety.filter import Safe
 
 POLICIES = ("kuramoto-mpcc", "open-loop-mpcc", "tracked-reference-mpcc", "consensus-gvf", "sweep", "random")
 COLUMNS = (

@@ -33,22 +33,22 @@ from typing import Any
 import numpy as np
 
 import lissajous_env
-from baselines.arc import ArcParameters, KuramotoByArc, ground_speed
-from baselines.consensus import Consensus
-from baselines.coordinated import WithMpcc
-from baselines.kuramoto import Kuramoto
-from baselines.loop import SweepParameters, cruising_speed
-from baselines.mpcc import MpccParameters
-from baselines.open_loop import OpenLoop
-from baselines.patrol import Laps, Sweep
-from baselines.policy import Policy
-from baselines.safety import Safe, SafetyParameters
-from baselines.statistics import bootstrap_interval, interquartile_mean
-from baselines.tracked_reference import TrackedReference
-from baselines.vector_field import FieldParameters, WithVectorField
-from lissajous_env.folder import Folder
-from lissajous_env.journal import Journal
-from lissajous_env.scenario import Scenario
+from baselines.benchmark.statistics import bootstrap_interval, interquartile_mean
+from baselines.mpcc.solver import MpccParameters
+from baselines.policies.base import Policy
+from baselines.policies.coordinators.arc_length import ArcParameters, KuramotoByArc, ground_speed
+from baselines.policies.coordinators.consensus import Consensus
+from baselines.policies.coordinators.kuramoto import Kuramoto
+from baselines.policies.coordinators.open_loop import OpenLoop
+from baselines.policies.coordinators.tracked_reference import TrackedReference
+from baselines.policies.patrol import Laps, Sweep
+from baselines.policies.patrol_path import SweepParameters, cruising_speed
+from baselines.policies.trackers.coordinated import WithMpcc
+from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
+from baselines.safety.filter import Safe, SafetyParameters
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.storage.folder import Folder
+from lissajous_env.storage.journal import Journal
 
 POLICIES = (
     "open-loop-mpcc", "tracked-reference-mpcc", "kuramoto-mpcc", "kuramoto-mpcc-safe", "kuramoto-arc-mpcc",
@@ -297,7 +297,7 @@ def main():
     begin, lines, tuned = time.perf_counter(), [], {}
     with Folder(options.out, NAMES) as folder, folder.journal("trials.jsonl") as journal:
         trials = Trials(journal, options.device)
-        for scenario in map(lissajous_env.scenario, options.scenario):
+        for scenario in map(lissajous_env.parameters.scenario, options.scenario):
             chosen: dict[str, dict[str, Settings]] = {}
             finalists: list[dict[str, Any]] = []
             for name in options.policies:

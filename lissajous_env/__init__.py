@@ -3,13 +3,13 @@
 import gymnasium as _gymnasium
 import pettingzoo as _pettingzoo
 
-from lissajous_env import library as _library
-from lissajous_env.evaluation import evaluate
-from lissajous_env.gymnasium_env import LissajousEnv
-from lissajous_env.gymnasium_vector import LissajousVectorEnv, vector_env
-from lissajous_env.pettingzoo_env import LissajousParallelEnv, env, parallel_env
-from lissajous_env.scenario import Curve, Faults, Formation, Noise, Robot, Scenario, Sensing, Targets, Task
-from lissajous_env.simulation import Simulation
+from lissajous_env.envs.gymnasium_env import LissajousEnv
+from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
+from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv, env, parallel_env
+from lissajous_env.episodes.evaluation import evaluate
+from lissajous_env.parameters import named as _library
+from lissajous_env.parameters.scenario import Curve, Faults, Formation, Noise, Robot, Scenario, Sensing, Targets, Task
+from lissajous_env.world.simulation import Simulation
 
 scenario, scenarios = _library.scenario, _library.scenarios
 
@@ -39,9 +39,9 @@ for _name in scenarios():
     _id, _settings = f"lissajous/{_name}-v0", {"scenario": _name}
     _gymnasium.register(
         id=_id,
-        entry_point="lissajous_env.gymnasium_env:LissajousEnv",
-        vector_entry_point="lissajous_env.gymnasium_vector:LissajousVectorEnv",
+        entry_point="lissajous_env.envs.gymnasium_env:LissajousEnv",
+        vector_entry_point="lissajous_env.envs.gymnasium_vector:LissajousVectorEnv",
         kwargs=_settings,
     )
-    _pettingzoo.register("parallel", _id, "lissajous_env.pettingzoo_env:parallel_env", kwargs=_settings)
-    _pettingzoo.register("aec", _id, "lissajous_env.pettingzoo_env:env", kwargs=_settings)
+    _pettingzoo.register("parallel", _id, "lissajous_env.envs.pettingzoo_env:parallel_env", kwargs=_settings)
+    _pettingzoo.register("aec", _id, "lissajous_env.envs.pettingzoo_env:env", kwargs=_settings)

@@ -8,7 +8,7 @@ from reference_motion import curve_tangent
 
 
 def rows(world) -> np.ndarray:
-    """(N, D) rows of a `reference.World`, as the table in `lissajous_env.observation`."""
+    """(N, D) rows of a `reference.World`, as the table in `lissajous_env.world.observation`."""
     unit = _speed_unit(world.scenario)
     return np.array([_row(world, i, unit) for i in range(world.n)])
 

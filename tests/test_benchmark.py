@@ -18,13 +18,13 @@ from rich.text import Text
 
 import baselines
 import lissajous_env
-from baselines import benchmark, report
-from baselines.benchmark import Benchmark, measure, run
-from baselines.rows import NUMBER_COLUMNS
-from lissajous_env.files import replacing, write_atomically
-from lissajous_env.folder import LIST
-from lissajous_env.journal import Journal
-from lissajous_env.score import COLUMNS
+from baselines.benchmark import report, running
+from baselines.benchmark.rows import NUMBER_COLUMNS
+from baselines.benchmark.running import Benchmark, measure, run
+from lissajous_env.storage.files import replacing, write_atomically
+from lissajous_env.storage.folder import LIST
+from lissajous_env.storage.journal import Journal
+from lissajous_env.world.score import COLUMNS
 
 QUIET = Console(quiet=True)
 SHORT = {"task.duration": 2.0}
@@ -32,8 +32,8 @@ SHORT_SCENARIO = lissajous_env.scenario("failure", **SHORT)
 SCRIPT = """
 import sys, time
 from pathlib import Path
-from baselines.benchmark import Benchmark, run
-from baselines.registry import make
+from baselines.benchmark.running import Benchmark, run
+from baselines.policies.registry import make
 
 class Slow:
     def __init__(self, scenario, num_worlds, device):
@@ -289,11 +289,9 @@ def test_what_is_neither_policy_nor_factory_is_refused(tmp_path):
 
 
 def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, monkeypatch):
-    rows = benchmark.episodes
+    rows = running.episodes
     spoilt = {"return_mean": math.inf}
-    monkeypatch.setattr(
-        benchmark, "episodes", lambda *given: ([row | spoilt for row in batch] for batch in rows(*given))
-    )
+    monkeypatch.setattr(running, "episodes", lambda *given: ([row | spoilt for row in batch] for batch in rows(*given)))
     outcome = measure(small(tmp_path, policies=("kuramoto",), episodes=1), console=QUIET)
     assert "the score of seed 0 must hold a finite number as return_mean, got 'inf'" in outcome.failures[0].error
     assert lines(tmp_path) == []

@@ -12,9 +12,9 @@ pytest.importorskip("benchmarl")
 from tensordict import TensorDict  # noqa: E402
 
 import lissajous_env  # noqa: E402
-from training.benchmarl import LissajousTask, LissajousTaskClass  # noqa: E402
-from training.mappo_example import Settings, experiment  # noqa: E402
-from training.torchrl import SCORES  # noqa: E402
+from training.torchrl.benchmarl import LissajousTask, LissajousTaskClass  # noqa: E402
+from training.torchrl.env import SCORES  # noqa: E402
+from training.torchrl.mappo_example import Settings, experiment  # noqa: E402
 
 # Two seconds in which some targets are there from the start: something is detected.
 SHORT = {"task.duration": 2.0, "targets.count": 20}
@@ -71,7 +71,7 @@ def test_training(algorithm, iterations, overrides, tmp_path):
 
 def test_the_example_as_a_program(tmp_path):
     # Oracle: exit code and the files that it promises.
-    command = [sys.executable, "-m", "training.mappo_example", "--iterations", "2", "--worlds", "2"]
+    command = [sys.executable, "-m", "training.torchrl.mappo_example", "--iterations", "2", "--worlds", "2"]
     command += ["--out", str(tmp_path), "--set", "task.duration=1", "targets.count=5"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=tmp_path)
     assert done.returncode == 0, done.stderr

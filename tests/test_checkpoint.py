@@ -12,8 +12,8 @@ import lissajous_env
 import training
 from lissajous_env import Simulation
 from tests.test_network import make_network
-from training import checkpoint
-from training.card import Card
+from training.learned import checkpoint
+from training.learned.card import Card
 from training.pictures import draw_curve
 
 SCORES = {"detection_time": 1.0, "collisions": 0.0, "return": -1.0, "detected_fraction": None}
@@ -225,7 +225,7 @@ def test_weights_must_be_a_plain_file_of_the_folder(folder):
 def test_a_state_that_does_not_fit_is_refused_by_its_file(tmp_path):
     pytest.importorskip("stable_baselines3")
     from benchmarks import killing
-    from lissajous_env.folder import LIST
+    from lissajous_env.storage.folder import LIST
 
     killing.train(tmp_path)
     text = json.loads((tmp_path / checkpoint.FILE).read_text())

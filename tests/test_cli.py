@@ -13,8 +13,8 @@ import pytest
 
 import baselines
 import lissajous_env
-from lissajous_env.cli import commands, main
-from lissajous_env.score import COLUMNS
+from lissajous_env.console.cli import commands, main
+from lissajous_env.world.score import COLUMNS
 
 BENCHMARK = (
     "benchmark",
@@ -342,7 +342,7 @@ def test_a_module_in_the_current_folder_is_found(tmp_path):
         "from functools import partial\nimport helper\npolicy = partial(helper.make, 'still')\n"
     )
     # As the console script is called: the folder that Python itself looks in first is that of the script.
-    command = [sys.executable, "-P", "-c", "from lissajous_env.cli import main; main()", "evaluate", "failure"]
+    command = [sys.executable, "-P", "-c", "from lissajous_env.console.cli import main; main()", "evaluate", "failure"]
     short = ["mine:policy", "--episodes", "1", "--set", "task.duration=1", "--json", "--quiet"]
     ended = subprocess.run([*command, *short], capture_output=True, text=True, cwd=tmp_path, timeout=60)
     assert (ended.returncode, ended.stderr) == (0, "")
@@ -391,7 +391,7 @@ def test_a_policy_that_raises_is_one_line_with_its_place(tmp_path, monkeypatch, 
 
 
 def test_a_missing_extra_says_what_works_from_a_checkout_too(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "training.train", None)
+    monkeypatch.setitem(sys.modules, "training.sb3.learning", None)
     code, _, error = called(capsys, "train")
     assert (code, len(error.splitlines())) == (2, 1)
     assert 'pip install ".[train]" in a checkout, pip install "lissajous-env[train]" elsewhere' in error

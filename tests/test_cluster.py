@@ -13,8 +13,8 @@ import pytest
 from rich.console import Console
 
 import baselines
-from baselines.benchmark import Benchmark, Cell, measure, play, run
-from baselines.cluster import _checked, _packed, _play, _Shown
+from baselines.benchmark.cluster import _checked, _packed, _play, _Shown
+from baselines.benchmark.running import Benchmark, Cell, measure, play, run
 from lissajous_env import scenario as make_scenario
 
 ray = pytest.importorskip("ray")
@@ -27,7 +27,7 @@ SCRIPT = """
 import sys
 from pathlib import Path
 from rich.console import Console
-from baselines.benchmark import run
+from baselines.benchmark.running import run
 from test_cluster import Slow, small
 
 run(small(Path(sys.argv[1]), engine="ray", episodes=12), {"slow": Slow}, console=Console(quiet=True))
@@ -255,7 +255,8 @@ def test_bad_settings_are_refused_before_anything_is_written(tmp_path, changes, 
 def test_ray_is_loaded_by_its_engine_alone(tmp_path):
     # Oracle: a process that plays locally and lists what it has loaded.
     program = (
-        "import sys; from pathlib import Path; from rich.console import Console; from baselines.benchmark import *;"
+        "import sys; from pathlib import Path; from rich.console import Console;"
+        "from baselines.benchmark.running import *;"
         "run(Benchmark(('failure',), ('still',), 1, out=Path(sys.argv[1]), overrides={'task.duration': 1.0}),"
         "console=Console(quiet=True)); print('ray' in sys.modules)"
     )

@@ -6,9 +6,9 @@ import reference_motion
 import warp as wp
 
 import lissajous_env
-from lissajous_env import theory
-from lissajous_env.collision import closest_approach
-from lissajous_env.compilation import OPTIONS
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.theory import closed_forms
+from lissajous_env.world.collisions import closest_approach
 
 wp.set_module_options(OPTIONS)
 
@@ -140,11 +140,11 @@ def test_points_at_different_heights_do_not_collide(depth, collisions):
     # Story: two points stand where the curve crosses itself; a third dimension keeps them apart. Oracle: (10).
     overrides = {"robot.count": 2, "formation.p": 0, "faults.schedule": (), "robot.radius": 0.05}
     scenario = lissajous_env.scenario("failure", **overrides, **{"curve.half_depth": depth, "curve.c": 5})
-    crossing = theory.self_crossings(scenario.curve)[0]
+    crossing = closed_forms.self_crossings(scenario.curve)[0]
     heights = depth * np.sin(5 * crossing)
     simulation = lissajous_env.Simulation(scenario)
     simulation.robots.phase.assign(crossing[None] % (2 * np.pi) / scenario.alpha)
-    simulation.robots.position.assign(theory.curve_point_3d(scenario.curve, crossing)[None].astype(np.float32))
+    simulation.robots.position.assign(closed_forms.curve_point_3d(scenario.curve, crossing)[None].astype(np.float32))
     simulation.step(np.zeros(simulation.action_shape))
     (row,) = simulation.score()
     assert row["collisions"] == collisions

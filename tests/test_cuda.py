@@ -11,7 +11,7 @@ import warp as wp
 import baselines
 import lissajous_env
 import training
-from lissajous_env.device import as_device, compile_quietly
+from lissajous_env.device.devices import as_device, compile_quietly
 
 EXTRAS = {"torch", "stable_baselines3", "torchrl", "benchmarl", "tensordict", "ray", "tensorboard"}
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import lissajous_env
-from lissajous_env import geometry, theory
-from lissajous_env.design import design, print_design, recommendation
+from lissajous_env.theory import closed_forms, geometry
+from lissajous_env.theory.design import design, print_design, recommendation
 
 
 def test_finds_the_experiment_of_the_paper():
@@ -38,7 +38,9 @@ def test_every_curve_is_there_once():
     every = [(a, n - a) for n in range(2, largest + 1) for a in range(1, n, 2) if math.gcd(a, n - a) == 1]
     assert sorted(pairs) == sorted(every)
     # One robot more than the largest tried: no curve has room for it.
-    assert theory.robot_radius_limit(5, 5, largest + 1) <= 0.1 or largest >= theory.fewest_robots(5, 5, 1.0)[0]
+    assert (
+        closed_forms.robot_radius_limit(5, 5, largest + 1) <= 0.1 or largest >= closed_forms.fewest_robots(5, 5, 1.0)[0]
+    )
 
 
 @settings(max_examples=40, deadline=None)
@@ -107,7 +109,7 @@ def test_print_says_what_fails_and_what_would_help(capsys):
     printed = capsys.readouterr().out
     assert "No design works" in printed
     assert "sensors must reach above 1.158 m (5 robots on a = 1, b = 4)" in printed
-    robots = theory.fewest_robots(1.8, 0.8, 0.2)[0]
+    robots = closed_forms.fewest_robots(1.8, 0.8, 0.2)[0]
     assert f"at least {robots} robots" in printed
     print_design(robot_radius=3.0)
     assert "(6), robots must not touch, fails for every one. Bodies must be below 0.731 m" in capsys.readouterr().out

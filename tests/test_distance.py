@@ -7,10 +7,10 @@ from reference_motion import curve_tree
 
 import baselines
 import lissajous_env
-from lissajous_env.distance import DistanceTable, curve_distance, table_of
-from lissajous_env.nearest import arc_distance, nearest_phase
-from lissajous_env.scenario import Curve
-from lissajous_env.theory import curve_point
+from lissajous_env.parameters.scenario import Curve
+from lissajous_env.theory.closed_forms import curve_point
+from lissajous_env.world.distance import DistanceTable, curve_distance, table_of
+from lissajous_env.world.distance_table import arc_distance, nearest_phase
 
 
 @wp.kernel

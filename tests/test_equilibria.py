@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lissajous_env import theory
-from lissajous_env.scenario import Curve
+from lissajous_env.parameters.scenario import Curve
+from lissajous_env.theory import closed_forms
 
 # Theorems 1 and 2, Lemmas 1 and 2.
 
@@ -24,31 +24,31 @@ def test_stable_equilibria_are_those_of_the_dynamics(n):
     # Oracle: eigenvalues of a Jacobian by finite differences of (1).
     neighbours = ring_neighbours(n)
     for p in range(n):
-        phases = theory.equilibrium_phases(n, p, range(n))
-        assert theory.kuramoto_rates(phases, neighbours, 0.3, 1.0) == pytest.approx(0.3)
+        phases = closed_forms.equilibrium_phases(n, p, range(n))
+        assert closed_forms.kuramoto_rates(phases, neighbours, 0.3, 1.0) == pytest.approx(0.3)
         steps = 1e-6 * np.eye(n)
-        above, below = (theory.kuramoto_rates(phases + sign * steps, neighbours, 0.3, 1.0) for sign in (1, -1))
+        above, below = (closed_forms.kuramoto_rates(phases + sign * steps, neighbours, 0.3, 1.0) for sign in (1, -1))
         jacobian = ((above - below) / 2e-6).T
-        assert theory.kuramoto_jacobian(phases, neighbours) == pytest.approx(jacobian, abs=1e-8)
+        assert closed_forms.kuramoto_jacobian(phases, neighbours) == pytest.approx(jacobian, abs=1e-8)
         eigenvalues = np.sort(np.linalg.eigvals(jacobian).real)
-        assert np.sort(theory.equilibrium_eigenvalues(n, p)) == pytest.approx(eigenvalues, abs=1e-6)
+        assert np.sort(closed_forms.equilibrium_eigenvalues(n, p)) == pytest.approx(eigenvalues, abs=1e-6)
         stable = eigenvalues[-1] < 1e-6 and eigenvalues[-2] < -1e-4
-        assert stable == (p in theory.stable_equilibria(n)) == (n / 4 < p < 3 * n / 4)
+        assert stable == (p in closed_forms.stable_equilibria(n)) == (n / 4 < p < 3 * n / 4)
 
 
 @settings(deadline=None)
 @given(st.integers(3, 200))
 def test_theorem_2(n):
-    assert theory.has_unclustered_equilibrium(n) == (n not in {4, 6})
-    assert (theory.cluster_size(n, theory.default_p(n)) == 1) == (n not in {4, 6})
-    assert theory.default_p(n) in theory.stable_equilibria(n)
+    assert closed_forms.has_unclustered_equilibrium(n) == (n not in {4, 6})
+    assert (closed_forms.cluster_size(n, closed_forms.default_p(n)) == 1) == (n not in {4, 6})
+    assert closed_forms.default_p(n) in closed_forms.stable_equilibria(n)
 
 
 @settings(deadline=None)
 @given(st.integers(3, 60), st.integers(0, 60), st.integers(1, 9))
 def test_lemma_1_counts_robots_on_a_place(n, p, alpha):
     turns = alpha * p * np.arange(n) % n
-    assert np.all(np.unique(turns, return_counts=True)[1] == theory.cluster_size(n, p, alpha))
+    assert np.all(np.unique(turns, return_counts=True)[1] == closed_forms.cluster_size(n, p, alpha))
 
 
 @settings(deadline=None)
@@ -56,7 +56,7 @@ def test_lemma_1_counts_robots_on_a_place(n, p, alpha):
 def test_lemma_2_reaches_every_equilibrium(n):
     p = (n - 1) // 2
     for wanted in range(n):
-        alpha = theory.alpha_for(n, p, wanted)
+        alpha = closed_forms.alpha_for(n, p, wanted)
         assert alpha is not None
         assert alpha * p % n == wanted
         assert 1 <= alpha <= n
@@ -66,7 +66,7 @@ def test_lemma_2_reaches_every_equilibrium(n):
 @given(st.integers(1, 40), st.integers(0, 40), st.integers(0, 40))
 def test_alpha_is_the_smallest(n, p, wanted):
     brute = next((alpha for alpha in range(1, n + 1) if (alpha * p - wanted) % n == 0), None)
-    assert theory.alpha_for(n, p, wanted) == brute
+    assert closed_forms.alpha_for(n, p, wanted) == brute
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_alpha_is_the_smallest(n, p, wanted):
 def test_alpha_rule(a, n, p, alpha):
     # Oracle: the paper's experiment (5) and Fig. 4 (10) need none; alpha a p = 1 (mod N) by hand.
     curve = Curve(5, 5, a, n - a)
-    assert theory.default_alpha(curve, n, p) == alpha
+    assert closed_forms.default_alpha(curve, n, p) == alpha
     assert alpha * a * p % n == 1
 
 
@@ -84,20 +84,20 @@ def test_ring_lies_on_ellipse_exactly_by_the_rule(n):
     # Oracle: the order of the robots around the centre of the ellipse, seen in a frame where it is a circle.
     for a in [a for a in range(1, n, 2) if math.gcd(a, n) == 1]:
         curve = Curve(5, 3, a, n - a)
-        for p in [p for p in theory.stable_equilibria(n) if math.gcd(p, n) == 1]:
+        for p in [p for p in closed_forms.stable_equilibria(n) if math.gcd(p, n) == 1]:
             for alpha in [alpha for alpha in range(1, n) if math.gcd(alpha, n) == 1]:
-                phases = alpha * theory.equilibrium_phases(n, p, range(n))
-                positions = theory.curve_point(curve, phases + 0.1) / [5, 3]
+                phases = alpha * closed_forms.equilibrium_phases(n, p, range(n))
+                positions = closed_forms.curve_point(curve, phases + 0.1) / [5, 3]
                 values, axes = np.linalg.eigh(positions.T @ positions)
                 angles = np.arctan2(*(positions @ axes / np.sqrt(values)).T)
                 place = np.argsort(np.argsort(angles))
                 apart = (place - np.roll(place, 1)) % n
                 beside = bool(np.all((apart == 1) | (apart == n - 1)))
-                assert beside == theory.ring_lies_on_ellipse(curve, n, p, alpha)
+                assert beside == closed_forms.ring_lies_on_ellipse(curve, n, p, alpha)
 
 
 def test_equilibrium_phases_follow_the_ring():
-    phases = theory.equilibrium_phases(5, 2, (0, 1, 4, 2, 3))
+    phases = closed_forms.equilibrium_phases(5, 2, (0, 1, 4, 2, 3))
     assert phases[[0, 1, 4, 2, 3]] == pytest.approx(2 * np.pi * np.array([0, 2, 4, 1, 3]) / 5)
 
 
@@ -111,7 +111,7 @@ def integrate(phases, duration, step=0.02, phase_rate=0.3, coupling=1.0, stuck=(
     free[list(stuck)] = 0
 
     def rates(x):
-        return free * theory.kuramoto_rates(x, neighbours, phase_rate, coupling)
+        return free * closed_forms.kuramoto_rates(x, neighbours, phase_rate, coupling)
 
     for _ in range(round(duration / step)):
         k1 = rates(phases)
@@ -124,26 +124,26 @@ def integrate(phases, duration, step=0.02, phase_rate=0.3, coupling=1.0, stuck=(
 
 def deviation(phases, p):
     """Largest deviation from equilibrium p with theta_0 taken from robot 0 [rad]."""
-    offsets = phases - theory.equilibrium_phases(phases.shape[-1], p, range(phases.shape[-1]))
+    offsets = phases - closed_forms.equilibrium_phases(phases.shape[-1], p, range(phases.shape[-1]))
     return np.abs(np.angle(np.exp(1j * (offsets - offsets[..., :1])))).max(axis=-1)
 
 
 @pytest.mark.parametrize(("n", "p"), [(5, 2), (7, 3), (10, 3), (15, 7)])
 def test_admissible_displacement(n, p):
-    low, high = theory.admissible_displacement(n, p)
+    low, high = closed_forms.admissible_displacement(n, p)
     assert -low == high
     phase = 2 * np.pi * p / n
     for displacement, inside in [(high - 1e-6, True), (high + 1e-6, False), (low + 1e-6, True), (low - 1e-6, False)]:
         holds = max(math.cos(-phase + displacement), math.cos(phase + displacement)) < 0
         assert holds == inside
-    starts = np.tile(theory.equilibrium_phases(n, p, range(n)), (9, 1))
+    starts = np.tile(closed_forms.equilibrium_phases(n, p, range(n)), (9, 1))
     starts[:, 0] += np.linspace(low, high, 11)[1:-1]
     assert np.all(deviation(integrate(starts, 100, step=0.1), p) < 0.05)
 
 
 def test_no_displacement_is_admissible_where_unstable():
-    assert theory.admissible_displacement(10, 3)[1] == pytest.approx(0.1 * np.pi)
-    assert theory.admissible_displacement(10, 1) == (0, 0)
+    assert closed_forms.admissible_displacement(10, 3)[1] == pytest.approx(0.1 * np.pi)
+    assert closed_forms.admissible_displacement(10, 1) == (0, 0)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +153,7 @@ def test_no_displacement_is_admissible_where_unstable():
 def test_failure_and_resume(n, p, stuck, recovery):
     # Oracle: simulated independently; stuck from 9.6 s to 19.5 s as in Fig. 6. Theorem 4 is violated for N = 10.
     # The times are of the deviation from stuck robot 0; with the mean over robots as theta_0 they are a fifth shorter.
-    phases = integrate(theory.equilibrium_phases(n, p, range(n)), 9.6)
+    phases = integrate(closed_forms.equilibrium_phases(n, p, range(n)), 9.6)
     phases = integrate(phases, 9.9, stuck=stuck)
     if recovery is None:
         assert deviation(integrate(phases, 300, step=0.1), p) > 0.5
@@ -166,7 +166,7 @@ def test_failure_and_resume(n, p, stuck, recovery):
 
 
 def test_without_coupling_the_offset_stays():
-    phases = integrate(theory.equilibrium_phases(5, 2, range(5)), 9.9, coupling=0, stuck=(0, 1))
+    phases = integrate(closed_forms.equilibrium_phases(5, 2, range(5)), 9.9, coupling=0, stuck=(0, 1))
     assert deviation(integrate(phases, 50, step=0.1, coupling=0), 2) == pytest.approx(deviation(phases, 2))
     assert deviation(phases, 2) > 0.5
 
@@ -179,7 +179,7 @@ def test_random_starts(n, shares):
     windings = ((np.roll(end, -1, axis=1) - end) % (2 * np.pi)).sum(axis=1) / (2 * np.pi)
     reached = np.round(windings).astype(int)
     assert windings == pytest.approx(reached)
-    assert set(reached) <= set(theory.stable_equilibria(n))
+    assert set(reached) <= set(closed_forms.stable_equilibria(n))
     settled = np.array([deviation(phases, p) for phases, p in zip(end, reached, strict=True)])
     assert np.mean(settled < 0.05) > 0.99
     for p, share in shares.items():
@@ -188,6 +188,8 @@ def test_random_starts(n, shares):
 
 def test_two_robots_have_one_neighbour_each():
     neighbours = np.array([[1, -1], [0, -1]])
-    rates = theory.kuramoto_rates(np.array([0.0, 1.0]), neighbours, 0.3, 2.0)
+    rates = closed_forms.kuramoto_rates(np.array([0.0, 1.0]), neighbours, 0.3, 2.0)
     assert rates == pytest.approx([0.3 - 2 * math.sin(1), 0.3 + 2 * math.sin(1)])
-    assert theory.kuramoto_jacobian(np.array([0.0, np.pi]), neighbours) == pytest.approx(np.array([[-1, 1], [1, -1]]))
+    assert closed_forms.kuramoto_jacobian(np.array([0.0, np.pi]), neighbours) == pytest.approx(
+        np.array([[-1, 1], [1, -1]])
+    )

@@ -9,11 +9,11 @@ from rich.console import Console
 
 import baselines
 import lissajous_env
-from baselines import registry
-from baselines.benchmark import Benchmark, measure
-from lissajous_env import cli
-from lissajous_env.evaluation import InvalidActionError, evaluate
-from lissajous_env.replay import record
+from baselines.benchmark.running import Benchmark, measure
+from baselines.policies import registry
+from lissajous_env.console import cli
+from lissajous_env.episodes.evaluation import InvalidActionError, evaluate
+from lissajous_env.episodes.recording import record
 
 SHORT = {"task.duration": 3.0}
 

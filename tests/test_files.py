@@ -8,12 +8,12 @@ import sys
 import pytest
 from rich.console import Console
 
-from baselines.benchmark import Benchmark, run
+from baselines.benchmark.running import Benchmark, run
 from baselines.reproduce import reproduce
-from lissajous_env import files
-from lissajous_env.files import check_writable_file, parse_json, read_json, replacing, write_atomically
-from lissajous_env.folder import LIST, Folder
-from lissajous_env.journal import Journal
+from lissajous_env.storage import files
+from lissajous_env.storage.files import check_writable_file, parse_json, read_json, replacing, write_atomically
+from lissajous_env.storage.folder import LIST, Folder
+from lissajous_env.storage.journal import Journal
 
 QUIET = Console(quiet=True)
 NEIGHBOURS = (
@@ -28,8 +28,8 @@ def benchmark(out):
 
 def train(out):
     pytest.importorskip("stable_baselines3")
+    from training.sb3.learning import train
     from training.settings import Train
-    from training.train import train
 
     settings = Train(
         "failure", steps=20, worlds=1, rollout=4, batch_size=20, layers=(4,), teacher="none", threads=1, rivals=(),

@@ -12,9 +12,9 @@ if sys.platform != "linux":
     pytest.skip("where a process writes is asked of Linux", allow_module_level=True)
 
 from benchmarks import killing
-from lissajous_env.folder import Folder
+from lissajous_env.storage.folder import Folder
 from tests.test_files import NEIGHBOURS
-from training import checkpoint
+from training.learned import checkpoint
 
 
 @pytest.fixture(scope="module", params=killing.WORK)

@@ -11,10 +11,10 @@ import lissajous_env
 import training
 from lissajous_env import Simulation
 from tests.test_network import make_network
-from training import checkpoint
-from training.checkpoint import Card
-from training.learned import Learned
-from training.network import Network
+from training.learned import checkpoint
+from training.learned.checkpoint import Card
+from training.learned.network import Network
+from training.learned.policy import Learned
 
 
 def played(policy, simulation, steps):
@@ -29,12 +29,12 @@ def played(policy, simulation, steps):
 
 
 def home(name):
-    return checkpoint.read(training.learned.find(name))[1].scenario
+    return checkpoint.read(training.learned.policy.find(name))[1].scenario
 
 
 @pytest.mark.parametrize("name", training.names())
 def test_shipped_policies_are_small_and_say_where_they_come_from(name):
-    folder = training.learned.find(name)
+    folder = training.learned.policy.find(name)
     assert sum(path.stat().st_size for path in folder.iterdir()) < 1_000_000
     _, card, text = checkpoint.read(folder)
     assert text["command"].startswith("lissajous train")
@@ -117,8 +117,8 @@ def test_shipped_policies_are_played_like_the_classical_ones():
     rows = lissajous_env.evaluate(baselines.make("learned-rough", "rough", 2), "rough", seeds=range(2))
     assert [row["policy"] for row in rows] == ["learned-rough"] * 2
     assert baselines.make("learned-rough-safe", "rough").name == "learned-rough-safe"
-    assert baselines.registry.made_for("learned-rough", "rough")
-    assert not baselines.registry.made_for("learned-rough-safe", "experiment")
+    assert baselines.policies.registry.made_for("learned-rough", "rough")
+    assert not baselines.policies.registry.made_for("learned-rough-safe", "experiment")
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_a_policy_of_a_folder_is_for_the_scenario_it_was_trained_on(tmp_path):
 
 
 def test_the_commands_take_a_folder_for_a_name(tmp_path):
-    from baselines.benchmark import Benchmark, plan
+    from baselines.benchmark.running import Benchmark, plan
 
     checkpoint.save(tmp_path, make_network((42, 2)), Card.of(lissajous_env.scenario("intruders")))
     assert isinstance(baselines.make(str(tmp_path), "rough"), Learned)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from baselines.mpcc import Mpcc, MpccParameters
-from lissajous_env.scenario import Curve, Robot
+from baselines.mpcc.solver import Mpcc, MpccParameters
+from lissajous_env.parameters.scenario import Curve, Robot
 
 CURVE = Curve()
 P = MpccParameters()

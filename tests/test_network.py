@@ -8,11 +8,11 @@ import pytest
 import warp as wp
 
 import lissajous_env
-from lissajous_env.folder import Folder
-from training import checkpoint
-from training.checkpoint import Card
-from training.forward import Forward
-from training.network import Network
+from lissajous_env.storage.folder import Folder
+from training.learned import checkpoint
+from training.learned.checkpoint import Card
+from training.learned.forward import Forward
+from training.learned.network import Network
 
 
 def make_network(sizes=(42, 8, 2), activation="relu", seed=0):

@@ -8,7 +8,7 @@ import pytest
 import reference_motion
 
 import lissajous_env
-from lissajous_env import observation
+from lissajous_env.world import observation
 
 OWN, LINK = 8, 6
 QUIET = {

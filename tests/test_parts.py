@@ -7,7 +7,7 @@ import re
 import pytest
 
 import lissajous_env
-from lissajous_env.scenario import PARTS, Faults, Scenario, Targets, Task
+from lissajous_env.parameters.scenario import PARTS, Faults, Scenario, Targets, Task
 
 FIELDS = [(part, field) for part, kind in PARTS.items() for field in dataclasses.fields(kind)]
 FIELD_NAMES = [f"{part}.{field.name}" for part, field in FIELDS]
@@ -51,7 +51,10 @@ def test_help_says_what_a_field_means_its_unit_and_range(part, field):
 def test_help_without_source_still_says_the_rules():
     # Story: a class that was made where there is no file, as in an interactive session.
     space = {"__name__": "nowhere"}
-    exec("from lissajous_env.fields import *\nclass Part(Checked):\n    size: float = number(1.0, 0, 2, 'm')", space)
+    exec(
+        "from lissajous_env.parameters.checks import *\nclass Part(Checked):\n    size: float = number(1.0, 0, 2, 'm')",
+        space,
+    )
     assert "size: (from 0 to 2 [m]; default 1.0)" in space["Part"].__doc__
 
 

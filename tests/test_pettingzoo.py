@@ -14,8 +14,8 @@ import pytest
 from pettingzoo.test import api_test, max_cycles_test, parallel_api_test, parallel_seed_test, seed_test
 
 import lissajous_env
-from lissajous_env.actions import action_table
-from lissajous_env.reward import TERMS
+from lissajous_env.envs.actions import action_table
+from lissajous_env.world.reward import TERMS
 
 SHORT = {"task.duration": 3.0}
 CRASHING = {"task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}

@@ -9,15 +9,15 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from baselines.arc import ArcParameters, KuramotoByArc
-from baselines.consensus import Consensus
-from baselines.coordinated import OnCurve, WithMpcc
-from baselines.kuramoto import Kuramoto
-from baselines.loop import SweepParameters, corner_radius, fastest_speed, patrol_loop
-from baselines.mpcc import MpccParameters
-from baselines.patrol import Sweep
-from baselines.vector_field import FieldParameters, WithVectorField
-from lissajous_env import theory
+from baselines.mpcc.solver import MpccParameters
+from baselines.policies.coordinators.arc_length import ArcParameters, KuramotoByArc
+from baselines.policies.coordinators.consensus import Consensus
+from baselines.policies.coordinators.kuramoto import Kuramoto
+from baselines.policies.patrol import Sweep
+from baselines.policies.patrol_path import SweepParameters, corner_radius, fastest_speed, patrol_loop
+from baselines.policies.trackers.coordinated import OnCurve, WithMpcc
+from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
+from lissajous_env.theory import closed_forms
 
 CARS = ("kuramoto-mpcc", "open-loop-mpcc", "sweep", "random", "still")
 POINTS = ("kuramoto", "open-loop", "random", "still")
@@ -175,7 +175,7 @@ def test_ideal_finds_every_target_within_the_bound():
     """Oracle: T_max = 8.38 s below (8), and the paper's 4.5 s."""
     policy = baselines.make("kuramoto", "ideal", num_worlds=2)
     rows = lissajous_env.evaluate(policy, "ideal", range(2))
-    assert theory.detection_time_bound(0.05, 15) == pytest.approx(8.378, abs=1e-3)
+    assert closed_forms.detection_time_bound(0.05, 15) == pytest.approx(8.378, abs=1e-3)
     for row in rows:
         assert row["targets"] == 10_000
         assert row["detected_within_bound"] == 1.0

@@ -10,8 +10,8 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from baselines.kuramoto import Kuramoto
-from baselines.policy import Policy
+from baselines.policies.base import Policy
+from baselines.policies.coordinators.kuramoto import Kuramoto
 from lissajous_env import Simulation
 
 STEPS = 12

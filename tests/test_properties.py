@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import lissajous_env
-from lissajous_env.score import COLUMNS
+from lissajous_env.world.score import COLUMNS
 
 STEPS = 40
 WORLDS = 3

@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("ray")
 
-from baselines import cluster, ray_address
+from baselines.benchmark import cluster, ray_address
 
 ELSEWHERE = "127.0.0.2"
 """Another machine, to Ray, and yet this one: for its loopback names Ray takes this machine's own address."""

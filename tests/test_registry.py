@@ -7,9 +7,9 @@ import pytest
 
 import baselines
 import training
-from baselines import registry
-from baselines.patrol import Laps, Still
-from training.learned import register_shipped
+from baselines.policies import registry
+from baselines.policies.patrol import Laps, Still
+from training.learned.policy import register_shipped
 
 
 @pytest.fixture(autouse=True)

@@ -10,16 +10,16 @@ import pytest
 from pettingzoo.test import render_test
 
 import lissajous_env
-from lissajous_env.render import Renderer, Snapshot, palette, snapshot
+from lissajous_env.render import Renderer, Snapshot, palette
 from lissajous_env.render.canvas import View
-from lissajous_env.state import NEVER, REMOVED, STUCK
+from lissajous_env.world.state import NEVER, REMOVED, STUCK
 
 
 def world(name="experiment", steps=3, **overrides) -> tuple[lissajous_env.Simulation, Snapshot]:
     simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **overrides), seed=3)
     for _ in range(steps):
         simulation.step(np.zeros(simulation.action_shape, np.float32))
-    return simulation, snapshot(simulation)
+    return simulation, Snapshot.of(simulation)
 
 
 def changed(before: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -281,7 +281,7 @@ def test_a_picture_needs_no_more_memory_than_its_size_asks_for(kind):
     code = f"""
 import resource
 import lissajous_env
-from lissajous_env.render import Renderer, snapshot
+from lissajous_env.render import Renderer
 simulation = lissajous_env.Simulation(lissajous_env.scenario({name!r}, **{overrides!r}), seed=3)
 small = Renderer("experiment")
 small.draw(lissajous_env.Simulation("experiment", seed=3))

@@ -15,12 +15,12 @@ from scipy.spatial import KDTree
 
 import lissajous_env
 from baselines import names
-from baselines.reproduce import PARTS, reproduce, table
-from baselines.reproduce.space import branch_radius
-from lissajous_env import geometry, theory
-from lissajous_env.cli import commands
-from lissajous_env.folder import LIST
-from lissajous_env.scenario import Curve
+from baselines.reproduce import PARTS, claims, reproduce
+from baselines.reproduce.three_dimensions import branch_radius
+from lissajous_env.console.cli import commands
+from lissajous_env.parameters.scenario import Curve
+from lissajous_env.storage.folder import LIST
+from lissajous_env.theory import closed_forms, geometry
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "paper.md"
 FIGURES = ("fig2", "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9")
@@ -101,14 +101,14 @@ def test_table_and_page_hold_the_same_rows(everything):
 
 
 def test_a_claim_agrees_by_its_tolerance():
-    assert table.near("", 4.5, 4.7, 0.3).agrees
-    assert not table.near("", 4.5, 4.9, 0.3).agrees
-    assert table.within_range("", 0.192, np.array([0.1, 0.2])).agrees
-    assert not table.within_range("", 0.192, np.array([0.2, 0.3])).agrees
-    assert not table.all_of("", "", [True, False], "starts").agrees
-    assert table.at_most("", "", 1.0, 1.0).agrees
-    assert not table.at_most("", "", 1.1, 1.0).agrees
-    assert table.verdict(table.reported("", "", "")) == "-"
+    assert claims.near("", 4.5, 4.7, 0.3).agrees
+    assert not claims.near("", 4.5, 4.9, 0.3).agrees
+    assert claims.within_range("", 0.192, np.array([0.1, 0.2])).agrees
+    assert not claims.within_range("", 0.192, np.array([0.2, 0.3])).agrees
+    assert not claims.all_of("", "", [True, False], "starts").agrees
+    assert claims.at_most("", "", 1.0, 1.0).agrees
+    assert not claims.at_most("", "", 1.1, 1.0).agrees
+    assert claims.verdict(claims.reported("", "", "")) == "-"
 
 
 @pytest.mark.parametrize(("depth", "c"), [(0.0, 7), (0.8, 3), (0.8, 7), (0.3, 11), (1.6, 1)])
@@ -116,7 +116,7 @@ def test_distance_of_branches(depth, c):
     # Oracle: all pairs of points of the curve that are apart along it, by brute force.
     curve = Curve(1.8, 0.8, 3, 2, depth, c)
     gamma = np.linspace(0, 2 * np.pi, 2400, endpoint=False)
-    place = theory.curve_point_3d(curve, gamma)
+    place = closed_forms.curve_point_3d(curve, gamma)
     distance = np.linalg.norm(place[:, None] - place, axis=-1)
     # Only dips of the distance count: next to itself a branch is near for another reason.
     inner = distance[1:-1, 1:-1]
@@ -133,7 +133,7 @@ def test_distance_of_branches_by_a_tree(depth, c):
     # Oracle: a k-d tree over 12,000 points finds no two of different branches nearer, and some hardly further.
     curve = Curve(1.8, 0.8, 3, 2, depth, c)
     count = 12_000
-    tree = KDTree(theory.curve_point_3d(curve, np.linspace(0, 2 * np.pi, count, endpoint=False)))
+    tree = KDTree(closed_forms.curve_point_3d(curve, np.linspace(0, 2 * np.pi, count, endpoint=False)))
     distance = 2 * branch_radius(curve)
 
     def pairs(reach):

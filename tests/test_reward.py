@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.reward import TERMS
+from lissajous_env.world.reward import TERMS
 
 WEIGHTS = {
     "task.reward_detection": 2.0,

@@ -10,15 +10,15 @@ from scipy.optimize import brentq
 
 import baselines
 import lissajous_env
-from baselines.arc import PREVIEW, KuramotoByArc, arc_tables, ground_speed, interpolate
-from baselines.consensus import Consensus
-from baselines.loop import cruising_speed
-from baselines.vector_field import Field, field_of, field_rate, field_velocity
-from lissajous_env import theory
-from lissajous_env.device import compile_quietly
-from lissajous_env.evaluation import episodes
-from lissajous_env.geometry import curve_length, largest_speed
-from lissajous_env.scenario import Curve
+from baselines.policies.coordinators.arc_length import PREVIEW, KuramotoByArc, arc_tables, ground_speed, interpolate
+from baselines.policies.coordinators.consensus import Consensus
+from baselines.policies.patrol_path import cruising_speed
+from baselines.policies.trackers.vector_field import Field, field_of, field_rate, field_velocity
+from lissajous_env.device.devices import compile_quietly
+from lissajous_env.episodes.evaluation import episodes
+from lissajous_env.parameters.scenario import Curve
+from lissajous_env.theory import closed_forms
+from lissajous_env.theory.geometry import curve_length, largest_speed
 
 CARS = ("tracked-reference-mpcc", "consensus-gvf", "kuramoto-arc-mpcc")
 NO_FAULTS = {"faults.schedule": ()}
@@ -223,7 +223,7 @@ def test_known_spacing_recovers():
 def test_consensus_keeps_a_spacing_that_kuramoto_cannot():
     """Oracle: Theorem 1, N / 4 < p < 3 N / 4; linear consensus is stable for any p that it is given."""
     unstable = {**NO_FAULTS, "formation.p": 1, "formation.alpha": 1}
-    assert 1 not in theory.stable_equilibria(5)
+    assert 1 not in closed_forms.stable_equilibria(5)
     assert played("consensus-gvf", "experiment", 4, **unstable)[1][-1].max() < 0.3
     assert played("kuramoto-mpcc", "experiment", 4, **unstable)[1][-1].min() > 0.5
 
@@ -233,8 +233,8 @@ def test_consensus_keeps_a_spacing_that_kuramoto_cannot():
 
 def arc_phase(curve, gamma):
     """2 pi s(gamma) / L by adaptive quadrature [rad]."""
-    lap = quad(lambda g: theory.curve_speed(curve, g), 0, 2 * math.pi, limit=200)[0]
-    return 2 * math.pi * quad(lambda g: theory.curve_speed(curve, g), 0, gamma, limit=200)[0] / lap
+    lap = quad(lambda g: closed_forms.curve_speed(curve, g), 0, 2 * math.pi, limit=200)[0]
+    return 2 * math.pi * quad(lambda g: closed_forms.curve_speed(curve, g), 0, gamma, limit=200)[0] / lap
 
 
 @wp.kernel
@@ -270,7 +270,7 @@ def test_dynamics_1_act_on_the_arc_phase(overrides):
     rate = 2 * math.pi * ground_speed(scenario) / (curve_length(curve) * alpha)
     for phases, found in zip(simulation.robots.phase.numpy(), coordinator.phase_rate.numpy(), strict=True):
         psi = np.array([arc_phase(curve, alpha * phase) for phase in phases]) / alpha
-        psi_rates = theory.kuramoto_rates(psi, scenario.neighbours, rate, 0.7)
+        psi_rates = closed_forms.kuramoto_rates(psi, scenario.neighbours, rate, 0.7)
         for robot in range(5):
             soon = alpha * (psi[robot] + PREVIEW * psi_rates[robot])
             gamma = brentq(lambda g, s=soon: arc_phase(curve, g) - s, soon - 2, soon + 2, xtol=1e-9)
@@ -306,7 +306,7 @@ def test_robots_are_spaced_along_the_curve_at_one_speed():
         np.testing.assert_allclose(gaps, 2 * math.pi / 5, rtol=0.05)
     settled = np.array(speeds[200:])
     assert settled.mean() == pytest.approx(ground_speed(scenario), rel=0.07)
-    profile = 0.118 * theory.curve_speed(scenario.curve, np.linspace(0, 2 * math.pi, 1000))
+    profile = 0.118 * closed_forms.curve_speed(scenario.curve, np.linspace(0, 2 * math.pi, 1000))
     assert settled.std() / settled.mean() < 0.4 * profile.std() / profile.mean()
     assert settled.max() < 1.02 * 0.118 * largest_speed(scenario.curve)
 
@@ -366,7 +366,7 @@ def test_random_starts_reach_the_stable_equilibria(a, b, duration, shares):
     phases = simulation.robots.phase.numpy()
     gaps = (np.roll(phases, -1, axis=1) - phases) % (2 * math.pi)
     reached = np.round(gaps.sum(axis=1) / (2 * math.pi)).astype(int)
-    assert set(reached) <= set(theory.stable_equilibria(a + b))
+    assert set(reached) <= set(closed_forms.stable_equilibria(a + b))
     assert np.abs(gaps - 2 * math.pi * reached[:, None] / (a + b)).max() < 0.05
     for p, share in shares.items():
         assert np.mean(reached == p) == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / 600))

@@ -28,10 +28,11 @@ from ray.rllib.utils.pre_checks.env import check_multiagent_environments  # noqa
 from test_network import outputs  # noqa: E402
 
 import training  # noqa: E402
-from training import checkpoint, rllib, rllib_ppo  # noqa: E402
-from training.checkpoint import Card  # noqa: E402
-from training.network import Network  # noqa: E402
-from training.rllib_env import LissajousMultiAgentEnv  # noqa: E402
+from training.learned import checkpoint  # noqa: E402
+from training.learned.checkpoint import Card  # noqa: E402
+from training.learned.network import Network  # noqa: E402
+from training.rllib import learning, ppo  # noqa: E402
+from training.rllib.env import LissajousMultiAgentEnv  # noqa: E402
 from training.settings import Train  # noqa: E402
 
 QUIET = Console(quiet=True)
@@ -213,21 +214,21 @@ def test_the_network_that_comes_out_acts_as_the_module(activation, layers):
     env = LissajousMultiAgentEnv(SHORT)
     model = {"layers": layers, "activation": activation, "log_std": -0.7, "start": None}
     spaces = env.observation_spaces["robot_0"], env.action_spaces["robot_0"]
-    module = rllib_ppo.RobotModule(observation_space=spaces[0], action_space=spaces[1], model_config=model)
+    module = ppo.RobotModule(observation_space=spaces[0], action_space=spaces[1], model_config=model)
     with torch.no_grad():
         for parameter in module.parameters():
             parameter.add_(torch.randn_like(parameter) * 0.1)
-    network = rllib_ppo.to_network(module.get_state(), activation)
+    network = ppo.to_network(module.get_state(), activation)
     rows = np.concatenate([np.stack(list(each[0].values())) for each in play(env, 1)])
     batch = {Columns.OBS: torch.from_numpy(rows)}
     parameters = module.forward_inference(batch)[Columns.ACTION_DIST_INPUTS]
     deterministic = module.get_inference_action_dist_cls().from_logits(parameters).to_deterministic().sample()
     assert network.hidden == layers
     assert outputs(network, rows) == pytest.approx(deterministic.numpy().clip(-1, 1), abs=1e-5)
-    started = rllib_ppo.RobotModule(
+    started = ppo.RobotModule(
         observation_space=spaces[0], action_space=spaces[1], model_config=model | {"start": network}
     )
-    assert str(rllib_ppo.to_network(started.get_state(), activation).to_arrays()) == str(network.to_arrays())
+    assert str(ppo.to_network(started.get_state(), activation).to_arrays()) == str(network.to_arrays())
 
 
 # The training.
@@ -276,7 +277,7 @@ def test_a_node_is_killed_and_the_training_goes_on(tmp_path, monkeypatch):
     other = cluster.add_node(num_cpus=1, object_store_memory=STORE)
     ray.init(cluster.address, log_to_driver=False, logging_level="ERROR")
     held = checkpoint.hold(tmp_path)
-    trainer = rllib.ClusterTrainer(settings(tmp_path, steps=20 * ROWS, evaluate_every=1000 * ROWS), QUIET, held)
+    trainer = learning.ClusterTrainer(settings(tmp_path, steps=20 * ROWS, evaluate_every=1000 * ROWS), QUIET, held)
     healthy, stop = [], trainer.stop_if_asked
 
     def watch():
@@ -314,7 +315,7 @@ def test_a_node_is_killed_and_the_training_goes_on(tmp_path, monkeypatch):
 )
 def test_settings_that_rllib_cannot_train_with_are_refused(tmp_path, changes, words):
     with pytest.raises(ValueError, match=words):
-        rllib.train(settings(tmp_path / "out", **changes), QUIET)
+        learning.train(settings(tmp_path / "out", **changes), QUIET)
     assert not (tmp_path / "out").exists()
 
 
@@ -323,8 +324,8 @@ def test_the_results_of_others_are_refused(tmp_path):
     network = Network((np.zeros((1, 42), np.float32),), (np.zeros(1, np.float32),), "relu")
     checkpoint.save(tmp_path / "sb3", network, Card.of(scenario))
     with pytest.raises(ValueError, match=r"engine = None there, 'ray' here"):
-        rllib.train(settings(tmp_path / "sb3"), QUIET)
+        learning.train(settings(tmp_path / "sb3"), QUIET)
     other = Card.of(scenario, settings=settings(tmp_path, gamma=0.5).to_dict())
     checkpoint.save(tmp_path / "other", network, other)
     with pytest.raises(ValueError, match=r"gamma = 0\.5 there, 0\.99 here"):
-        rllib.train(settings(tmp_path / "other"), QUIET)
+        learning.train(settings(tmp_path / "other"), QUIET)

@@ -14,9 +14,10 @@ import tree  # noqa: E402
 from test_rllib import QUIET, ROWS, counted, settings  # noqa: E402
 
 import lissajous_env  # noqa: E402
-from baselines import cluster  # noqa: E402
-from training import checkpoint, rllib, rllib_ppo, rllib_state  # noqa: E402
-from training.checkpoint import Card  # noqa: E402
+from baselines.benchmark import cluster  # noqa: E402
+from training.learned import checkpoint  # noqa: E402
+from training.learned.checkpoint import Card  # noqa: E402
+from training.rllib import learning, ppo, state  # noqa: E402
 from training.trainer import Trainer  # noqa: E402
 
 
@@ -33,7 +34,7 @@ def test_a_training_goes_on_from_data_alone(tmp_path):
         settings(tmp_path / "run", steps=ROWS, workers=1, worlds=4, evaluation_episodes=1),
         tmp_path / "opened",
     )
-    rllib.train(made, QUIET)
+    learning.train(made, QUIET)
     assert not list(made.out.rglob("*.pkl"))
     more, forms = dataclasses.replace(made, steps=ROWS), payloads(marker)
     needed = [path for path in made.out.iterdir() if path.suffix in (".json", ".safetensors")]
@@ -44,13 +45,13 @@ def test_a_training_goes_on_from_data_alone(tmp_path):
             shutil.copytree(made.out, attacked.out)
             plant(attacked.out / path.name, data)
             with pytest.raises(ValueError, match=r"damaged|decode"):
-                rllib.train(attacked, QUIET)
+                learning.train(attacked, QUIET)
             shutil.rmtree(attacked.out)
     for path in [path for path in made.out.rglob("[!.]*") if path.is_file() and path not in needed]:
         plant(path, forms["plain"])
     course = {"steps": ROWS // 2, "updates": 1, "seconds": 1.0, "curve": [], "rivals": {}}
     plant_rllib(made.out, forms["plain"], {"settings": made.to_dict(), "course": course})
-    rllib.train(more, QUIET)
+    learning.train(more, QUIET)
     assert counted(made.out)[0] == ROWS
     assert not opened(marker)
 
@@ -66,7 +67,7 @@ def make(tmp_path_factory):
     def in_its_place(iterations=0):
         while algorithms:
             algorithms.pop().stop()
-        algorithms.append(rllib_ppo.make_ppo(trainer.settings, trainer.scenario, trainer.card, None, iterations))
+        algorithms.append(ppo.make_ppo(trainer.settings, trainer.scenario, trainer.card, None, iterations))
         return algorithms[0]
 
     yield in_its_place
@@ -84,10 +85,8 @@ def learner_of(algorithm):
 
 def trained(algorithm, iterations):
     """Iterations, steps of a world, and the learning rate that comes next."""
-    rates = [
-        algorithm.train()["learners"][rllib_ppo.MODULE]["default_optimizer_learning_rate"] for _ in range(iterations)
-    ]
-    return algorithm.iteration, rllib_state.steps_sampled(algorithm), rates
+    rates = [algorithm.train()["learners"][ppo.MODULE]["default_optimizer_learning_rate"] for _ in range(iterations)]
+    return algorithm.iteration, state.steps_sampled(algorithm), rates
 
 
 def test_what_was_saved_goes_on_as_rllibs_own_checkpoint_does(make, tmp_path):
@@ -95,8 +94,8 @@ def test_what_was_saved_goes_on_as_rllibs_own_checkpoint_does(make, tmp_path):
     # learning rates. Weights cannot be compared later: RLlib draws its actions anew each time.
     algorithm = make()
     trained(algorithm, 3)
-    network, card = rllib_ppo.policy_of(algorithm, "relu"), Card.of(lissajous_env.scenario("failure"))
-    checkpoint.save(tmp_path / "ours", network, card, state=rllib_state.save_ppo(algorithm))
+    network, card = ppo.policy_of(algorithm, "relu"), Card.of(lissajous_env.scenario("failure"))
+    checkpoint.save(tmp_path / "ours", network, card, state=state.save_ppo(algorithm))
     saved = checkpoint.read_state(tmp_path / "ours", checkpoint.read(tmp_path / "ours")[2])
     algorithm.save_to_path(tmp_path / "rllib")
 
@@ -107,7 +106,7 @@ def test_what_was_saved_goes_on_as_rllibs_own_checkpoint_does(make, tmp_path):
     theirs = trained(algorithm, 2)
 
     algorithm = make(3)
-    rllib_state.load_ppo(algorithm, saved, 3)
+    state.load_ppo(algorithm, saved, 3)
     loaded = learner_of(algorithm)
     (worker,) = algorithm.env_runner_group.foreach_env_runner(lambda each: each.get_state(), local_env_runner=False)
     ours = trained(algorithm, 2)
@@ -117,7 +116,7 @@ def test_what_was_saved_goes_on_as_rllibs_own_checkpoint_does(make, tmp_path):
         assert array.dtype.kind == loaded[name].dtype.kind
         assert array.tobytes() == loaded[name].astype(array.dtype).tobytes(), name
     assert sum(not np.array_equal(array, fresh.get(name)) for name, array in loaded.items()) > 4 * 13
-    for name, array in worker["rl_module"][rllib_ppo.MODULE].items():
+    for name, array in worker["rl_module"][ppo.MODULE].items():
         assert (array == saved[f"model.{name}"]).all()
     assert ours == theirs
     assert ours[:2] == (5, 5 * 4 * 8)
@@ -139,10 +138,10 @@ def an_algorithm(make):
     ],
 )
 def test_a_state_of_something_else_is_refused_by_name(an_algorithm, name, array, words):
-    arrays = rllib_state.save_ppo(an_algorithm)
+    arrays = state.save_ppo(an_algorithm)
     if array is None:
         del arrays[name]
     else:
         arrays[name] = array
     with pytest.raises(ValueError, match=words):
-        rllib_state.load_ppo(an_algorithm, arrays, 3)
+        state.load_ppo(an_algorithm, arrays, 3)

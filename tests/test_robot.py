@@ -10,11 +10,11 @@ import reference_motion
 import warp as wp
 
 import lissajous_env
-from lissajous_env import theory
-from lissajous_env.compilation import OPTIONS
-from lissajous_env.robot import RobotStruct, car_step
-from lissajous_env.scenario import Robot
-from lissajous_env.structs import to_struct
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.structs import to_struct
+from lissajous_env.parameters.scenario import Robot
+from lissajous_env.theory import closed_forms
+from lissajous_env.world.robots import RobotStruct, car_step
 
 wp.set_module_options(OPTIONS)
 
@@ -212,8 +212,8 @@ def test_the_phase_of_a_car_is_that_of_the_nearest_point_of_its_branch():
         world.step(action)
         place = simulation.robots.position.numpy()[0, 0, :2]
         phases.append(float(simulation.robots.phase.numpy()[0, 0]))
-        distance = np.linalg.norm(theory.curve_point(curve, phases[-1] + around) - place, axis=1)
-        excess.append(np.linalg.norm(theory.curve_point(curve, phases[-1]) - place) - distance.min())
+        distance = np.linalg.norm(closed_forms.curve_point(curve, phases[-1] + around) - place, axis=1)
+        excess.append(np.linalg.norm(closed_forms.curve_point(curve, phases[-1]) - place) - distance.min())
     assert np.percentile(excess, 80) < 5e-3
     assert np.percentile(excess, 95) < 0.03
     assert max(excess) < 0.2
@@ -244,9 +244,9 @@ def test_a_point_goes_on_at_the_commanded_rate_and_stays_on_the_curve(depth):
         assert got.min() >= 0
         assert got.max() < 2 * math.pi
         np.testing.assert_allclose(np.exp(1j * got), np.exp(1j * phases), atol=2e-5)
-        places = theory.curve_point_3d(curve, 3 * phases)
+        places = closed_forms.curve_point_3d(curve, 3 * phases)
         np.testing.assert_allclose(simulation.robots.position.numpy()[0], places, atol=3e-4)
-    speed = theory.curve_speed(curve, 3 * phases) * np.abs(3 * rates * top)
+    speed = closed_forms.curve_speed(curve, 3 * phases) * np.abs(3 * rates * top)
     np.testing.assert_allclose(simulation.robots.speed.numpy()[0], speed, rtol=2e-3, atol=2e-3)
     tangent = np.stack([-np.sin(3 * 3 * phases) * 3 * 1.8, np.cos(2 * 3 * phases) * 2 * 0.8]) * rates
     heading = np.arctan2(tangent[1], tangent[0])
@@ -274,7 +274,7 @@ def test_phases_of_the_swarm_are_fine_enough_for_its_bodies():
         simulation.step(action)
     rate = float(action[0, 0, 0]) * scenario.robot.phase_rate_max
     phases = scenario.alpha * (scenario.equilibrium + turn + rate * scenario.task.duration)
-    places = theory.curve_point(scenario.curve, phases)
+    places = closed_forms.curve_point(scenario.curve, phases)
     assert np.abs(simulation.robots.position.numpy()[0, :, :2] - places).max() < 2e-3
     (row,) = simulation.score()
     assert row["collisions"] == 0
@@ -291,7 +291,7 @@ def test_starts_are_as_the_formation_says():
         return scenario, lissajous_env.Simulation(scenario, 4000, seed=9).robots.phase.numpy()
 
     scenario, start = phases()
-    equilibrium = theory.equilibrium_phases(5, 2, (0, 1, 4, 2, 3))
+    equilibrium = closed_forms.equilibrium_phases(5, 2, (0, 1, 4, 2, 3))
     np.testing.assert_allclose(np.angle(np.exp(1j * (start - equilibrium))), 0, atol=1e-6)
     displaced = np.angle(np.exp(1j * (phases(**{"formation.displaced": ((1, 0.2), (1, 0.1))})[1] - equilibrium)))
     np.testing.assert_allclose(displaced, np.broadcast_to([0, 0.3, 0, 0, 0], displaced.shape), atol=1e-6)
@@ -304,5 +304,5 @@ def test_starts_are_as_the_formation_says():
     free = phases(**{"formation.start": "random"})[1]
     assert abs(np.exp(1j * free).mean()) < 4 / math.sqrt(free.size)
     assert abs(np.exp(1j * (free[:, 0] - free[:, 1])).mean()) < 4 / math.sqrt(4000)
-    speed = theory.curve_speed(scenario.curve, scenario.alpha * equilibrium) * 0.3
+    speed = closed_forms.curve_speed(scenario.curve, scenario.alpha * equilibrium) * 0.3
     np.testing.assert_allclose(lissajous_env.Simulation(scenario).robots.speed.numpy()[0], speed, rtol=1e-4)

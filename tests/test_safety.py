@@ -9,10 +9,10 @@ from scipy.optimize import linprog
 
 import baselines
 import lissajous_env
-from baselines.policy import Policy
-from baselines.programme import TOLERANCE, solve_programmes
-from baselines.safety import Safe, SafetyParameters, speed_limit
-from lissajous_env.observation import layout
+from baselines.policies.base import Policy
+from baselines.safety.filter import Safe, SafetyParameters, speed_limit
+from baselines.safety.quadratic_program import TOLERANCE, solve_programmes
+from lissajous_env.world.observation import layout
 
 QUIET = {"print_iter": False, "print_header": False, "print_info": False, "print_time": False, "error_on_fail": False}
 WEIGHT = SafetyParameters().throttle_weight

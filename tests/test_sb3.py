@@ -14,8 +14,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecCheckNan, VecEnv, VecMonitor, VecNormalize
 
-from training.checkpoint import Card
-from training.sb3 import RobotVecEnv, make_ppo, to_network
+from training.learned.checkpoint import Card
+from training.sb3.ppo import RobotVecEnv, make_ppo, to_network
 from training.settings import Train
 
 

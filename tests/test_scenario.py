@@ -14,8 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import lissajous_env
-from lissajous_env import theory
-from lissajous_env.scenario import (
+from lissajous_env.parameters.scenario import (
     PARTS,
     Curve,
     Faults,
@@ -27,6 +26,7 @@ from lissajous_env.scenario import (
     Targets,
     Task,
 )
+from lissajous_env.theory import closed_forms
 
 # Digests of all numbers of the scenarios that ship: a line that differs is a number that changed.
 DIGESTS = {
@@ -316,7 +316,7 @@ def test_what_ships_is_a_formation_that_works(name):
     assert n == scenario.curve.a + scenario.curve.b
     assert n < 4 * scenario.p < 3 * n
     assert scenario.clusters == 1
-    assert theory.ring_lies_on_ellipse(scenario.curve, n, scenario.p, scenario.alpha)
+    assert closed_forms.ring_lies_on_ellipse(scenario.curve, n, scenario.p, scenario.alpha)
     assert scenario.robot.radius < scenario.robot_radius_bound
     if name != "intruders":  # its sensor is too short for (8) on purpose
         assert scenario.resolve().sensing.radius == pytest.approx(scenario.detection_radius)
@@ -331,7 +331,7 @@ def test_ring_of_the_experiment_is_the_printed_one():
 def test_intruders_take_the_top_speed_on_the_fastest_stretch():
     # Oracle: omega = 2 m/s / max ||r'|| = 0.118 rad/s by dense sampling; steady speed of the throttle limit 2 m/s.
     scenario = lissajous_env.scenario("intruders")
-    speed = theory.curve_speed(scenario.curve, np.linspace(0, 2 * np.pi, 100_001))
+    speed = closed_forms.curve_speed(scenario.curve, np.linspace(0, 2 * np.pi, 100_001))
     assert scenario.formation.phase_rate == pytest.approx(2 / speed.max(), abs=5e-4)
     assert round(2 / speed.max(), 3) == scenario.formation.phase_rate
     assert scenario.robot.speed_max == pytest.approx(2, abs=1e-4)

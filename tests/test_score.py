@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env import theory
-from lissajous_env.score import COLUMNS
+from lissajous_env.theory import closed_forms
+from lissajous_env.world.score import COLUMNS
 
 # The columns as they are promised to who reads the files.
 PROMISED = (
@@ -29,7 +29,7 @@ def played(simulation, law):
 
 def kuramoto(scenario):
     formation = scenario.formation
-    return lambda phases: theory.kuramoto_rates(
+    return lambda phases: closed_forms.kuramoto_rates(
         phases, scenario.neighbours, formation.phase_rate / scenario.alpha, formation.coupling
     )
 
@@ -186,8 +186,8 @@ def test_the_lateral_error_of_a_car_beside_its_curve():
     overrides = {"robot.count": 1, "formation.p": 0, "formation.ring": None, "formation.start_noise": 0.0}
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", **overrides, **{"faults.schedule": ()}))
     gamma = 0.4
-    place = theory.curve_point(simulation.scenario.curve, gamma)
-    ahead = theory.curve_point(simulation.scenario.curve, gamma + 1e-6) - place
+    place = closed_forms.curve_point(simulation.scenario.curve, gamma)
+    ahead = closed_forms.curve_point(simulation.scenario.curve, gamma + 1e-6) - place
     normal = np.array([-ahead[1], ahead[0]]) / np.linalg.norm(ahead)
     beside = place + 0.03 * normal
     simulation.robots.position.assign(np.array([[[*beside, 0.0]]], dtype=np.float32))

@@ -13,7 +13,7 @@ import pytest
 import warp as wp
 
 import lissajous_env
-from lissajous_env.observation import layout
+from lissajous_env.world.observation import layout
 
 # All that is random at once, on cars and on points.
 EVERYTHING = {

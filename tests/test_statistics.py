@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import bootstrap, trim_mean
 
-from baselines import statistics
-from baselines.statistics import bootstrap_interval, interquartile_mean, summarize
+from baselines.benchmark import statistics
+from baselines.benchmark.statistics import bootstrap_interval, interquartile_mean, summarize
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 7, 8, 16, 33, 100])

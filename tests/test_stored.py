@@ -6,9 +6,9 @@ import math
 import pytest
 from rich.console import Console
 
-from baselines import rows
-from baselines.benchmark import Benchmark, run
-from lissajous_env.score import COLUMNS
+from baselines.benchmark import rows
+from baselines.benchmark.running import Benchmark, run
+from lissajous_env.world.score import COLUMNS
 
 QUIET = Console(quiet=True)
 

@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 import lissajous_env
-from lissajous_env.simulation import _Constants
+from lissajous_env.world.simulation import _Constants
 
 STILL = {"faults.schedule": (), "targets.count": 0, "targets.arrival_rate": 0.0, "formation.start": "equilibrium"}
 

@@ -8,12 +8,13 @@ import sys
 import pytest
 import rich.progress
 
-from baselines.progress import Clock, in_words
-from baselines.reproduce import table
-from baselines.reproduce.table import Claim
-from lissajous_env import kernels, library
-from lissajous_env.cli import main
-from lissajous_env.terminal import make_console
+from baselines.benchmark.progress import Clock, in_words
+from baselines.reproduce import claims
+from baselines.reproduce.claims import Claim
+from lissajous_env.console.cli import main
+from lissajous_env.console.terminal import make_console
+from lissajous_env.device import kernel_cache
+from lissajous_env.parameters import named
 
 
 def called(capsys, *arguments):
@@ -37,7 +38,7 @@ def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
             monkeypatch.setenv(name, value)
         if command != "reproduce":
             return called(capsys, command)[1]
-        table.print_claims(make_console(), CLAIMS)
+        claims.print_claims(make_console(), CLAIMS)
         return capsys.readouterr().out
 
     whole, text = shown(1000), shown(width)
@@ -69,12 +70,13 @@ def test_streams_that_are_closed_or_full_end_no_command_in_a_traceback(line, cod
 LOAD = """
 import sys
 import warp as wp
-from lissajous_env import collision, kernels
-from lissajous_env.device import as_device, compile_quietly
-kernels.listener = print
+from lissajous_env.device import kernel_cache
+from lissajous_env.world import collisions
+from lissajous_env.device.devices import as_device, compile_quietly
+kernel_cache.listener = print
 as_device("cpu")
 with compile_quietly():
-    wp.load_module(collision, device="cpu")
+    wp.load_module(collisions, device="cpu")
 """
 
 
@@ -111,9 +113,11 @@ def test_the_first_run_says_that_it_compiles_and_damaged_kernels_are_made_again(
 
 
 def test_the_command_says_that_it_compiles_unless_quiet(monkeypatch, capsys):
-    monkeypatch.setattr(kernels, "listener", None)
+    monkeypatch.setattr(kernel_cache, "listener", None)
     for options, heard in (([], "compiling\n"), (["--quiet"], "")):
-        monkeypatch.setattr(library, "scenarios", lambda: (kernels.listener and kernels.listener("compiling")) or ())
+        monkeypatch.setattr(
+            named, "scenarios", lambda: (kernel_cache.listener and kernel_cache.listener("compiling")) or ()
+        )
         code, _, error = called(capsys, "scenarios", *options)
         assert (code, error) == (0, heard)
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lissajous_env import geometry, theory
-from lissajous_env.scenario import Curve
+from lissajous_env.parameters.scenario import Curve
+from lissajous_env.theory import closed_forms, geometry
 
 CURVE_16 = Curve(1.8, 0.8, 3, 2)
 
@@ -16,7 +16,7 @@ CURVE_16 = Curve(1.8, 0.8, 3, 2)
 def formation(curve, num_robots, shift: float | np.ndarray = 0.0):
     """Positions (..., N, 3) of robots spread evenly along (10), by the phase of the first."""
     gamma = 2 * np.pi * np.arange(num_robots) / num_robots + np.asarray(shift)[..., None]
-    return theory.curve_point_3d(curve, gamma)
+    return closed_forms.curve_point_3d(curve, gamma)
 
 
 @st.composite
@@ -43,7 +43,7 @@ def curves(draw, largest=9):
 )
 def test_robot_radius_table(curve, bound, measured):
     n = curve.a + curve.b
-    assert theory.robot_radius_bound(curve, n) == pytest.approx(bound, abs=5e-5)
+    assert closed_forms.robot_radius_bound(curve, n) == pytest.approx(bound, abs=5e-5)
     assert geometry.measured_robot_radius(curve, n) == pytest.approx(measured, abs=5e-5)
     assert geometry.smallest_distance(curve, n) / 2 == pytest.approx(measured, abs=5e-5)
 
@@ -52,7 +52,7 @@ def test_robot_radius_table(curve, bound, measured):
 @given(curves())
 def test_bound_6_holds_and_both_ways_of_measuring_agree(curve):
     n = curve.a + curve.b
-    bound, measured = theory.robot_radius_bound(curve, n), geometry.measured_robot_radius(curve, n)
+    bound, measured = closed_forms.robot_radius_bound(curve, n), geometry.measured_robot_radius(curve, n)
     assert bound < measured * (1 + 1e-12)
     assert measured <= math.pi / 2 * bound * (1 + 1e-12)
     assert geometry.smallest_distance(curve, n) / 2 == pytest.approx(measured, rel=1e-7)
@@ -86,8 +86,8 @@ def test_clustered_robots_coincide():
 @given(curves(largest=15))
 def test_no_curve_beats_the_limit_of_6(curve):
     n = curve.a + curve.b
-    limit = theory.robot_radius_limit(curve.half_width, curve.half_height, n)
-    assert theory.robot_radius_bound(curve, n) <= limit * (1 + 1e-12)
+    limit = closed_forms.robot_radius_limit(curve.half_width, curve.half_height, n)
+    assert closed_forms.robot_radius_bound(curve, n) <= limit * (1 + 1e-12)
 
 
 # (7) and (8): sensors.
@@ -104,7 +104,7 @@ def test_no_curve_beats_the_limit_of_6(curve):
 )
 def test_coverage_table(curve, bound, covering):
     # Oracle: a grid of 1001 x 1001 points around the farthest place. Coarser grids miss it by up to 1 %.
-    assert theory.coverage_radius(curve) == pytest.approx(bound, abs=5e-4)
+    assert closed_forms.coverage_radius(curve) == pytest.approx(bound, abs=5e-4)
     assert geometry.measured_coverage_radius(curve) == pytest.approx(covering, abs=1e-3)
     assert geometry.measured_coverage_radius(curve, precision=1e-5) == pytest.approx(covering, abs=1e-4)
 
@@ -117,15 +117,15 @@ def test_coverage_of_an_ellipse_is_exact():
 @settings(max_examples=30, deadline=None)
 @given(curves())
 def test_coverage_bound_7_holds(curve):
-    assert geometry.measured_coverage_radius(curve) <= theory.coverage_radius(curve) * (1 + 1e-9)
+    assert geometry.measured_coverage_radius(curve) <= closed_forms.coverage_radius(curve) * (1 + 1e-9)
 
 
 def test_detection_radius_is_tight_for_an_odd_number_of_robots():
     # Oracle: published 1.1578; 2.162 against 2.185 for an even number.
-    assert theory.detection_radius(CURVE_16, 5) == pytest.approx(1.1578, abs=5e-5)
+    assert closed_forms.detection_radius(CURVE_16, 5) == pytest.approx(1.1578, abs=5e-5)
     assert geometry.largest_neighbour_distance(CURVE_16, 5, p=2) / 2 == pytest.approx(1.1578, abs=5e-5)
     even = Curve(5, 5, 7, 3)
-    assert theory.detection_radius(even, 10) == pytest.approx(2.185, abs=5e-4)
+    assert closed_forms.detection_radius(even, 10) == pytest.approx(2.185, abs=5e-4)
     assert geometry.largest_neighbour_distance(even, 10, p=3) / 2 == pytest.approx(2.162, abs=5e-4)
 
 
@@ -133,39 +133,41 @@ def test_detection_radius_is_tight_for_an_odd_number_of_robots():
 @given(curves())
 def test_detection_bound_8_is_what_neighbours_on_the_ellipse_reach(curve):
     n = curve.a + curve.b
-    p = theory.default_p(n)
-    if theory.cluster_size(n, p) > 1:
+    p = closed_forms.default_p(n)
+    if closed_forms.cluster_size(n, p) > 1:
         return
-    largest = geometry.largest_neighbour_distance(curve, n, p, theory.default_alpha(curve, n, p)) / 2
-    bound = theory.detection_radius(curve, n)
+    largest = geometry.largest_neighbour_distance(curve, n, p, closed_forms.default_alpha(curve, n, p)) / 2
+    bound = closed_forms.detection_radius(curve, n)
     assert largest == pytest.approx(bound, rel=1e-9) if n % 2 else largest <= bound
 
 
 def test_ring_that_is_not_on_the_ellipse_breaks_8():
     # Oracle: N = 15, p = 7, a = 7 at alpha = 1: a p = 4 (mod 15), ring neighbours are fourth neighbours on the ellipse.
     curve = Curve(5, 5, 7, 8)
-    assert geometry.largest_neighbour_distance(curve, 15, p=7, alpha=1) > 2 * theory.detection_radius(curve, 15) * 3
+    assert (
+        geometry.largest_neighbour_distance(curve, 15, p=7, alpha=1) > 2 * closed_forms.detection_radius(curve, 15) * 3
+    )
     assert geometry.largest_neighbour_distance(curve, 15, p=7, alpha=4) == pytest.approx(
-        2 * theory.detection_radius(curve, 15)
+        2 * closed_forms.detection_radius(curve, 15)
     )
 
 
 def test_one_place_has_no_neighbour():
-    assert theory.detection_radius(CURVE_16, 1) == pytest.approx(math.hypot(1.8, 0.8))
-    assert theory.detection_radius(CURVE_16, 4, clusters=2) == pytest.approx(math.hypot(1.8, 0.8))
+    assert closed_forms.detection_radius(CURVE_16, 1) == pytest.approx(math.hypot(1.8, 0.8))
+    assert closed_forms.detection_radius(CURVE_16, 4, clusters=2) == pytest.approx(math.hypot(1.8, 0.8))
 
 
 def test_detection_time_bound():
     # Oracle: the paper's 8.38 s of Fig. 3, and 4.189 s for the experiment.
-    assert theory.detection_time_bound(0.05, 15) == pytest.approx(8.378, abs=5e-4)
-    assert theory.detection_time_bound(0.3, 5) == pytest.approx(4.189, abs=5e-4)
-    assert theory.detection_time_bound(0.3, 6, clusters=2) == pytest.approx(2 * math.pi / 0.3 / 3)
+    assert closed_forms.detection_time_bound(0.05, 15) == pytest.approx(8.378, abs=5e-4)
+    assert closed_forms.detection_time_bound(0.3, 5) == pytest.approx(4.189, abs=5e-4)
+    assert closed_forms.detection_time_bound(0.3, 6, clusters=2) == pytest.approx(2 * math.pi / 0.3 / 3)
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.floats(0.5, 20), st.floats(0.5, 20), st.floats(0.2, 30))
 def test_fewest_robots_is_where_7_and_8_begin_to_hold(half_width, half_height, sensor):
-    n, a, b = theory.fewest_robots(half_width, half_height, sensor)
+    n, a, b = closed_forms.fewest_robots(half_width, half_height, sensor)
     enough = sensor * (1 + 1e-6)
     assert a % 2 == 1
     assert half_height * math.sin(math.pi / (2 * a)) <= enough
@@ -180,13 +182,13 @@ def test_fewest_robots_is_where_7_and_8_begin_to_hold(half_width, half_height, s
 
 def test_curve_16_length_curvature_and_speed():
     assert geometry.curve_length(CURVE_16) == pytest.approx(23.17, abs=5e-3)
-    points = theory.curve_point(CURVE_16, np.linspace(0, 2 * np.pi, 100_001))
+    points = closed_forms.curve_point(CURVE_16, np.linspace(0, 2 * np.pi, 100_001))
     assert geometry.curve_length(CURVE_16) == pytest.approx(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     assert geometry.smallest_curvature_radius(CURVE_16) == pytest.approx(0.038, abs=5e-4)
     limit = geometry.turning_radius(0.175, math.pi / 9)
     assert limit == pytest.approx(0.481, abs=5e-4)
     assert geometry.tight_share(CURVE_16, limit) == pytest.approx(0.076, abs=5e-4)
-    speed = 0.3 * theory.curve_speed(CURVE_16, np.linspace(0, 2 * np.pi, 100_001))
+    speed = 0.3 * closed_forms.curve_speed(CURVE_16, np.linspace(0, 2 * np.pi, 100_001))
     assert speed.min() == pytest.approx(0.24, abs=5e-3)
     assert speed.max() == pytest.approx(1.69, abs=5e-3)
     assert 0.3 * geometry.largest_speed(CURVE_16) == pytest.approx(speed.max(), rel=1e-8)
@@ -203,18 +205,20 @@ def test_curvature_of_a_circle():
 @given(curves(), st.floats(0, 2 * np.pi))
 def test_speed_is_the_derivative_of_the_position(curve, gamma):
     step = 1e-5
-    difference = theory.curve_point(curve, gamma + step) - theory.curve_point(curve, gamma - step)
+    difference = closed_forms.curve_point(curve, gamma + step) - closed_forms.curve_point(curve, gamma - step)
     scale = max(curve.half_width, curve.half_height) * max(curve.a, curve.b)
-    assert np.linalg.norm(difference) / (2 * step) == pytest.approx(theory.curve_speed(curve, gamma), abs=1e-6 * scale)
+    assert np.linalg.norm(difference) / (2 * step) == pytest.approx(
+        closed_forms.curve_speed(curve, gamma), abs=1e-6 * scale
+    )
 
 
 @settings(max_examples=30, deadline=None)
 @given(curves())
 def test_self_crossings(curve):
     # Oracle: both phases give the same point; a curve (3) has 2ab - a - b double points, all of them different pairs.
-    crossings = theory.self_crossings(curve)
+    crossings = closed_forms.self_crossings(curve)
     assert len(crossings) == 2 * curve.a * curve.b - curve.a - curve.b
-    points = theory.curve_point(curve, crossings)
+    points = closed_forms.curve_point(curve, crossings)
     assert points[:, 0] == pytest.approx(points[:, 1], abs=1e-9 * max(curve.half_width, curve.half_height))
     turns = np.sort(np.round(crossings / (2 * np.pi) % 1, 9) % 1, axis=1)
     assert len(np.unique(turns, axis=0)) == len(crossings)
@@ -228,7 +232,7 @@ def test_self_crossings(curve):
 def test_knots_do_not_cross_themselves(a, b, c):
     # Oracle: published co-prime triples; and the two branches of each crossing, from their positions.
     curve = Curve(5, 5, a, b, half_depth=2, c=c)
-    branches = theory.curve_point_3d(curve, theory.self_crossings(curve))
+    branches = closed_forms.curve_point_3d(curve, closed_forms.self_crossings(curve))
     assert np.linalg.norm(branches[:, 0] - branches[:, 1], axis=-1).min() > 0.3
     assert geometry.crossing_clearance(curve) > 0.3
 
@@ -238,7 +242,7 @@ def test_two_odd_or_a_common_factor_crosses_itself(a, b, c):
     # Oracle: co-prime in pairs is not enough, 3, 5, 7 meet at pi / 2 -+ pi / 3, where sin(7 gamma) is the same.
     assert geometry.crossing_clearance(Curve(5, 5, a, b, half_depth=2, c=c)) == pytest.approx(0, abs=1e-12)
     if (a, b, c) == (3, 5, 7):
-        first, second = theory.curve_point_3d(
+        first, second = closed_forms.curve_point_3d(
             Curve(5, 5, a, b, half_depth=2, c=c), np.array([np.pi / 2 - np.pi / 3, np.pi / 2 + np.pi / 3])
         )
         assert first == pytest.approx(second)
@@ -248,7 +252,7 @@ def test_two_odd_or_a_common_factor_crosses_itself(a, b, c):
 @given(curves(), st.integers(1, 11), st.floats(0.5, 5))
 def test_knot_condition(curve, c, half_depth):
     knot = Curve(5, 5, curve.a, curve.b, half_depth, c)
-    if len(theory.self_crossings(knot)) == 0:
+    if len(closed_forms.self_crossings(knot)) == 0:
         return
     shares = math.gcd(c, curve.a) > 1 or math.gcd(c, curve.b) > 1
     both_odd = curve.a > 1 and curve.b % 2 == 1 and c % 2 == 1
@@ -271,20 +275,20 @@ def test_depth_only_adds_room():
 def test_formation_lies_on_the_ellipse(curve, shift):
     n = curve.a + curve.b
     positions = formation(curve, n, shift)[..., :2]
-    assert theory.ellipse_residual(curve, positions, shift) == pytest.approx(0, abs=1e-9)
+    assert closed_forms.ellipse_residual(curve, positions, shift) == pytest.approx(0, abs=1e-9)
     # Left of (5) is a quadratic form: 1.1 times as far out it is 1.21 times as large.
     off = 0.21 * math.cos(n * shift) ** 2
-    assert theory.ellipse_residual(curve, positions * 1.1, shift) == pytest.approx(off, abs=1e-9)
+    assert closed_forms.ellipse_residual(curve, positions * 1.1, shift) == pytest.approx(off, abs=1e-9)
     # Any robot of the formation names the same ellipse.
-    assert theory.ellipse_residual(curve, positions, shift + 2 * np.pi / n) == pytest.approx(0, abs=1e-9)
+    assert closed_forms.ellipse_residual(curve, positions, shift + 2 * np.pi / n) == pytest.approx(0, abs=1e-9)
 
 
 @settings(max_examples=60, deadline=None)
 @given(curves(), st.floats(0, 2 * np.pi))
 def test_outline_is_the_ellipse_through_the_formation(curve, shift):
     n = curve.a + curve.b
-    outline = theory.ellipse_outline(curve, shift, points=n + 1)
-    assert theory.ellipse_residual(curve, outline, shift) == pytest.approx(0, abs=1e-9)
+    outline = closed_forms.ellipse_outline(curve, shift, points=n + 1)
+    assert closed_forms.ellipse_residual(curve, outline, shift) == pytest.approx(0, abs=1e-9)
     assert outline[0] == pytest.approx(outline[-1])
     # With N points the outline is the formation itself: the robot at gamma + 2 pi k / N has phi = -2 pi a k / N.
     order = -curve.a * np.arange(n) % n

@@ -12,8 +12,8 @@ pytest.importorskip("torchrl")
 from torchrl.envs import check_env_specs  # noqa: E402
 
 import lissajous_env  # noqa: E402
-from lissajous_env.actions import action_table  # noqa: E402
-from training.torchrl import SCORES, LissajousTorchEnv  # noqa: E402
+from lissajous_env.envs.actions import action_table  # noqa: E402
+from training.torchrl.env import SCORES, LissajousTorchEnv  # noqa: E402
 
 SHORT = {"task.duration": 1.0}
 CRASHING = {"task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}

@@ -15,12 +15,13 @@ pytest.importorskip("stable_baselines3")
 import lissajous_env
 import training
 from lissajous_env import Simulation
-from lissajous_env.folder import LIST, Folder
-from training import checkpoint, sb3
+from lissajous_env.storage.folder import LIST, Folder
 from training.events import open_rows
-from training.publish import publish
+from training.learned import checkpoint
+from training.learned.publish import publish
+from training.sb3 import ppo
+from training.sb3.learning import Sb3Trainer, train
 from training.settings import Train
-from training.train import Sb3Trainer, train
 
 QUIET = Console(quiet=True)
 SMALL = {
@@ -229,7 +230,7 @@ def test_the_result_may_be_an_average(tmp_path, monkeypatch):
     average_in = Sb3Trainer.average_in
 
     def recorded(trainer):
-        seen.append(sb3.to_network(trainer.model, "relu").to_arrays())
+        seen.append(ppo.to_network(trainer.model, "relu").to_arrays())
         average_in(trainer)
 
     monkeypatch.setattr(Sb3Trainer, "average_in", recorded)

@@ -3,8 +3,8 @@
 import numpy as np
 import warp as wp
 
-from lissajous_env.compilation import OPTIONS
-from lissajous_env.trig import cos_sin
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.trig import cos_sin
 
 wp.set_module_options(OPTIONS)
 

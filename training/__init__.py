@@ -1,5 +1,5 @@
 """Learned policies: shipped ones, and what trains them."""
 
-from training.learned import Learned, load, names
+from training.learned.policy import Learned, load, names
 
 __all__ = ["Learned", "load", "names"]

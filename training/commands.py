@@ -5,9 +5,9 @@ import importlib
 
 import tyro
 
+from lissajous_env.console.terminal import AS_USUAL, Speech, make_console
 from lissajous_env.extras import missing
-from lissajous_env.overrides import Overrides, parse_overrides
-from lissajous_env.terminal import AS_USUAL, Speech, make_console
+from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from training.settings import Train
 
 
@@ -22,7 +22,9 @@ def train(settings: tyro.conf.OmitArgPrefixes[Train], output: Speech = AS_USUAL,
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
     extra = "cluster" if settings.engine == "ray" else "train"
     try:
-        engine = importlib.import_module("training.rllib" if settings.engine == "ray" else "training.train")
+        engine = importlib.import_module(
+            "training.rllib.learning" if settings.engine == "ray" else "training.sb3.learning"
+        )
     except ImportError as error:
         raise missing("train", extra, error) from error
     # Its lines tell how it goes: where stdout is for the result alone, they go to stderr.

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from training.card import require
+from training.learned.card import require
 
 SCORES = ("detection_time", "collisions", "return", "detected_fraction")
 """What an evaluation says; each a number, or None where there was none."""

@@ -8,7 +8,7 @@ from rich import progress as bars
 from rich.console import Console
 from rich.markup import escape
 
-from baselines.progress import bar, in_words
+from baselines.benchmark.progress import bar, in_words
 from training.settings import Train
 
 if TYPE_CHECKING:

@@ -3,9 +3,9 @@
 from itertools import groupby
 from pathlib import Path
 
-from training import checkpoint
-from training.card import Card
 from training.course import Course
+from training.learned import checkpoint
+from training.learned.card import Card
 
 _PANELS = (
     ("detection_time", "detection time, interquartile mean [s]"),

@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from baselines import registry
+from baselines.policies import registry
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
-from lissajous_env.device import as_device
-from training.network import ACTIVATIONS
+from lissajous_env.device.devices import as_device
+from training.learned.network import ACTIVATIONS
 
 CHANGES_NOTHING = ("steps", "out", "threads", "address", "workers", "evaluation_episodes", "rivals")
 """Settings that may differ when a training goes on: they do not change what is learned from a step."""

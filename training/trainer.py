@@ -10,15 +10,15 @@ from typing import Any
 from rich.console import Console
 
 import baselines
-from baselines.statistics import interquartile_mean
+from baselines.benchmark.statistics import interquartile_mean
 from lissajous_env import evaluate
-from lissajous_env.folder import Folder
-from training import checkpoint
-from training.card import Card
+from lissajous_env.storage.folder import Folder
 from training.course import SCORES, Course
 from training.display import Display
-from training.learned import Learned, find
-from training.network import Network
+from training.learned import checkpoint
+from training.learned.card import Card
+from training.learned.network import Network
+from training.learned.policy import Learned, find
 from training.pictures import draw_curve
 from training.settings import Train
 

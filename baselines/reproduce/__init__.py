@@ -16,24 +16,33 @@ import tyro
 from rich import progress as bars
 from rich.console import Console
 
-from baselines.progress import bar
+from baselines.benchmark.progress import bar
 from baselines.reproduce import bounds as conditions
-from baselines.reproduce import cars, detection, equilibria, failures, resilience, space, table, tracking
-from baselines.reproduce.played import Part, Player
-from baselines.reproduce.style import Picture
-from baselines.reproduce.table import Claim
-from lissajous_env.device import as_device
-from lissajous_env.folder import Folder
-from lissajous_env.terminal import AS_USUAL, Speech, make_console
+from baselines.reproduce import (
+    claims,
+    detection,
+    equilibria,
+    experiment,
+    failures,
+    resilience,
+    three_dimensions,
+    tracking,
+)
+from baselines.reproduce.claims import Claim
+from baselines.reproduce.drawing import Picture
+from baselines.reproduce.episodes import Part, Player
+from lissajous_env.console.terminal import AS_USUAL, Speech, make_console
+from lissajous_env.device.devices import as_device
+from lissajous_env.storage.folder import Folder
 
 PARTS: dict[str, Callable[[Player], Part]] = {
     "fig2": detection.fig2,
     "fig3": detection.fig3,
     "fig4": resilience.fig4,
-    "fig5": space.fig5,
+    "fig5": three_dimensions.fig5,
     "fig6": failures.fig6,
-    "fig7": cars.fig7,
-    "fig8": cars.fig8,
+    "fig7": experiment.fig7,
+    "fig8": experiment.fig8,
     "fig9": tracking.fig9,
     "theorem1": equilibria.theorem1,
     "theorem2": equilibria.theorem2,
@@ -41,7 +50,7 @@ PARTS: dict[str, Callable[[Player], Part]] = {
     "theorem4": failures.theorem4,
     "lemmas": equilibria.lemmas,
     "bounds": conditions.bounds,
-    "knot": space.knot,
+    "knot": three_dimensions.knot,
     "experiment1": tracking.experiment1,
     "printed": tracking.printed,
 }
@@ -81,7 +90,7 @@ def reproduce(
     if not 0 <= seed < 2**31 - 1000:
         raise ValueError(f"seed must be from 0 to {2**31 - 1001}, got {seed}")
     as_device(device)
-    player, claims, pictures = Player(seed, device), [], []
+    player, found, pictures = Player(seed, device), [], []
     command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed)])
     console, notes = output.console(), make_console(stderr=True, quiet=output.quiet)
     with Folder(out, (*_TABLES, *(f"{name}.png" for name in chosen))) as folder:
@@ -89,17 +98,17 @@ def reproduce(
             for part in _played(chosen, player, notes):
                 for picture in part.pictures:
                     folder.write(f"{picture.name}.png", picture.png)
-                claims += part.claims
+                found += part.claims
                 pictures += part.pictures
         except KeyboardInterrupt:
-            _write(folder, claims, pictures, command)
+            _write(folder, found, pictures, command)
             raise KeyboardInterrupt(f"what was finished is in {out}") from None
-        _write(folder, claims, pictures, command)
-    table.print_claims(console, claims)
-    words = f"\n{table.summary(claims)}. {len(pictures)} pictures, table.csv, table.md and README.md are in {out}"
+        _write(folder, found, pictures, command)
+    claims.print_claims(console, found)
+    words = f"\n{claims.summary(found)}. {len(pictures)} pictures, table.csv, table.md and README.md are in {out}"
     console.print(words, markup=False, highlight=False, soft_wrap=True)
-    output.give([dataclasses.asdict(claim) for claim in claims])
-    return claims
+    output.give([dataclasses.asdict(claim) for claim in found])
+    return found
 
 
 def _chosen(figures: Sequence[str]) -> list[str]:
@@ -128,7 +137,7 @@ def _played(chosen: Sequence[str], player: Player, console: Console) -> Iterable
                 console.print(f"{name}: {time.monotonic() - began:.1f} s", highlight=False)
 
 
-def _write(folder: Folder, claims: Sequence[Claim], pictures: Sequence[Picture], command: str) -> None:
-    written = table.as_csv(claims), table.as_markdown(claims), table.as_page(claims, pictures, command)
+def _write(folder: Folder, found: Sequence[Claim], pictures: Sequence[Picture], command: str) -> None:
+    written = claims.as_csv(found), claims.as_markdown(found), claims.as_page(found, pictures, command)
     for name, text in zip(_TABLES, written, strict=True):
         folder.write(name, text)

@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 
-from baselines.reproduce.played import BARE, Part, Player
-from baselines.reproduce.style import BLUE, DARK, GREEN, RED, Sheet, panel_name
-from baselines.reproduce.table import Claim, all_of, at_most, near
-from lissajous_env import geometry, scenario, theory
-from lissajous_env.scenario import Curve
+from baselines.reproduce.claims import Claim, all_of, at_most, near
+from baselines.reproduce.drawing import BLUE, DARK, GREEN, RED, Sheet, panel_name
+from baselines.reproduce.episodes import BARE, Part, Player
+from lissajous_env import scenario
+from lissajous_env.parameters.scenario import Curve
+from lissajous_env.theory import closed_forms, geometry
 
 _SHAPES = ((1.8, 0.8), (5.0, 5.0), (5.0, 3.0))
 """Half width and half height [m] of the rectangles."""
@@ -27,12 +28,12 @@ def bounds(player: Player) -> Part:
     bodies, sensors, links = [], [], []
     for curve in curves:
         n = curve.a + curve.b
-        p = theory.default_p(n)
-        alpha = theory.default_alpha(curve, n, p)
-        bodies.append(geometry.measured_robot_radius(curve, n) / theory.robot_radius_bound(curve, n))
-        sensors.append(geometry.measured_coverage_radius(curve, precision=2e-3) / theory.coverage_radius(curve))
+        p = closed_forms.default_p(n)
+        alpha = closed_forms.default_alpha(curve, n, p)
+        bodies.append(geometry.measured_robot_radius(curve, n) / closed_forms.robot_radius_bound(curve, n))
+        sensors.append(geometry.measured_coverage_radius(curve, precision=2e-3) / closed_forms.coverage_radius(curve))
         reach = geometry.largest_neighbour_distance(curve, n, p, alpha)
-        links.append(reach / 2 / theory.detection_radius(curve, n))
+        links.append(reach / 2 / closed_forms.detection_radius(curve, n))
     odd = np.array([(curve.a + curve.b) % 2 == 1 for curve in curves])
 
     with Sheet("bounds", "Conditions (6), (7) and (8)   What is measured over what they ask for", 7.2, 2.9) as sheet:
@@ -63,7 +64,7 @@ def bounds(player: Player) -> Part:
     larger = [ratio for ratio, curve in zip(bodies, curves, strict=True) if curve.a + curve.b > 3]
     flat = scenario("failure").curve
     lap = 2 * math.pi / 0.3
-    covering = {"sensing.radius": theory.coverage_radius(flat), "task.grid": (36, 16), "task.duration": lap}
+    covering = {"sensing.radius": closed_forms.coverage_radius(flat), "task.grid": (36, 16), "task.duration": lap}
     swept = player.play("kuramoto", scenario("failure", **BARE | covering), worlds=16, only_ends=True)
     undisturbed = player.play(
         "kuramoto", scenario("failure", **BARE | {"task.duration": lap}), worlds=16, only_ends=True
@@ -76,7 +77,7 @@ def bounds(player: Player) -> Part:
         near(
             "T_max of the experiment, N = 5, omega = 0.3 rad/s",
             4.189,
-            theory.detection_time_bound(0.3, 5),
+            closed_forms.detection_time_bound(0.3, 5),
             5e-4,
             "s",
             "by the formula",
@@ -91,7 +92,7 @@ def bounds(player: Player) -> Part:
         ),
         Claim(
             "(6): r_max of curve (16)",
-            f"{theory.robot_radius_bound(flat, 5):.4f} m by (6)",
+            f"{closed_forms.robot_radius_bound(flat, 5):.4f} m by (6)",
             f"{geometry.measured_robot_radius(flat, 5):.4f} m measured, {simulated:.4f} m simulated",
             "above (6); simulated within 2 %",
             bool(abs(simulated / geometry.measured_robot_radius(flat, 5) - 1) < 0.02),
@@ -109,7 +110,7 @@ def bounds(player: Player) -> Part:
             "yes",
             np.isfinite(swept.score("coverage_time_each")),
             "starts",
-            f"r_s = {theory.coverage_radius(flat):.3f} m; {needed:.3f} m would do. Formula (7), not the text above it",
+            f"r_s = {closed_forms.coverage_radius(flat):.3f} m; {needed:.3f} m would do. By (7), not the text above",
         ),
         at_most(
             "(8): largest distance of ring neighbours / 2 r_s, alpha by the rule",

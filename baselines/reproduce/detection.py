@@ -3,10 +3,22 @@
 import numpy as np
 from matplotlib.patches import Circle
 
-from baselines.reproduce.played import BARE, Part, Player
-from baselines.reproduce.style import BLUE, DARK, GREEN, GREY, RED, Sheet, draw_plane, draw_ring, mark_time, panel_name
-from baselines.reproduce.table import SILENT, all_of, at_most, near
-from lissajous_env import scenario, theory
+from baselines.reproduce.claims import SILENT, all_of, at_most, near
+from baselines.reproduce.drawing import (
+    BLUE,
+    DARK,
+    GREEN,
+    GREY,
+    RED,
+    Sheet,
+    draw_plane,
+    draw_ring,
+    mark_time,
+    panel_name,
+)
+from baselines.reproduce.episodes import BARE, Part, Player
+from lissajous_env import scenario
+from lissajous_env.theory import closed_forms
 
 _STARTS = 32
 """Starts turned by a random angle, beside that of theta_0 = 0."""
@@ -22,7 +34,7 @@ def fig2(player: Player) -> Part:
     played = player.play("kuramoto", ideal)
     made, curve = played.scenario, played.scenario.curve
     gamma = made.alpha * played.phase[:, 0, 0]
-    residual = theory.ellipse_residual(curve, played.position[:, 0, :, :2], gamma[:, None])
+    residual = closed_forms.ellipse_residual(curve, played.position[:, 0, :, :2], gamma[:, None])
 
     with Sheet("fig2", "Fig. 2   Formation on the Lissajous curve, and ellipse (5)", 7.2, 4.55) as sheet:
         for k in range(8):
@@ -33,7 +45,7 @@ def fig2(player: Player) -> Part:
             for x, y in position:
                 axes.add_patch(Circle((x, y), made.detection_radius, color=BLUE, alpha=0.07, lw=0))
             axes.plot(
-                *theory.ellipse_outline(curve, gamma[8 * k], 400).T, color=GREEN, lw=1.1, ls=(0, (3, 3)), zorder=3
+                *closed_forms.ellipse_outline(curve, gamma[8 * k], 400).T, color=GREEN, lw=1.1, ls=(0, (3, 3)), zorder=3
             )
             draw_ring(axes, position, made.neighbours, lw=1.3)
             axes.plot(*position.T, "o", color=BLUE, ms=3.6, zorder=4)

@@ -5,10 +5,11 @@ import math
 import numpy as np
 from matplotlib.patches import Patch
 
-from baselines.reproduce.played import BARE, Part, Played, Player
-from baselines.reproduce.style import BLUE, GREEN, Sheet, panel_name
-from baselines.reproduce.table import Claim, all_of
-from lissajous_env import scenario, theory
+from baselines.reproduce.claims import Claim, all_of
+from baselines.reproduce.drawing import BLUE, GREEN, Sheet, panel_name
+from baselines.reproduce.episodes import BARE, Part, Played, Player
+from lissajous_env import scenario
+from lissajous_env.theory import closed_forms
 
 _NUMBERS = (5, 6, 7, 8, 10, 15)
 _STARTS = 300
@@ -24,10 +25,12 @@ def theorem1(player: Player) -> Part:
             played = _random_starts(player, n)
             reached, settled = played.winding[-1], _settled(played)
             share = np.bincount(reached, minlength=n)[:n] / _STARTS
-            stable = theory.stable_equilibria(n)
+            stable = closed_forms.stable_equilibria(n)
             axes.axvspan(n / 4, 3 * n / 4, color=GREEN, alpha=0.15, lw=0)
             shown = range(n)
-            axes.bar(shown, share, color=[BLUE if theory.cluster_size(n, p) == 1 else _PALE for p in shown], width=0.7)
+            axes.bar(
+                shown, share, color=[BLUE if closed_forms.cluster_size(n, p) == 1 else _PALE for p in shown], width=0.7
+            )
             for p in np.flatnonzero(share):
                 percent = f"{100 * share[p]:.2g}"
                 axes.annotate(
@@ -79,7 +82,7 @@ def theorem2(player: Player) -> Part:
         all_of(
             "a stable 1-clustered equilibrium exists, N = 3 ... 200 without 4 and 6",
             "always",
-            [theory.has_unclustered_equilibrium(n) for n in numbers],
+            [closed_forms.has_unclustered_equilibrium(n) for n in numbers],
             "numbers of robots",
             "by the rule p in (N/4, 3N/4)",
         ),
@@ -110,13 +113,13 @@ def lemmas(player: Player) -> Part:
     odd = range(3, 102, 2)
     manipulated = []
     for n in odd:
-        base = theory.equilibrium_phases(n, (n - 1) // 2, range(n))
+        base = closed_forms.equilibrium_phases(n, (n - 1) // 2, range(n))
         for wanted in range(n):
-            alpha = theory.alpha_for(n, (n - 1) // 2, wanted)
+            alpha = closed_forms.alpha_for(n, (n - 1) // 2, wanted)
             if alpha is None:
                 manipulated.append(False)
                 continue
-            off = alpha * base - theory.equilibrium_phases(n, wanted, range(n))
+            off = alpha * base - closed_forms.equilibrium_phases(n, wanted, range(n))
             manipulated.append(bool(np.abs(np.angle(np.exp(1j * off))).max() < 1e-6))
     claims = [
         all_of(
@@ -156,5 +159,5 @@ def _is_stable(n: int, p: int) -> bool:
     """Whether all eigenvalues of the Jacobian but the one of the common rotation are negative."""
     ring = np.arange(n)
     neighbours = np.stack([(ring - 1) % n, (ring + 1) % n], axis=-1)
-    jacobian = theory.kuramoto_jacobian(theory.equilibrium_phases(n, p, range(n)), neighbours)
+    jacobian = closed_forms.kuramoto_jacobian(closed_forms.equilibrium_phases(n, p, range(n)), neighbours)
     return bool(np.sort(np.linalg.eigvalsh(jacobian))[-2] < -1e-9)

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from baselines.reproduce.played import BARE, RECOVERED, Part, Player
-from baselines.reproduce.style import BLUE, DARK, ORANGE, RED, SERIES, Sheet, mark_time, panel_name
-from baselines.reproduce.table import Claim, all_of, at_most
+from baselines.reproduce.claims import Claim, all_of, at_most
+from baselines.reproduce.drawing import BLUE, DARK, ORANGE, RED, SERIES, Sheet, mark_time, panel_name
+from baselines.reproduce.episodes import BARE, RECOVERED, Part, Player
 from lissajous_env import scenario
 
 _FORMATIONS = ((5, 2), (7, 3), (10, 3), (15, 7))

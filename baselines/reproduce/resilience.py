@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from baselines.reproduce.played import BARE, Part, Played, Player
-from baselines.reproduce.style import BLUE, DARK, GREEN, ORANGE, RED, Sheet, draw_plane, draw_ring
-from baselines.reproduce.table import Claim, all_of
-from lissajous_env import scenario, theory
+from baselines.reproduce.claims import Claim, all_of
+from baselines.reproduce.drawing import BLUE, DARK, GREEN, ORANGE, RED, Sheet, draw_plane, draw_ring
+from baselines.reproduce.episodes import BARE, Part, Played, Player
+from lissajous_env import scenario
+from lissajous_env.theory import closed_forms
 
 _FORMATIONS = ((5, 2), (7, 2), (7, 3), (8, 3), (10, 3), (10, 4), (15, 7))
 """N and p, with the narrowest and the widest intervals of (9)."""
@@ -24,7 +25,7 @@ def fig4(player: Player) -> Part:
     """Fig. 4: the admissible displacement of one robot of ten."""
     made = scenario("perturbation").resolve()
     curve, n = made.curve, made.num_robots
-    half = theory.admissible_displacement(n, made.p)[1]
+    half = closed_forms.admissible_displacement(n, made.p)[1]
     inside = np.random.default_rng(player.seed).uniform(-half, half, 20)
     back = [_displaced(player, "perturbation", angle, 60, only_ends=True).returned[0] for angle in inside]
     outside = np.arange(1.02 * half, np.pi, 0.04)
@@ -37,10 +38,10 @@ def fig4(player: Player) -> Part:
         left, right = sheet.figure.subplots(1, 2, width_ratios=(1.25, 1))
         draw_plane(left, curve, color=RED, ls=":", lw=0.9)
         gamma = made.alpha * made.equilibrium
-        position = theory.curve_point(curve, gamma)
+        position = closed_forms.curve_point(curve, gamma)
         draw_ring(left, position, made.neighbours)
         around = made.alpha * np.linspace(-half, half, 200) + gamma[0]
-        left.plot(*theory.curve_point(curve, around).T, color=GREEN, lw=2.6, ls=(0, (2.2, 1)), zorder=3)
+        left.plot(*closed_forms.curve_point(curve, around).T, color=GREEN, lw=2.6, ls=(0, (2.2, 1)), zorder=3)
         left.plot(*position.T, "o", color=BLUE, ms=9, zorder=4)
         for robot, place in enumerate(position):
             left.annotate(f"{robot + 1}", place, ha="center", va="center", fontsize=6.5, color="white", zorder=5)
@@ -96,9 +97,9 @@ def theorem3(player: Player) -> Part:
     with Sheet("theorem3", "Theorem 3   One robot displaced: does the same equilibrium return?", 7.2, 3.4) as sheet:
         axes = sheet.figure.subplots()
         for row, (n, p) in enumerate(_FORMATIONS):
-            half = theory.admissible_displacement(n, p)[1]
+            half = closed_forms.admissible_displacement(n, p)[1]
             # A formation takes longest where an eigenvalue of its linearisation is nearest to 0.
-            slowest = -theory.equilibrium_eigenvalues(n, p)[1]
+            slowest = -closed_forms.equilibrium_eigenvalues(n, p)[1]
             at_rest = {"robot.count": n, "formation.p": p, "formation.alpha": 1, "formation.start": "equilibrium",
                        "sensing.radius": 1.0}  # fmt: skip
             angles = [*random.uniform(-half, half, _INSIDE), *np.linspace(-3.1, 3.1, 21)]

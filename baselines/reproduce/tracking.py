@@ -4,14 +4,14 @@ from typing import Any
 
 import numpy as np
 
-from baselines.coordinated import WithMpcc
-from baselines.mpcc import Mpcc
-from baselines.policy import Policy
-from baselines.reproduce.played import Part, Played, Player
-from baselines.reproduce.style import BLUE, DARK, GREEN, ORANGE, RED, Sheet
-from baselines.reproduce.table import SILENT, Claim, at_most, reported, within_range
+from baselines.mpcc.solver import Mpcc
+from baselines.policies.base import Policy
+from baselines.policies.trackers.coordinated import WithMpcc
+from baselines.reproduce.claims import SILENT, Claim, at_most, reported, within_range
+from baselines.reproduce.drawing import BLUE, DARK, GREEN, ORANGE, RED, Sheet
+from baselines.reproduce.episodes import Part, Played, Player
 from lissajous_env import scenario
-from lissajous_env.scenario import Scenario
+from lissajous_env.parameters.scenario import Scenario
 
 _SEEDS = 16
 _LONG = 90.0

@@ -13,7 +13,7 @@ import warp as wp
 import baselines
 import lissajous_env
 from attacks import Attack, held_back
-from lissajous_env.scenario import PARTS, Scenario
+from lissajous_env.parameters.scenario import PARTS, Scenario
 
 FIELDS = [(part, field) for part, kind in PARTS.items() for field in dataclasses.fields(kind)]
 BASES = ("experiment", "intruders", "rough", "failure", "knot", "perturbation")

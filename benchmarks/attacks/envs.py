@@ -16,8 +16,8 @@ import numpy as np
 
 import lissajous_env
 from attacks import Attack, held_back
-from lissajous_env import replay
-from lissajous_env.render import Renderer, snapshot
+from lissajous_env.episodes import recording
+from lissajous_env.render import Renderer, Snapshot
 
 _SCENARIOS = ("experiment", "failure", "intruders", "rough")
 _ODD = (
@@ -155,7 +155,7 @@ def _positions(draw: np.random.Generator) -> str | None:
 
     if not _FAR_WORLD:
         simulation = lissajous_env.Simulation("experiment", seed=1)
-        _FAR_WORLD.extend([Renderer("experiment"), snapshot(simulation)])
+        _FAR_WORLD.extend([Renderer("experiment"), Snapshot.of(simulation)])
     renderer, seen = _FAR_WORLD
 
     def far(shape: tuple[int, ...]) -> np.ndarray:
@@ -178,7 +178,7 @@ def _positions(draw: np.random.Generator) -> str | None:
     return _bounded(lambda: None if renderer.draw(changed).std() > 5 else "an empty picture")
 
 
-_KEPT: list[replay.Recording] = []
+_KEPT: list[recording.Recording] = []
 
 
 class _Still:
@@ -191,9 +191,9 @@ class _Still:
         return np.zeros((1, 5, 2), np.float32)
 
 
-def _kept() -> replay.Recording:
+def _kept() -> recording.Recording:
     if not _KEPT:
-        _KEPT.append(replay.record(_Still(), lissajous_env.scenario("experiment", **{"task.duration": 0.5}), seed=1))
+        _KEPT.append(recording.record(_Still(), lissajous_env.scenario("experiment", **{"task.duration": 0.5}), seed=1))
     return _KEPT[0]
 
 
@@ -236,7 +236,7 @@ def _recording_file(draw: np.random.Generator) -> str | None:
             np.save(words, np.array(json.dumps(about)))
             raw["about.npy"] = words.getvalue()
         elif kind == 1:
-            name = str(draw.choice(list(replay.ARRAYS)))
+            name = str(draw.choice(list(recording.ARRAYS)))
             claim = io.BytesIO()
             shape = tuple(int(10 ** draw.uniform(0, 12)) for _ in range(draw.integers(0, 4)))
             descr = str(draw.choice(["<f4", "<f8", "<i4", "|O", "<U9", "<c16", "|i1"]))
@@ -257,7 +257,7 @@ def _recording_file(draw: np.random.Generator) -> str | None:
 
         def attempt() -> None:
             try:
-                loaded = replay.load(path)
+                loaded = recording.load(path)
             except ValueError as error:
                 if "kept.npz" not in str(error):
                     raise RuntimeError("the file is not named") from error

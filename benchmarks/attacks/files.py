@@ -17,8 +17,8 @@ import killing
 import numpy as np
 
 from attacks import Attack
-from lissajous_env.files import parse_json
-from lissajous_env.folder import LIST
+from lissajous_env.storage.files import parse_json
+from lissajous_env.storage.folder import LIST
 
 _STEMS = (
     "weights-abc",
@@ -151,7 +151,7 @@ def _trained() -> dict[str, bytes]:
 def _changed_checkpoint(draw: np.random.Generator, folder: Path) -> str | None:
     import training
     from lissajous_env import Simulation
-    from training import checkpoint
+    from training.learned import checkpoint
     from training.pictures import draw_curve
 
     for name, data in _trained().items():

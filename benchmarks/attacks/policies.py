@@ -15,14 +15,14 @@ from rich.console import Console
 import baselines
 import lissajous_env
 from attacks import Attack
-from baselines.benchmark import Benchmark, measure
-from baselines.policy import Policy
+from baselines.benchmark.running import Benchmark, measure
+from baselines.policies.base import Policy
 from lissajous_env import Simulation
-from lissajous_env.evaluation import evaluate
-from lissajous_env.replay import record
-from training.checkpoint import Card
-from training.learned import Learned
-from training.network import Network
+from lissajous_env.episodes.evaluation import evaluate
+from lissajous_env.episodes.recording import record
+from training.learned.checkpoint import Card
+from training.learned.network import Network
+from training.learned.policy import Learned
 
 SCENARIOS = ("experiment", "rough", "intruders", "failure", "knot", "perturbation")
 CAR_INPUTS = 42

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from attacks import Attack
-from lissajous_env.cli import main
+from lissajous_env.console.cli import main
 
 _SHORT = ("--set", "task.duration=1.0")
 _TRAIN = (
@@ -85,9 +85,9 @@ def _made(kind: str) -> Path:
     """A sound folder of some kind, made once."""
     folder = Path(_PLACE.name) / kind
     if kind == "policy":
-        import training.learned
+        import training.learned.policy
 
-        shutil.copytree(training.learned.find("learned-ring"), folder)
+        shutil.copytree(training.learned.policy.find("learned-ring"), folder)
     else:
         if kind == "recording":
             folder.mkdir()

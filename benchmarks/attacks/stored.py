@@ -15,8 +15,8 @@ from rich.console import Console
 
 from attacks import Attack
 from attacks.terminal import pick
-from baselines.benchmark import Benchmark, run
-from baselines.rows import NUMBER_COLUMNS
+from baselines.benchmark.rows import NUMBER_COLUMNS
+from baselines.benchmark.running import Benchmark, run
 
 _QUIET = Console(quiet=True)
 

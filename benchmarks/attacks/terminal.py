@@ -19,11 +19,11 @@ import numpy as np
 from rich.console import Console
 
 from attacks import Attack
-from baselines import report
-from baselines.rows import NUMBER_COLUMNS
-from lissajous_env.cli import main
-from lissajous_env.design import print_design
-from lissajous_env.overrides import parse_overrides
+from baselines.benchmark import report
+from baselines.benchmark.rows import NUMBER_COLUMNS
+from lissajous_env.console.cli import main
+from lissajous_env.parameters.overrides import parse_overrides
+from lissajous_env.theory.design import print_design
 
 _WORDS = [
     "falure",
@@ -214,7 +214,7 @@ def _cache() -> str:
     """Warp's own folder, so that a process with another home compiles nothing."""
     import warp as wp
 
-    from lissajous_env.device import as_device
+    from lissajous_env.device.devices import as_device
 
     as_device("cpu")
     return str(Path(str(wp.config.kernel_cache_dir)).parent)

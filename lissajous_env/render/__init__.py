@@ -7,6 +7,6 @@ os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 
 from lissajous_env.render.gallery import Gallery
 from lissajous_env.render.renderer import Renderer
-from lissajous_env.render.snapshot import Snapshot, snapshot
+from lissajous_env.render.snapshot import Snapshot
 
-__all__ = ["Gallery", "Renderer", "Snapshot", "snapshot"]
+__all__ = ["Gallery", "Renderer", "Snapshot"]

@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 import pygame
 
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
-from lissajous_env.scenario import Scenario
 from lissajous_env.wording import shown
 
 FINE = 3

@@ -10,16 +10,16 @@ import numpy as np
 import pygame
 from PIL import Image
 
-from lissajous_env.files import replacing
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import View
 from lissajous_env.render.gif import GifWriter
 from lissajous_env.render.renderer import Renderer
 from lissajous_env.render.window import Window
+from lissajous_env.storage.files import replacing
 from lissajous_env.wording import shown
 
 if TYPE_CHECKING:
-    from lissajous_env.replay import Recording
+    from lissajous_env.episodes.recording import Recording
 
 MOST_PICTURES = 100
 """Pictures of a contact sheet, at most."""

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FOOTER, HEADER, MARGIN, View
 from lissajous_env.render.renderer import MOST_WORLDS, Renderer
-from lissajous_env.scenario import Scenario
 
 if TYPE_CHECKING:
-    from lissajous_env.simulation import Simulation
+    from lissajous_env.world.simulation import Simulation
 
 _SMALLEST = 240, 180
 """Width and height of a picture, at least [px]."""

@@ -3,12 +3,12 @@
 import numpy as np
 import pygame
 
-from lissajous_env import theory
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, opaque, transparent
 from lissajous_env.render.sensors import Sensors
 from lissajous_env.render.snapshot import thinned
-from lissajous_env.scenario import Scenario
+from lissajous_env.theory import closed_forms
 
 IDLE_BOUNDS = 2.0
 """Idleness that is drawn in full colour, in multiples of T_max."""
@@ -67,7 +67,7 @@ def _curve(scenario: Scenario, view: View) -> pygame.Surface:
         surface.fill(colour, rectangle)  # its lines leave no room between them
         return surface
     lap = np.linspace(0.0, 2 * np.pi, min(max(180 * (curve.a + curve.b), 2000), _MOST_POINTS))
-    points = view.fine(theory.curve_point(curve, lap))
+    points = view.fine(closed_forms.curve_point(curve, lap))
     if curve.half_depth == 0:
         pygame.draw.lines(surface, colour, True, points.tolist(), width)
         return surface

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pygame
 
-from lissajous_env import library
+from lissajous_env.parameters import named
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render.canvas import View, opaque, pixels
 from lissajous_env.render.ground import Ground
 from lissajous_env.render.panel import Panel
-from lissajous_env.render.snapshot import Snapshot, snapshot
+from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.targets import Targets
 from lissajous_env.render.team import Team
 from lissajous_env.render.window import Window
-from lissajous_env.scenario import Scenario
-from lissajous_env.state import WORKING
+from lissajous_env.world.state import WORKING
 
 if TYPE_CHECKING:
-    from lissajous_env.simulation import Simulation
+    from lissajous_env.world.simulation import Simulation
 
 LONGEST_TRAIL = 60
 """Moments of which a trail is drawn, at most."""
@@ -40,7 +40,7 @@ class Renderer:
     """
 
     def __init__(self, scenario: str | Scenario, size: Sequence[int] | None = None):
-        self.scenario = library.scenario(scenario).resolve()
+        self.scenario = named.scenario(scenario).resolve()
         self.view = View.of(self.scenario, size)
         self.picture = opaque(self.view.size)
         """The latest picture, as a pygame surface."""
@@ -63,7 +63,7 @@ class Renderer:
         """
         seen = simulation
         if not isinstance(seen, Snapshot):
-            seen = snapshot(seen, world, self._ground.most_cells)
+            seen = Snapshot.of(seen, world, self._ground.most_cells)
         steps, trail = self._trail(seen)
         sensing = seen.position[seen.status == int(WORKING), :2]
         self._ground.draw(self._fine, seen.sensed_at, seen.step, sensing)

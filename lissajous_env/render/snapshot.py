@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lissajous_env.state import REMOVED
+from lissajous_env.world.state import REMOVED
 
 if TYPE_CHECKING:
-    from lissajous_env.simulation import Simulation
+    from lissajous_env.world.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,11 @@ class Snapshot:
     heading: np.ndarray
     """(N,) headings of the robots [rad]."""
     status: np.ndarray
-    """(N,) WORKING, STUCK or REMOVED of `lissajous_env.state`."""
+    """(N,) WORKING, STUCK or REMOVED of `lissajous_env.world.state`."""
     target_position: np.ndarray
     """(T, 2) x, y of the targets [m]; that of one that left is where it was detected."""
     motion: np.ndarray
-    """(T,) STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.targets`."""
+    """(T,) STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets`."""
     appears_at: np.ndarray
     """(T,) step in which a target appears."""
     found_at: np.ndarray
@@ -43,6 +43,35 @@ class Snapshot:
     """Collisions in the episode so far."""
     trail: tuple[np.ndarray, np.ndarray] | None = None
     """Steps (K,) up to now and positions (K, N, 2) of the robots at them [m], where they are known."""
+
+    @classmethod
+    def of(cls, simulation: "Simulation", world: int = 0, most_cells: tuple[int, int] | None = None) -> "Snapshot":
+        """Copy what a picture shows of one world; the simulation is only read.
+
+        Args:
+            simulation: Which is read.
+            world: Which of its worlds.
+            most_cells: Rows and columns of the grid at most, evenly chosen; None takes all.
+        """
+        clock, robots, rogues = simulation.clock, simulation.robots, simulation.rogues
+        status = _of(robots.status, world)
+        # A pair of which one was removed never parts; it is in contact no longer all the same.
+        there = status != int(REMOVED)
+        return cls(
+            step=int(_of(clock.step, world)),
+            world=world,
+            seed=int(_of(clock.seed, world)),
+            position=_of(robots.position, world),
+            heading=_of(robots.heading, world),
+            status=status,
+            target_position=_of(rogues.position, world),
+            motion=_of(rogues.motion, world),
+            appears_at=_of(rogues.appears_at, world),
+            found_at=_of(rogues.found_at, world),
+            sensed_at=_of(simulation.cells.sensed_at, world, most_cells),
+            contact=np.argwhere(_of(simulation.tally.contact, world) * np.outer(there, there)),
+            collisions=int(_of(simulation.tally.collisions, world)),
+        )
 
     @property
     def present(self) -> np.ndarray:
@@ -62,35 +91,6 @@ class Snapshot:
         appeared = self.appears_at <= self.step
         waited = np.minimum(self.found_at[appeared], self.step) - self.appears_at[appeared]
         return float(waited.mean()) * step if waited.size else np.nan
-
-
-def snapshot(simulation: "Simulation", world: int = 0, most_cells: tuple[int, int] | None = None) -> Snapshot:
-    """Copy what a picture shows of one world; the simulation is only read.
-
-    Args:
-        simulation: Which is read.
-        world: Which of its worlds.
-        most_cells: Rows and columns of the grid at most, evenly chosen; None takes all.
-    """
-    clock, robots, rogues = simulation.clock, simulation.robots, simulation.rogues
-    status = _of(robots.status, world)
-    # A pair of which one was removed never parts; it is in contact no longer all the same.
-    there = status != int(REMOVED)
-    return Snapshot(
-        step=int(_of(clock.step, world)),
-        world=world,
-        seed=int(_of(clock.seed, world)),
-        position=_of(robots.position, world),
-        heading=_of(robots.heading, world),
-        status=status,
-        target_position=_of(rogues.position, world),
-        motion=_of(rogues.motion, world),
-        appears_at=_of(rogues.appears_at, world),
-        found_at=_of(rogues.found_at, world),
-        sensed_at=_of(simulation.cells.sensed_at, world, most_cells),
-        contact=np.argwhere(_of(simulation.tally.contact, world) * np.outer(there, there)),
-        collisions=int(_of(simulation.tally.collisions, world)),
-    )
 
 
 def thinned(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pygame
 
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, stamp
 from lissajous_env.render.snapshot import Snapshot
-from lissajous_env.scenario import Scenario
-from lissajous_env.targets import FLEEING
+from lissajous_env.world.targets import FLEEING
 
 FLASH = 1.0
 """Time for which a detection shows [s]."""

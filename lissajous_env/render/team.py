@@ -3,13 +3,13 @@
 import numpy as np
 import pygame
 
-from lissajous_env import theory
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, cut, transparent, within
 from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.text import write, write_outlined
-from lissajous_env.scenario import Scenario
-from lissajous_env.state import REMOVED, STUCK, WORKING
+from lissajous_env.theory import closed_forms
+from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
 LONGEST_TRAIL = 3.0
 """Time of a trail [s]; shorter where the robots are fast for the size of the rectangle."""
@@ -43,7 +43,7 @@ class Team:
         """Steps that a trail goes back."""
         scenario = self.scenario
         lap = np.linspace(0, 2 * np.pi, 512)
-        speed = scenario.formation.phase_rate * theory.curve_speed(scenario.curve, lap).mean()
+        speed = scenario.formation.phase_rate * closed_forms.curve_speed(scenario.curve, lap).mean()
         longest = 1.1 * min(scenario.curve.half_width, scenario.curve.half_height) * (0.2 if self.many else 1.0)
         return max(round(min(LONGEST_TRAIL / scenario.task.step, longest / speed / scenario.task.step, 2**20)), 2)
 

@@ -1,0 +1,236 @@
+"""The benchmark on many machines: Ray plays its batches of episodes over a cluster.
+
+The driver alone writes the journal, a batch at a time, when it has come back whole. So the loss of a worker, of a node
+or of the driver itself costs the batches that were being played, and these are played again: no episode is lost or
+doubled. Machines of one kind give the rows of the engine `local`, bit for bit.
+"""
+
+import contextlib
+import importlib
+import logging
+import textwrap
+from collections import Counter, deque
+from collections.abc import Iterator
+from importlib.metadata import version
+from typing import Any
+
+from baselines.benchmark import ray_address, results_folder, running
+from baselines.benchmark.progress import Progress
+from baselines.benchmark.rows import what_is_wrong
+from baselines.benchmark.running import Benchmark, Cell, Failure
+from lissajous_env.console.terminal import plain
+from lissajous_env.extras import missing
+from lissajous_env.wording import shown
+
+_RETRIES = 3
+"""Times that a batch is played again after its worker or node was lost: a policy that kills its process must end."""
+_AHEAD = 2
+"""Batches handed out for each CPU, so that none waits for work."""
+_STORE = 100_000_000
+"""Memory that the workers of a Ray of our own share [bytes]; what they exchange is small."""
+
+
+def check(device: str, address: str | None) -> None:
+    """Refuse what no Ray cluster can do.
+
+    Raises:
+        ValueError: Ray is not installed, a device by its number, or what is no address of a cluster.
+    """
+    _ray()
+    ray_address.check(address)
+    if device not in ("cpu", "cuda"):
+        raise ValueError(f"device of engine ray must be cpu or cuda, for Ray chooses which one; got {shown(device)}")
+
+
+@contextlib.contextmanager
+def connected(address: str | None) -> Iterator[Any]:
+    """Yield Ray, connected to the cluster at an address, or to one on this machine that ends with the block.
+
+    A process that is connected already stays with the cluster that it has.
+
+    Raises:
+        ValueError: Ray is not installed, what is no address, or a cluster that cannot be joined.
+        ConnectionError: no cluster answers at the address.
+    """
+    ray = _ray()
+    if ray.is_initialized():
+        yield ray
+        return
+    try:
+        _join(ray, "local" if address is None else address)
+        yield ray
+    finally:
+        ray.shutdown()
+
+
+def _join(ray: Any, address: str) -> None:
+    ray_address.check(address)
+    ray_address.knock(address)
+    own = {"object_store_memory": _STORE, "include_dashboard": False} if address == "local" else {}
+    try:
+        ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **own)
+    except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+        if own:
+            raise ValueError(f"Ray cannot be started: {_one_line(error)}") from error
+        kind = ConnectionError if isinstance(error, OSError) else ValueError
+        raise kind(f"the Ray cluster at {address} cannot be joined: {_one_line(error)}") from error
+
+
+def play_all(
+    settings: Benchmark, work: list[tuple[Cell, list[int]]], kept: results_folder.Episodes, progress: Progress
+) -> list[Failure]:
+    """Play what is left over a cluster and keep each batch when it comes; return the policies that failed.
+
+    A policy that raises, or whose batch has lost its worker again and again, fails; its other batches that ended are
+    kept, and the other policies go on.
+
+    Args:
+        settings: What is played.
+        work: Cells, each with the numbers of the episodes that are left to play.
+        kept: Where the rows go.
+        progress: Where to show them.
+
+    Raises:
+        ValueError: Ray cannot be had, a policy cannot be sent to it, or a node lacks what the settings ask for.
+        ConnectionError: nothing answers at the address.
+    """
+    size = settings.worlds
+    waiting = deque((cell, numbers[k : k + size]) for cell, numbers in work for k in range(0, len(numbers), size))
+    if not waiting:
+        return []
+    shown = _Shown(progress, work)
+    failures: dict[str, Failure] = {}
+    with connected(settings.address) as ray:
+        play = _remote(ray, settings)
+        sent = {_name(cell): ray.put(_packed(ray, cell, settings)) for cell, numbers in work if numbers}
+        playing: dict[Any, tuple[Cell, list[int]]] = {}
+        while waiting or playing:
+            # Counted anew each time: nodes come and go.
+            room = max(_AHEAD * int(ray.cluster_resources().get("CPU", 0)), 1)
+            while waiting and len(playing) < room:
+                cell, numbers = waiting.popleft()
+                if _name(cell) not in failures:
+                    playing[play(sent[_name(cell)], numbers)] = cell, numbers
+            for reference in ray.wait(list(playing), timeout=1.0)[0] if playing else []:
+                cell, numbers = playing.pop(reference)
+                result = _result(ray, reference, cell, settings, numbers)
+                if isinstance(result, Failure):
+                    failures.setdefault(_name(cell), result)
+                    shown.failed(cell)
+                else:
+                    kept.add(result)
+                    shown.finished(cell, len(result))
+    return [failures[_name(cell)] for cell, _ in work if _name(cell) in failures]
+
+
+class _Shown:
+    """Shows the cells in their order, though their batches end in any."""
+
+    def __init__(self, progress: Progress, work: list[tuple[Cell, list[int]]]):
+        self._progress = progress
+        self._left = deque((cell, len(numbers)) for cell, numbers in work if numbers)
+        self._finished: Counter[str] = Counter()
+        self._failed: set[str] = set()
+        progress.begin(self._left[0][0])
+
+    def finished(self, cell: Cell, episodes: int) -> None:
+        self._finished[_name(cell)] += episodes
+        self._show()
+
+    def failed(self, cell: Cell) -> None:
+        self._failed.add(_name(cell))
+        self._show()
+
+    def _show(self) -> None:
+        while self._left:
+            cell, left = self._left.popleft()
+            episodes = self._finished.pop(_name(cell), 0)
+            if episodes:
+                for _ in range(cell.scenario.task.steps):
+                    self._progress.step(episodes)
+                self._progress.finished(episodes)
+            failed = _name(cell) in self._failed
+            if episodes < left and not failed:
+                self._left.appendleft((cell, left - episodes))
+                return
+            self._progress.end("failed" if failed else "")
+            if self._left:
+                self._progress.begin(self._left[0][0])
+
+
+def _remote(ray: Any, settings: Benchmark) -> Any:
+    """Return a function that hands a batch of a cell to the cluster."""
+    gpus = 1 if settings.device == "cuda" else 0
+    if gpus and not ray.cluster_resources().get("GPU"):
+        raise ValueError("device must be one that the Ray cluster has, got cuda; none of its nodes has a GPU")
+    versions = results_folder.as_settings(settings, [])["versions"]
+    needs = {"num_cpus": 1, "num_gpus": gpus, "scheduling_strategy": "SPREAD"}
+    remote = ray.remote(**needs, max_retries=_RETRIES)(_play)
+    return lambda packed, numbers: remote.remote(packed, numbers, versions)
+
+
+def _play(packed: bytes, numbers: list[int], versions: dict[str, str]) -> list[dict[str, Any]] | Failure:
+    """Play one batch; this runs on a worker."""
+    ray = _ray()
+    here = {name: version(name) for name in versions}
+    if here != versions:
+        raise ValueError(f"every node must have {versions}, got {here} on {ray.util.get_node_ip_address()}")
+    cell, settings = ray.cloudpickle.loads(packed)
+    try:
+        return next(running.play(cell, settings, numbers, lambda _: None))
+    except Exception as error:
+        # As words: the error itself may be of a class that the driver cannot load.
+        return running.failure(cell, error)
+
+
+def _packed(ray: Any, cell: Cell, settings: Benchmark) -> bytes:
+    try:
+        return ray.cloudpickle.dumps((cell, settings))
+    except Exception as error:
+        raise ValueError(
+            f"policy {cell.policy} cannot be sent to another process ({_one_line(error)}); "
+            "give a function (scenario, num_worlds, device) that makes it, or module:factory"
+        ) from error
+
+
+def _result(
+    ray: Any, reference: Any, cell: Cell, settings: Benchmark, numbers: list[int]
+) -> list[dict[str, Any]] | Failure:
+    try:
+        result = ray.get(reference)
+    except ray.exceptions.RayTaskError as error:
+        raise ValueError(f"a node of the Ray cluster cannot play: {_one_line(error.cause)}") from error
+    except ray.exceptions.RayError as error:
+        return running.failure(cell, error)
+    return result if isinstance(result, Failure) else _checked(result, cell, settings, numbers)
+
+
+def _checked(rows: Any, cell: Cell, settings: Benchmark, numbers: list[int]) -> list[dict[str, Any]]:
+    """Refuse what a node returns in place of the rows of the episodes that it was given."""
+    expected = [(cell.scenario.name, cell.policy, number, settings.seed + number) for number in numbers]
+    try:
+        wrong = next((wrong for row in rows if (wrong := what_is_wrong(plain(row)))), "")
+        identities = [(row["scenario"], row["policy"], row["episode"], row["seed"]) for row in rows]
+    except (KeyError, TypeError) as error:
+        wrong, identities = f"{type(error).__name__}: {error}", []
+    if wrong or identities != expected:
+        raise ValueError(
+            f"a node of the Ray cluster must return the score rows of episodes {numbers} of {_name(cell)}, "
+            f"got {textwrap.shorten(str(rows), 200, placeholder=' ...')}" + f"; a row {wrong}" * bool(wrong)
+        )
+    return rows
+
+
+def _name(cell: Cell) -> str:
+    return f"{cell.scenario.name} {cell.policy}"
+
+
+def _one_line(error: BaseException) -> str:
+    return textwrap.shorten(str(error), 400, placeholder=" ...") or type(error).__name__
+
+
+def _ray() -> Any:
+    try:
+        return importlib.import_module("ray")
+    except ImportError as error:
+        raise missing("engine ray", "cluster", error) from error

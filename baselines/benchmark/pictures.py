@@ -1,0 +1,179 @@
+"""Pictures of a benchmark, in one style: a point and its interval for each policy, one panel for each scenario."""
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from baselines.benchmark.statistics import Statistics
+from baselines.policies.registry import names, unwrapped
+from lissajous_env.parameters.scenario import Scenario
+
+STYLE: dict[Any, Any] = {
+    "font.size": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#8a8a8a",
+    "axes.titlesize": 11,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e6e6e6",
+    "xtick.color": "#444444",
+    "ytick.color": "#222222",
+    "legend.frameon": False,
+    "savefig.dpi": 150,
+    "savefig.facecolor": "white",
+}
+# Okabe and Ito's colours, which stay apart for colour-blind readers; then further ones.
+_COLOURS = (
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#CC79A7",
+    "#D55E00",
+    "#56B4E9",
+    "#7F7F7F",
+    "#B2A300",
+    "#6A3D9A",
+    "#8C564B",
+    "#17BECF",
+    "#333333",
+    "#A6761D",
+    "#F781BF",
+    "#66A61E",
+    "#1B4F72",
+)
+_PANEL = 3.8
+"""Width of a panel [inch]."""
+
+
+def draw(
+    rows: Sequence[dict[str, Any]],
+    cells: Mapping[str, Mapping[str, Mapping[str, Statistics]]],
+    scenarios: Mapping[str, Scenario],
+) -> dict[str, bytes]:
+    """Draw the pictures and return each as a PNG, by file name."""
+    if not rows:
+        return {}
+    # A policy has the same colour in every benchmark, whatever others were played, and with the filter as without.
+    policies = dict.fromkeys([*names(), *(row["policy"] for row in rows)])
+    plain = dict.fromkeys(unwrapped(policy)[0] for policy in policies)
+    colour_of = {policy: _COLOURS[k % len(_COLOURS)] for k, policy in enumerate(plain)}
+    colour = {policy: colour_of[unwrapped(policy)[0]] for policy in policies}
+    played, most = list(cells), max(map(len, cells.values()))
+
+    def times(axes: Axes, name: str) -> None:
+        _points(axes, {policy: of["detection_time_mean"] for policy, of in cells[name].items()}, colour)
+        _mark_bound(axes, scenarios[name])
+        axes.set_xlabel("mean detection time [s]")
+
+    def collisions(axes: Axes, name: str) -> None:
+        _points(axes, {policy: of["collisions"] for policy, of in cells[name].items()}, colour, many=True)
+        axes.set_xlabel("collisions per episode")
+
+    def distribution(axes: Axes, name: str) -> None:
+        times_of = {policy: [] for policy in cells[name]}
+        for row in rows:
+            if row["scenario"] == name:
+                times_of[row["policy"]].append(row["detection_time_mean"])
+        _steps(axes, times_of, colour)
+        _mark_bound(axes, scenarios[name])
+        axes.set_xlabel("mean detection time [s]")
+        axes.set_ylabel("share of episodes at or below")
+
+    with rc_context(STYLE):
+        return {
+            "detection_time.png": _panels(played, "Detection time", times, most),
+            "collisions.png": _panels(played, "Collisions", collisions, most),
+            "detection_time_distribution.png": _panels(
+                played, "Detection time over episodes", distribution, legend=True
+            ),
+        }
+
+
+def _panels(
+    played: list[str], title: str, fill: Callable[[Axes, str], None], most: int = 0, legend: bool = False
+) -> bytes:
+    """Draw a panel for each name; `most` is the most policies that one of them lists."""
+    columns = min(len(played), 3)
+    rows = -(-len(played) // columns)
+    height = max(2.7, 0.9 + 0.3 * most)
+    layout = ConstrainedLayoutEngine(w_pad=0.12)  # room for half of a last tick's label
+    figure = Figure(figsize=(max(_PANEL * columns + 0.6, 4.6), height * rows + 0.8), layout=layout)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+    for k, name in enumerate(played):
+        axes = figure.add_subplot(rows, columns, k + 1)
+        axes.set_title(name)
+        fill(axes, name)
+    if legend:
+        entries = {
+            label: line for axes in figure.axes for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        wide = 0.75 + 0.075 * max(map(len, entries))
+        columns = max(min(len(entries), int(figure.get_figwidth() / wide)), 1)
+        shown = figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
+        for line in shown.get_lines():
+            line.set_linewidth(3)
+    else:
+        meaning = "dot: interquartile mean, hollow with the collision filter; bar: 95 % bootstrap interval"
+        figure.supxlabel(meaning, fontsize=8.5, color="#555555")
+    file = io.BytesIO()
+    figure.savefig(file, format="png", metadata={"Software": None})
+    return file.getvalue()
+
+
+def _points(axes: Axes, of: dict[str, Statistics], colour: dict[str, str], many: bool = False) -> None:
+    """One line for each policy, the first on top; `many` stretches the scale at the small numbers."""
+    for place, (policy, values) in enumerate(of.items()):
+        if values.n_finite == 0:
+            axes.text(0.02, place, "no number", transform=axes.get_yaxis_transform(), va="center", color="#777777")
+            continue
+        axes.plot(
+            [values.low, values.high], [place, place], color=colour[policy], lw=5, alpha=0.35, solid_capstyle="butt"
+        )
+        face = "white" if unwrapped(policy)[1] else colour[policy]
+        axes.plot([values.iqm], [place], "o", color=colour[policy], mfc=face, mew=1.5, ms=6, clip_on=False, zorder=3)
+    axes.set_yticks(range(len(of)), list(of))
+    axes.set_ylim(len(of) - 0.5, -0.5)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(False, axis="y")
+    if many:
+        axes.set_xscale("symlog", linthresh=1, linscale=0.5)
+        axes.set_xlim(left=-0.15)
+        largest = max((values.high for values in of.values() if values.n_finite > 1), default=1)
+        ticks = [0, *(10**k for k in range(int(np.log10(max(largest, 1))) + 2))]
+        axes.set_xticks(ticks, [str(tick) for tick in ticks])
+        axes.minorticks_off()
+    else:
+        largest = max((values.iqm for values in of.values() if values.n_finite), default=0)
+        axes.set_xlim(0, None if largest else 0.1)
+
+
+def _steps(axes: Axes, values: dict[str, list[float]], colour: dict[str, str]) -> None:
+    """Share of the episodes at or below each value; later curves are thinner, so that equal ones all show."""
+    largest = max((v for of in values.values() for v in of if np.isfinite(v)), default=0) or 0.1
+    for k, (policy, of) in enumerate(values.items()):
+        ordered = np.sort([value for value in of if np.isfinite(value)])
+        share = np.arange(1, len(ordered) + 1) / len(of)
+        ends = share[-1:] if len(share) else [0]
+        style = (0, (3, 1)) if unwrapped(policy)[1] else "-"
+        line = {"color": colour[policy], "lw": max(4.5 - 0.8 * k, 1.2), "ls": style, "label": policy}
+        axes.step([0, *ordered, 1.05 * largest], [0, *share, *ends], where="post", **line)
+    axes.set_ylim(0, 1.03)
+    axes.set_xlim(0, 1.05 * largest)
+
+
+def _mark_bound(axes: Axes, scenario: Scenario) -> None:
+    """Draw a dashed line at T_max, where the scale reaches it."""
+    bound = scenario.detection_time_bound
+    if bound <= axes.get_xlim()[1]:
+        axes.axvline(bound, color="#444444", lw=1, ls="--", zorder=1)
+        place = {"xycoords": ("data", "axes fraction"), "xytext": (3, 3), "textcoords": "offset points"}
+        axes.annotate("$T_{max}$", (bound, 0), ha="left", va="bottom", fontsize=8.5, color="#444444", **place)

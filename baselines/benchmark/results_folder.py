@@ -1,0 +1,226 @@
+"""What a benchmark keeps on the disk while it runs: its settings, and the episodes that have ended.
+
+A folder can grow: by scenarios, policies and episodes. What is there already stays as it is, so all else must agree.
+"""
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from baselines.benchmark.rows import NUMBER_COLUMNS, short, what_is_wrong
+from lissajous_env.console.terminal import plain
+from lissajous_env.parameters.scenario import PARTS, Scenario
+from lissajous_env.storage.files import read_json
+from lissajous_env.storage.folder import Folder
+
+if TYPE_CHECKING:
+    from baselines.benchmark.running import Benchmark, Cell
+
+_ENTRIES = {"policies": dict, "episodes": int, "seed": int, "device": str, "versions": dict, "digests": dict,
+            "scenarios": dict}  # fmt: skip
+"""What settings.json holds."""
+
+
+NAMES = ("settings.json", "episodes.jsonl")
+"""Files that are kept."""
+_ADVICE = "take another --out, or delete the folder"
+
+
+def keep_settings(folder: Folder, settings: "Benchmark", cells: Sequence["Cell"]) -> dict[str, Any]:
+    """Write the settings beside the results and return them, those of earlier calls among them.
+
+    Other scenarios and policies are added to what is there, and so are more episodes; all else must agree.
+
+    Raises:
+        ValueError: the folder holds results of other settings (the message shows where they differ), or is damaged.
+    """
+    path = folder.path / "settings.json"
+    now = as_settings(settings, cells)
+    if not path.exists():
+        if (folder.path / "episodes.jsonl").exists():
+            raise ValueError(
+                f"{folder.path} holds episodes.jsonl but no settings.json, so it cannot go on; take another --out"
+            )
+        folder.write("settings.json", json.dumps(now, indent=2) + "\n")
+        return now
+    there = _read(path)
+    both = [name for name in now["scenarios"] if name in there["scenarios"]]
+    fixed = ("seed", "device", "versions")
+    then, wanted = (
+        {name: of[name] for name in fixed} | {"scenarios": {name: of["scenarios"][name] for name in both}}
+        for of in (there, now)
+    )
+    if differing := _differences(then, wanted):
+        raise ValueError(_refusal(folder.path, differing))
+    policies = {name: list(dict.fromkeys([*there["policies"].get(name, []), *now["policies"].get(name, [])]))
+                for name in {**there["policies"], **now["policies"]}}  # fmt: skip
+    held = {
+        "policies": policies,
+        "episodes": max(there["episodes"], now["episodes"]),
+        **{name: there[name] for name in fixed},
+        "digests": now["digests"] | there["digests"],
+        "scenarios": there["scenarios"] | {n: of for n, of in now["scenarios"].items() if n not in both},
+    }
+    if held != there:
+        folder.write("settings.json", json.dumps(held, indent=2) + "\n")
+    return held
+
+
+def as_settings(settings: "Benchmark", cells: Sequence["Cell"]) -> dict[str, Any]:
+    """Return all that the scores depend on, as plain values."""
+    scenarios = {cell.scenario.name: cell.scenario for cell in cells}
+    return plain({
+        "policies": {name: [c.policy for c in cells if c.scenario.name == name] for name in scenarios},
+        "episodes": settings.episodes,
+        "seed": settings.seed,
+        "device": settings.device,
+        "versions": {name: version(name) for name in ("lissajous-env", "warp-lang")},
+        "digests": {name: scenario.digest() for name, scenario in scenarios.items()},
+        "scenarios": {name: scenario.to_dict() for name, scenario in scenarios.items()},
+    })  # fmt: skip
+
+
+def scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:
+    """Make the scenarios that a folder's settings hold, by name.
+
+    Raises:
+        ValueError: they are damaged: they cannot be made, or are not those whose digests stand beside them.
+    """
+    made = {}
+    for name, fields in held["scenarios"].items():
+        try:
+            # JSON has no infinity: it is kept as a word.
+            parts: dict[str, Any] = {
+                part: kind(**{f: _number(v) for f, v in fields[part].items()}) for part, kind in PARTS.items()
+            }
+            made[name] = Scenario(name=fields["name"], description=fields["description"], **parts)
+        except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
+            raise _damaged(folder / "settings.json", f"scenarios.{name}: {error}") from error
+        if made[name].name != name or made[name].digest() != held["digests"][name]:
+            raise _damaged(folder / "settings.json", f"scenarios.{name} is not what its digest was made of")
+    return made
+
+
+class Episodes:
+    """The score rows of the episodes that have ended, each on the disk once.
+
+    Raises:
+        ValueError: the file is damaged or holds an episode that does not belong; file, line and value are named.
+    """
+
+    def __init__(self, folder: Folder, held: Mapping[str, Any]):
+        self._held = held
+        self._rows: dict[tuple[str, str, int], dict[str, Any]] = {}
+        self._journal = folder.journal("episodes.jsonl")
+        try:
+            for line, row in enumerate(self._journal.entries, start=1):
+                wrong = what_is_wrong(row) or self._what_does_not_belong(row)
+                if wrong:
+                    raise ValueError(
+                        f"{self._journal.path}, line {line} {wrong}; delete that line to have its episode played again"
+                    )
+                self._rows[_key(row)] = row | {c: math.nan for c in NUMBER_COLUMNS if row[c] is None}
+        except ValueError:
+            self._journal.close()
+            raise
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def missing(self, cell: "Cell", episodes: int) -> list[int]:
+        """Those of the first so many episodes of a cell that are not there yet, by number."""
+        name = cell.scenario.name
+        return [k for k in range(episodes) if (name, cell.policy, k) not in self._rows]
+
+    def add(self, rows: list[dict[str, Any]]) -> None:
+        """Add episodes that have ended; they are on the disk when this returns."""
+        self._journal.append(plain(rows))
+        self._rows |= {_key(row): row for row in rows}
+
+    def of(self, cells: Iterable["Cell"], episodes: int) -> list[dict[str, Any]]:
+        """Rows of the first so many episodes of some cells, by scenario, policy and episode."""
+        keys = [(c.scenario.name, c.policy, k) for c in cells for k in range(episodes)]
+        return [self._rows[key] for key in keys if key in self._rows]
+
+    def all(self) -> list[dict[str, Any]]:
+        """All rows, by scenario, policy and episode, in the order of the folder's settings."""
+        places = [(s, p) for s, policies in self._held["policies"].items() for p in policies]
+        order = {place: k for k, place in enumerate(places)}
+        return [self._rows[key] for key in sorted(self._rows, key=lambda key: (order[key[:2]], key[2]))]
+
+    def _what_does_not_belong(self, row: dict[str, Any]) -> str | None:
+        held = self._held
+        if row["policy"] not in held["policies"].get(row["scenario"], []):
+            return f"is an episode of {row['policy']!r} on {row['scenario']!r}, which settings.json does not name"
+        if row["episode"] >= held["episodes"]:
+            return f"is episode {row['episode']} of {held['episodes']}"
+        if row["seed"] != held["seed"] + row["episode"]:
+            return f"must have seed {held['seed'] + row['episode']}, got {row['seed']}"
+        return "is an episode that is there already" if _key(row) in self._rows else None
+
+    def __enter__(self) -> "Episodes":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._journal.close()
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Read the settings that a folder holds.
+
+    Raises:
+        ValueError: they are damaged; the message names the entry.
+    """
+    try:
+        there = read_json(path)
+    except ValueError as error:
+        raise ValueError(f"{error}; {_ADVICE}") from error
+    if not isinstance(there, dict) or set(there) != set(_ENTRIES):
+        raise _damaged(path, f"it must hold {', '.join(_ENTRIES)}")
+    for name, kind in _ENTRIES.items():
+        if type(there[name]) is not kind or (kind is int and not 0 <= there[name] < 2**31):
+            raise _damaged(path, f"{name} is {short(there[name])}")
+    entries = there["policies"].values(), there["digests"].values(), there["scenarios"].values()
+    for name, of, kind in zip(("policies", "digests", "scenarios"), entries, (list, str, dict), strict=True):
+        if set(there[name]) != set(there["policies"]) or not all(type(entry) is kind for entry in of):
+            raise _damaged(path, f"{name} is {short(there[name])}")
+    if not all(isinstance(word, str) for policies in there["policies"].values() for word in policies):
+        raise _damaged(path, f"policies is {short(there['policies'])}")
+    return there
+
+
+def _damaged(path: Path, why: str) -> ValueError:
+    return ValueError(f"{path} is damaged: {why}; {_ADVICE}")
+
+
+def _number(value: Any) -> Any:
+    if isinstance(value, (list, tuple)):
+        return tuple(map(_number, value))
+    return float(value) if value in ("inf", "-inf") else value
+
+
+def _key(row: Mapping[str, Any]) -> tuple[str, str, int]:
+    return row["scenario"], row["policy"], row["episode"]
+
+
+def _differences(there: Any, now: Any, name: str = "") -> list[tuple[str, str, str]]:
+    """Entries that differ, as (dotted name, there, now); a scenario's words do not count."""
+    if isinstance(there, dict) and isinstance(now, dict):
+        names = [*there, *(key for key in now if key not in there)]
+        inside = [(there.get(key, "-"), now.get(key, "-"), key) for key in names if key != "description"]
+        return [found for a, b, key in inside for found in _differences(a, b, f"{name}.{key}".lstrip("."))]
+    return [] if there == now else [(name, _in_words(there), _in_words(now))]
+
+
+def _in_words(value: Any) -> str:
+    return "..." if isinstance(value, dict) else short(value).strip("'")
+
+
+def _refusal(folder: Path, differing: list[tuple[str, str, str]]) -> str:
+    rows = [("", "there", "now"), *differing]
+    widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
+    table = "\n".join(f"  {a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows)
+    return f"{folder} holds results of other settings; take another --out or the same settings\n{table}"

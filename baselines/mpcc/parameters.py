@@ -1,0 +1,68 @@
+"""What the model predictive contouring controller is given besides the curve."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from lissajous_env.parameters.checks import Checked, number, whole
+from lissajous_env.parameters.scenario import Robot
+
+
+@dataclass(frozen=True)
+class MpccParameters(Checked):
+    """What problem (11)-(15) holds besides the curve, and when the solver stops."""
+
+    stages: int = whole(15, 1, 200)
+    """M, stages of the horizon."""
+    step: float = number(0.1, 1e-4, 100, "s")
+    """Length of a stage [s]."""
+    weight_lateral: float = number(0.01, 0, 1e6, "1/(m s)^2")
+    """Weight on the squared lateral error [1/(m s)^2].
+
+    Differs from the paper: it prints the lateral and the lag weight in the reverse order, with which cars leave the
+    curve: on the experiment they touch 22 times a minute instead of once.
+    """
+    weight_lag: float = number(0.025, 0, 1e6, "1/(m s)^2")
+    """Weight on the squared lag error [1/(m s)^2]."""
+    weight_steering: float = number(0.01, 1e-9, 1e6, "1/s^2")
+    """q_4, weight on the squared steering angle [1/s^2]."""
+    weight_throttle: float = number(0.01, 1e-9, 1e6, "1/s^2")
+    """q_3, weight on the squared throttle [1/s^2]."""
+    drag: float = number(0.945, 1e-3, 1e3, "1/s")
+    """c, damping of the speed [1/s]."""
+    drive: float = number(36.81, 1e-3, 1e6, "m/s^2")
+    """alpha of the motor, acceleration per throttle [m/s^2]."""
+    offset: float = number(3.804, 0, 1e6, "m/s^2")
+    """beta of the model, a linear fit around 1 m/s; the plant's is 3.681 with a dead zone [m/s^2]."""
+    wheelbase: float = number(0.175, 1e-3, 100, "m")
+    """l, distance between the axles [m]."""
+    steering_max: float = number(math.pi / 9, 1e-3, 1.57, "rad")
+    """Largest steering angle to either side [rad]."""
+    throttle_min: float = number(0.1, -1e3, 1e3)
+    """Smallest throttle."""
+    throttle_max: float = number(0.25, -1e3, 1e3)
+    """Largest throttle."""
+    max_iterations: int = whole(100, 1, 10_000)
+    """Iterations after which a start is given up."""
+    tolerance: float = number(1e-4, 1e-12, 1)
+    """A start has converged when an iteration lowers its cost by less than this fraction."""
+    poor: float = number(0.05, 0, 1e6)
+    """A cost above this fraction of (M + 1) phase_rate^2, the cost of standing still, is tried from another start too.
+
+    Only there has the problem several optima: before the tight turns, which a car can pass early or late.
+    """
+
+    def _check_together(self) -> None:
+        self._require(self.throttle_max > self.throttle_min, "throttle_max", "must be above throttle_min")
+
+    @classmethod
+    def of(cls, robot: Robot, **overrides: Any) -> "MpccParameters":
+        """Take the car's constants from a robot, with the model's offset as its designer measured it."""
+        shared = ("wheelbase", "steering_max", "throttle_min", "throttle_max", "drag", "drive")
+        offset = robot.offset if robot.model_offset is None else robot.model_offset
+        return cls(**{**{name: getattr(robot, name) for name in shared}, "offset": offset, **overrides})
+
+    def replace(self, **overrides: Any) -> "MpccParameters":
+        """Copy with some fields changed."""
+        return dataclasses.replace(self, **overrides)

@@ -1,0 +1,168 @@
+"""The paper's model predictive contouring controller, problem (11)-(15), for a batch of cars at once.
+
+State X = x, y, heading, v, gamma; control delta, tau; M stages of length h; f one Runge-Kutta step of (12) over h with
+gamma' = v / ||r'(gamma)|| by (14) as the last row:
+
+    minimise   sum_{k=0..M}    (phase_rate - v_k / ||r'(gamma_k)||)^2 + q_lag e_lag(X_k)^2 + q_lat e_lat(X_k)^2
+             + sum_{k=0..M-1}  q_3 tau_k^2 + q_4 delta_k^2                                                        (11a)
+    subject to X_{k+1} = f(X_k, delta_k, tau_k), X_0 given, delta_k and tau_k in their bounds (11c)
+
+The errors are those of (x, y) against r(gamma), along and across the tangent there; heading and gamma run on without
+wrapping, and nothing is projected on the curve, which crosses itself. The model is smooth and may predict a speed
+slightly below 0 (down to -0.13 m/s at the smallest throttle), where the plant would stand.
+
+Differs from the paper: gamma stands for the arc length s, as the same model and without inverting (14).
+"""
+
+import os
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from baselines.mpcc import kernel
+from baselines.mpcc.kernel import EARLY, KEEP, Scratch
+from baselines.mpcc.model import MpccStruct, tabulate, vec5
+from baselines.mpcc.parameters import MpccParameters
+from lissajous_env.device.copies import Copyable
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch, side_by_side
+from lissajous_env.device.structs import to_struct
+from lissajous_env.parameters.scenario import Curve
+
+__all__ = ["Mpcc", "MpccParameters", "Solution"]
+
+SMALLEST_SHARE = 64
+"""Problems that a further thread must have to be worth its hand-over."""
+
+
+class Solution(NamedTuple):
+    """What `Mpcc.solve` returns: NumPy arrays of its own where NumPy came in, else the solver's Warp arrays."""
+
+    control: Any
+    """(K, M, 2) steering [rad] and throttle."""
+    trajectory: Any
+    """(K, M + 1, 5) predicted x, y [m], heading [rad], speed [m/s], gamma [rad]."""
+    cost: Any
+    """(K,) value of (11a); 3e38 where the solve failed."""
+    iterations: Any
+    """(K,) iterations, summed over the starts."""
+    failed: Any
+    """(K,) 1 where the state or every start's cost was not finite: the control brakes straight on, else 0."""
+
+
+class Mpcc(Copyable):
+    """K problems (11)-(15) on one device, each warm-started from its last solution.
+
+    `solve` is the convenient way. In a control loop write to the Warp arrays `state` (K, 5) and `phase_rate` (K,),
+    call `launch()`, and read `control` (K, M, 2), `trajectory` (K, M + 1, 5), `cost`, `iterations`, `failed` and
+    `failures` (K,), all on the device; nothing passes through the host. `threads` (all cores) bounds those of a CPU.
+
+    A failed solve brakes (steering 0, smallest throttle), is counted in `failures`, and the next one starts afresh.
+    """
+
+    def __init__(
+        self,
+        curve: Curve,
+        parameters: MpccParameters | None = None,
+        batch: int = 1,
+        device: Any = "cpu",
+        threads: int | None = None,
+    ):
+        if batch < 1:
+            raise ValueError(f"batch must be at least 1, got {batch}")
+        if threads is not None and threads < 1:
+            raise ValueError(f"threads must be at least 1, got {threads}")
+        self.threads = threads or os.cpu_count() or 1
+        self.curve = curve
+        self.parameters = parameters or MpccParameters()
+        self.batch = batch
+        self.device = as_device(device)
+        M = self.parameters.stages
+        self.state = self._zeros((batch, 5))
+        self.phase_rate = self._zeros((batch,))
+        self.control = self._zeros((batch, M, 2))
+        self.trajectory = self._zeros((batch, M + 1, 5))
+        self.cost = self._zeros((batch,))
+        self.iterations = self._zeros((batch,), wp.int32)
+        self.failed = self._zeros((batch,), wp.int32)
+        self.failures = self._zeros((batch,), wp.int32)
+        self._begin = self._zeros((batch,), wp.int32)
+        self._launches = self._record()
+
+    def solve(self, state: Any, phase_rate: Any, guess: Any = None) -> Solution:
+        """Solve all K problems.
+
+        Args:
+            state: (K, 5) x, y [m], heading [rad], speed [m/s], gamma [rad]; NumPy, torch or Warp.
+            phase_rate: (K,) wanted rate of gamma [rad/s].
+            guess: (K, M, 2) controls to start from; None shifts the last solution by a stage, or on the first call
+                and after a failure starts along the curve.
+        """
+        copy_in("state", state, self.state)
+        copy_in("phase_rate", phase_rate, self.phase_rate)
+        if guess is not None:
+            copy_in("guess", guess, self.control)
+            self._begin.fill_(KEEP)
+        self.launch()
+        results = (self.control, self.trajectory, self.cost, self.iterations, self.failed)
+        if _is_on_host(state):
+            return Solution(*(array.numpy().copy() for array in results))
+        return Solution(*results)
+
+    def launch(self) -> None:
+        """Solve for what stands in `state` and `phase_rate`; on a CPU, large batches are split over the cores."""
+        side_by_side(self._launches, self.threads)
+
+    def reset(self, mask: Any = None) -> None:
+        """Forget the warm starts of the problems in `mask`, (K,) booleans; None is all of them."""
+        if mask is None:
+            self._begin.fill_(EARLY)
+            return
+        chosen = mask.numpy() if isinstance(mask, wp.array) else np.asarray(mask)
+        if chosen.shape != (self.batch,):
+            raise ValueError(f"mask must have shape {(self.batch,)}, got {chosen.shape}")
+        self._begin.assign(np.where(chosen, EARLY, self._begin.numpy()).astype(np.int32))
+
+    def _zeros(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> Any:
+        return wp.zeros(shape, dtype=dtype, device=self.device)
+
+    def _scratch(self) -> Any:
+        M = self.parameters.stages
+        scratch: Any = Scratch()
+        for name, rows, dtype in (
+            ("state", 2 * (M + 1), vec5),
+            ("control", 2 * M, wp.vec2),
+            ("change", M, wp.vec2),
+            ("gain", 2 * M, vec5),
+        ):
+            # A CPU thread wants its own rows side by side, the threads of a GPU the same row of all.
+            cpu = self.device.is_cpu
+            array = self._zeros((self.batch, rows) if cpu else (rows, self.batch), dtype)
+            setattr(scratch, name, array.transpose() if cpu else array)
+        return scratch
+
+    def _record(self) -> list[Any]:
+        p, curve = to_struct(MpccStruct, self.parameters), to_struct(CurveStruct, self.curve)
+        table, scratch = tabulate(self.curve, self.device), self._scratch()
+        shares = min(self.threads, max(self.batch // SMALLEST_SHARE, 1)) if self.device.is_cpu else 1
+        ends = [self.batch * share // shares for share in range(shares + 1)]
+        outputs = [self.control, self.trajectory, self.cost, self.iterations, self.failed, self.failures]
+        with compile_quietly():
+            recorded: list[Any] = [
+                wp.launch(
+                    kernel.solve,
+                    dim=high - low,
+                    inputs=[p, curve, table, low, self.state, self.phase_rate, scratch, self._begin],
+                    outputs=outputs,
+                    device=self.device,
+                    record_cmd=True,
+                )
+                for low, high in pairwise(ends)
+            ]
+        return [launch.launch for launch in recorded]
+
+
+def _is_on_host(value: Any) -> bool:
+    return not isinstance(value, wp.array) and not is_torch(value)

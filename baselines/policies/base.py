@@ -1,0 +1,175 @@
+"""What a policy is.
+
+A policy sees the observation and nothing else: what the action of a robot uses is that robot's own row, its own memory
+and the scenario. So any of them could run on a robot, and classical and learned ones are compared fairly.
+"""
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env import scenario as make_scenario
+from lissajous_env.device.copies import Copyable
+from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.observation import layout
+from lissajous_env.world.selection import chosen_worlds, whole_number
+
+
+class Policy(Copyable):
+    """Base of the classical policies: a batch of W worlds of N robots of one scenario, on one device.
+
+    A subclass writes `self.action` (W, N, action_size) in `_decide`, which is called with the observation as a Warp
+    array, and forgets its memory of some worlds in `_forget`. What it keeps in attributes that `__init__` makes, Warp
+    arrays among them, goes with every copy and pickle of it.
+
+    Raises:
+        ValueError: a number of worlds below 1, or a device that is not there.
+    """
+
+    kind: str | None = None
+    """Kind of robot that the policy drives; None drives any."""
+
+    def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"):
+        self.num_worlds = whole_number("num_worlds", num_worlds)
+        self.scenario = make_scenario(scenario).resolve()
+        self.num_robots = self.scenario.num_robots
+        self.device = as_device(device)
+        self.name = type(self).__name__
+        self.shape = (self.num_worlds, self.num_robots)
+        self.observation_shape = (*self.shape, layout(self.scenario).size)
+        self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)
+        self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
+        self._compiled = False
+
+    def reset(self, worlds: Any = None) -> None:
+        """Forget what was kept of some worlds, or of all.
+
+        Args:
+            worlds: (W,) mask or indices of the worlds; all by default.
+
+        Raises:
+            ValueError: neither a mask of this shape nor indices from 0 to W - 1.
+        """
+        mask = np.zeros(self.num_worlds, dtype=bool)
+        mask[chosen_worlds(worlds, self.num_worlds)] = True
+        self._forget(mask)
+
+    def act(self, observation: Any) -> Any:
+        """Actions (W, N, action_size) in [-1, 1] for observations (W, N, D).
+
+        Takes a NumPy array, torch tensor or Warp array of numbers and returns the like, of float32; a Warp array that
+        is returned is the policy's own and changes with the next call.
+
+        A policy for one world also takes the observations of a PettingZoo `ParallelEnv` by agent, and returns actions
+        by agent. Agents that are not there any more may be left out:
+
+            env, policy = lissajous_env.parallel_env("rough"), baselines.make("kuramoto-mpcc", "rough")
+            observations, infos = env.reset(seed=0)
+            policy.reset()
+            while env.agents:
+                observations, rewards, *_ = env.step(policy.act(observations))
+
+        Raises:
+            ValueError: the observation has another shape, an unknown agent, or (looked for where it lies on the host)
+                a number that is not finite.
+        """
+        if isinstance(observation, Mapping):
+            return self._act_by_agent(observation)
+        with self._on_torch_stream(observation):
+            given = self._taken(observation)
+            if self._compiled:
+                self._decide(given)
+            else:
+                with compile_quietly():
+                    self._decide(given)
+                self._compiled = True
+            if isinstance(observation, wp.array):
+                return self.action
+            return wp.to_torch(self.action).clone() if is_torch(observation) else self.action.numpy().copy()
+
+    def _act_by_agent(self, rows: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        if self.num_worlds != 1:
+            raise ValueError(f"policy must be for one world to take observations by agent, got {self.num_worlds}")
+        agents = [f"robot_{i}" for i in range(self.num_robots)]
+        if unknown := [str(agent) for agent in rows if agent not in agents]:
+            raise ValueError(f"observation must be of the agents {', '.join(agents)}, got {', '.join(unknown)}")
+        together = np.zeros(self.observation_shape, dtype=np.float32)
+        for agent, row in rows.items():
+            values = _numbers(f"observation of {agent}", row)
+            if values.shape != together.shape[2:]:
+                raise ValueError(f"observation of {agent} must have shape {together.shape[2:]}, got {values.shape}")
+            together[0, agents.index(agent)] = values
+        return dict(item for item in zip(agents, self.act(together)[0], strict=True) if item[0] in rows)
+
+    def _taken(self, observation: Any) -> wp.array:
+        """Return the observation as a Warp array on the device."""
+        if isinstance(observation, wp.array):
+            if observation.dtype is not wp.float32 or observation.device != self.device:
+                got = f"{wp.types.type_repr(observation.dtype)} on {observation.device}"
+                raise ValueError(f"observation must be an array of float32 on {self.device}, got {got}")
+        elif not is_torch(observation):
+            observation = _numbers("observation", observation)
+        elif observation.is_complex():
+            raise ValueError(f"observation must be numbers, got {observation.dtype}")
+        if tuple(observation.shape) != self.observation_shape:
+            raise ValueError(f"observation must have shape {self.observation_shape}, got {tuple(observation.shape)}")
+        given = observation if isinstance(observation, wp.array) else self._observation
+        if self.device.is_cpu:
+            rows = given.numpy()
+            if isinstance(observation, np.ndarray):
+                _copy(observation, rows)
+            elif given is not observation:
+                copy_in("observation", observation, given)
+            self._check_finite(rows)
+        else:
+            if isinstance(observation, np.ndarray):
+                self._check_finite(observation)
+            if given is not observation:
+                copy_in("observation", observation, given)
+        return given
+
+    def _check_finite(self, rows: np.ndarray) -> None:
+        finite = np.isfinite(rows)
+        if not finite.all():
+            w, i, k = np.argwhere(~finite)[0]
+            name = layout(self.scenario).names[k]
+            raise ValueError(f"observation must be finite, got {rows[w, i, k]} for {name} of robot_{i} in world {w}")
+
+    def _on_torch_stream(self, observation: Any) -> AbstractContextManager:
+        """On a GPU, queue what Warp launches for a torch tensor on torch's own stream."""
+        if self.device.is_cpu or not is_torch(observation):
+            return nullcontext()
+        import torch
+
+        stream = wp.stream_from_torch(torch.cuda.current_stream(wp.device_to_torch(self.device)))
+        return wp.ScopedStream(stream, sync_enter=True, sync_exit=True)
+
+    def _decide(self, observation: wp.array) -> None:
+        raise NotImplementedError
+
+    def _forget(self, mask: np.ndarray) -> None:
+        """Forget the memory of the worlds in a mask (W,)."""
+
+
+def _copy(values: np.ndarray, rows_out: np.ndarray) -> None:
+    if values.dtype == np.float32:
+        np.copyto(rows_out, values)
+    else:
+        with np.errstate(over="ignore"):  # beyond float32 is infinite, and found to be
+            np.copyto(rows_out, values, casting="unsafe")
+
+
+def _numbers(name: str, value: Any) -> np.ndarray:
+    if is_torch(value):
+        value = value.detach().cpu()
+    try:
+        values = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        values = np.asarray(None)
+    if values.dtype.kind not in "fiub":
+        raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__} of {values.dtype}")
+    return values

@@ -1,0 +1,1 @@
+"""Coordinators: the phase rate that each robot asks for."""

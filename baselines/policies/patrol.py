@@ -1,0 +1,315 @@
+"""What a person would try first: patrol a loop in file, drive to random places, stand still."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from baselines.policies.base import Policy
+from baselines.policies.own_row import own_heading, own_phase, own_position
+from baselines.policies.patrol_path import (
+    SweepParameters,
+    cruising_speed,
+    fastest_speed,
+    lookahead,
+    loop_spacing,
+    patrol_loop,
+)
+from lissajous_env.device import randomness
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct, point2, wrap
+from lissajous_env.device.structs import to_struct
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.robots import RobotStruct
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.func
+def drive_towards(
+    robot: RobotStruct, position: wp.vec2, heading: float, speed: float, goal: wp.vec2, wanted_speed: float
+) -> wp.vec2:
+    """Action of a car towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and a proportional speed law."""
+    away = goal - position
+    distance = wp.max(wp.length(away), 2.0 * robot.wheelbase)
+    bearing = wrap(wp.atan2(away[1], away[0]) - heading)
+    steering = wp.atan(2.0 * robot.wheelbase * wp.sin(bearing) / distance)
+    if wp.abs(bearing) > 1.5707963:
+        steering = wp.sign(bearing) * robot.steering_max
+    throttle = (robot.drag * wanted_speed + robot.model_offset + 4.0 * (wanted_speed - speed)) / robot.drive
+    span = robot.throttle_max - robot.throttle_min
+    return wp.vec2(
+        wp.clamp(steering / robot.steering_max, -1.0, 1.0),
+        wp.clamp(2.0 * (throttle - robot.throttle_min) / span - 1.0, -1.0, 1.0),
+    )
+
+
+@wp.func
+def robot_speed_max(robot: RobotStruct) -> float:
+    """Steady speed of a car at full throttle [m/s]."""
+    return (robot.drive * robot.throttle_max - robot.offset) / robot.drag
+
+
+@wp.func
+def nearest_on_loop(loop: wp.array(dtype=wp.vec2), place: wp.vec2) -> int:
+    """Index of the loop's point nearest to a place."""
+    nearest = int(0)
+    least = float(1.0e30)
+    for k in range(loop.shape[0]):
+        square = wp.length_sq(loop[k] - place)
+        if square < least:
+            least = square
+            nearest = k
+    return nearest
+
+
+@wp.func
+def slot_of(
+    i: int,
+    phase: float,
+    curve: CurveStruct,
+    alpha: float,
+    equilibrium: wp.array(dtype=float),
+    loop: wp.array(dtype=wp.vec2),
+) -> float:
+    """Index on the loop where robot i's place in the file begins.
+
+    The file keeps the order in which the formation's places, known from the robot's own phase, lie along the loop.
+    """
+    n = equilibrium.shape[0]
+    size = loop.shape[0]
+    own = nearest_on_loop(loop, point2(curve, alpha * phase))
+    rank = int(0)
+    total = int(0)
+    for j in range(n):
+        other = nearest_on_loop(loop, point2(curve, alpha * (phase + equilibrium[j] - equilibrium[i])))
+        total += other
+        if other < own or (other == own and j < i):
+            rank += 1
+    middle = float(total) / float(n) - 0.5 * float(size) * float(n - 1) / float(n)
+    return middle + float(rank * size) / float(n)
+
+
+@wp.kernel
+def follow_loop(
+    curve: CurveStruct,
+    robot: RobotStruct,
+    alpha: float,
+    equilibrium: wp.array(dtype=float),
+    loop: wp.array(dtype=wp.vec2),
+    cruise: float,
+    spacing: float,
+    lookahead: float,
+    step: float,
+    memory: wp.array2d(dtype=wp.vec2),
+    observation: wp.array3d(dtype=float),
+    action_out: wp.array3d(dtype=float),
+):
+    """Chase robot i's place in the file, which goes around the loop at cruising speed [m/s].
+
+    A robot's memory is where its place began (an index on the loop) and, plus one, the steps since then.
+    """
+    w, i = wp.tid()
+    size = loop.shape[0]
+    known = memory[w, i]
+    if known[1] == 0.0:
+        slot = slot_of(i, own_phase(w, i, observation), curve, alpha, equilibrium, loop)
+        known = wp.vec2(slot, 1.0)
+    place = known[0] + (cruise * step * (known[1] - 1.0) + lookahead) / spacing
+    memory[w, i] = wp.vec2(known[0], known[1] + 1.0)
+    goal = loop[((int(wp.floor(place)) % size) + size) % size]
+    position = own_position(w, i, curve, observation)
+    speed = observation[w, i, 4] * robot_speed_max(robot)
+    # At cruising speed the goal stays `lookahead` away; a car that is further from it speeds up.
+    wanted = cruise * wp.length(goal - position) / lookahead
+    action = drive_towards(robot, position, own_heading(w, i, observation), speed, goal, wanted)
+    action_out[w, i, 0] = action[0]
+    action_out[w, i, 1] = action[1]
+
+
+@wp.kernel
+def go_around(
+    curve: CurveStruct,
+    robot: RobotStruct,
+    loop: wp.array(dtype=wp.vec2),
+    cruise: float,
+    ahead: int,
+    memory: wp.array2d(dtype=int),
+    observation: wp.array3d(dtype=float),
+    action_out: wp.array3d(dtype=float),
+):
+    """Chase the loop's point that lies `ahead` points further than the nearest one, at cruising speed [m/s].
+
+    A robot's memory is the index of the nearest point, plus one: the next is looked for around it.
+    """
+    w, i = wp.tid()
+    size = loop.shape[0]
+    position = own_position(w, i, curve, observation)
+    here = memory[w, i] - 1
+    if here < 0:
+        here = nearest_on_loop(loop, position)
+    else:
+        around = here
+        least = float(1.0e30)
+        for k in range(around - ahead, around + ahead + 1):
+            square = wp.length_sq(loop[(k + size) % size] - position)
+            if square < least:
+                least = square
+                here = (k + size) % size
+    memory[w, i] = here + 1
+    goal = loop[(here + ahead) % size]
+    speed = observation[w, i, 4] * robot_speed_max(robot)
+    action = drive_towards(robot, position, own_heading(w, i, observation), speed, goal, cruise)
+    action_out[w, i, 0] = action[0]
+    action_out[w, i, 1] = action[1]
+
+
+@wp.func
+def row_key(w: int, i: int, observation: wp.array3d(dtype=float)) -> int:
+    """Key of a robot's random draws, made of where it is: the same in any batch, at any place in it."""
+    x = int(observation[w, i, 0] * 1.0e6)
+    y = int(observation[w, i, 1] * 1.0e6)
+    return randomness.step_key(x, y)
+
+
+@wp.kernel
+def wander(
+    curve: CurveStruct,
+    robot: RobotStruct,
+    goals: wp.array2d(dtype=wp.vec3),
+    observation: wp.array3d(dtype=float),
+    action_out: wp.array3d(dtype=float),
+):
+    """Drive to a random place in the rectangle and, there, choose the next."""
+    w, i = wp.tid()
+    position = own_position(w, i, curve, observation)
+    goal = goals[w, i]
+    away = wp.vec2(goal[0], goal[1]) - position
+    if goal[2] == 0.0 or wp.length(away) < 4.0 * robot.wheelbase:
+        draw = randomness.stream(row_key(w, i, observation), i, randomness.WANDER)
+        goal = wp.vec3(
+            (2.0 * wp.randf(draw) - 1.0) * curve.half_width, (2.0 * wp.randf(draw) - 1.0) * curve.half_height, 1.0
+        )
+        goals[w, i] = goal
+    speed_max = robot_speed_max(robot)
+    speed = observation[w, i, 4] * speed_max
+    to = wp.vec2(goal[0], goal[1])
+    # A car that would circle around a near goal slows down.
+    wanted = speed_max * wp.min(1.0, wp.length(to - position))
+    action = drive_towards(robot, position, own_heading(w, i, observation), speed, to, wanted)
+    action_out[w, i, 0] = action[0]
+    action_out[w, i, 1] = action[1]
+
+
+@wp.kernel
+def wander_on_curve(
+    robot: RobotStruct, rate: float, observation: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)
+):
+    """Go on along the curve at a phase rate drawn anew in each step from [0, 2 rate) [rad/s]."""
+    w, i = wp.tid()
+    draw = randomness.uniform(row_key(w, i, observation), i, randomness.WANDER)
+    action_out[w, i, 0] = wp.min(2.0 * rate * draw / robot.phase_rate_max, 1.0)
+
+
+class Sweep(Policy):
+    """Cars in file, evenly spaced, around a loop: along the boundary if targets enter there, else up and down lanes."""
+
+    kind = "car"
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: SweepParameters | None = None,
+    ):
+        super().__init__(scenario, num_worlds, device)
+        self.parameters = parameters or SweepParameters()
+        loop = patrol_loop(self.scenario, parameters=self.parameters)
+        self._curve = to_struct(CurveStruct, self.scenario.curve)
+        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
+        self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
+        self._cruise = self.parameters.cruise or cruising_speed(self.scenario)
+        self._spacing = loop_spacing(loop)
+        self._lookahead = lookahead(self.scenario, self._cruise, self.parameters)
+        self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
+
+    def _forget(self, mask: np.ndarray) -> None:
+        self._memory.assign(np.where(mask[:, None, None], 0.0, self._memory.numpy()).astype(np.float32))
+
+    def _decide(self, observation: wp.array) -> None:
+        inputs = [self._curve, self._robot, float(self.scenario.alpha), self._equilibrium, self._loop, self._cruise,
+                  self._spacing, self._lookahead, self.scenario.task.step, self._memory, observation]  # fmt: skip
+        wp.launch(follow_loop, self.shape, inputs, outputs=[self.action], device=self.device)
+
+
+class Laps(Policy):
+    """Cars that go around the loop of `Sweep` from where they are, each for itself, as fast as the formation's fastest.
+
+    Nobody keeps a distance: cars that come to the loop together stay together.
+    """
+
+    kind = "car"
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: SweepParameters | None = None,
+    ):
+        super().__init__(scenario, num_worlds, device)
+        parameters = parameters or SweepParameters()
+        self._cruise = parameters.cruise or fastest_speed(self.scenario)
+        loop = patrol_loop(self.scenario, parameters=dataclasses.replace(parameters, cruise=self._cruise))
+        self._ahead = round(lookahead(self.scenario, self._cruise, parameters) / loop_spacing(loop))
+        self._curve = to_struct(CurveStruct, self.scenario.curve)
+        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
+        self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
+
+    def _forget(self, mask: np.ndarray) -> None:
+        self._memory.assign(np.where(mask[:, None], 0, self._memory.numpy()).astype(np.int32))
+
+    def _decide(self, observation: wp.array) -> None:
+        inputs = [self._curve, self._robot, self._loop, self._cruise, self._ahead, self._memory, observation]
+        wp.launch(go_around, self.shape, inputs, outputs=[self.action], device=self.device)
+
+
+class RandomWaypoint(Policy):
+    """Cars that drive to one random place after another; points that take a random phase rate in each step.
+
+    The rates of points are omega / alpha in the mean, so that chance does not win by speed.
+    """
+
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
+        super().__init__(scenario, num_worlds, device)
+        self._curve = to_struct(CurveStruct, self.scenario.curve)
+        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._goals = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
+
+    def _forget(self, mask: np.ndarray) -> None:
+        self._goals.assign(np.where(mask[:, None, None], 0.0, self._goals.numpy()).astype(np.float32))
+
+    def _decide(self, observation: wp.array) -> None:
+        if self.scenario.robot.kind == "curve":
+            rate = self.scenario.formation.phase_rate / self.scenario.alpha
+            inputs = [self._robot, rate, observation]
+            wp.launch(wander_on_curve, self.shape, inputs, outputs=[self.action], device=self.device)
+            return
+        inputs = [self._curve, self._robot, self._goals, observation]
+        wp.launch(wander, self.shape, inputs, outputs=[self.action], device=self.device)
+
+
+class Still(Policy):
+    """Robots that stand still; cars coast to rest at the least throttle."""
+
+    def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
+        super().__init__(scenario, num_worlds, device)
+        rest = [0.0] if self.scenario.robot.kind == "curve" else [0.0, -1.0]
+        self.action.assign(np.tile(np.float32(rest), (*self.shape, 1)))
+
+    def _decide(self, observation: wp.array) -> None:
+        """Leave the action as it is."""

@@ -1,0 +1,115 @@
+"""The loop that a patrol goes around, with corners that a car can drive."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from lissajous_env.parameters.checks import Checked, number, whole
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.theory import closed_forms
+
+_CRUISE = 0.85
+"""Share of the limit at which a patrol goes, so that a car which fell behind can catch up."""
+_ROOM = 1.15
+"""Corners are wider than a car's tightest turn by this factor."""
+
+
+@dataclass(frozen=True)
+class SweepParameters(Checked):
+    """What a patrol is given besides the scenario; None is derived from it."""
+
+    cruise: float | None = number(None, 1e-3, 1e4, "m/s")
+    """Speed of the patrol [m/s]; None is `cruising_speed`."""
+    inset: float | None = number(None, 0, 1e4, "m")
+    """Distance of the loop from the boundary [m]; None is 0.1 sensing radii where targets enter at the
+    boundary, else 0.7. Less where the corners would not fit."""
+    lanes: int | None = whole(None, 2, 64)
+    """Lanes of the loop, an even number; 2 goes around the rectangle. None is what `patrol_loop` says."""
+    lookahead: float | None = number(None, 1e-3, 1e4, "m")
+    """Distance of the goal ahead of a car's place [m]; None is 0.3 s at cruising speed, 4 wheelbases at least."""
+
+    def _check_together(self) -> None:
+        self._require(self.lanes is None or self.lanes % 2 == 0, "lanes", "must be even")
+
+
+def fastest_speed(scenario: Scenario) -> float:
+    """The cars' top speed, or the formation's where the curve is fastest, if that is less [m/s]."""
+    lap = np.linspace(0, 2 * math.pi, 4096)
+    formation = scenario.formation.phase_rate * float(closed_forms.curve_speed(scenario.curve, lap).max())
+    return min(scenario.robot.speed_max, formation)
+
+
+def cruising_speed(scenario: Scenario) -> float:
+    """Speed of a patrol [m/s]: so far below the fastest that a car can catch up with its place."""
+    return _CRUISE * fastest_speed(scenario)
+
+
+def corner_radius(scenario: Scenario, cruise: float | None = None) -> float:
+    """Radius of the loop's corners [m]: what steering and, at cruising speed, grip allow, with some room."""
+    robot = scenario.robot
+    by_steering = robot.wheelbase / math.tan(robot.steering_max)
+    by_grip = (cruise or cruising_speed(scenario)) ** 2 / robot.lateral_acceleration_max
+    return _ROOM * max(by_steering, by_grip)
+
+
+def lookahead(scenario: Scenario, cruise: float, parameters: SweepParameters) -> float:
+    """Distance of the goal ahead of a car [m]."""
+    return parameters.lookahead or max(4 * scenario.robot.wheelbase, 0.3 * cruise)
+
+
+def loop_spacing(loop: np.ndarray) -> float:
+    """Distance between the points of a loop [m]."""
+    return float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()) / len(loop)
+
+
+def patrol_loop(scenario: Scenario, points: int = 2048, parameters: SweepParameters | None = None) -> np.ndarray:
+    """(points, 2) evenly spaced points of the loop [m], counter-clockwise.
+
+    Around the rectangle, where targets enter at the boundary, close to it, or where a disc that reaches the boundary
+    reaches the middle too; else up and down in lanes two sensing radii apart and back along one side.
+    """
+    parameters = parameters or SweepParameters()
+    curve, radius = scenario.curve, scenario.sensing_radius
+    A, B = curve.half_width, curve.half_height
+    corner = corner_radius(scenario, parameters.cruise)
+    at_boundary = scenario.targets.entry == "boundary"
+    wanted = (0.1 if at_boundary else 0.7) * radius if parameters.inset is None else parameters.inset
+    inset = max(min(wanted, B - corner, A - corner), 0.0)
+    around = at_boundary or B - inset <= radius
+    # An even number of lanes ends on the side where it began; the way back runs beside their turns.
+    lanes = parameters.lanes or (2 if around else 2 * math.ceil((B - inset) / (2 * radius) + 0.5))
+    if lanes == 2:
+        corners = [(-A + inset, -B + inset), (A - inset, -B + inset), (A - inset, B - inset), (-A + inset, B - inset)]
+    else:
+        near, far = -A + inset + 2 * corner, A - inset
+        corners = [(-A + inset, B - inset), (-A + inset, -B + inset)]
+        for k, y in enumerate(np.linspace(-B + inset, B - inset, lanes)):
+            corners += [(near, y), (far, y)] if k % 2 == 0 else [(far, y), (near, y)]
+        del corners[2]  # the first lane goes straight on from the way back
+        corners.pop()  # and the last one into it
+    return _resampled(_rounded(np.array(corners), corner), points)
+
+
+def _rounded(corners: np.ndarray, radius: float) -> np.ndarray:
+    """Replace each corner by an arc, as wide as `radius` or as half of its shorter side allows."""
+    path = []
+    for before, at, after in zip(np.roll(corners, 1, axis=0), corners, np.roll(corners, -1, axis=0), strict=True):
+        to_before, to_after = before - at, after - at
+        sides = np.linalg.norm(to_before), np.linalg.norm(to_after)
+        u, v = to_before / sides[0], to_after / sides[1]
+        half = math.acos(np.clip(u @ v, -1, 1)) / 2
+        cut = min(radius / math.tan(half), min(sides) / 2)
+        centre = at + (u + v) / np.linalg.norm(u + v) * (cut / math.cos(half))
+        start, stop = at + cut * u - centre, at + cut * v - centre
+        turn = math.atan2(start[0] * stop[1] - start[1] * stop[0], start @ stop)
+        for t in np.linspace(0, turn, 16):
+            path.append(centre + math.cos(t) * start + math.sin(t) * np.array([-start[1], start[0]]))
+    return np.array(path)
+
+
+def _resampled(corners: np.ndarray, points: int) -> np.ndarray:
+    closed = np.vstack([corners, corners[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = np.linspace(0.0, along[-1], points, endpoint=False)
+    return np.column_stack([np.interp(at, along, closed[:, 0]), np.interp(at, along, closed[:, 1])])

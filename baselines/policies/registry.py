@@ -1,0 +1,234 @@
+"""The registry of policies: what there is by name, what it drives, and what other packages add."""
+
+import difflib
+import os
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from baselines.policies.base import Policy
+from lissajous_env import scenario as make_scenario
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import shown
+from lissajous_env.world.selection import whole_number
+
+KINDS = ("car", "curve")
+"""Kinds of robots."""
+
+GROUP = "lissajous_env.policies"
+"""Entry points of this group name functions that `register` further policies, those of other packages."""
+
+
+@dataclass(frozen=True)
+class _Entry:
+    kind: str | None
+    factory: Callable[..., Policy]
+    made_for: tuple[str, ...]
+    about: str
+    learned: bool
+
+
+_REGISTRY: dict[str, _Entry] = {}
+_WRAPPERS: dict[str, tuple[str, Callable[[Policy], Policy]]] = {}
+_BROKEN: list[str] = []
+_opener: Callable[..., Policy] | None = None
+_asked = False
+
+
+def register(
+    name: str,
+    kind: str | None,
+    factory: Callable[..., Policy],
+    made_for: tuple[str, ...] = (),
+    about: str = "",
+    learned: bool = False,
+) -> None:
+    """Add a policy.
+
+    Args:
+        name: Its name.
+        kind: Kind of robots that it drives; None: any.
+        factory: `factory(scenario, num_worlds, device)` makes it.
+        made_for: Names of the scenarios on which a benchmark plays it without being asked to; all by default.
+        about: What it is, in one line; the first line of the factory's docstring by default.
+        learned: Whether it is a learned one, which no other is added to.
+
+    Raises:
+        ValueError: a name that another policy has; the same policy may be registered again.
+    """
+    if not isinstance(name, str) or not name:
+        raise ValueError(f"name of a policy must be a word, got {name!r}")
+    if kind not in (None, *KINDS):
+        raise ValueError(f"kind of {name} must be one of {', '.join(KINDS)}, or None, got {shown(kind)}")
+    if not callable(factory):
+        raise ValueError(f"factory of {name} must be callable, got {shown(factory)}")
+    about = about or (factory.__doc__ if isinstance(factory, type) else None) or ""
+    entry = _Entry(kind, factory, tuple(made_for), about.partition("\n")[0], learned)
+    plain, suffix = _parted(name)
+    if suffix or any(name + each in _REGISTRY for each in _WRAPPERS):
+        raise ValueError(f"name of a policy must be new, got {name}; {suffix or 'a suffix'} marks a wrapped {plain}")
+    if name in _REGISTRY and not _alike(_REGISTRY[name], entry):
+        raise ValueError(f"name of a policy must be new, got {name}, which {_REGISTRY[name].factory!r} has")
+    _REGISTRY[name] = entry
+
+
+def _alike(one: _Entry, other: _Entry) -> bool:
+    def told(entry: _Entry) -> tuple:
+        made = entry.factory
+        parts = (made.func, made.args, made.keywords) if isinstance(made, partial) else (made,)
+        return entry.kind, entry.made_for, entry.learned, parts
+
+    return told(one) == told(other)
+
+
+def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy]) -> None:
+    """Add every policy for robots of `kind` once more, wrapped, under its name with a suffix.
+
+    Raises:
+        ValueError: a suffix that another wrapper has.
+    """
+    if _WRAPPERS.get(suffix, (kind, wrapper)) != (kind, wrapper):
+        raise ValueError(f"suffix of a wrapper must be new, got {shown(suffix)}")
+    _WRAPPERS[suffix] = kind, wrapper
+
+
+def register_opener(opener: Callable[..., Policy]) -> None:
+    """Let `make` take a folder for a name: `opener(folder, scenario, num_worlds, device)` makes the policy in it."""
+    global _opener
+    _opener = opener
+
+
+def describe(name: str) -> dict[str, Any]:
+    """What a registered policy is, in plain values: name, kind of robot (None: any), made_for, learned, description."""
+    plain, suffix = unwrapped(name)
+    entry = _registry()[plain]
+    about = f"{plain} with the collision filter under it." if suffix else entry.about
+    return {
+        "name": name,
+        "kind": _kinds()[name],
+        "made_for": list(entry.made_for),
+        "learned": entry.learned,
+        "description": about,
+    }
+
+
+def is_folder(name: str) -> bool:
+    """Whether a name is none of the registry's, but a folder that a policy may be in."""
+    try:
+        return name not in _kinds() and _opener is not None and Path(name).is_dir()
+    except OSError:  # no name of a file can be as long
+        return False
+
+
+def made_for(name: str, scenario: str) -> bool:
+    """Whether a benchmark plays a policy on a scenario without being asked to."""
+    entry = _registry().get(unwrapped(name)[0])
+    return entry is None or not entry.made_for or scenario in entry.made_for
+
+
+def is_specialist(name: str) -> bool:
+    """Whether a policy was made for some scenarios."""
+    entry = _registry().get(unwrapped(name)[0])
+    return entry is not None and bool(entry.made_for)
+
+
+def is_classical(name: str) -> bool:
+    """Whether a name is that of a policy, wrapped or not, that is registered and not a learned one."""
+    entry = _registry().get(unwrapped(name)[0])
+    return entry is not None and name in _kinds() and not entry.learned
+
+
+def _load_entry_points() -> None:
+    """Let other packages register theirs; one that cannot is named, and the others are there all the same."""
+    global _asked
+    if _asked:
+        return
+    _asked = True  # at once: what is loaded may ask for names itself
+    for entry in entry_points(group=GROUP):
+        try:
+            entry.load()()
+        except Exception as error:
+            words = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
+            _BROKEN.append(f"the policies of the entry point {entry.name} ({entry.value}) cannot be loaded: {words}")
+            warnings.warn(_BROKEN[-1], RuntimeWarning, stacklevel=2)
+
+
+def _registry() -> dict[str, _Entry]:
+    _load_entry_points()
+    return _REGISTRY
+
+
+def _kinds() -> dict[str, str | None]:
+    """Kind of robot that each policy drives, by name; the wrapped ones come last."""
+    plain = {name: entry.kind for name, entry in _registry().items()}
+    kinds = dict(plain)
+    for suffix, (kind, _) in _WRAPPERS.items():
+        kinds |= {name + suffix: kind for name, drives in plain.items() if drives in (None, kind)}
+    return kinds
+
+
+def unwrapped(name: str) -> tuple[str, str]:
+    """Name of the policy inside, and the suffix of what wraps it ("" for nothing)."""
+    _load_entry_points()
+    return _parted(name)
+
+
+def _parted(name: str) -> tuple[str, str]:
+    if name in _REGISTRY:
+        return name, ""
+    for suffix, (kind, _) in _WRAPPERS.items():
+        plain = name.removesuffix(suffix)
+        if plain != name and plain in _REGISTRY and _REGISTRY[plain].kind in (None, kind):
+            return plain, suffix
+    return name, ""
+
+
+def _build(name: str, scenario: Scenario, num_worlds: int, device: Any) -> Policy:
+    plain, suffix = unwrapped(name)
+    policy = _registry()[plain].factory(scenario, num_worlds, device)
+    if suffix:
+        policy.name = plain
+        policy = _WRAPPERS[suffix][1](policy)
+    policy.name = name
+    return policy
+
+
+def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
+    """Names of the policies; with a scenario, of those that drive its robots."""
+    if scenario is None:
+        return tuple(_kinds())
+    kind = make_scenario(scenario).robot.kind
+    return tuple(name for name, drives in _kinds().items() if drives in (None, kind))
+
+
+def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+    """Make a policy by name, or of the folder of a checkpoint.
+
+    Raises:
+        ValueError: an unknown name (the message offers the nearest), a policy that does not fit the scenario, a number
+            of worlds below 1, or a device that is not there.
+    """
+    num_worlds = whole_number("num_worlds", num_worlds)
+    if not isinstance(name, (str, os.PathLike)):
+        raise ValueError(f"policy must be a name or a folder, got {name!r}")
+    made = make_scenario(scenario)
+    if _opener is not None and is_folder(name):
+        return _opener(name, made, num_worlds, device)
+    check(name, made)
+    return _build(name, made, num_worlds, device)
+
+
+def check(name: str, made: Scenario) -> None:
+    """Raise ValueError where `make` would: an unknown name, or a policy for another kind of robot."""
+    if name not in (known := _kinds()):
+        nearest = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
+        words = f"policy must be one of {', '.join(known)}, got {name!r}; did you mean {nearest}?"
+        raise ValueError("; ".join([words, *_BROKEN]))
+    if name not in names(made):
+        raise ValueError(
+            f"policy for {made.name} must drive robots of kind {made.robot.kind} ({', '.join(names(made))}), got {name}"
+        )

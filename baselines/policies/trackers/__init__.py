@@ -1,0 +1,1 @@
+"""Trackers: what makes a robot follow a phase rate."""

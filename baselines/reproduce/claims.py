@@ -1,0 +1,151 @@
+"""The table of the claims: what the paper says, what we find, and whether the two agree."""
+
+import csv
+import dataclasses
+import io
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from baselines.reproduce.drawing import Picture
+from lissajous_env.console.terminal import Column, print_left_out, print_table
+
+_STYLE = {"yes": "green", "no": "bold red", "-": "dim"}
+SILENT = "not stated"
+"""In place of the paper's number where it gives none."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One row of the table."""
+
+    claim: str
+    paper: str
+    """What the paper says, with its unit."""
+    ours: str
+    """What we found, with its unit."""
+    tolerance: str
+    """The rule by which the two agree."""
+    agrees: bool | None
+    """None where the paper has nothing to compare with."""
+    why: str = ""
+    """What was chosen where the paper is silent, or why the two differ."""
+    part: str = ""
+    """Where in the paper: the name that `lissajous reproduce` takes, and fills in."""
+
+
+def near(
+    claim: str,
+    paper: float,
+    ours: float,
+    tolerance: float,
+    unit: str = "",
+    why: str = "",
+    digits: str = ".4g",
+) -> Claim:
+    """Claim a number: ours may be off by the tolerance, in the same unit."""
+    agrees = abs(ours - paper) <= tolerance
+    space = " " if unit else ""
+    words = f"\N{PLUS-MINUS SIGN} {tolerance:g}{space}{unit}"
+    return Claim(claim, f"{paper:g}{space}{unit}", f"{ours:{digits}}{space}{unit}", words, agrees, why)
+
+
+def within_range(
+    claim: str, paper: float, ours: np.ndarray, unit: str = "", why: str = "", digits: str = ".3f"
+) -> Claim:
+    """Claim that the paper's number is one that we see: it must lie between our smallest and our largest."""
+    low, high = float(ours.min()), float(ours.max())
+    space = " " if unit else ""
+    words = f"{low:{digits}} to {high:{digits}}{space}{unit}"
+    rule = f"inside the range of {len(ours)} seeds"
+    return Claim(claim, f"{paper:g}{space}{unit}", words, rule, low <= paper <= high, why)
+
+
+def all_of(claim: str, paper: str, holds: Iterable[Any], what: str, why: str = "") -> Claim:
+    """Claim that something holds every time."""
+    each = [bool(value) for value in holds]
+    return Claim(claim, paper, f"{sum(each)} of {len(each)} {what}", "all", all(each), why)
+
+
+def at_most(
+    claim: str, paper: str, ours: float, bound: float, unit: str = "", why: str = "", digits: str = ".3g"
+) -> Claim:
+    """Claim that a number does not exceed a bound."""
+    space = " " if unit else ""
+    rule = f"at most {bound:g}{space}{unit}"
+    return Claim(claim, paper, f"{ours:{digits}}{space}{unit}", rule, ours <= bound, why)
+
+
+def reported(claim: str, paper: str, ours: str, why: str = "") -> Claim:
+    """Report what the paper gives no number for."""
+    return Claim(claim, paper, ours, "reported only", None, why)
+
+
+def verdict(claim: Claim) -> str:
+    """Say yes, no, or a dash where there is nothing to compare with."""
+    return {True: "yes", False: "no", None: "-"}[claim.agrees]
+
+
+def print_claims(console: Console, claims: Sequence[Claim]) -> None:
+    """Print the table, a rule between the parts."""
+    columns = [
+        Column("", left=True, style="bold cyan"),
+        Column("claim", prose=True),
+        Column("paper", prose=True, rank=1),
+        Column("ours", prose=True),
+        Column("tolerance", prose=True, rank=2),
+        Column("agrees", left=True),
+        Column("why, or what was chosen", prose=True, rank=3),
+    ]
+    rows: list[list[str | Text]] = []
+    for number, each in enumerate(claims):
+        first = number == 0 or claims[number - 1].part != each.part
+        agrees = Text(verdict(each), style=_STYLE[verdict(each)])
+        rows.append([each.part if first else "", each.claim, each.paper, each.ours, each.tolerance, agrees, each.why])
+    ends = [k for k in range(len(claims)) if k + 1 == len(claims) or claims[k + 1].part != claims[k].part]
+    left_out = print_table(console, columns, rows, ends)
+    print_left_out(console, left_out, "table.md and table.csv have them, and a wider terminal shows them.")
+
+
+def summary(claims: Sequence[Claim]) -> str:
+    """Say how many of the claims agree, and which parts hold one that does not."""
+    judged = [each for each in claims if each.agrees is not None]
+    differ = [each for each in judged if not each.agrees]
+    words = f"{len(judged) - len(differ)} of {len(judged)} claims agree"
+    if differ:
+        words += f"; not: {', '.join(dict.fromkeys(each.part for each in differ))}"
+    return words
+
+
+def as_csv(claims: Sequence[Claim]) -> str:
+    """Return the table as CSV."""
+    file = io.StringIO()
+    writer = csv.DictWriter(file, [field.name for field in dataclasses.fields(Claim)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({**dataclasses.asdict(each), "agrees": verdict(each)} for each in claims)
+    return file.getvalue()
+
+
+def as_markdown(claims: Sequence[Claim]) -> str:
+    """Return the table as Markdown."""
+    lines = ["| | claim | paper | ours | tolerance | agrees | why, or what was chosen |", "|---" * 7 + "|"]
+    for each in claims:
+        agrees = verdict(each).replace("no", "**no**")
+        cells = (each.part, each.claim, each.paper, each.ours, each.tolerance, agrees, each.why)
+        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def as_page(claims: Sequence[Claim], pictures: Sequence[Picture], command: str) -> str:
+    """Return a page in Markdown: the table, then every picture with its caption."""
+    parts = [
+        "# The paper, simulated again",
+        f"Made by `{command}`. {summary(claims)}.",
+        as_markdown(claims),
+        *(f"## {each.title}\n\n![{each.title}]({each.name}.png)\n\n{each.caption}\n" for each in pictures),
+    ]
+    return "\n\n".join(parts)

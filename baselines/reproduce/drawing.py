@@ -1,0 +1,99 @@
+"""The look of the paper's pictures: that of `baselines.benchmark.pictures`, in the paper's colours, with a footnote."""
+
+import io
+import textwrap
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from baselines.benchmark.pictures import STYLE
+from lissajous_env.parameters.scenario import Curve
+from lissajous_env.theory import closed_forms
+
+BLUE, ORANGE, GREEN, PINK, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00"
+GREY, DARK = "#9a9a9a", "#333333"
+SERIES = (BLUE, RED, GREEN, PINK, ORANGE, "#56B4E9", "#6A3D9A", "#7F7F7F")
+"""Colours of things that are alike, as robots are."""
+
+_SMALLER: dict[Any, Any] = {
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.labelsize": 8.5,
+    "legend.fontsize": 8,
+    "savefig.dpi": 180,
+}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of the paper, made again."""
+
+    name: str
+    """Name of its file, without the suffix."""
+    title: str
+    caption: str
+    """What is seen, and what was chosen where the paper says nothing."""
+    png: bytes
+
+
+class Sheet:
+    """A figure under work, in the style; `picture` ends it. Use as a context."""
+
+    def __init__(self, name: str, title: str, width: float = 7.2, height: float = 3.2):
+        self.name, self.title = name, title
+        self._style = rc_context(STYLE | _SMALLER)
+        self._size = (width, height)
+
+    def __enter__(self) -> "Sheet":
+        self._style.__enter__()
+        self.figure = Figure(figsize=self._size, layout="constrained")
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._style.__exit__(*error)
+
+    def picture(self, caption: str) -> Picture:
+        """Put title and caption around the figure and return it as a PNG."""
+        self.figure.suptitle(self.title, x=0.008, ha="left", fontsize=10.5, fontweight="bold")
+        wrapped = textwrap.fill(" ".join(caption.split()), int(self._size[0] * 19))
+        self.figure.supxlabel(wrapped, x=0.008, ha="left", fontsize=7.4, color="#555555", linespacing=1.35)
+        file = io.BytesIO()
+        self.figure.savefig(file, format="png", metadata={"Software": None})
+        return Picture(self.name, self.title, " ".join(caption.split()), file.getvalue())
+
+
+def panel_name(axes: Axes, name: str) -> None:
+    """Write the title of a panel, as `(a) t = 0 s`."""
+    axes.set_title(name, fontweight="normal", loc="center")
+
+
+def draw_plane(axes: Axes, curve: Curve, **line: Any) -> None:
+    """Draw the rectangle and the curve in it, with equal scales and without a frame."""
+    A, B = curve.half_width, curve.half_height
+    gamma = np.linspace(0, 2 * np.pi, 200 * max(curve.a, curve.b))
+    axes.plot(*closed_forms.curve_point(curve, gamma).T, **({"color": GREY, "lw": 0.6, "zorder": 1} | line))
+    axes.plot([-A, A, A, -A, -A], [-B, -B, B, B, -B], color="#bdbdbd", lw=0.8, zorder=0)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+
+
+def draw_ring(axes: Axes, position: np.ndarray, neighbours: np.ndarray, **line: Any) -> None:
+    """Draw the edges of the communication ring between robots at (N, 2) positions, in the paper's orange."""
+    for robot, others in enumerate(neighbours):
+        for other in others[others > robot]:
+            ends = position[[robot, other]]
+            axes.plot(*ends.T, **({"color": ORANGE, "lw": 1.1, "zorder": 2} | line))
+
+
+def mark_time(
+    axes: Axes, time: float, word: str, high: float = 1.0, colour: str = DARK, side: Literal["left", "right"] = "left"
+) -> None:
+    """Draw a dashed upright line at a time, with a word whose `side` is at the line."""
+    axes.axvline(time, color=colour, lw=0.9, ls="--", zorder=1)
+    place: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    place["xytext"] = (3 if side == "left" else -3, -2)
+    axes.annotate(word, (time, high), ha=side, va="top", fontsize=8, color=colour, **place)

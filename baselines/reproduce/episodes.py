@@ -1,0 +1,163 @@
+"""Episodes of a batch of worlds, kept as arrays over time; the same one is played once, whoever asks for it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from baselines.policies import registry
+from baselines.policies.base import Policy
+from baselines.reproduce.claims import Claim
+from baselines.reproduce.drawing import Picture
+from lissajous_env import scenario as make_scenario
+from lissajous_env.episodes.evaluation import Referee
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.theory import closed_forms
+from lissajous_env.world.simulation import Simulation
+from lissajous_env.world.state import STUCK
+
+RECOVERED = 0.05
+"""Deviation from the equilibrium below which a formation is said to be in it [rad], as for `recovery_time`."""
+
+BARE: dict[str, Any] = {"targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None, "faults.schedule": ()}
+"""Overrides that leave robots and dynamics (1) alone."""
+
+
+@dataclass
+class Part:
+    """What is made of one part of the paper."""
+
+    claims: list[Claim]
+    pictures: list[Picture] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """W episodes of F moments, the reset first."""
+
+    scenario: Scenario
+    scores: list[dict[str, Any]]
+    """Score row of each world."""
+    phase: np.ndarray
+    """(F, W, N) theta [rad], in [0, 2 pi)."""
+    position: np.ndarray
+    """(F, W, N, 3) [m]."""
+    heading: np.ndarray
+    """(F, W, N) [rad]."""
+    stuck: np.ndarray
+    """(F, W, N) whether a robot stands still."""
+    found_at: np.ndarray
+    """(W, T) step in which each target was found."""
+
+    @property
+    def time(self) -> np.ndarray:
+        """(F,) time of each moment [s]."""
+        return np.arange(len(self.phase)) * self.scenario.task.step
+
+    @property
+    def steps_ahead(self) -> np.ndarray:
+        """(F, W, N) phase of the next robot on the ring less one's own, in [0, 2 pi) [rad], in the ring's order."""
+        ordered = self.phase[..., list(self.scenario.ring)]
+        return (np.roll(ordered, -1, axis=-1) - ordered) % (2 * np.pi)
+
+    @property
+    def winding(self) -> np.ndarray:
+        """(F, W) how often the phases go around along the ring: p, where the formation is in an equilibrium (2)."""
+        return np.rint(self.steps_ahead.sum(axis=-1) / (2 * np.pi)).astype(int)
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """(F, W) largest deviation from the equilibrium of the scenario [rad], the common rotation removed."""
+        off = self.phase - self.scenario.equilibrium
+        turn = np.angle(np.exp(1j * off).mean(axis=-1, keepdims=True))
+        return np.abs(np.angle(np.exp(1j * (off - turn)))).max(axis=-1)
+
+    @property
+    def largest_cosine(self) -> np.ndarray:
+        """(W,) the largest cos(theta_j - theta_i) of ring neighbours ever seen; Theorem 4 asks that it be below 0."""
+        return np.cos(self.steps_ahead).max(axis=(0, 2))
+
+    @property
+    def returned(self) -> np.ndarray:
+        """(W,) whether the formation is in its equilibrium at the end."""
+        return self.deviation[-1] < RECOVERED
+
+    def distance(self, one: int, other: int) -> np.ndarray:
+        """(F, W) distance of two robots [m]."""
+        return np.linalg.norm(self.position[:, :, one] - self.position[:, :, other], axis=-1)
+
+    def tracking_error(self, robot: int) -> np.ndarray:
+        """(F, W) distance of a robot from the point of the curve at its own phase [m]."""
+        gamma = self.scenario.alpha * self.phase[:, :, robot]
+        return np.linalg.norm(
+            self.position[:, :, robot, :2] - closed_forms.curve_point(self.scenario.curve, gamma), axis=-1
+        )
+
+    def smallest_distance(self) -> np.ndarray:
+        """(F, W) smallest distance of any two robots [m]."""
+        one, other = np.triu_indices(self.scenario.num_robots, 1)
+        return np.linalg.norm(self.position[:, :, one] - self.position[:, :, other], axis=-1).min(axis=-1)
+
+    def largest_neighbour_distance(self) -> np.ndarray:
+        """(F, W) largest distance of ring neighbours [m]."""
+        ring = self.position[:, :, list(self.scenario.ring)]
+        return np.linalg.norm(np.roll(ring, -1, axis=2) - ring, axis=-1).max(axis=-1)
+
+    def score(self, column: str) -> np.ndarray:
+        """(W,) a column of the score."""
+        return np.array([row[column] for row in self.scores])
+
+
+class Player:
+    """Plays episodes on one device, with seeds that follow from one."""
+
+    def __init__(self, seed: int = 0, device: Any = "cpu"):
+        self.seed, self.device = seed, device
+        self._kept: dict[tuple, Played] = {}
+
+    def play(
+        self,
+        policy: str,
+        scenario: str | Scenario,
+        worlds: int = 1,
+        only_ends: bool = False,
+        prepare: Callable[[Policy], None] | None = None,
+    ) -> Played:
+        """Play one episode in each world, from `seed` on.
+
+        Args:
+            policy: Name of the policy.
+            scenario: Name of the scenario, or one that was made.
+            worlds: How many episodes.
+            only_ends: Keep the first and the last moment only.
+            prepare: Called with the policy before the first step; such an episode is not remembered.
+        """
+        made = make_scenario(scenario).resolve()
+        key = (policy, made.digest(), worlds, only_ends)
+        if prepare is None and key in self._kept:
+            return self._kept[key]
+        acting = registry.make(policy, made, worlds, self.device)
+        if prepare is not None:
+            prepare(acting)
+        simulation = Simulation(made, worlds, self.device, self.seed)
+        robots, kept = simulation.robots, []
+
+        def keep() -> None:
+            arrays = (robots.phase, robots.position, robots.heading, robots.status)
+            kept.append([np.array(array.numpy()) for array in arrays])
+
+        keep()
+        referee = Referee(acting, simulation)
+        for step in range(1, made.task.steps + 1):
+            referee.step()
+            if not only_ends or step == made.task.steps:
+                keep()
+        phase, position, heading, status = (np.stack(moments) for moments in zip(*kept, strict=True))
+        referee.check()
+        found_at = simulation.rogues.found_at.numpy().copy()
+        scores = simulation.score()
+        played = Played(made, scores, phase, position, heading, status == int(STUCK), found_at)
+        if prepare is None:
+            self._kept[key] = played
+        return played

@@ -1,0 +1,141 @@
+"""Fig. 7 and 8: five cars, two of which fail and resume."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle
+
+from baselines.reproduce.claims import Claim, all_of, at_most, reported
+from baselines.reproduce.drawing import BLUE, DARK, ORANGE, PINK, Sheet, draw_plane, draw_ring, mark_time, panel_name
+from baselines.reproduce.episodes import Part, Played, Player
+
+_SIMULATED = (0, 4)
+"""Robots 1 and 5, which were simulated in the paper's experiment and failed."""
+_STILLS = (0.0, 8.0, 16.0, 24.5, 34.4, 35.5, 37.5, 42.0)
+"""Times of the stills (a) to (h) [s]: the failure begins at (d) and ends just after (e)."""
+_CHOSEN = (
+    "The paper does not print when the agents fail; 24.5 s to 34.5 s is chosen. K = 1; all five are cars here, which "
+    "differ by 2 % in wheelbase and drive"
+)
+
+
+def fig7(player: Player) -> Part:
+    """Fig. 7: stills of the experiment."""
+    played = player.play("kuramoto-mpcc", "experiment", worlds=16)
+    made, step = played.scenario, played.scenario.task.step
+    with Sheet(
+        "fig7", "Fig. 7   The experiment: five cars on curve (16), robots 1 and 5 fail at (d)", 9.0, 4.0
+    ) as sheet:
+        for k, time in enumerate(_STILLS):
+            axes = sheet.figure.add_subplot(2, 4, k + 1)
+            moment = round(time / step)
+            panel_name(axes, f"({'abcdefgh'[k]})  t = {time:.1f} s")
+            draw_plane(axes, made.curve, lw=0.7, ls="--")
+            draw_ring(axes, played.position[moment, 0, :, :2], made.neighbours, alpha=0.75)
+            for robot in range(made.num_robots):
+                _draw_car(axes, played, robot, moment)
+            axes.set_xlim(-2.35, 2.35)
+            axes.set_ylim(-1.5, 1.5)
+        picture = sheet.picture(
+            "Simulated agents pink, physical ones blue, as in the paper, with the way of the last 1.5 s; a thick "
+            "orange rim "
+            f"marks a robot that has failed; edges of the ring orange. {_CHOSEN}."
+        )
+    before, during, _ = _spans(played)
+    kept = played.deviation[before].max(axis=0)
+    # Standing still: all phase rates of the last second before the resume.
+    end = np.flatnonzero(during)[-1]
+    drift = np.abs(np.angle(np.exp(1j * (played.phase[end] - played.phase[end - 10])))).max(axis=-1)
+    claims = [
+        at_most(
+            "(a)-(d) the formation is kept: largest deviation of 16 seeds",
+            "kept",
+            kept.max(),
+            0.2,
+            "rad",
+            "cars that cannot follow the tight turns swing about it by this much at all times",
+        ),
+        Claim(
+            "(e) another equilibrium, in which all agents are stationary",
+            "stationary",
+            f"{drift.max():.3f} rad in the last second before the resume",
+            "below 0.01 rad",
+            bool(drift.max() < 0.01),
+            "the worst car of 16 seeds; (1) asks for no motion, and the cars coast to rest",
+        ),
+        _back(played, "(f)-(h) after the resume the previous equilibrium returns"),
+    ]
+    return Part(claims, [picture])
+
+
+def fig8(player: Player) -> Part:
+    """Fig. 8: the phases in the same experiment."""
+    played = player.play("kuramoto-mpcc", "experiment", worlds=16)
+    first, last = played.scenario.faults.schedule[0][1:]
+    with Sheet("fig8", "Fig. 8   States of the agents in the experiment of Fig. 7", 7.2, 4.3) as sheet:
+        upper, lower = sheet.figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+        phase = np.unwrap(played.phase[:, 0], axis=0)
+        for robot in range(played.scenario.num_robots):
+            colour = PINK if robot in _SIMULATED else BLUE
+            upper.plot(played.time, phase[:, robot], color=colour, lw=1.4)
+            upper.annotate(f"{robot + 1}", (60, phase[-1, robot]), xytext=(3, 0), textcoords="offset points",
+                           va="center", fontsize=7, color=colour, annotation_clip=False)  # fmt: skip
+        upper.plot([], [], color=PINK, label="simulated agents, fail")
+        upper.plot([], [], color=BLUE, label="physical agents")
+        upper.fill_between([], [], color=ORANGE, alpha=0.25, label="failure")
+        upper.legend(loc="upper left", frameon=True, edgecolor="none", borderpad=0.2).set_zorder(5)
+        lower.plot(played.time, played.deviation, color="#9a9a9a", lw=0.4)
+        lower.plot(played.time, played.deviation[:, 0], color=BLUE, lw=1.4)
+        for axes in (upper, lower):
+            axes.axvspan(first, last, color=ORANGE, alpha=0.2, lw=0)
+            axes.set_xlim(0, 60)
+        for k, time in enumerate(_STILLS[:5]):
+            mark_time(upper, time, f"({'abcde'[k]})", 0.1, "#777777")
+        upper.set_ylabel("states $\\theta$ [rad]")
+        lower.set_ylabel("deviation\nfrom (2) [rad]")
+        lower.set_xlabel("time t [s]")
+        lower.set_ylim(bottom=0)
+        picture = sheet.picture(
+            f"Above: one run, seed {player.seed}; below: its largest deviation from the equilibrium (blue) and "
+            "that of 15 "
+            f"further seeds (grey). {_CHOSEN}."
+        )
+    collisions = played.score("collisions")
+    claims = [
+        _back(played, "states return to the previous equilibrium, as in Fig. 6(a)"),
+        reported(
+            "collisions in the transient",
+            "not excluded (IV-A)",
+            f"{collisions.min()} to {collisions.max()} an episode",
+            "waiting cars stand anywhere on a curve that crosses itself: Theorem 4 says nothing about bodies",
+        ),
+    ]
+    return Part(claims, [picture])
+
+
+def _spans(played: Played) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Masks (F,) of the time before, in and 8 s or more after the failure."""
+    first, last = played.scenario.faults.schedule[0][1:]
+    time = played.time
+    return time < first, (time >= first) & (time < last), time >= last + 8
+
+
+def _back(played: Played, claim: str) -> Claim:
+    before, _, after = _spans(played)
+    swing = 1.25 * played.deviation[before].max()
+    why = f"from 8 s after the resume on within {swing:.2f} rad, 1.25 times the swing before the failure"
+    return all_of(claim, "yes", (played.deviation[after] < swing).all(axis=0), "seeds", why)
+
+
+def _draw_car(axes: Axes, played: Played, robot: int, moment: int) -> None:
+    """Draw a car's disc, its heading, its number and its way of the last 1.5 s."""
+    colour = PINK if robot in _SIMULATED else BLUE
+    place, heading = played.position[moment, 0, robot, :2], played.heading[moment, 0, robot]
+    way = played.position[max(moment - 15, 0) : moment + 1, 0, robot, :2]
+    axes.plot(*way.T, color=colour, lw=1.6, alpha=0.55, zorder=3, solid_capstyle="round")
+    rim: dict[str, Any] = {"ec": ORANGE, "lw": 2.2} if played.stuck[moment, 0, robot] else {"ec": "white", "lw": 0.6}
+    axes.add_patch(Circle((place[0], place[1]), played.scenario.robot.radius, fc=colour, zorder=4, **rim))
+    nose = place + 0.24 * np.array([np.cos(heading), np.sin(heading)])
+    axes.plot(*np.stack([place, nose]).T, color=DARK, lw=1.2, zorder=3.5, solid_capstyle="round")
+    axes.annotate(f"{robot + 1}", (place[0], place[1]), ha="center", va="center", fontsize=6, color="white", zorder=5)

@@ -1,0 +1,198 @@
+"""Fig. 5 and Section IV-A: the third dimension, and what it is good for in a transient."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from baselines.reproduce.claims import Claim, all_of, at_most
+from baselines.reproduce.drawing import BLUE, DARK, GREY, ORANGE, RED, SERIES, Sheet, panel_name
+from baselines.reproduce.episodes import Part, Player
+from lissajous_env import scenario
+from lissajous_env.parameters.scenario import Curve
+from lissajous_env.theory import closed_forms, geometry
+
+_SHOWN = (1, 3, 5, 7, 11, 13)
+"""c of Fig. 5; 3 shares a factor with a."""
+
+
+def branch_radius(curve: Curve) -> float:
+    """Half of the smallest distance between two branches of the curve (10) [m]; 0 where it crosses itself.
+
+    Bodies below it cannot touch wherever they are, unless one runs into the one before it on its own branch. Every
+    local minimum over u and v of the distance between r(u - v) and r(u + v), v away from 0 and pi, is such a place.
+    """
+    most = max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
+    u = np.linspace(0, np.pi, 24 * most, endpoint=False)
+    v = np.linspace(0, np.pi, 24 * most + 1)[1:-1]
+    u, v = np.meshgrid(u, v, indexing="ij")
+    d = geometry.chord_length(curve, u, v)
+    # r(u - v), r(u + v) is the same pair as with u + pi, pi - v.
+    before, after = np.roll(d, 1, axis=0), np.roll(d, -1, axis=0)
+    before[0], after[-1] = d[-1, ::-1], d[0, ::-1]
+    local = (d <= before) & (d <= after)
+    local[:, 1:] &= d[:, 1:] <= d[:, :-1]
+    local[:, :-1] &= d[:, :-1] <= d[:, 1:]
+    local[:, [0, -1]] = False
+    u, v, size = u[local], v[local], np.pi / (24 * most)
+    offsets = np.stack(np.meshgrid(np.linspace(-1, 1, 7), np.linspace(-1, 1, 7)), axis=-1).reshape(-1, 2)
+    for _ in range(14):
+        near_u, near_v = u[:, None] + size * offsets[:, 0], v[:, None] + size * offsets[:, 1]
+        best = np.argmin(geometry.chord_length(curve, near_u, near_v), axis=1)
+        u, v = near_u[np.arange(len(u)), best], near_v[np.arange(len(v)), best]
+        size /= 2
+    return float(geometry.chord_length(curve, u, v).min(initial=np.inf)) / 2
+
+
+def fig5(player: Player) -> Part:
+    """Fig. 5: the largest body against c and C."""
+    plane = scenario("failure").curve
+    n = plane.a + plane.b
+    depths = np.linspace(0, 1.6, 33)
+    formation, branches = {}, {}
+    for c in _SHOWN:
+        curves = [dataclasses.replace(plane, half_depth=float(C), c=c) for C in depths]
+        formation[c] = np.array([geometry.measured_robot_radius(each, n) for each in curves])
+        branches[c] = np.array([branch_radius(each) for each in curves])
+    flat, bound = geometry.measured_robot_radius(plane, n), closed_forms.robot_radius_bound(plane, n)
+
+    with Sheet(
+        "fig5", "Fig. 5   Largest body that never touches, against c and C of the curve in space", 7.2, 3.6
+    ) as sheet:
+        left, right = sheet.figure.subplots(1, 2, sharex=True, sharey=True)
+        for c, colour in zip(_SHOWN, SERIES, strict=False):
+            line = {"color": colour, "lw": 1.6, "ls": "--" if c == 3 else "-"}
+            left.plot(depths, formation[c], label=f"{c}", **line)
+            right.plot(depths, branches[c], **line)
+        left.plot([0], [flat], "o", color=DARK, ms=4.5, zorder=5, clip_on=False)
+        left.annotate(f"plane: {flat:.3f} m", (0, flat), xytext=(7, -11), textcoords="offset points", fontsize=8)
+        panel_name(left, "in formation, on equilibrium (2)")
+        panel_name(right, "between two branches of the curve")
+        right.axhline(0.125, color=DARK, lw=0.9, ls=":", label="body in Section VII, 0.125 m")
+        for axes in (left, right):
+            axes.set_xlabel("C, half of the extent along z [m]")
+            axes.set_xlim(0, depths[-1])
+            axes.set_ylim(bottom=0)
+        left.axhline(bound, color=DARK, lw=0.9, ls="-.")
+        left.annotate(
+            f"(6), in the plane: {bound:.3f} m",
+            (1.58, bound),
+            xytext=(0, -11),
+            textcoords="offset points",
+            ha="right",
+            fontsize=8,
+        )
+        right.legend(loc="upper left")
+        left.set_ylabel("$r_{max}$ [m]")
+        left.legend(title="c", ncols=3, loc="upper left", handlelength=1.6)
+        picture = sheet.picture(
+            "A = 1.8 m, B = 0.8 m, a = 3, b = 2, N = 5 (curve (16)); the paper does not give its curve. Left: "
+            "half of the "
+            "smallest distance that robots of the formation ever have. Right: half of the smallest distance "
+            "between two "
+            "branches of the curve, a bound for transients, in which robots may be anywhere; 0 in the plane, as "
+            "the curve "
+            "crosses itself, and for c = 3 (dashed), which shares a factor with a."
+        )
+    at_zero = max(abs(formation[c][0] - flat) for c in _SHOWN)
+    monotone = [bool(np.all(np.diff(formation[c]) > -1e-9)) for c in _SHOWN]
+    coprime = [c for c in _SHOWN if c != 3]
+    free = [bool((branches[c][1:] > 1e-6).all()) for c in coprime]
+    best = max(_SHOWN, key=lambda c: formation[c][-1])
+    claims = [
+        at_most(
+            "at C = 0 the largest body is that of the plane curve: difference",
+            "0",
+            at_zero,
+            1e-9,
+            "m",
+            f"{flat:.4f} m, measured; (6) promises {bound:.4f} m",
+        ),
+        all_of(
+            "r_max does not fall with C, whatever c",
+            "curves rise",
+            monotone,
+            "values of c",
+            f"to {formation[best][-1]:.3f} m at C = 1.6 m, c = {best}. The paper's curve is not given: curve (16)",
+        ),
+        all_of(
+            "co-prime a, b, c: the curve does not cross itself for any C > 0",
+            "never",
+            free,
+            "values of c",
+            "one of b and c must be even too, here b = 2",
+        ),
+        Claim(
+            "c that shares a factor with a (3, 2, 3): the curve crosses itself",
+            "not excluded",
+            f"r_max = {branches[3].max():.3f} m",
+            "0 m",
+            bool(branches[3].max() < 1e-6),
+            "co-prime in pairs is needed",
+        ),
+    ]
+    return Part(claims, [picture])
+
+
+def knot(player: Player) -> Part:
+    """Section IV-A: a transient that collides in the plane and not on a knot."""
+    turned = {"formation.start": "rotated"}
+    flat = player.play("kuramoto", scenario("failure", **turned), worlds=16)
+    deep = player.play("kuramoto", scenario("knot", **turned), worlds=16)
+    curve, limit = deep.scenario.curve, 2 * deep.scenario.robot.radius
+    with Sheet("knot", "Section IV-A   The failure of Fig. 6 in the plane and on a Lissajous knot", 7.2, 3.3) as sheet:
+        grid = sheet.figure.add_gridspec(1, 3, width_ratios=(1.25, 1, 1))
+        left, middle = sheet.figure.add_subplot(grid[1]), sheet.figure.add_subplot(grid[2])
+        space: Any = sheet.figure.add_subplot(grid[0], projection="3d")
+        gamma = np.linspace(0, 2 * np.pi, 1500)
+        place = closed_forms.curve_point_3d(curve, gamma)
+        space.plot(place[:, 0], place[:, 1], place[:, 2], color=BLUE, lw=1.1)
+        robots = deep.position[0, 0]
+        space.scatter(robots[:, 0], robots[:, 1], robots[:, 2], color=RED, s=16, depthshade=False)
+        space.set_box_aspect((1.8, 0.8, 0.8), zoom=1.2)
+        space.view_init(28, -62)
+        for name, axis in (("x", space.xaxis), ("y", space.yaxis), ("", space.zaxis)):
+            axis.set_tick_params(labelsize=6.5, pad=-3)
+            axis.set_pane_color((1, 1, 1, 0))
+            axis.set_label_text(f"{name} [m]" if name else "", fontsize=7.5)
+            axis.labelpad = -8
+        space.set_yticks([-0.8, 0, 0.8])
+        space.set_zticks([-0.8, 0, 0.8])
+        panel_name(space, "the knot, z = 0.8 m sin(7$\\gamma$)")
+        fault = flat.scenario.faults.schedule[0][1:]
+        for axes, played, name in ((left, flat, "16 starts in the plane"), (middle, deep, "on the knot")):
+            distance = played.smallest_distance()
+            axes.plot(played.time, distance, color=GREY, lw=0.35, alpha=0.7)
+            axes.plot(played.time, distance.min(axis=1), color=BLUE, lw=1.6)
+            axes.axhline(limit, color=RED, lw=1.1, ls="--")
+            axes.axvspan(*fault, color=ORANGE, alpha=0.13, lw=0)
+            axes.set_xlim(0, played.time[-1])
+            axes.set_ylim(0, 1.85)
+            axes.set_xlabel("time t [s]")
+            panel_name(axes, f"{name}: {int(played.score('collisions').sum())} collisions")
+        left.set_ylabel("smallest distance of two robots [m]")
+        left.annotate("2 r = 0.25 m", (0.4, limit), xytext=(0, -10), textcoords="offset points", fontsize=8, color=RED)
+        picture = sheet.picture(
+            "Five points, robots 1 and 2 stuck in the shaded time; 16 starts turned by a random angle (grey) and the "
+            "smallest of them (blue), dashed red the distance at which two bodies touch. C = 0.8 m and c = 7 are "
+            "chosen."
+        )
+    hit = int((flat.score("collisions") > 0).sum())
+    claims = [
+        Claim(
+            "in the plane a transient can collide, though Theorem 4 holds",
+            "cannot be ensured",
+            f"{hit} of 16 starts collide, down to {flat.score('min_separation').min():.3f} m",
+            "at least one",
+            hit > 0,
+            f"bodies of {limit / 2} m, the 16 starts of Fig. 6",
+        ),
+        all_of(
+            "on a knot the same transient does not",
+            "avoids collisions",
+            deep.score("collisions") == 0,
+            "starts",
+            f"smallest distance {deep.score('min_separation').min():.3f} m; C = 0.8 m, c = 7 chosen",
+        ),
+    ]
+    return Part(claims, [picture])

@@ -1,0 +1,1 @@
+"""The collision filter under any car policy."""

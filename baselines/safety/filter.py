@@ -1,0 +1,137 @@
+"""A filter under any car policy that changes its actions as little as keeps the cars apart.
+
+The paper's Section IV-A (i), "implement a lower level controller for collision avoidance", at the price that it names,
+"deviating from the Lissajous path or from the desired velocity": a car that swerves leaves the curve by decimetres, the
+formation opens for a while, and targets between two cars are found later. `SafetyParameters` holds the constants.
+
+The car has no brakes: from 1.1 m/s it coasts 1.2 m, so what saves it is steering, and that in time. The filter
+therefore judges an action u by what can still be done after it. The car takes u for one step and then one of nine
+ways out b (full right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes
+straight on: one in the disc, whose place and velocity are seen; or, where the disc is too short for the speed of the
+formation (`speed_in_sight`), a ring neighbour beyond it, whose messages give its place and, by their difference, its
+velocity. With d_k(t) their distance and D = 2 r + clearance,
+
+    m_k(u; b) = min over t in [0, horizon) of d_k(t) - D - growth t        [m]
+    V(u)      = max_b min_k m_k(u; b)
+
+V is a control barrier function of the sampled car, by backup manoeuvres: while V >= 0 there is a way out. Where V(w) of
+the wanted action w is not below 0, w passes unchanged, bit for bit. Elsewhere a way out b is chosen, and
+
+    minimise   (u_0 - w_0)^2 + throttle_weight (u_1 - w_1)^2
+    subject to m_k(v; b) + dm_k/du(v; b) (u - v) >= 0 for every k,  u_0 in [-1, 1],  u_1 in [-1, top]
+
+is solved exactly, by active sets, for v = w and up to `passes` times, v being the last solution; where the rows
+contradict one another, all give way by the same least amount. `top` is the throttle that leads to `speed_limit`.
+
+Two cars that avoid each other must not choose alike, so b is what both of them compute: the best pair of ways out for
+the two (`agreed_way_out`). A symmetric pair passes on the right.
+
+What it cannot do: it sees `sensing.robots_seen` robots and, beyond the disc, knows of its ring neighbours alone, while
+their messages come at once; others that are met at 2 m/s in `intruders` are seen too late; a car that stops dead less
+than about 0.45 m ahead cannot be driven around; the ways out are nine, so a car between two others may find none; and
+three cars may agree in pairs on what does not suit the third.
+"""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from baselines.policies.base import Policy
+from baselines.safety.kernel import MANOEUVRES, NEAREST, SafetyParameters, SafetyStruct, keep_clear
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.structs import to_struct
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.theory import closed_forms
+from lissajous_env.world.observation import Scales
+from lissajous_env.world.robots import RobotStruct
+
+__all__ = ["Safe", "SafetyParameters", "speed_limit"]
+
+
+class Safe(Policy):
+    """A policy of cars whose actions pass through the filter; it remembers where its ring neighbours were.
+
+    After `act`, the last programme of each robot can be read: `rows` (W, N, 8) of g_0, g_1, c for g.u >= c, `count`
+    (W, N) of how many of them hold (0 where there was no programme), `top` (W, N), and the wanted action in
+    `policy.action`.
+    """
+
+    kind = "car"
+
+    def __init__(self, policy: Policy, parameters: SafetyParameters | None = None):
+        super().__init__(policy.scenario, policy.num_worlds, policy.device)
+        if self.scenario.robot.kind != "car":
+            raise ValueError(f"policy of a filter must drive robots of kind car, got {self.scenario.robot.kind}")
+        self.policy = policy
+        self.name = f"{policy.name}-safe"
+        self.parameters = parameters or SafetyParameters()
+        if self.parameters.speed_max is None:
+            limit = speed_limit(self.scenario, self.parameters)
+            self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
+        self._safety = to_struct(SafetyStruct, self.parameters)
+        self._hears = int(speed_in_sight(self.scenario, self.parameters) < _formation_speed(self.scenario))
+        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._seen = _scales(self.scenario)
+        self._curve = to_struct(CurveStruct, self.scenario.curve)
+        self._memory = wp.zeros((*self.shape, 2), dtype=wp.vec3, device=self.device)
+        near, paths = (int(NEAREST),), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
+        self._others = wp.zeros((*self.shape, *near), dtype=wp.vec4, device=self.device)
+        self._paths = wp.zeros((*self.shape, *paths), dtype=wp.vec2, device=self.device)
+        self.rows = wp.zeros((*self.shape, *near), dtype=wp.vec3, device=self.device)
+        self.count = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
+        self.top = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
+
+    def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
+        """Actions for wanted ones (W, N, 2) and observations (W, N, D): Warp arrays, the result the filter's own."""
+        inputs = [self._safety, self._robot, self._curve, self._seen, self._hears, self._memory, observation, wanted]
+        inputs += [self._others, self._paths]
+        outputs = [self.rows, self.count, self.top, self.action]
+        wp.launch(keep_clear, self.shape, inputs, outputs=outputs, device=self.device)
+        return self.action
+
+    def _decide(self, observation: wp.array) -> None:
+        self.filter(observation, self.policy.act(observation))
+
+    def _forget(self, mask: np.ndarray) -> None:
+        self.policy.reset(mask)
+        self._memory.assign(np.where(mask[:, None, None, None], 0.0, self._memory.numpy()).astype(np.float32))
+
+
+def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
+    """Speed [m/s] that the filter does not drive above: `speed_in_sight`.
+
+    Not below what the formation drives, nor above what the car can.
+    """
+    limit = max(speed_in_sight(scenario, parameters), _formation_speed(scenario))
+    return float(min(limit, scenario.robot.speed_max))
+
+
+def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
+    """Speed [m/s] up to which two cars that meet head on can still pass each other once they see each other.
+
+    On its tightest circle, of radius R = l / tan(delta_max), a car moves aside by half of D = 2 r + clearance within
+    s = sqrt(R^2 - (R - D / 2)^2), whatever its speed. A step may pass before either sees the other, so
+    r_s - 2 s = 2 v step.
+    """
+    robot = scenario.robot
+    tightest = robot.wheelbase / math.tan(robot.steering_max)
+    aside = min(robot.radius + 0.5 * parameters.clearance, tightest)
+    reach = math.sqrt(tightest**2 - (tightest - aside) ** 2)
+    return (scenario.sensing_radius - 2 * reach) / (2 * scenario.task.step)
+
+
+def _formation_speed(scenario: Scenario) -> float:
+    """Speed of the formation where the curve is fastest [m/s]."""
+    lap = np.linspace(0, 2 * math.pi, 4096)
+    return scenario.formation.phase_rate * float(closed_forms.curve_speed(scenario.curve, lap).max())
+
+
+def _scales(scenario: Scenario) -> Any:
+    scales: Any = Scales()
+    scales.speed, scales.radius = scenario.robot.speed_max, scenario.sensing_radius
+    scales.step = scenario.task.step
+    scales.robots_seen, scales.targets_seen = scenario.sensing.robots_seen, scenario.sensing.targets_seen
+    return scales

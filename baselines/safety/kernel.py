@@ -1,0 +1,373 @@
+"""The collision filter's arithmetic for one robot: manoeuvres, margins, and the agreed way out."""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from baselines.policies.own_row import own_heading, own_position, own_works
+from baselines.safety.quadratic_program import TOLERANCE, into_box, solve_programme
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.structs import struct_of
+from lissajous_env.device.trig import cos_sin
+from lissajous_env.parameters.checks import Checked, number, whole
+from lissajous_env.world.observation import LINK, OWN, ROBOT, Scales
+from lissajous_env.world.robots import RobotStruct
+
+wp.set_module_options(OPTIONS)
+
+MANOEUVRES = wp.constant(9)
+"""Ways out: full right, straight on, full left; each while coasting, at this speed, and driving on."""
+NEAREST = wp.constant(8)
+"""Most robots that are kept clear of, the nearest first."""
+RESTING = wp.constant(0.05)
+"""Speed below which another robot is taken to stay where it is [m/s]."""
+_DIFFERENCE = wp.constant(0.05)
+_NONE = wp.constant(1.0e6)
+
+scores = wp.types.vector(length=9, dtype=wp.float32)
+
+
+@dataclass(frozen=True)
+class SafetyParameters(Checked):
+    """What the collision filter is given besides the scenario."""
+
+    clearance: float = number(0.07, 0, 1e3, "m")
+    """Distance to keep besides the two radii [m]."""
+    growth: float = number(0.2, 0, 1e3, "m/s")
+    """How fast the distance to keep grows with the time ahead, as the prediction gets worse [m/s]."""
+    horizon: int = whole(8, 1, 100)
+    """Control steps that are looked ahead."""
+    ample: float = number(0.1, 0, 1e3, "m")
+    """Margin beyond which a way out does not get better [m]."""
+    effort: float = number(0.1, 0, 1e3, "m")
+    """Margin that full steering must be worth in a way out, and coasting or full throttle half of it [m]."""
+    right: float = number(0.01, -1e3, 1e3, "m")
+    """Margin by which a way out to the right counts as better: what breaks a symmetric meeting [m]."""
+    throttle_weight: float = number(0.5, 1e-6, 1e6)
+    """Weight of a change of the throttle's action against one of the steering's."""
+    passes: int = whole(3, 1, 20)
+    """Most linearisations of the margins, each a quadratic programme."""
+    speed_max: float | None = number(None, 1e-3, 1e5, "m/s")
+    """Speed that the throttle may not lead above [m/s]; None is `baselines.safety.filter.speed_limit`."""
+
+
+SafetyStruct = struct_of(SafetyParameters)
+
+
+@wp.func
+def drive_on(robot: RobotStruct, speed_max: float, car: wp.vec4, action: wp.vec2, h: float) -> wp.vec4:
+    """Car x, y, heading, v after h [s] at a constant action: (12) by the midpoint rule, not driven above speed_max."""
+    steering = cos_sin(action[0] * robot.steering_max)
+    curvature = steering[1] / (steering[0] * robot.wheelbase)
+    throttle = robot.throttle_min + 0.5 * (action[1] + 1.0) * (robot.throttle_max - robot.throttle_min)
+    push = wp.max(robot.drive * throttle - robot.offset, 0.0)
+    before = car[3]
+    after = before + h * (push - robot.drag * (before + 0.5 * h * (push - robot.drag * before)))
+    after = wp.clamp(after, 0.0, wp.max(before, speed_max))
+    way = 0.5 * h * (before + after)
+    grip = robot.lateral_acceleration_max / wp.max(before * before, 1.0e-6)
+    turn = way * wp.clamp(curvature, -grip, grip)
+    ahead = cos_sin(car[2] + 0.5 * turn)
+    return wp.vec4(car[0] + way * ahead[0], car[1] + way * ahead[1], car[2] + turn, after)
+
+
+@wp.func
+def throttle_action(robot: RobotStruct, push: float) -> float:
+    """Throttle's action that pushes the car by `push` [m/s^2], in [-1, 1]."""
+    throttle = (push + robot.offset) / robot.drive
+    scaled = 2.0 * (throttle - robot.throttle_min) / (robot.throttle_max - robot.throttle_min) - 1.0
+    return wp.clamp(scaled, -1.0, 1.0)
+
+
+@wp.func
+def manoeuvre(robot: RobotStruct, k: int, speed: float) -> wp.vec2:
+    """Action of manoeuvre k of a car that has a speed [m/s] when it begins."""
+    throttle = float(1.0)
+    if k // 3 == 0:
+        throttle = -1.0
+    elif k // 3 == 1:
+        throttle = throttle_action(robot, robot.drag * speed)
+    return wp.vec2(float(k % 3) - 1.0, throttle)
+
+
+@wp.func
+def price(safety: SafetyStruct, k: int) -> float:
+    """Margin that manoeuvre k must be worth [m]."""
+    cost = 0.5 * safety.effort * wp.abs(float(k // 3) - 1.0)
+    if k % 3 != 1:
+        cost += safety.effort
+    if k % 3 == 0:
+        cost -= safety.right
+    return cost
+
+
+@wp.func
+def nearest_approach(before: wp.vec2, after: wp.vec2) -> float:
+    """Smallest length of before + t (after - before), t in [0, 1] [m]."""
+    moved = after - before
+    t = wp.clamp(-wp.dot(before, moved) / wp.max(wp.dot(moved, moved), 1.0e-12), 0.0, 1.0)
+    return wp.length(before + t * moved)
+
+
+@wp.func
+def margin(
+    safety: SafetyStruct,
+    robot: RobotStruct,
+    car: wp.vec4,
+    other: wp.vec4,
+    action: wp.vec2,
+    way_out: wp.vec2,
+    step: float,
+) -> float:
+    """m(action; way_out) = min over the horizon of distance - (2 r + clearance + growth t) [m].
+
+    The car takes the action for one step and the way out from then on; the other (x, y, x', y') goes straight on.
+    """
+    least = float(_NONE)
+    now = car
+    keep = 2.0 * robot.radius + safety.clearance
+    for t in range(safety.horizon):
+        then = drive_on(robot, safety.speed_max, now, wp.where(t == 0, action, way_out), step)
+        early = float(t) * step
+        late = early + step
+        apart = nearest_approach(
+            wp.vec2(now[0] - other[0] - early * other[2], now[1] - other[1] - early * other[3]),
+            wp.vec2(then[0] - other[0] - late * other[2], then[1] - other[1] - late * other[3]),
+        )
+        least = wp.min(least, apart - keep - safety.growth * early)
+        now = then
+    return least
+
+
+@wp.func
+def barrier(
+    safety: SafetyStruct,
+    robot: RobotStruct,
+    car: wp.vec4,
+    w: int,
+    i: int,
+    n: int,
+    others: wp.array3d(dtype=wp.vec4),
+    action: wp.vec2,
+    way_out: wp.vec2,
+    step: float,
+) -> float:
+    """Least margin to the n others."""
+    least = float(_NONE)
+    for k in range(n):
+        least = wp.min(least, margin(safety, robot, car, others[w, i, k], action, way_out, step))
+    return least
+
+
+@wp.func
+def agreed_way_out(
+    safety: SafetyStruct,
+    robot: RobotStruct,
+    car: wp.vec4,
+    w: int,
+    i: int,
+    n: int,
+    others: wp.array3d(dtype=wp.vec4),
+    step: float,
+    path: wp.array4d(dtype=wp.vec2),
+) -> int:
+    """Manoeuvre b that two cars which both look for the best pair of manoeuvres will agree on.
+
+    b = argmax min_k max_{b'} min(m_k(b, b'), ample) - price(b) - price(b'), where m_k(b, b') is the margin when this
+    car takes b and the other b' from now on. Both cars of a pair see the same two states, so both find the same pair.
+    """
+    keep = 2.0 * robot.radius + safety.clearance
+    score = scores()
+    for b in range(MANOEUVRES):
+        score[b] = _NONE
+        now = car
+        action = manoeuvre(robot, b, car[3])
+        for t in range(safety.horizon + 1):
+            path[w, i, b, t] = wp.vec2(now[0], now[1])
+            now = drive_on(robot, safety.speed_max, now, action, step)
+    for k in range(n):
+        other = others[w, i, k]
+        speed = wp.sqrt(other[2] * other[2] + other[3] * other[3])
+        answers = wp.where(speed < RESTING, 1, MANOEUVRES)
+        for b in range(answers):
+            now = wp.vec4(other[0], other[1], wp.atan2(other[3], other[2]), speed)
+            action = manoeuvre(robot, b, speed)
+            for t in range(safety.horizon + 1):
+                path[w, i, MANOEUVRES + b, t] = wp.vec2(now[0], now[1])
+                if speed >= RESTING:
+                    now = drive_on(robot, safety.speed_max, now, action, step)
+        for b in range(MANOEUVRES):
+            best = float(-_NONE)
+            for answer in range(answers):
+                least = float(_NONE)
+                before = path[w, i, b, 0] - path[w, i, MANOEUVRES + answer, 0]
+                for t in range(safety.horizon):
+                    after = path[w, i, b, t + 1] - path[w, i, MANOEUVRES + answer, t + 1]
+                    apart = nearest_approach(before, after) - keep - safety.growth * float(t) * step
+                    least = wp.min(least, apart)
+                    before = after
+                worth = wp.min(least, safety.ample)
+                if answers > 1:
+                    worth -= price(safety, answer)
+                best = wp.max(best, worth)
+            score[b] = wp.min(score[b], best)
+    chosen = int(0)
+    best = float(-_NONE)
+    for b in range(MANOEUVRES):
+        worth = score[b] - price(safety, b)
+        if worth > best:
+            best = worth
+            chosen = b
+    return chosen
+
+
+@wp.func
+def linearise(
+    safety: SafetyStruct,
+    robot: RobotStruct,
+    car: wp.vec4,
+    w: int,
+    i: int,
+    n: int,
+    others: wp.array3d(dtype=wp.vec4),
+    at: wp.vec2,
+    way_out: wp.vec2,
+    step: float,
+    rows_out: wp.array3d(dtype=wp.vec3),
+):
+    """Write row k, g.u >= c: m_k(at) + g.(u - at) >= 0, with g by differences towards the middle of the box."""
+    towards = wp.vec2(
+        wp.where(at[0] > 0.0, -_DIFFERENCE, _DIFFERENCE), wp.where(at[1] > 0.0, -_DIFFERENCE, _DIFFERENCE)
+    )
+    for k in range(n):
+        other = others[w, i, k]
+        here = margin(safety, robot, car, other, at, way_out, step)
+        steered = margin(safety, robot, car, other, at + wp.vec2(towards[0], 0.0), way_out, step)
+        driven = margin(safety, robot, car, other, at + wp.vec2(0.0, towards[1]), way_out, step)
+        g = wp.vec2((steered - here) / towards[0], (driven - here) / towards[1])
+        rows_out[w, i, k] = wp.vec3(g[0], g[1], wp.dot(g, at) - here)
+
+
+@wp.func
+def see(
+    w: int,
+    i: int,
+    scales: Scales,
+    heading: float,
+    speed: float,
+    observation: wp.array3d(dtype=float),
+    others_out: wp.array3d(dtype=wp.vec4),
+) -> int:
+    """Write x, y less one's own [m] and velocity [m/s] of the robots in the disc; returns how many."""
+    own = speed * cos_sin(heading)
+    n = int(0)
+    for k in range(wp.min(scales.robots_seen, NEAREST)):
+        entry = OWN + 2 * LINK + ROBOT * k
+        if observation[w, i, entry] > 0.5:
+            velocity = wp.vec2(observation[w, i, entry + 3], observation[w, i, entry + 4]) * (2.0 * scales.speed) + own
+            others_out[w, i, n] = wp.vec4(
+                scales.radius * observation[w, i, entry + 1],
+                scales.radius * observation[w, i, entry + 2],
+                velocity[0],
+                velocity[1],
+            )
+            n += 1
+    return n
+
+
+@wp.func
+def hear(
+    w: int,
+    i: int,
+    n: int,
+    curve: CurveStruct,
+    scales: Scales,
+    memory: wp.array3d(dtype=wp.vec3),
+    observation: wp.array3d(dtype=float),
+    others_out: wp.array3d(dtype=wp.vec4),
+) -> int:
+    """Add the ring neighbours beyond the disc that sent in this step and in the one before; returns how many there are.
+
+    Velocity is the difference of the two places that they sent. Memory is the place sent last, and 1 if there is one.
+    """
+    own = own_position(w, i, curve, observation)
+    found = int(n)
+    for side in range(2):
+        start = OWN + LINK * side
+        before = memory[w, i, side]
+        memory[w, i, side] = wp.vec3(0.0, 0.0, 0.0)
+        if observation[w, i, start] > 0.5 and observation[w, i, start + 1] < 0.5 * scales.step:
+            x = 2.0 * curve.half_width * observation[w, i, start + 4]
+            y = 2.0 * curve.half_height * observation[w, i, start + 5]
+            away = wp.vec2(x, y)
+            place = own + away
+            memory[w, i, side] = wp.vec3(place[0], place[1], 1.0)
+            if before[2] > 0.0 and wp.length(away) >= scales.radius and found < NEAREST:
+                velocity = (place - wp.vec2(before[0], before[1])) / scales.step
+                others_out[w, i, found] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
+                found += 1
+    return found
+
+
+@wp.kernel
+def keep_clear(
+    safety: SafetyStruct,
+    robot: RobotStruct,
+    curve: CurveStruct,
+    scales: Scales,
+    hears: int,
+    memory: wp.array3d(dtype=wp.vec3),
+    observation: wp.array3d(dtype=float),
+    wanted: wp.array3d(dtype=float),
+    others: wp.array3d(dtype=wp.vec4),
+    path: wp.array4d(dtype=wp.vec2),
+    rows_out: wp.array3d(dtype=wp.vec3),
+    count_out: wp.array2d(dtype=int),
+    top_out: wp.array2d(dtype=float),
+    action_out: wp.array3d(dtype=float),
+):
+    """Pass the wanted action on, or the nearest one that keeps clear of the other robots."""
+    w, i = wp.tid()
+    u = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
+    count_out[w, i] = 0
+    top_out[w, i] = 1.0
+    action_out[w, i, 0] = u[0]
+    action_out[w, i, 1] = u[1]
+    step = scales.step
+    speed = wp.max(observation[w, i, 4] * scales.speed, 0.0)
+    heading = own_heading(w, i, observation)
+    n = see(w, i, scales, heading, speed, observation, others)
+    if hears == 1:
+        n = hear(w, i, n, curve, scales, memory, observation, others)
+    if not own_works(w, i, observation) or not wp.isfinite(u[0]) or not wp.isfinite(u[1]):
+        return
+    car = wp.vec4(0.0, 0.0, heading, speed)
+    top = throttle_action(robot, (safety.speed_max - speed) / step + robot.drag * speed)
+    top_out[w, i] = top
+    u = into_box(u, top)
+    action_out[w, i, 0] = u[0]
+    action_out[w, i, 1] = u[1]
+    if n == 0:
+        return
+    for b in range(MANOEUVRES):
+        if barrier(safety, robot, car, w, i, n, others, u, manoeuvre(robot, b, speed), step) >= 0.0:
+            return
+    chosen = agreed_way_out(safety, robot, car, w, i, n, others, step, path)
+    way_out = manoeuvre(robot, chosen, speed)
+    way_out[1] = wp.min(way_out[1], top)
+    at = u
+    count_out[w, i] = n
+    nominal = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
+    for turn in range(safety.passes):
+        linearise(safety, robot, car, w, i, n, others, at, way_out, step, rows_out)
+        found = solve_programme(w, i, n, rows_out, safety.throttle_weight, top, nominal)
+        u = wp.vec2(found[0], found[1])
+        at = u
+        if turn == 0 and found[2] > 0.0:
+            # From where the margins cannot be seen to vanish, begin again at the way out itself.
+            at = way_out
+        elif barrier(safety, robot, car, w, i, n, others, u, way_out, step) >= -TOLERANCE:
+            break
+    action_out[w, i, 0] = u[0]
+    action_out[w, i, 1] = u[1]

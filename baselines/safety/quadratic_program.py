@@ -1,0 +1,159 @@
+"""A quadratic programme of two variables: the nearest action in a box that keeps some half-planes, by active sets."""
+
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+
+wp.set_module_options(OPTIONS)
+
+TOLERANCE = wp.constant(1.0e-5)
+"""How much of a margin may be missing in a solution of the programme [m]."""
+_NONE = wp.constant(1.0e6)
+
+
+@wp.func
+def line(w: int, i: int, n: int, k: int, rows: wp.array3d(dtype=wp.vec3), top: float) -> wp.vec3:
+    """Row k of n, then the four sides of the box [-1, 1] x [-1, top], as g.u >= c."""
+    if k < n:
+        return rows[w, i, k]
+    if k == n:
+        return wp.vec3(1.0, 0.0, -1.0)
+    if k == n + 1:
+        return wp.vec3(-1.0, 0.0, -1.0)
+    if k == n + 2:
+        return wp.vec3(0.0, 1.0, -1.0)
+    return wp.vec3(0.0, -1.0, -top)
+
+
+@wp.func
+def violation(w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), u: wp.vec2) -> float:
+    """max_k c - g.u, and at least 0 [m]."""
+    most = float(0.0)
+    for k in range(n):
+        row = rows[w, i, k]
+        most = wp.max(most, row[2] - row[0] * u[0] - row[1] * u[1])
+    return most
+
+
+@wp.func
+def in_box(u: wp.vec2, top: float) -> bool:
+    """Whether an action lies in the box, but for rounding."""
+    return wp.abs(u[0]) <= 1.00001 and u[1] >= -1.00001 and u[1] <= top + 0.00001
+
+
+@wp.func
+def into_box(u: wp.vec2, top: float) -> wp.vec2:
+    """Nearest action of the box."""
+    return wp.vec2(wp.clamp(u[0], -1.0, 1.0), wp.clamp(u[1], -1.0, top))
+
+
+@wp.func
+def least_violation(w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), top: float) -> float:
+    """Smallest s >= 0 for which g.u >= c - s has a solution in the box: the vertices of that linear programme."""
+    least = violation(w, i, n, rows, wp.vec2(-1.0, -1.0))
+    for a in range(n):
+        first = line(w, i, n, a, rows, top)
+        for b in range(a + 1, n + 4):
+            second = line(w, i, n, b, rows, top)
+            slack = wp.where(b < n, 1.0, 0.0)
+            for c in range(b + 1, n + 4):
+                third = line(w, i, n, c, rows, top)
+                m = wp.mat33(
+                    first[0], first[1], 1.0,
+                    second[0], second[1], slack,
+                    third[0], third[1], wp.where(c < n, 1.0, 0.0),
+                )  # fmt: skip
+                if wp.abs(wp.determinant(m)) > 1.0e-9:
+                    x = wp.inverse(m) * wp.vec3(first[2], second[2], third[2])
+                    u = wp.vec2(x[0], x[1])
+                    if in_box(u, top):
+                        least = wp.min(least, violation(w, i, n, rows, into_box(u, top)))
+    return least
+
+
+@wp.func
+def nearer(
+    w: int,
+    i: int,
+    n: int,
+    rows: wp.array3d(dtype=wp.vec3),
+    allowed: float,
+    weight: float,
+    top: float,
+    wanted: wp.vec2,
+    u: wp.vec2,
+    best: wp.vec3,
+) -> wp.vec3:
+    """The better of an action and the best so far (steering, throttle, cost), if it keeps the rows and the box."""
+    chosen = best
+    if in_box(u, top):
+        inside = into_box(u, top)
+        away = inside - wanted
+        cost = away[0] * away[0] + weight * away[1] * away[1]
+        if cost < best[2] and violation(w, i, n, rows, inside) <= allowed:
+            chosen = wp.vec3(inside[0], inside[1], cost)
+    return chosen
+
+
+@wp.func
+def nearest_action(
+    w: int,
+    i: int,
+    n: int,
+    rows: wp.array3d(dtype=wp.vec3),
+    allowed: float,
+    weight: float,
+    top: float,
+    wanted: wp.vec2,
+) -> wp.vec3:
+    """Solve the programme by trying every active set: none, one line, or two; (steering, throttle, cost)."""
+    best = nearer(w, i, n, rows, allowed, weight, top, wanted, wanted, wp.vec3(0.0, 0.0, _NONE))
+    if best[2] == 0.0:
+        return best
+    for a in range(n + 4):
+        first = line(w, i, n, a, rows, top)
+        c1 = first[2] - wp.where(a < n, allowed - TOLERANCE, 0.0)
+        square = first[0] * first[0] + first[1] * first[1] / weight
+        if square > 1.0e-10:
+            along = (c1 - first[0] * wanted[0] - first[1] * wanted[1]) / square
+            u = wanted + along * wp.vec2(first[0], first[1] / weight)
+            best = nearer(w, i, n, rows, allowed, weight, top, wanted, u, best)
+        for b in range(a + 1, n + 4):
+            second = line(w, i, n, b, rows, top)
+            c2 = second[2] - wp.where(b < n, allowed - TOLERANCE, 0.0)
+            determinant = first[0] * second[1] - first[1] * second[0]
+            if wp.abs(determinant) > 1.0e-8:
+                u = wp.vec2(c1 * second[1] - first[1] * c2, first[0] * c2 - c1 * second[0]) / determinant
+                best = nearer(w, i, n, rows, allowed, weight, top, wanted, u, best)
+    return best
+
+
+@wp.func
+def solve_programme(
+    w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), weight: float, top: float, wanted: wp.vec2
+) -> wp.vec3:
+    """Minimise (u0 - w0)^2 + weight (u1 - w1)^2 over the box with g.u >= c for n rows; (steering, throttle, s).
+
+    Where the rows contradict one another or the box, all give way by the same least s > 0.
+    """
+    best = nearest_action(w, i, n, rows, TOLERANCE, weight, top, wanted)
+    missing = float(0.0)
+    if best[2] == _NONE:
+        missing = least_violation(w, i, n, rows, top)
+        best = nearest_action(w, i, n, rows, missing + TOLERANCE, weight, top, wanted)
+    return wp.vec3(best[0], best[1], missing)
+
+
+@wp.kernel
+def solve_programmes(
+    weight: float,
+    rows: wp.array3d(dtype=wp.vec3),
+    count: wp.array2d(dtype=int),
+    top: wp.array2d(dtype=float),
+    wanted: wp.array3d(dtype=float),
+    solution_out: wp.array2d(dtype=wp.vec3),
+):
+    """Solve a programme for each (w, i) on its own, as the filter does within its passes."""
+    w, i = wp.tid()
+    u = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
+    solution_out[w, i] = solve_programme(w, i, count[w, i], rows, weight, top[w, i], u)

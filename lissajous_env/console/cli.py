@@ -1,0 +1,223 @@
+"""The command `lissajous`: finds the commands that are installed, runs one, and turns errors into one clear line.
+
+A command is a typed function named by an entry point in the group `lissajous_env.commands`, so that packages which
+build on this one can add their own. Its signature is its command line; its docstring is its help.
+"""
+
+import ast
+import contextlib
+import difflib
+import functools
+import importlib.util
+import io
+import os
+import re
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from lissajous_env.console.terminal import CommandError, complain, make_console
+from lissajous_env.device import kernel_cache
+
+GROUP = "lissajous_env.commands"
+FAILED = 1
+BAD_INPUT = 2
+INTERRUPTED = 130
+TRACEBACK = "LISSAJOUS_TRACEBACK"
+"""Environment variable: where it is set, an error is shown with all that led to it."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run `lissajous`; ends the process with the command's exit code: 2 for bad input, 130 after Ctrl-C."""
+    _open_streams()
+    code = _ended(list(sys.argv[1:] if arguments is None else arguments))
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        # Who read the output has seen enough, or the disk is full; what is left must not fail again at the very end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = code or FAILED
+        if not isinstance(error, BrokenPipeError):
+            complain(f"error: the output cannot be written: {error.strerror}")
+    sys.exit(code)
+
+
+def commands() -> dict[str, EntryPoint]:
+    """Return the commands that are installed, by name."""
+    return {entry.name: entry for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name)}
+
+
+def _ended(arguments: list[str]) -> int:
+    """Run a command and return its exit code, an error said in one line."""
+    try:
+        return _dispatch(arguments)
+    except SystemExit as ended:  # help was asked for, or Rich found nobody reading
+        return ended.code if isinstance(ended.code, int) else 0
+    except ValueError as error:
+        return _said(BAD_INPUT, error, str(error))
+    except BrokenPipeError:
+        return FAILED
+    except (CommandError, OSError) as error:
+        return _said(FAILED, error, str(error))
+    except KeyboardInterrupt as interrupt:
+        # What a command has to say about how to go on travels with the interrupt.
+        complain(f"interrupted{''.join(f'; {word}' for word in interrupt.args)}")
+        return INTERRUPTED
+    except Exception as error:
+        return _said(FAILED, error, f"{type(error).__name__}: {error}; with {TRACEBACK}=1 it says where")
+
+
+def _said(code: int, error: Exception, words: str) -> int:
+    if os.environ.get(TRACEBACK):
+        print("".join(traceback.format_exception(error)), file=sys.stderr)
+    complain(f"error: {words}")
+    return code
+
+
+def _dispatch(arguments: list[str]) -> int:
+    known = commands()
+    _check_text(arguments)
+    if not arguments or arguments[0] in ("-h", "--help"):
+        _print_help(known)
+        return 0
+    name = arguments[0]
+    if name in ("-V", "--version"):
+        from importlib.metadata import version
+
+        print(f"lissajous-env {version('lissajous-env')}")
+        return 0
+    if name not in known:
+        nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
+        hint = f"; did you mean {nearest[0]}?" if nearest else ""
+        raise ValueError(f"command must be one of {', '.join(known)}, got {name!r}{hint}")
+    try:
+        function = known[name].load()
+    except Exception as error:
+        raise CommandError(f"the command {name} cannot be loaded: {type(error).__name__}: {error}") from error
+    quiet = "--quiet" in arguments
+    kernel_cache.listener = None if quiet else complain
+    if quiet:
+        warnings.simplefilter("ignore")  # what libraries say of their own accord
+    given, named = _bound(function, f"lissajous {name}", arguments[1:])
+    result = function(*given, **named)
+    return result if isinstance(result, int) else 0
+
+
+def _bound(function: Callable[..., Any], program: str, arguments: list[str]) -> tuple[tuple, dict[str, Any]]:
+    """Arguments of a command's function, as a command line gives them; the function does not run yet.
+
+    Raises:
+        ValueError: the command line is not one of this command.
+    """
+
+    @functools.wraps(function)
+    def bind(*given: Any, **named: Any) -> Any:
+        return given, named
+
+    said = io.StringIO()
+    asks_for_help = any(argument in ("-h", "--help") for argument in arguments)
+    try:
+        with contextlib.redirect_stderr(said), contextlib.nullcontext() if asks_for_help else _wide_frames():
+            return tyro.cli(bind, prog=program, args=arguments)
+    except SystemExit as ended:
+        if not ended.code:
+            raise
+        words = _without_frame(said.getvalue())
+        # What the settings themselves refuse is said in their own words.
+        refused = re.fullmatch(r"error parsing \w+: (.*)", words)
+        raise ValueError(refused[1] if refused else f"{words}\n{program} --help lists what it takes") from None
+
+
+@contextlib.contextmanager
+def _wide_frames() -> Iterator[None]:
+    """Let tyro frame what it says in lines that are not broken."""
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = "10000"
+    try:
+        yield
+    finally:
+        del os.environ["COLUMNS"]
+        if before is not None:
+            os.environ["COLUMNS"] = before
+
+
+def _without_frame(said: str) -> str:
+    """One line of what tyro says in a frame: what is wrong, and the options that were perhaps meant."""
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", said).splitlines()
+    # Around it are a title and a last line; without lines to draw with, the title is underlined.
+    underlined = bool(lines[1:]) and not lines[1].strip(" -")
+    inside = "\n".join(line.strip("\u2502| ") for line in lines[1 + underlined : -1])
+    first, *others = re.split(r"\n?^[\u2500-]{3,}$\n?", inside, flags=re.MULTILINE)
+    words = " ".join(first.split()) or "the command line cannot be read"
+    for part in others:
+        if part.startswith("Perhaps"):
+            near = [line for line in part.splitlines() if line.startswith("-")]
+            words += f"; did you mean {', '.join(near)}?"
+    return words[:1].lower() + words[1:]
+
+
+def _check_text(arguments: list[str]) -> None:
+    """Refuse what no argument can be: empty, or no text.
+
+    Raises:
+        ValueError: an argument is empty or holds bytes that are no UTF-8.
+    """
+    for number, argument in enumerate(arguments):
+        if not argument or re.fullmatch(r"--[\w-]+=", argument):
+            before = argument.rstrip("=") or next(
+                (a for a in arguments[number - 1 :: -1] if number and a), "an argument"
+            )
+            raise ValueError(f"{' '.join(before.split())[:160]} must not be followed by nothing, got ''")
+        if "\0" in argument or any("\ud800" <= c <= "\udfff" for c in argument):
+            raise ValueError(f"arguments must be text in UTF-8, got {argument!r}")
+
+
+def _open_streams() -> None:
+    """Give a closed stream somewhere to go, and let no character that a terminal lacks stop a command."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            # This takes the lowest number that is free, which else a file would get, and with it what is printed.
+            os.open(os.devnull, os.O_RDWR)
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "r" if number == 0 else "w"))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a character that a terminal lacks becomes "?"
+
+
+def _print_help(known: dict[str, EntryPoint]) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    console = make_console()
+    console.print("usage: lissajous [b]COMMAND[/b] ...\n")
+    console.print("Monitor an area with a team of robots on Lissajous curves.\n")
+    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False, pad_edge=False)
+    table.add_column(no_wrap=True)
+    for name, entry in known.items():
+        table.add_row(f"  [bold cyan]{name}", Text(_summary(entry)))
+    console.print(table)
+    words = "\n[b]lissajous COMMAND --help[/b] lists the options of a command; [b]lissajous --version[/b] says which."
+    console.print(words, highlight=False)
+
+
+def _summary(entry: EntryPoint) -> str:
+    """First line of a command's docstring, read from its source: importing every command would take seconds."""
+    top = importlib.util.find_spec(entry.module.partition(".")[0])
+    for folder in (top.submodule_search_locations or []) if top else []:
+        path = Path(folder, *entry.module.split(".")[1:]).with_suffix(".py")
+        if not path.exists():
+            path = path.with_suffix("") / "__init__.py"
+        if path.exists():
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and node.name == entry.attr:
+                    return (ast.get_docstring(node) or "").partition("\n")[0]
+    return ""

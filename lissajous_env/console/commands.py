@@ -1,0 +1,140 @@
+"""Commands about the world itself: which scenarios there are, and recordings of episodes."""
+
+import math
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from lissajous_env.console.terminal import AS_USUAL, Column, Output, Speech, make_console, print_left_out, print_table
+from lissajous_env.storage.files import check_writable_file
+
+if TYPE_CHECKING:
+    from lissajous_env.episodes.recording import Recording
+
+_File = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+_MOST_PICTURES = 20_000
+"""Of a GIF."""
+
+
+def scenarios(output: Speech = AS_USUAL) -> None:
+    """List the scenarios, with the numbers that describe their designs.
+
+    Args:
+        output: How it speaks.
+    """
+    from lissajous_env.parameters import named
+
+    console = output.console()
+    narrow = console.width < 110
+    made = [named.scenario(name).resolve() for name in named.scenarios()]
+    columns = [Column("name", left=True, style="bold cyan"), Column("N"), Column("robots", left=True)]
+    columns += map(Column, ("rectangle\n[m]", "curve\na:b", "r_s\n[m]", "T_max\n[s]"))
+    rows = []
+    for each in made:
+        curve = each.curve
+        sides = [2 * curve.half_width, 2 * curve.half_height, 2 * curve.half_depth]
+        rows.append([
+            each.name,
+            str(each.num_robots),
+            each.robot.kind,
+            " x ".join(f"{side:g}" for side in sides if side > 0),
+            f"{curve.a}:{curve.b}" + (f":{curve.c}" if curve.half_depth > 0 else ""),
+            f"{each.sensing.radius:.3g}",
+            f"{each.detection_time_bound:.3g}",
+        ])  # fmt: skip
+    if not narrow:
+        columns.append(Column("description", prose=True))
+        rows = [[*row, each.description] for row, each in zip(rows, made, strict=True)]
+    left_out = print_table(console, columns, rows)
+    console.print()
+    if narrow:
+        for each in made:
+            console.print(f"[bold cyan]{each.name}[/]: {each.description}", highlight=False)
+        console.print()
+    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+    words = "N robots; r_s sensing radius; T_max = (2 pi / omega) / (N / kappa), by which a target is detected."
+    console.print(words, style="dim", highlight=False)
+    bounds = {each.name: each.detection_time_bound for each in made}
+    output.give([{**each.to_dict(), "num_robots": each.num_robots, "detection_time_bound": bounds[each.name]}
+                 for each in made])  # fmt: skip
+
+
+def replay(file: _File, out: _Out = None, speed: float = 1.0, fps: float = 10.0, output: Speech = AS_USUAL) -> None:
+    """Show a recording: in a window, or as a GIF or PNG file.
+
+    Args:
+        file: recording, as `lissajous run SCENARIO POLICY --out FILE.npz` writes it.
+        out: .gif or .png to write; without it a window opens: space pauses, left and right step, escape quits.
+        speed: seconds of the episode shown in one second, from 0.01 to 1000.
+        fps: pictures a second of a GIF, from 0.1 to 50.
+        output: How it speaks.
+    """
+    from lissajous_env.episodes.recording import load
+
+    check_file(out, ".gif", ".png")
+    for name, value, least, most in (("speed", speed, 0.01, 1000), ("fps", fps, 0.1, 50)):
+        if not least <= value <= most:
+            raise ValueError(f"{name} must be from {least:g} to {most:g}, got {value:g}")
+    if not file.is_file():
+        raise ValueError(f"file must be a recording (.npz), but there is no file {file}")
+    if out is None and not has_display():
+        raise ValueError("out must be given (.gif or .png): there is no display to open a window on")
+    recording = load(file)
+    if (pictures := recording.duration * fps / speed) > _MOST_PICTURES and out is not None:
+        raise ValueError(
+            f"speed must be such that a GIF has at most {_MOST_PICTURES:,} pictures, got {speed:g} with "
+            f"{math.ceil(pictures):,}"
+        )
+    row = recording.score
+    show(recording, out, output, speed, fps)
+    output.give({"file": file, "wrote": out, "score": row})
+
+
+def has_display() -> bool:
+    """Whether a window can be opened; without a display SDL would draw one that nobody can see or close."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    driver = os.environ.get("SDL_VIDEODRIVER", "")
+    found = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    return driver not in ("dummy", "offscreen") if driver else found
+
+
+def check_file(out: Path | None, *suffixes: str) -> None:
+    """Refuse a file that cannot be written or whose format is not there, before any work is done for it.
+
+    Raises:
+        ValueError: another suffix, a folder in its place, or a folder around it that is not there or not writable.
+    """
+    if out is None:
+        return
+    if out.suffix.lower() not in suffixes:
+        raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}")
+    check_writable_file(out)
+
+
+def show(
+    recording: "Recording", out: Path | None, output: Output | None = None, speed: float = 1.0, fps: float = 10.0
+) -> None:
+    """Show a recording in a window or, given a file, write it there in the format of its suffix."""
+    from rich.progress import Progress
+
+    from lissajous_env.episodes.recording import play
+
+    output = output or Output()
+    if out is None:
+        play(recording, speed=speed)
+        return
+    console = make_console(stderr=True, quiet=output.quiet)
+    with Progress(console=console, transient=True, disable=not console.is_interactive or output.quiet) as progress:
+        task = progress.add_task("drawing", total=max(recording.duration * fps / speed, 1))
+        if out.suffix.lower() == ".gif":
+            recording.save_gif(out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
+        elif out.suffix.lower() == ".png":
+            recording.save_png(out)
+        else:
+            recording.save(out)
+    output.console().print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)

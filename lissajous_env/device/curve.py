@@ -1,0 +1,87 @@
+"""The Lissajous curve on the device: position, derivatives and the local projection of a point onto it.
+
+Here gamma [rad] is the parameter of the curve; the phase theta of a robot that coordinates by (1) gives
+gamma = alpha theta (Lemma 2).
+"""
+
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.structs import struct_of
+from lissajous_env.device.trig import cos_sin
+from lissajous_env.parameters.scenario import Curve
+
+wp.set_module_options(OPTIONS)
+
+CurveStruct = struct_of(Curve)
+
+TWO_PI = wp.constant(6.283185307179586)
+_PER_TURN = wp.constant(0.15915494309189535)
+_TURN = wp.constant(wp.float64(6.283185307179586))
+_TURNS = wp.constant(wp.float64(0.15915494309189535))
+
+
+@wp.func
+def wrap_phase(phase: wp.float64) -> wp.float64:
+    """Wrap a phase to [0, 2 pi) [rad]."""
+    wrapped = phase - _TURN * wp.floor(phase * _TURNS)
+    return wp.where(wrapped >= _TURN or wrapped < wp.float64(0.0), wp.float64(0.0), wrapped)
+
+
+@wp.func
+def curve_parameter(alpha: float, phase: wp.float64) -> float:
+    """Gamma = alpha theta (Lemma 2), wrapped to one turn [rad].
+
+    A phase is of double precision: alpha a, which is 4947 in `swarm`, multiplies its last bit.
+    """
+    return float(wrap_phase(wp.float64(alpha) * phase))
+
+
+@wp.func
+def wrap(angle: float) -> float:
+    """Wrap an angle to [-pi, pi] [rad]."""
+    return angle - TWO_PI * wp.floor(angle * _PER_TURN + 0.5)
+
+
+@wp.func
+def point2(curve: CurveStruct, gamma: float) -> wp.vec2:
+    """r = (A cos(a gamma), B sin(b gamma)) [m], equation (3)."""
+    across = cos_sin(float(curve.a) * gamma)
+    up = cos_sin(float(curve.b) * gamma)
+    return wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
+
+
+@wp.func
+def point(curve: CurveStruct, gamma: float) -> wp.vec3:
+    """r = (A cos(a gamma), B sin(b gamma), C sin(c gamma)) [m], equations (3) and (10)."""
+    plane = point2(curve, gamma)
+    return wp.vec3(plane[0], plane[1], curve.half_depth * cos_sin(float(curve.c) * gamma)[1])
+
+
+@wp.func
+def tangent2(curve: CurveStruct, gamma: float) -> wp.vec2:
+    """r' = (-A a sin(a gamma), B b cos(b gamma)) [m/rad]."""
+    a = float(curve.a)
+    b = float(curve.b)
+    return wp.vec2(-curve.half_width * a * cos_sin(a * gamma)[1], curve.half_height * b * cos_sin(b * gamma)[0])
+
+
+@wp.func
+def project(curve: CurveStruct, position: wp.vec2, gamma: float, largest_step: float) -> float:
+    """Move gamma by one Newton step towards the nearest point, where r'.(q - r) = 0, by at most `largest_step` [rad].
+
+    The curve crosses itself, so the nearest point of the whole curve may lie on another branch; a robot carries its
+    gamma and only ever corrects it locally. Beyond half of the radius of curvature the step is that of Gauss-Newton,
+    doubled: there the second derivative vanishes and the nearest point is about to jump.
+    """
+    a = float(curve.a)
+    b = float(curve.b)
+    across = cos_sin(a * gamma)
+    up = cos_sin(b * gamma)
+    nearest = wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
+    tangent = wp.vec2(-curve.half_width * a * across[1], curve.half_height * b * up[0])
+    bend = wp.vec2(-a * a * nearest[0], -b * b * nearest[1])
+    away = position - nearest
+    square = wp.dot(tangent, tangent)
+    lag = wp.dot(tangent, away) / wp.max(square - wp.dot(bend, away), 0.5 * square)
+    return gamma + wp.clamp(lag, -largest_step, largest_step)

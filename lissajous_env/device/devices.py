@@ -1,0 +1,140 @@
+"""Devices: which are there, what goes to them, and what Warp says while it starts and compiles."""
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device import kernel_cache
+from lissajous_env.wording import shown
+
+
+def as_device(device: Any) -> Any:
+    """Return the Warp device of a name such as `cpu`, `cuda` or `cuda:1`.
+
+    Raises:
+        ValueError: there is no such device.
+    """
+    _start()
+    try:
+        if device is None:
+            raise ValueError("Warp would take one of its own choice")
+        return wp.get_device(device)
+    except Exception as error:
+        there = ", ".join(str(each) for each in wp.get_devices())
+        raise ValueError(f"device must be one of those present ({there}), got {shown(device)}") from error
+
+
+def check_room(sizes: Sequence[int], num_worlds: int, device: Any) -> None:
+    """Refuse to allocate arrays that take these sizes of each world [bytes] where they exceed what there is.
+
+    Raises:
+        ValueError: the arrays of `num_worlds` worlds do not fit on the device, or one world not into an array.
+    """
+    if device.is_cpu:
+        room = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 2**40
+    else:
+        room = device.total_memory
+    each = f"{sum(sizes) / 2**20:.3g} MiB a world"
+    if max(sizes) >= 2**31:  # Warp counts the bytes of a world in an array by 32 bits
+        raise ValueError(f"scenario must need less than 2048 MiB in an array of a world (grid, robots), got {each}")
+    if sum(sizes) * num_worlds > room:
+        rule = f"must fit into the memory of {device}, {room / 2**20:.0f} MiB, at {each}"
+        raise ValueError(f"num_worlds {rule}, got {num_worlds}")
+
+
+def copy_in(name: str, value: Any, target: Any) -> None:
+    """Copy a NumPy array, torch tensor or Warp array of numbers into a Warp array of float32.
+
+    Raises:
+        ValueError: the value has another shape than the target, or does not hold real numbers.
+    """
+    if is_torch(value):
+        if value.is_complex() or str(value.dtype) == "torch.bool":
+            raise ValueError(f"{name} must hold real numbers, got {value.dtype}")
+        value = wp.from_torch(value.detach().float().contiguous())
+    elif isinstance(value, wp.array):
+        if value.dtype is not wp.float32:
+            raise ValueError(f"{name} must hold float32 where it is a Warp array, got {value.dtype.__name__}")
+    else:
+        value = _as_floats(name, value)
+    if tuple(value.shape) != tuple(target.shape):
+        raise ValueError(f"{name} must have shape {tuple(target.shape)}, got {tuple(value.shape)}")
+    if isinstance(value, wp.array):
+        wp.copy(target, value)
+    else:
+        target.assign(value)
+
+
+def _as_floats(name: str, value: Any) -> np.ndarray:
+    try:
+        array = np.asarray(value)
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"{name} must hold real numbers, got rows of different lengths") from error
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"{name} must hold real numbers, got {array.dtype} {value!r:.80}")
+    # A number beyond the range of float32 becomes infinite, and is treated as such.
+    with np.errstate(over="ignore"):
+        return np.asarray(array, dtype=np.float32, order="C")
+
+
+def is_torch(value: Any) -> bool:
+    """Whether a value is a torch tensor; torch itself need not be installed."""
+    return type(value).__module__.partition(".")[0] == "torch"
+
+
+def side_by_side(tasks: Sequence[Callable[[], None]], threads: int) -> None:
+    """Run tasks that release the interpreter's lock, as launches on a CPU do, on threads; this one takes the first."""
+    waiting = [_pool(threads).submit(task) for task in tasks[1:]]
+    tasks[0]()
+    for future in waiting:
+        future.result()
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max(threads - 1, 1), thread_name_prefix="lissajous")
+
+
+if hasattr(os, "register_at_fork"):
+    # Threads do not survive a fork: a child that used its parent's pool would wait for ever.
+    os.register_at_fork(after_in_child=_pool.cache_clear)
+
+
+@contextlib.contextmanager
+def compile_quietly() -> Iterator[None]:
+    """Keep Warp from printing its banner and a line for each module that it loads."""
+    level = wp.config.log_level
+    wp.config.log_level = max(level, wp.LOG_ERROR)
+    try:
+        yield
+    finally:
+        wp.config.log_level = level
+
+
+@cache
+def _start() -> None:
+    with compile_quietly():
+        kernel_cache.start(silent_stderr)
+
+
+@contextlib.contextmanager
+def silent_stderr() -> Iterator[None]:
+    """Keep native code from writing to standard error: Warp warns there of every machine without a CUDA driver."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # standard error is closed: nothing to keep silent
+        yield
+        return
+    try:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)

@@ -1,0 +1,141 @@
+"""Compiled kernels on the disk: a word before the first are made, a check that they are whole, a place to keep them.
+
+Warp compiles a module when one of its kernels is first launched, and keeps the result in a folder of its cache. It has
+no hook before that moment, so its `Module.load` is wrapped, for the modules of this project alone.
+"""
+
+import atexit
+import contextlib
+import functools
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import warp as wp
+
+from lissajous_env.storage.files import write_atomically
+
+OURS = ("lissajous_env.", "baselines.", "training.")
+SUMS = "checksums.json"
+"""In the folder of each module: the SHA-256 of what was compiled, by file name."""
+_COMPILED = (".o", ".cubin", ".ptx", ".meta")
+
+listener: Callable[[str], None] | None = None
+"""Is told, in a line, what a person would wonder about; the command line prints it."""
+
+
+def start(silence: Callable[[], contextlib.AbstractContextManager[None]]) -> None:
+    """Start Warp, in silence, where need be with a cache of its own, and watch what it loads."""
+    try:
+        with silence():
+            wp.init()
+    except OSError as error:
+        _keep_for_this_run(str(error.strerror))
+        with silence():
+            wp.init()
+    _watch()
+
+
+@functools.cache
+def _watch() -> None:
+    load, loaded = wp.Module.load, set()
+
+    @functools.wraps(load)
+    def watched(module: Any, device: Any, *args: Any, **kwargs: Any) -> Any:
+        key = (id(module), str(device), args, tuple(kwargs.items()))
+        if key in loaded or not module.name.startswith(OURS):
+            return load(module, device, *args, **kwargs)
+        block = args[0] if args else kwargs.get("block_dim")
+        name = module.get_module_identifier(block)
+        _prepare(name)
+        try:
+            executable = load(module, device, *args, **kwargs)
+        except Exception:
+            # What was compiled by an earlier version has no checksum: try once more from the source.
+            if not _forget(_folder(name)):
+                raise
+            executable = load(module, device, *args, **kwargs)
+        _note_sums(_folder(name))
+        loaded.add(key)
+        return executable
+
+    wp.Module.load = watched  # type: ignore
+
+
+def _prepare(name: str) -> None:
+    """Remove the module's files if they are damaged; if they must be made, see that they can be, and say so."""
+    folder = _folder(name)
+    if folder.is_dir() and not _is_whole(folder):
+        _forget(folder)
+    if folder.is_dir():
+        return
+    try:
+        tempfile.TemporaryFile(dir=folder.parent).close()
+    except OSError as error:
+        _keep_for_this_run(str(error.strerror))
+    _say_that_it_compiles()
+
+
+def _folder(name: str) -> Path:
+    return Path(str(wp.config.kernel_cache_dir), name)
+
+
+def _is_whole(folder: Path) -> bool:
+    try:
+        sums = json.loads((folder / SUMS).read_bytes())
+        return all(_sum(folder / name) == of for name, of in sums.items())
+    except FileNotFoundError as error:
+        return error.filename == str(folder / SUMS)
+    except (OSError, ValueError, AttributeError):
+        return False
+
+
+def _note_sums(folder: Path) -> None:
+    with contextlib.suppress(OSError, ValueError):
+        made = {path.name for path in folder.iterdir() if path.suffix in _COMPILED}
+        path = folder / SUMS
+        if not path.exists() or made != set(json.loads(path.read_bytes())):
+            sums = {name: _sum(folder / name) for name in sorted(made)}
+            write_atomically(path, json.dumps(sums, indent=1) + "\n")
+
+
+def _sum(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _forget(folder: Path) -> bool:
+    """Remove a module's files; whether there were any, and are none now."""
+    if not folder.is_dir():
+        return False
+    shutil.rmtree(folder, ignore_errors=True)
+    if folder.is_dir():
+        raise ValueError(f"compiled kernels are damaged and cannot be removed; delete the folder {folder}")
+    return True
+
+
+def _keep_for_this_run(reason: str) -> None:
+    """Let Warp keep what it compiles in a temporary folder, which goes when the process ends."""
+    where, made_by = wp.config.kernel_cache_dir or "the cache of Warp", os.getpid()
+    folder = tempfile.mkdtemp(prefix="lissajous-kernels-")
+    wp.config.kernel_cache_dir = folder
+    # A process that was forked off has the same list of things to do at its end.
+    atexit.register(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == made_by else None)
+    _say(
+        f"{where} cannot be written to ({reason}): kernels are compiled for this run alone; "
+        "WARP_CACHE_PATH names another folder"
+    )
+
+
+@functools.cache
+def _say_that_it_compiles() -> None:
+    _say("compiling kernels, once: about 10 s")
+
+
+def _say(words: str) -> None:
+    if listener is not None:
+        listener(words)

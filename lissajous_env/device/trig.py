@@ -1,0 +1,31 @@
+"""Cosine and sine together, in float32, the same on every machine.
+
+A kernel on the CPU would call the C library once for each, at five times the cost of this, and the last bit would
+depend on the library's version.
+"""
+
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+
+wp.set_module_options(OPTIONS)
+
+_TWO_OVER_PI = wp.constant(0.636619772367581)
+_HALF_PI = wp.constant(wp.float64(1.5707963267948966))
+
+
+@wp.func
+def cos_sin(angle: float) -> wp.vec2:
+    """(cos, sin) of an angle [rad], within 2e-7 for angles up to 10^4 rad in size."""
+    quadrants = wp.rint(angle * _TWO_OVER_PI)
+    rest = float(wp.float64(angle) - wp.float64(quadrants) * _HALF_PI)
+    square = rest * rest
+    fourth = square * square
+    # Minimax polynomials on [-pi / 4, pi / 4], in an order in which few operations wait for each other.
+    sine = rest + (rest * square) * ((-0.16666655 + square * 0.0083321609) - fourth * 0.00019515296)
+    cosine = (1.0 - 0.5 * square) + fourth * ((0.041666646 - square * 0.0013887316) + fourth * 0.000024433157)
+    quadrant = int(quadrants) & 3
+    odd = (quadrant & 1) == 1
+    x = wp.where(odd, sine, cosine)
+    y = wp.where(odd, cosine, sine)
+    return wp.vec2(wp.where(quadrant == 1 or quadrant == 2, -x, x), wp.where(quadrant >= 2, -y, y))

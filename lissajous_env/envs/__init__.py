@@ -1,0 +1,1 @@
+"""The environments: PettingZoo, Gymnasium, and a batch of either."""

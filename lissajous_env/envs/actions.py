@@ -1,0 +1,73 @@
+"""Actions of one world, as users give them: spaces, the discrete table, and the checks of what comes in."""
+
+import itertools
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import shown
+
+_STEERINGS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+_THROTTLES = (-1.0, 0.0, 1.0)
+_LARGE = 1e30
+"""Sum of squares above which actions are looked at one by one."""
+_PHASE_RATES = (-1.0, -0.5, -0.1, 0.0, 0.1, 0.5, 1.0)
+
+
+def action_table(scenario: Scenario) -> np.ndarray:
+    """(K, action_size) rows that a discrete action chooses from: steering x throttle, or phase rates."""
+    if scenario.robot.kind == "curve":
+        return np.array(_PHASE_RATES, dtype=np.float32)[:, None]
+    return np.array(list(itertools.product(_STEERINGS, _THROTTLES)), dtype=np.float32)
+
+
+def action_space(scenario: Scenario, discrete: bool, seed: int | None = None) -> gymnasium.Space:
+    """Action space of one robot: `Box(-1, 1, (action_size,))`, or `Discrete` over the rows of the table."""
+    if discrete:
+        return gymnasium.spaces.Discrete(len(action_table(scenario)), seed=seed)
+    return gymnasium.spaces.Box(-1.0, 1.0, (scenario.action_size,), np.float32, seed=seed)
+
+
+def team_action_space(scenario: Scenario, discrete: bool, flat: bool) -> gymnasium.Space:
+    """Action space of the team: `Box(-1, 1, (N, action_size))`, flat `(N * action_size,)`, or `MultiDiscrete` (N,)."""
+    n, size = scenario.num_robots, scenario.action_size
+    if discrete:
+        return gymnasium.spaces.MultiDiscrete([len(action_table(scenario))] * n)
+    return gymnasium.spaces.Box(-1.0, 1.0, (n * size,) if flat else (n, size), np.float32)
+
+
+class ActionReader:
+    """Writes one world's actions into an array, refusing what is not an action by the name of its agent."""
+
+    def __init__(self, scenario: Scenario, discrete: bool):
+        self._table = action_table(scenario) if discrete else None
+        self._shape = (scenario.action_size,)
+
+    def read(self, agent: str, action: Any, row_out: np.ndarray) -> None:
+        """Write one agent's action into its row.
+
+        Raises:
+            ValueError: another shape, an index outside the table, or a number that is not finite.
+        """
+        if self._table is not None:
+            index = action.item() if isinstance(action, np.ndarray) and action.size == 1 else action
+            if not isinstance(index, (int, np.integer)) or not 0 <= index < len(self._table):
+                last = len(self._table) - 1
+                raise ValueError(f"action of {agent} must be a whole number from 0 to {last}, got {shown(action)}")
+            row_out[:] = self._table[index]
+            return
+        values = np.asarray(action)
+        if values.shape != self._shape or values.dtype.kind not in "fiu":
+            raise ValueError(f"action of {agent} must be numbers of shape {self._shape}, got {shown(action)}")
+        row_out[:] = values
+
+    def check(self, agents: list[str], rows: np.ndarray) -> None:
+        """Refuse rows that are not finite, and clip what float32 could not hold."""
+        # One sum of squares tells for all of them: it is not finite if any number is not.
+        if not np.vdot(rows, rows) < _LARGE:
+            for agent, row in zip(agents, rows, strict=True):
+                if not np.isfinite(row).all():
+                    raise ValueError(f"action of {agent} must be finite, got {row.tolist()}")
+            np.clip(rows, -1.0, 1.0, out=rows)

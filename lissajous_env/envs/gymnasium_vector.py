@@ -1,0 +1,263 @@
+"""The Gymnasium environment of a batch of worlds, whose rows are teams or, for one agent each, robots."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from lissajous_env.envs.actions import action_space, action_table
+from lissajous_env.envs.gymnasium_env import team_spaces
+from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
+from lissajous_env.parameters import named
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import shown
+from lissajous_env.world.seeding import drawn_seeds
+from lissajous_env.world.simulation import Simulation, fold_seed
+
+
+class LissajousVectorEnv(VectorEnv):
+    """A batch of W worlds as a Gymnasium `VectorEnv`.
+
+    **A row is a team**, as long as `agents_as_rows` is not set. Observations are (W, N, D), actions (W, N, action_size)
+    or, discrete, (W, N) rows of the action table; the reward is the mean over the robots. A world is terminated when
+    all of its robots are. Infos hold `robot_reward` (W, N).
+
+    **A row is a robot** with `agents_as_rows`: there are W N of them, row k N + i is robot i of world k, with spaces of
+    one robot. All rows of a world end together when its time is over. The row of a robot that is removed before that
+    is terminated in that step; from then on it stands still, with reward 0 and actions without effect, until its
+    world ends, when it is closed as terminated once more; then it begins anew with its world.
+
+    Infos also hold `invalid`, whether an action of the row's episode was not finite and zero was taken instead; when
+    worlds end, `score`, an array of the score rows of the episodes that ended (None elsewhere) with its mask
+    `_score`; and with SAME_STEP also `final_obs`, and the score in `final_info`.
+
+    Args:
+        scenario: Name of a scenario, or one that was made.
+        num_envs: W.
+        render_mode: None, or `rgb_array`.
+        max_cycles: Steps of an episode, at least 1, in place of `task.duration`.
+        discrete_actions: Whether actions are rows of the table in `lissajous_env.envs.actions`.
+        flat_actions: Whether actions are (W, N * action_size). Discrete ones, and those of one robot, are flat already.
+        agents_as_rows: Whether a row is a robot.
+        autoreset_mode: `NEXT_STEP` (the step after the end resets), `SAME_STEP` or `DISABLED`, or the enum.
+        device: Warp device.
+        threads: CPU threads; all cores by default.
+        **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
+
+    Raises:
+        UnknownSettingError: a keyword that is neither of these nor a field; a `ValueError` and a `TypeError`.
+        ValueError: a setting that a rule forbids.
+    """
+
+    def __init__(
+        self,
+        scenario: str | Scenario = "experiment",
+        num_envs: int = 1,
+        *,
+        render_mode: str | None = None,
+        max_cycles: int | None = None,
+        discrete_actions: bool = False,
+        flat_actions: bool = False,
+        agents_as_rows: bool = False,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        device: Any = "cpu",
+        threads: int | None = None,
+        **overrides: Any,
+    ):
+        modes = {mode.name: mode for mode in AutoresetMode}
+        name = autoreset_mode.name if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
+        if not isinstance(name, str) or name not in modes:
+            raise ValueError(f"autoreset_mode must be one of {', '.join(modes)}, got {shown(autoreset_mode)}")
+        if render_mode is not None and not (isinstance(render_mode, str) and render_mode == "rgb_array"):
+            raise ValueError(f"render_mode must be None or rgb_array, got {shown(render_mode)}")
+        self.autoreset_mode = modes[name]
+        self.render_mode = render_mode
+        made = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
+        self.simulation = Simulation(made, num_envs, device=device, threads=threads)
+        self.scenario = self.simulation.scenario
+        rows_each = self.simulation.num_robots if agents_as_rows else 1
+        self.num_envs = num_envs * rows_each
+        self.metadata = {
+            "autoreset_mode": self.autoreset_mode,
+            "render_modes": ["rgb_array"],
+            "render_fps": LissajousParallelEnv.metadata["render_fps"],
+        }
+        self._table = action_table(self.scenario) if discrete_actions else None
+        if agents_as_rows:
+            layout = self.simulation.layout
+            self.single_observation_space = gymnasium.spaces.Box(layout.low, layout.high, dtype=np.float32)
+            self.single_action_space = action_space(self.scenario, discrete_actions)
+        else:
+            spaces = team_spaces(self.simulation, discrete_actions, flat_actions)
+            self.single_observation_space, self.single_action_space = spaces
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._rows_each, self._agents_as_rows = rows_each, agents_as_rows
+        self._ended = np.zeros(num_envs, dtype=bool)
+        self._begun = np.zeros(num_envs, dtype=bool)
+        self._gone = np.zeros(self.simulation.action_shape[:2], dtype=bool)
+        self._gallery: Any = None
+
+    def reset(
+        self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode in every world, or in those of `options["reset_mask"]`, bool (num_envs,).
+
+        A whole number as `seed` gives world k the seed + k; a list gives each world its own. Without one, a world's
+        first episode has a seed from the operating system, and each later one the next that the world draws from its
+        last.
+
+        Raises:
+            ValueError: a seed or a mask that is none, or a mask of some of a world's rows and not of all.
+        """
+        worlds = self._masked(options)
+        if isinstance(seed, (int, np.integer)):
+            self.simulation.reset(worlds, [fold_seed(int(seed) + int(k)) for k in worlds])
+        elif seed is not None:
+            if np.shape(seed) != self._begun.shape:
+                raise ValueError(
+                    f"seed must be a number or one for each of {len(self._begun)} worlds, got {shown(seed)}"
+                )
+            self.simulation.reset(worlds, [fold_seed(seed[k]) for k in worlds])
+        else:
+            first = worlds[~self._begun[worlds]]
+            if len(first):
+                self.simulation.reset(first, drawn_seeds(len(first)))
+            if len(first) < len(worlds):
+                self.simulation.reset(worlds[self._begun[worlds]])
+        self._ended[worlds], self._begun[worlds], self._gone[worlds] = False, True, False
+        return self._observed(), {}
+
+    def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Take a step in every world; worlds that ended are reset as `autoreset_mode` says.
+
+        Raises:
+            ResetNeeded: a world has not been reset yet.
+            ValueError: the actions have another shape, or discrete ones are not rows of the table.
+        """
+        if not self._begun.all():
+            raise ResetNeeded("step needs running episodes: call reset first, for every world")
+        sim = self.simulation
+        begins = self._ended & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
+        sim.step(self._of_robots(actions))
+        if begins.any():
+            # A world that ended stood still in the step above; what it returns is its new beginning.
+            sim.reset(begins)
+            self._gone[begins] = False
+        robot_reward, ended = sim.reward.numpy().copy(), sim.over
+        terminated, truncated = self._flags(ended)
+        invalid = np.repeat(sim.invalid.numpy() != 0, self._rows_each)
+        infos: dict[str, Any] = {"invalid": invalid, "_invalid": np.ones(self.num_envs, dtype=bool)}
+        if self._agents_as_rows:
+            reward = robot_reward.reshape(-1)
+        else:
+            reward = robot_reward.mean(axis=1)
+            infos["robot_reward"], infos["_robot_reward"] = robot_reward, infos["_invalid"]
+        newly = ended & ~self._ended
+        if newly.any():
+            infos["score"], infos["_score"] = self._scores(newly), np.repeat(newly, self._rows_each)
+        self._ended = ended.copy()
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            self._begin_again(newly, terminated | truncated, infos)
+        return self._observed(), reward, terminated, truncated, infos
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Draw every row's world: (H, W, 3) uint8 each, smaller the more there are, as `lissajous_env.render.Gallery`.
+
+        Rows of one world share its picture. None without a render mode.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn("render was called on an environment that was made without a render_mode")
+            return None
+        if self._gallery is None:
+            from lissajous_env.render import Gallery
+
+            self._gallery = Gallery(self.scenario, self.simulation.num_worlds)
+        pictures = self._gallery.draw(self.simulation)
+        return tuple(picture for picture in pictures for _ in range(self._rows_each))
+
+    def close_extras(self, **_: Any) -> None:
+        """Free what pictures were drawn on."""
+        self._gallery = None
+
+    def _masked(self, options: Any) -> np.ndarray:
+        """Indices of the worlds that the options of a reset ask for."""
+        if options is not None and not isinstance(options, Mapping):
+            raise ValueError(f"options must be a dict, got {shown(options)}")
+        mask = (options or {}).get("reset_mask")
+        if mask is None:
+            return np.arange(len(self._begun))
+        if np.shape(mask) != (self.num_envs,) or np.asarray(mask).dtype != bool:
+            raise ValueError(f"reset_mask must be bool of shape ({self.num_envs},), got {shown(mask)}")
+        of_worlds = np.asarray(mask).reshape(len(self._begun), self._rows_each)
+        if (of_worlds.any(axis=1) != of_worlds.all(axis=1)).any():
+            raise ValueError("reset_mask must hold all robots of a world or none: worlds begin anew as wholes")
+        return np.flatnonzero(of_worlds.all(axis=1))
+
+    def _of_robots(self, actions: Any) -> Any:
+        """Lay actions out as the simulation takes them, (W, N, action_size)."""
+        due, shape = self.simulation.action_shape, self.action_space.shape
+        if self._table is not None:
+            rows, last = np.asarray(actions), len(self._table) - 1
+            if rows.shape != shape or rows.dtype.kind not in "iu" or rows.min() < 0 or rows.max() > last:
+                rule = f"whole numbers from 0 to {last} of shape {shape}"
+                raise ValueError(f"actions must be {rule}, got {shown(actions)}")
+            return self._table[rows].reshape(due)
+        if isinstance(actions, np.ndarray) or not hasattr(actions, "reshape"):
+            actions = np.asarray(actions)
+            if actions.dtype.kind not in "fiu":
+                raise ValueError(f"actions must be numbers of shape {shape}, got {shown(actions)}")
+            if actions.dtype != np.float32:
+                actions = np.clip(actions, -1, 1).astype(np.float32)  # float32 could not hold all that is clipped
+        if shape == due:
+            return actions  # the simulation looks at their shape itself
+        if tuple(actions.shape) != shape:
+            raise ValueError(f"actions must have shape {shape}, got {tuple(actions.shape)}")
+        return actions.reshape(due)
+
+    def _flags(self, ended: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whether each row is terminated, and whether it is truncated."""
+        gone, late = self.simulation.terminated.numpy().astype(bool), self.simulation.truncated.numpy().astype(bool)
+        if not self._agents_as_rows:
+            terminated = gone.all(axis=1)
+            return terminated, late.any(axis=1) & ~terminated
+        terminated = gone & (~self._gone | ended[:, None])
+        self._gone = gone
+        return terminated.reshape(-1), (late & ~gone).reshape(-1)
+
+    def _scores(self, newly: np.ndarray) -> np.ndarray:
+        """(num_envs,) score rows of the worlds that have just ended, None elsewhere."""
+        scores = np.full(len(newly), None, dtype=object)
+        scores[newly] = self.simulation.score(newly)
+        return np.repeat(scores, self._rows_each)
+
+    def _begin_again(self, newly: np.ndarray, done: np.ndarray, infos: dict[str, Any]) -> None:
+        """Reset the worlds that have just ended, and keep in the infos what their rows, and others done, ended with."""
+        if not done.any():
+            return
+        last = self._observed()
+        self.simulation.reset(newly)
+        self._ended[:] = False
+        self._gone[newly] = False
+        final = np.full(self.num_envs, None, dtype=object)
+        for row in np.flatnonzero(done):
+            final[row] = last[row]
+        infos["final_obs"], infos["_final_obs"] = final, done
+        infos["final_info"] = {name: infos.pop(name) for name in ("score", "_score") if name in infos}
+        infos["_final_info"] = done
+
+    def _observed(self) -> np.ndarray:
+        host = self.simulation.observation.numpy().reshape(self.observation_space.shape)  # pyright: ignore
+        return host.copy() if self.simulation.device.is_cpu else host
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_gallery": None}
+
+
+def vector_env(scenario: str | Scenario = "experiment", num_envs: int = 1, **settings: Any) -> LissajousVectorEnv:
+    """Make the Gymnasium `VectorEnv` of a scenario; see `LissajousVectorEnv` for the settings."""
+    return LissajousVectorEnv(scenario, num_envs, **settings)

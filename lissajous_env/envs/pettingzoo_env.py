@@ -1,0 +1,251 @@
+"""The PettingZoo environment: one world, one agent for each robot."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+from pettingzoo import AECEnv, ParallelEnv
+from pettingzoo.utils import parallel_to_aec, wrappers
+
+from lissajous_env.envs.actions import ActionReader, action_space
+from lissajous_env.parameters import named
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import shown
+from lissajous_env.world.seeding import drawn_seeds
+from lissajous_env.world.simulation import Simulation, fold_seed
+
+
+class LissajousParallelEnv(ParallelEnv):
+    """Robots that monitor a rectangle and detect rogue targets, as a PettingZoo `ParallelEnv`.
+
+    The agents are `robot_0` ... and stay the same through an episode: a robot that a fault stops keeps observing, with
+    `works` at 0 and actions without effect. Only `task.on_collision` and `task.boundary`, where they are `remove`,
+    terminate agents. Every episode is truncated after `task.duration`. Without a seed the first episode is another one
+    each time. Observation rows are laid out in `lissajous_env.world.observation`; the reward of an agent is the sum
+    of the terms in its info under `reward_terms`, in the order of `lissajous_env.world.reward.TERMS`.
+
+    Args:
+        scenario: Name of a scenario, or one that was made.
+        render_mode: None, `rgb_array`, or `human` for a window.
+        discrete_actions: Whether actions are rows of `lissajous_env.envs.actions.action_table` instead of numbers.
+        max_cycles: Steps of an episode, at least 1, in place of `task.duration`.
+        device: Warp device.
+        **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
+
+    Raises:
+        UnknownSettingError: a keyword that is neither of these nor a field; a `ValueError` and a `TypeError`.
+        ValueError: a setting that a rule forbids.
+    """
+
+    metadata = {  # noqa: RUF012 - PettingZoo declares it so
+        "name": "lissajous_v0",
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": 10,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        scenario: str | Scenario = "experiment",
+        render_mode: str | None = None,
+        *,
+        discrete_actions: bool = False,
+        max_cycles: int | None = None,
+        device: Any = "cpu",
+        **overrides: Any,
+    ):
+        known = isinstance(render_mode, str) and render_mode in self.metadata["render_modes"]
+        if render_mode is not None and not known:
+            raise ValueError(f"render_mode must be None, rgb_array or human, got {shown(render_mode)}")
+        made = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
+        self.render_mode = render_mode
+        self.simulation = Simulation(made, num_worlds=1, device=device)
+        self.scenario = self.simulation.scenario
+        self.possible_agents = [f"robot_{i}" for i in range(self.scenario.num_robots)]
+        self.agents: list[str] = []
+        self._begun = False
+        layout = self.simulation.layout
+        self.observation_spaces = {
+            agent: gymnasium.spaces.Box(layout.low, layout.high, dtype=np.float32) for agent in self.possible_agents
+        }
+        self.action_spaces = {agent: action_space(self.scenario, discrete_actions) for agent in self.possible_agents}
+        self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (self._state_size(),), np.float32)
+        self._discrete_actions = discrete_actions
+        self._bind()
+
+    def observation_space(self, agent: str) -> gymnasium.spaces.Space:
+        """Return the observation space of an agent, always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> gymnasium.spaces.Space:
+        """Return the action space of an agent, always the same object."""
+        return self.action_spaces[agent]
+
+    def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
+        """Begin an episode: with the given seed, or with the next that the world draws from its last.
+
+        The seed of a first episode that is given none comes from the operating system; `score()["seed"]` tells it.
+        """
+        if seed is not None:
+            self.simulation.reset(seeds=[fold_seed(seed)])
+        elif not self._begun:
+            self.simulation.reset(seeds=drawn_seeds(1))
+        else:
+            self.simulation.reset()
+        self._begun = True
+        self.agents = list(self.possible_agents)
+        self._begin_rendering()
+        observations = dict(zip(self.agents, self._host(self._observation), strict=True))
+        terms = self._host(self._terms)
+        infos = {agent: {"reward_terms": row} for agent, row in zip(self.agents, terms, strict=True)}
+        return observations, infos
+
+    def step(self, actions: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
+        """Take one control step with an action for each live agent; numbers outside [-1, 1] are clipped.
+
+        Raises:
+            ResetNeeded: before the first reset, or after the end of an episode.
+            ValueError: an agent is missing or unknown, or an action is misshapen or not finite; nothing has moved.
+        """
+        agents = self.agents
+        if not agents:
+            raise ResetNeeded("step needs a running episode: call reset first")
+        if not isinstance(actions, Mapping):
+            raise ValueError(f"actions must be a dict of agents and their actions, got {shown(actions)}")
+        if len(actions) != len(agents):
+            self._refuse_agents(actions)
+        rows = self._action
+        if len(agents) < len(self.possible_agents):
+            rows[:] = 0.0
+        for agent in agents:
+            try:
+                action = actions[agent]
+            except KeyError:
+                self._refuse_agents(actions)
+                raise
+            self._reader.read(agent, action, rows[self._index[agent]])
+        self._reader.check(self.possible_agents, rows)
+        self._action_taken[0] = rows
+        self.simulation.step(self._action_taken)
+        observation, terms = self._host(self._observation), self._host(self._terms)
+        rewards, terminated = self._host(self._reward).tolist(), self._host(self._terminated).tolist()
+        truncated = self._host(self._truncated).tolist()
+        index = self._index
+        if len(agents) == len(index):
+            results = (
+                dict(zip(agents, observation, strict=True)),
+                dict(zip(agents, rewards, strict=True)),
+                dict(zip(agents, terminated, strict=True)),
+                dict(zip(agents, truncated, strict=True)),
+                {agent: {"reward_terms": row} for agent, row in zip(agents, terms, strict=True)},
+            )
+        else:
+            results = (
+                {agent: observation[index[agent]] for agent in agents},
+                {agent: rewards[index[agent]] for agent in agents},
+                {agent: terminated[index[agent]] for agent in agents},
+                {agent: truncated[index[agent]] for agent in agents},
+                {agent: {"reward_terms": terms[index[agent]]} for agent in agents},
+            )
+        if True in terminated or truncated[0]:
+            self.agents = [a for a in agents if not (terminated[index[a]] or truncated[index[a]])]
+        if self.render_mode == "human":
+            self.render()
+        return results
+
+    def score(self) -> dict[str, Any]:
+        """Score of the episode so far: the columns of `lissajous_env.world.score.COLUMNS`."""
+        return self.simulation.score()[0]
+
+    def state(self) -> np.ndarray:
+        """Return the true state of the world, for critics that may see it.
+
+        Per robot x / A, y / B, cos and sin of heading, speed, cos and sin of phase, works; per target slot
+        present and undetected, x / A, y / B; then the share of the episode that is over.
+        """
+        sim, curve = self.simulation, self.scenario.curve
+        size = np.array([curve.half_width, curve.half_height], dtype=np.float32)
+        robots, rogues = sim.robots, sim.rogues
+        heading, phase = robots.heading.numpy()[0], robots.phase.numpy()[0]
+        speed = robots.speed.numpy()[0] / sim.speed_scale
+        works = (robots.status.numpy()[0] == 0).astype(np.float32)
+        columns = [np.cos(heading), np.sin(heading), speed, np.cos(phase), np.sin(phase), works]
+        of_robots = np.column_stack([robots.position.numpy()[0, :, :2] / size, *columns])
+        waiting = (rogues.stage.numpy()[0] == 1).astype(np.float32)[:, None]
+        of_targets = np.hstack([waiting, waiting * rogues.position.numpy()[0] / size])
+        elapsed = sim.clock.step.numpy()[:1] / self.scenario.task.steps
+        return np.concatenate([of_robots.ravel(), of_targets.ravel(), elapsed]).astype(np.float32)
+
+    def render(self) -> np.ndarray | None:
+        """Draw the world: returns (H, W, 3) uint8 for `rgb_array`, shows it and returns None for `human`."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render was called on an environment that was made without a render_mode")
+            return None
+        if self._renderer is None:
+            from lissajous_env.render import Renderer
+
+            self._renderer = Renderer(self.scenario)
+        frame = self._renderer.draw(self.simulation)
+        if self.render_mode == "rgb_array":
+            return frame
+        self._renderer.show(self.metadata["render_fps"])
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _state_size(self) -> int:
+        return 8 * self.scenario.num_robots + 3 * self.scenario.target_capacity + 1
+
+    def _bind(self) -> None:
+        """Keep what a step needs at hand: on the CPU, views of the simulation's own memory."""
+        sim = self.simulation
+        self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
+        self._reader = ActionReader(self.scenario, self._discrete_actions)
+        self._action = np.zeros(sim.action_shape[1:])  # float64: what float32 cannot hold is clipped first
+        self._action_taken = np.zeros(sim.action_shape, dtype=np.float32)
+        of_device = (lambda array: array.numpy()) if sim.device.is_cpu else (lambda array: array)
+        self._observation, self._reward = of_device(sim.observation), of_device(sim.reward)
+        self._terminated, self._truncated = of_device(sim.terminated), of_device(sim.truncated)
+        self._terms = of_device(sim.reward_terms)
+        self._renderer = None
+
+    def _host(self, array: Any) -> np.ndarray:
+        """Return the one world of an array, copied to memory of the caller's own."""
+        return array[0].copy() if isinstance(array, np.ndarray) else array.numpy()[0]
+
+    def _begin_rendering(self) -> None:
+        if self._renderer is not None:
+            self._renderer.reset()
+        if self.render_mode == "human":
+            self.render()
+
+    def _refuse_agents(self, actions: dict[str, Any]) -> None:
+        missing = [agent for agent in self.agents if agent not in actions]
+        unknown = [agent for agent in actions if agent not in self.agents]
+        raise ValueError(f"actions must name each live agent once: missing {missing}, unknown or not live {unknown}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        bound = ("_observation", "_reward", "_terminated", "_truncated", "_terms", "_renderer", "_reader")
+        return {name: value for name, value in self.__dict__.items() if name not in bound}
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        self.__dict__.update(saved)
+        self._bind()
+
+
+def parallel_env(
+    scenario: str | Scenario = "experiment", render_mode: str | None = None, **settings: Any
+) -> LissajousParallelEnv:
+    """Make the PettingZoo `ParallelEnv` of a scenario; see `LissajousParallelEnv` for the settings."""
+    return LissajousParallelEnv(scenario, render_mode, **settings)
+
+
+def env(scenario: str | Scenario = "experiment", render_mode: str | None = None, **settings: Any) -> AECEnv:
+    """Make the same as an `AECEnv`, in which the agents act in turn."""
+    return wrappers.OrderEnforcingWrapper(parallel_to_aec(parallel_env(scenario, render_mode, **settings)))

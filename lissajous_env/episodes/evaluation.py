@@ -1,0 +1,135 @@
+"""Policies against scenarios: episodes that a policy plays to the end, as score rows.
+
+A policy whose actions are not numbers, or not finite, is stopped: what it scored would say nothing.
+"""
+
+import contextlib
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Protocol
+
+import numpy as np
+
+from lissajous_env.parameters import named
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.score import COLUMNS
+from lissajous_env.world.simulation import Simulation
+
+
+class ActingPolicy(Protocol):
+    """What an evaluation asks of a policy; `baselines.policies.base.Policy` says more."""
+
+    num_worlds: int
+
+    def reset(self, worlds: Any = None) -> None:
+        """Forget what was kept of some worlds, or of all."""
+
+    def act(self, observation: Any) -> Any:
+        """Actions (num_worlds, N, action_size) for observations (num_worlds, N, D)."""
+
+
+class InvalidActionError(ValueError):
+    """A policy's actions are misshapen or not finite."""
+
+
+class Referee:
+    """Lets a policy act in a simulation, and stops it where an action is not what it must be.
+
+    On a CPU every step is looked at; on a GPU, which would have to be waited for, one of `EVERY` and the last.
+
+    Args:
+        policy: What acts.
+        simulation: Where.
+    """
+
+    EVERY = 64
+
+    def __init__(self, policy: ActingPolicy, simulation: Simulation):
+        self.policy, self.simulation = policy, simulation
+        self.name = name_of(policy)
+        self._seen = simulation.invalid.numpy() if simulation.device.is_cpu else None
+        self._steps = 0
+
+    def step(self) -> None:
+        """Take a step of the simulation with the policy's actions.
+
+        Raises:
+            InvalidActionError: an action is misshapen or not finite; the message names policy, scenario, world, step.
+        """
+        self.simulation.step(self._checked(self.policy.act(self.simulation.observation)))
+        self._steps += 1
+        if self._seen is not None or self._steps % self.EVERY == 0:
+            self.check()
+
+    def check(self) -> None:
+        """Look for actions of the running episodes that were not finite.
+
+        Raises:
+            InvalidActionError: there was one.
+        """
+        seen = self.simulation.invalid.numpy() if self._seen is None else self._seen
+        if seen.any():
+            at = self.simulation.invalid_at.numpy()
+            world = min(np.flatnonzero(seen), key=lambda each: at[each])
+            seed = self.simulation.clock.seed.numpy()[world]
+            where = f"step {at[world]} of {self.simulation.scenario.name} in world {world} (seed {seed})"
+            raise InvalidActionError(f"policy {self.name} must return finite actions, got one that is not in {where}")
+
+    def _checked(self, action: Any) -> Any:
+        if isinstance(action, (list, tuple)):
+            with contextlib.suppress(ValueError):  # rows of different lengths
+                action = np.asarray(action)
+        wanted, shape = self.simulation.action_shape, getattr(action, "shape", None)
+        if shape is None or tuple(shape) != wanted:
+            got = type(action).__name__ if shape is None else tuple(shape)
+            raise InvalidActionError(f"policy {self.name} must return actions of shape {wanted}, got {got}")
+        if isinstance(action, np.ndarray) and action.dtype.kind not in "fiu":
+            raise InvalidActionError(f"policy {self.name} must return numbers, got an array of {action.dtype}")
+        return action
+
+
+def name_of(policy: ActingPolicy) -> str:
+    """Name of a policy, or of its class where it has none."""
+    return str(getattr(policy, "name", type(policy).__name__))
+
+
+def evaluate(
+    policy: ActingPolicy, scenario: str | Scenario, seeds: Iterable[int] = range(16), device: Any = "cpu"
+) -> list[dict[str, Any]]:
+    """Play one episode for each seed, `policy.num_worlds` at a time.
+
+    Returns:
+        A score row for each seed, in their order, with the columns of `lissajous_env.world.score.COLUMNS`.
+
+    Raises:
+        InvalidActionError: the policy returned actions that are misshapen or not finite (a ValueError).
+    """
+    return [row for rows in episodes(policy, scenario, seeds, device) for row in rows]
+
+
+def episodes(
+    policy: ActingPolicy,
+    scenario: str | Scenario,
+    seeds: Iterable[int],
+    device: Any = "cpu",
+    on_step: Callable[[Simulation], None] | None = None,
+) -> Iterator[list[dict[str, Any]]]:
+    """Yield the score rows of each batch of episodes when it has ended; `on_step` is called after each step."""
+    seeds = list(seeds)
+    simulation = Simulation(named.scenario(scenario), policy.num_worlds, device=device)
+    referee = Referee(policy, simulation)
+    for first in range(0, len(seeds), policy.num_worlds):
+        batch = seeds[first : first + policy.num_worlds]
+        # A last batch that is not full plays its last seed in the worlds left over; their rows are dropped.
+        padded = batch + batch[-1:] * (policy.num_worlds - len(batch))
+        policy.reset()
+        simulation.reset(seeds=padded)
+        for _ in range(simulation.scenario.task.steps):
+            referee.step()
+            if on_step is not None:
+                on_step(simulation)
+        referee.check()
+        rows = simulation.score(np.arange(len(batch)))
+        yield [
+            {column: ({"policy": referee.name, "episode": first + k} | row)[column] for column in COLUMNS}
+            for k, row in enumerate(rows)
+        ]

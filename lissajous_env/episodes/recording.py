@@ -1,0 +1,312 @@
+"""Recordings: an episode as arrays, to keep in a file, look at again, and turn into pictures."""
+
+import dataclasses
+import json
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from lissajous_env.episodes import archive
+from lissajous_env.episodes.evaluation import ActingPolicy, Referee
+from lissajous_env.parameters import named
+from lissajous_env.parameters.scenario import PARTS, Scenario
+from lissajous_env.render import Renderer, Snapshot, film
+from lissajous_env.storage.files import replacing
+from lissajous_env.world.simulation import Simulation, fold_seed
+from lissajous_env.world.state import NEVER
+
+FORMAT = "lissajous recording 1"
+"""Written into every file; one with another is refused."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One episode. F = steps + 1 moments from the reset on, N robots, T target slots, R rows and C columns."""
+
+    scenario: Scenario
+    """What was played."""
+    score: dict[str, Any]
+    """Score row of the episode: the columns of `lissajous_env.world.score.COLUMNS`."""
+    position: np.ndarray
+    """(F, N, 3) float32 x, y, z of the robots [m]."""
+    heading: np.ndarray
+    """(F, N) float32 headings [rad]."""
+    speed: np.ndarray
+    """(F, N) float32 speeds over the ground [m/s]."""
+    phase: np.ndarray
+    """(F, N) float64 theta of (1) in [0, 2 pi) [rad]."""
+    status: np.ndarray
+    """(F, N) int8 WORKING, STUCK or REMOVED of `lissajous_env.world.state`."""
+    target_position: np.ndarray
+    """(F, T, 2) float32 x, y of the targets [m]; before one appears, where it will."""
+    motion: np.ndarray
+    """(T,) int32 STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets`."""
+    appears_at: np.ndarray
+    """(T,) int32 step in which a target appears."""
+    found_at: np.ndarray
+    """(T,) int32 step in which it was detected; NEVER of `lissajous_env.world.state` where it was not."""
+    sensed_at: np.ndarray
+    """(F, R, C) int32 step in which a cell was last sensed; the lowest row comes first."""
+    contact: np.ndarray
+    """(M, 3) int32 moment and two robots that have collided and not yet parted."""
+    collisions: np.ndarray
+    """(F,) int32 collisions so far."""
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    @property
+    def duration(self) -> float:
+        """Time from the reset to the last moment [s]."""
+        return (len(self) - 1) * self.scenario.task.step
+
+    def snapshot(self, moment: int) -> Snapshot:
+        """Return the world after a number of steps, with the robots' whole way there as its trail."""
+        return Snapshot(
+            step=moment,
+            world=0,
+            seed=int(self.score["seed"]),
+            position=self.position[moment],
+            heading=self.heading[moment],
+            status=self.status[moment],
+            target_position=self.target_position[moment],
+            motion=self.motion,
+            appears_at=self.appears_at,
+            found_at=self.found_at,
+            sensed_at=self.sensed_at[moment],
+            contact=self.contact[self.contact[:, 0] == moment, 1:],
+            collisions=int(self.collisions[moment]),
+            trail=(np.arange(moment + 1), self.position[: moment + 1, :, :2]),
+        )
+
+    def frames(self, renderer: Renderer | None = None, every: int = 1) -> Iterator[np.ndarray]:
+        """Draw every moment, or every so manieth: pictures (H, W, 3) uint8."""
+        renderer = renderer or Renderer(self.scenario)
+        for moment in range(0, len(self), every):
+            yield renderer.draw(self.snapshot(moment))
+
+    def save(self, path: str | Path) -> None:
+        """Write a compressed .npz file that `load` reads: under a temporary name first, then renamed.
+
+        Raises:
+            ValueError: the arrays hold more than a gibibyte.
+        """
+        about = {"format": FORMAT, "scenario": self.scenario.resolve().to_dict(), "score": self.score}
+        arrays = {name: getattr(self, name).astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
+        _check_size(sum(array.nbytes for array in arrays.values()))
+        with replacing(path) as temporary, open(temporary, "wb") as file:
+            np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
+
+    def save_gif(
+        self,
+        path: str | Path,
+        *,
+        fps: float = 10.0,
+        speed: float = 1.0,
+        size: Sequence[int] | None = None,
+        on_frame: Callable[[], None] | None = None,
+    ) -> int:
+        """Write an animated GIF and return how many pictures it has; see `lissajous_env.render.film.save_gif`."""
+        return film.save_gif(self, path, fps=fps, speed=speed, size=size, on_frame=on_frame)
+
+    def save_png(
+        self,
+        path: str | Path,
+        at: Sequence[float] | None = None,
+        *,
+        columns: int | None = None,
+        size: Sequence[int] | None = None,
+    ) -> None:
+        """Write a contact sheet of pictures at some times [s]; see `lissajous_env.render.film.save_png`."""
+        film.save_png(self, path, at, columns=columns, size=size)
+
+
+_SINGLE, _COUNT = np.dtype(np.float32), np.dtype(np.int32)
+_OTHERS = {"phase": np.dtype(np.float64), "status": np.dtype(np.int8)}
+_COUNTS = ("motion", "appears_at", "found_at", "sensed_at", "contact", "collisions")
+
+ARRAYS = {
+    field.name: _OTHERS.get(field.name, _COUNT if field.name in _COUNTS else _SINGLE)
+    for field in dataclasses.fields(Recording)
+    if field.type is np.ndarray
+}
+"""The arrays of a recording, and their types."""
+
+_FIXED = ("motion", "appears_at", "found_at")
+"""Those that do not change from moment to moment, or whose last state tells all."""
+
+
+_PLAIN = (str, int, float, type(None))
+"""Types of what a score row may hold; a bool is an int."""
+
+
+class Recorder:
+    """Keeps the moments of one world of a simulation: `take` one after the reset and one after every step."""
+
+    def __init__(self, simulation: Simulation, world: int = 0):
+        self.simulation, self.world = simulation, world
+        self._moments: dict[str, list[np.ndarray]] = {name: [] for name in ARRAYS if name not in (*_FIXED, "contact")}
+        self._contact: list[np.ndarray] = []
+        self._last: Snapshot | None = None
+        self._bytes = 0
+
+    def take(self) -> None:
+        """Keep the world as it is now.
+
+        Raises:
+            ValueError: this is not one step after the moment before, or the first is not the beginning; or the
+                recording would hold more than a gibibyte.
+        """
+        now, robots = Snapshot.of(self.simulation, self.world), self.simulation.robots
+        due = 0 if self._last is None else self._last.step + 1
+        if now.step != due:
+            raise ValueError(f"a recording must take every step once: step {due} is due, got {now.step}")
+        both = {"speed": robots.speed.numpy()[self.world], "phase": robots.phase.numpy()[self.world]}
+        for name, kept in self._moments.items():
+            kept.append(np.array(both[name] if name in both else getattr(now, name)))
+        self._contact.append(np.insert(now.contact, 0, now.step, axis=1).astype(np.int32))
+        self._bytes += sum(kept[-1].nbytes for kept in (*self._moments.values(), self._contact))
+        _check_size(self._bytes)
+        self._last = now
+
+    def recording(self, policy: str = "") -> Recording:
+        """Make the recording of what was taken so far, with the score of now and the name of who played."""
+        if self._last is None:
+            raise ValueError("a recording must hold at least one moment, got none")
+        arrays = {name: np.stack(kept) for name, kept in self._moments.items()}
+        arrays |= {name: getattr(self._last, name) for name in _FIXED}
+        arrays["contact"] = np.concatenate(self._contact)
+        arrays = {name: arrays[name].astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
+        score = {"policy": policy, "episode": 0} | self.simulation.score([self.world])[0]
+        return Recording(scenario=self.simulation.scenario, score=score, **arrays)
+
+
+def record(
+    policy: ActingPolicy,
+    scenario: str | Scenario,
+    seed: int = 0,
+    device: Any = "cpu",
+    on_step: Callable[[], None] | None = None,
+) -> Recording:
+    """Play one episode and record it; of a policy for a batch of worlds, its first world.
+
+    Args:
+        policy: What acts, as in `lissajous_env.evaluate`.
+        scenario: Name of a scenario, or one that was made.
+        seed: Seed of the episode.
+        device: Warp device.
+        on_step: Called after each step.
+
+    Raises:
+        InvalidActionError: the policy returned actions that are misshapen or not finite (a ValueError).
+    """
+    simulation = Simulation(named.scenario(scenario), policy.num_worlds, device=device)
+    referee = Referee(policy, simulation)
+    policy.reset()
+    simulation.reset(seeds=[fold_seed(seed)] * policy.num_worlds)
+    recorder = Recorder(simulation)
+    recorder.take()
+    while not simulation.over[0]:
+        referee.step()
+        recorder.take()
+        if on_step is not None:
+            on_step()
+    referee.check()
+    return recorder.recording(referee.name)
+
+
+def load(path: str | Path) -> Recording:
+    """Read a recording that `Recording.save` wrote; nothing is unpickled.
+
+    Raises:
+        ValueError: the file is damaged or something else; the message names it.
+        OSError: the file cannot be read.
+    """
+    with open(path, "rb") as file:
+        try:
+            return _loaded(file)
+        except Exception as error:  # bytes that are not what they should be make the readers raise almost anything
+            raise ValueError(f"{path} must be an undamaged recording (.npz), but {_reason(error)}") from error
+
+
+def _loaded(file: BinaryIO) -> Recording:
+    with zipfile.ZipFile(file) as stored:
+        about = archive.read_json(stored, "about")
+        if not isinstance(about, dict) or about.get("format") != FORMAT:
+            raise ValueError(f"its format is not {FORMAT!r}")
+        scenario = _scenario(about["scenario"])
+        recording = Recording(scenario=scenario, score=about["score"], **archive.read_arrays(stored, ARRAYS))
+    _check(recording)
+    return recording
+
+
+def _scenario(saved: dict[str, Any]) -> Scenario:
+    """Make the scenario of a recording.
+
+    Raises:
+        ValueError: a rule forbids it, or what is derived from other fields is not filled in.
+    """
+    parts: dict[str, Any] = {name: part(**saved.pop(name)) for name, part in PARTS.items()}
+    derived = {"robot": ("count", "phase_rate_max"), "formation": ("p", "alpha", "ring"), "sensing": ("radius",)}
+    for part, fields in derived.items():
+        for field in fields:
+            if getattr(parts[part], field) is None:
+                raise ValueError(f"its {part}.{field} must be given")
+    words = {name: saved.pop(name) for name in ("name", "description")}
+    if saved or not all(isinstance(text, str) for text in words.values()):
+        raise ValueError("its scenario must hold a name, a description and the parts")
+    return Scenario(**words, **parts)
+
+
+def play(recording: Recording, *, speed: float = 1.0, size: Sequence[int] | None = None) -> None:
+    """Show a recording in a window: space pauses, left and right step, escape quits; see `film.play`."""
+    film.play(recording, speed=speed, size=size)
+
+
+def _check(recording: Recording) -> None:
+    """Refuse arrays that do not fit the scenario or each other."""
+    f, n, t = len(recording.position), recording.scenario.num_robots, len(recording.motion)
+    latest = int(NEVER)
+    columns, rows = recording.scenario.task.grid or (1, 1)
+    of_robots, of_targets = (f, n), (t,)
+    shapes = dict.fromkeys(("heading", "speed", "phase", "status"), of_robots) | dict.fromkeys(_FIXED, of_targets)
+    shapes |= {"position": (f, n, 3), "target_position": (f, t, 2), "sensed_at": (f, rows, columns)}
+    shapes |= {"contact": (len(recording.contact), 3), "collisions": (f,)}
+    for name, shape in shapes.items():
+        array = getattr(recording, name)
+        if array.shape != shape or f == 0:
+            raise ValueError(f"its {name} must have shape {shape}, got {array.shape}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"its {name} must hold finite numbers")
+        if array.dtype.kind == "i" and array.size and not -latest <= array.min() <= array.max() <= latest:
+            raise ValueError(f"its {name} must hold numbers from {-latest} to {latest}")
+    contact = recording.contact
+    if (contact < 0).any() or (contact >= [f, n, n]).any():
+        raise ValueError("its contact must hold moments and robots that are there")
+    if f > recording.scenario.task.steps + 1:
+        raise ValueError(
+            f"its moments must be at most the {recording.scenario.task.steps} steps and the reset, got {f}"
+        )
+    score = recording.score
+    if not isinstance(score, dict) or not all(isinstance(value, _PLAIN) for value in score.values()):
+        raise ValueError("its score must hold numbers and words by name")
+    seed = score.get("seed")
+    if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**31:
+        raise ValueError("its score must hold the seed, a whole number from 0 to 2147483647")
+
+
+def _check_size(size: int) -> None:
+    if size > archive.MOST_BYTES:
+        raise ValueError(
+            f"a recording must hold at most {archive.MOST_BYTES:,} bytes: take a coarser task.grid, fewer targets or a "
+            "shorter task.duration"
+        )
+
+
+def _reason(error: Exception) -> str:
+    first_line = str(error).partition("\n")[0]
+    return f"it lacks {error.args[0]}" if isinstance(error, KeyError) else first_line or type(error).__name__

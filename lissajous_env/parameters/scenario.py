@@ -1,0 +1,207 @@
+"""A scenario: what is fixed during an episode, as frozen dataclasses that are checked once, at construction.
+
+Units are SI, angles radians. Fields that are None by default are derived from others; `Scenario.resolve` fills them in.
+"""
+
+import dataclasses
+import hashlib
+import json
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from lissajous_env.parameters.parts import MOST_TARGETS, Curve, Faults, Formation, Noise, Robot, Sensing, Targets, Task
+from lissajous_env.theory import closed_forms
+
+__all__ = ["PARTS", "Curve", "Faults", "Formation", "Noise", "Robot", "Scenario", "Sensing", "Targets", "Task"]
+
+PARTS = {part.__name__.lower(): part for part in (Curve, Formation, Robot, Sensing, Targets, Faults, Noise, Task)}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Everything that is fixed during an episode. The parts are checked on their own, then together here."""
+
+    name: str = "custom"
+    description: str = ""
+    curve: Curve = field(default_factory=Curve)
+    formation: Formation = field(default_factory=Formation)
+    robot: Robot = field(default_factory=Robot)
+    sensing: Sensing = field(default_factory=Sensing)
+    targets: Targets = field(default_factory=Targets)
+    faults: Faults = field(default_factory=Faults)
+    noise: Noise = field(default_factory=Noise)
+    task: Task = field(default_factory=Task)
+
+    def __post_init__(self) -> None:
+        for name, part in PARTS.items():
+            if not isinstance(getattr(self, name), part):
+                raise ValueError(f"{name} must be a {part.__name__}, got {getattr(self, name)!r}")
+        for name in ("name", "description"):
+            if not isinstance(getattr(self, name), str):
+                raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
+        self._check_robots()
+        self._check_times()
+        if self.robot.kind == "car":
+            self._check_cars()
+        if self.target_capacity > MOST_TARGETS:
+            rule = f"must bring at most {MOST_TARGETS} targets an episode, with those of the start and six deviations"
+            raise ValueError(f"targets.arrival_rate {rule} [1/s], got {self.targets.arrival_rate}")
+
+    def _check_robots(self) -> None:
+        n = self.num_robots
+        if n > 1024:
+            raise ValueError(f"robot.count must be given, from 1 to 1024, where a + b is {n}, got None")
+        named = [
+            ("formation.ring", self.formation.ring or ()),
+            ("formation.displaced", [robot for robot, _ in self.formation.displaced]),
+            ("faults.schedule", [robot for robot, _, _ in self.faults.schedule]),
+            ("faults.removed", [robot for robot, _ in self.faults.removed]),
+        ]
+        for name, robots in named:
+            if any(robot >= n for robot in robots):
+                raise ValueError(f"{name} must name robots 0 to {n - 1}, got {tuple(robots)}")
+        ring = self.formation.ring
+        if ring is not None and sorted(ring) != list(range(n)):
+            raise ValueError(f"formation.ring must hold each of the {n} robots once, got {ring}")
+        if self.faults.lost > n:
+            raise ValueError(f"faults.lost must be at most the {n} robots, got {self.faults.lost}")
+
+    def _check_times(self) -> None:
+        """What is rounded to steps must not vanish."""
+        step = self.task.step
+        for fault in self.faults.schedule:
+            if fault[2] < math.inf and round(fault[2] / step) == round(fault[1] / step):
+                rule = f"must hold faults that cover a step of {step:g} s at least, both ends rounded to steps [s]"
+                raise ValueError(f"faults.schedule {rule}, got {fault}")
+        delay = self.noise.message_delay
+        if delay > 0 and not 1 <= round(delay / step) <= 1000:
+            raise ValueError(f"noise.message_delay must be 0 or from 1 to 1000 steps of {step:g} s [s], got {delay}")
+
+    def _check_cars(self) -> None:
+        """What a car's motion needs to be finite: its equations are integrated in float32 by a method of order four."""
+        robot, h = self.robot, self.task.step / self.task.substeps
+        if self.curve.half_depth > 0:
+            raise ValueError(f"curve.half_depth must be 0 for cars [m], got {self.curve.half_depth}")
+        if robot.drag * h > 2.5:
+            rule = f"must be at most {2.5 / h:g} with integration steps of {h:g} s, for these to be stable [1/s]"
+            raise ValueError(f"robot.drag {rule}, got {robot.drag}")
+        at_start = self.formation.phase_rate * math.hypot(
+            self.curve.half_width * self.curve.a, self.curve.half_height * self.curve.b
+        )
+        if at_start > 1e5:
+            rule = "must keep cars on the curve below 100000 m/s [rad/s]"
+            raise ValueError(f"formation.phase_rate {rule}, got {self.formation.phase_rate}")
+        # A car's own constants lie at most three deviations from those of the scenario.
+        drive = robot.drive * (1 + 3 * self.noise.drive_spread)
+        fastest = max(at_start, (drive * robot.throttle_max - robot.offset) / robot.drag)
+        shortest = robot.wheelbase * (1 - 3 * self.noise.wheelbase_spread)
+        turn = fastest * h * math.tan(robot.steering_max) / shortest
+        if turn > 1e4:
+            rule = (
+                f"must keep a car's turn in an integration step below 10000 rad, at {fastest:g} m/s and full steering"
+            )
+            raise ValueError(f"robot.wheelbase {rule} [m], got {robot.wheelbase}")
+
+    @cached_property
+    def num_robots(self) -> int:
+        """N, a + b where `robot.count` does not say."""
+        return self.curve.a + self.curve.b if self.robot.count is None else int(self.robot.count)
+
+    @cached_property
+    def p(self) -> int:
+        """p of the equilibrium (2)."""
+        return closed_forms.default_p(self.num_robots) if self.formation.p is None else self.formation.p
+
+    @cached_property
+    def alpha(self) -> int:
+        """alpha of Lemma 2, in gamma = alpha theta."""
+        if self.formation.alpha is not None:
+            return self.formation.alpha
+        return closed_forms.default_alpha(self.curve, self.num_robots, self.p)
+
+    @cached_property
+    def clusters(self) -> int:
+        """kappa, how many robots share a place on the curve in the equilibrium (Lemma 1)."""
+        return closed_forms.cluster_size(self.num_robots, self.p, self.alpha)
+
+    @cached_property
+    def ring(self) -> tuple[int, ...]:
+        """Robots in the order of the communication ring."""
+        return self.formation.ring or tuple(range(self.num_robots))
+
+    @cached_property
+    def neighbours(self) -> np.ndarray:
+        """(N, 2) the robots before and after each one on the ring, -1 for none (N < 3)."""
+        n, ring = self.num_robots, self.ring
+        table = np.full((n, 2), -1, dtype=np.int32)
+        for place, robot in enumerate(ring):
+            if n > 2:
+                table[robot] = ring[place - 1], ring[(place + 1) % n]
+            elif n == 2:
+                table[robot, 0] = ring[1 - place]
+        return table
+
+    @cached_property
+    def equilibrium(self) -> np.ndarray:
+        """(N,) phases of the equilibrium (2) with theta_0 = 0 [rad]."""
+        return closed_forms.equilibrium_phases(self.num_robots, self.p, self.ring)
+
+    @cached_property
+    def robot_radius_bound(self) -> float:
+        """r_max of (6) [m]."""
+        return closed_forms.robot_radius_bound(self.curve, self.num_robots)
+
+    @cached_property
+    def coverage_radius(self) -> float:
+        """Sensing radius of (7) [m]."""
+        return closed_forms.coverage_radius(self.curve)
+
+    @cached_property
+    def detection_radius(self) -> float:
+        """Sensing radius of (8) [m]."""
+        return closed_forms.detection_radius(self.curve, self.num_robots, self.clusters)
+
+    @property
+    def sensing_radius(self) -> float:
+        """r_s, the smallest by (8) where `sensing.radius` does not say [m]."""
+        return self.detection_radius if self.sensing.radius is None else self.sensing.radius
+
+    @cached_property
+    def detection_time_bound(self) -> float:
+        """T_max [s]."""
+        return closed_forms.detection_time_bound(self.formation.phase_rate, self.num_robots, self.clusters)
+
+    @cached_property
+    def target_capacity(self) -> int:
+        """Most targets of one episode: those of the start, and arrivals up to six deviations above the mean."""
+        mean = self.targets.arrival_rate * self.task.duration
+        arrivals = math.ceil(mean + 6 * math.sqrt(mean))
+        return self.targets.count + arrivals
+
+    @property
+    def action_size(self) -> int:
+        """Components of a robot's action: phase rate, or steering and throttle."""
+        return 1 if self.robot.kind == "curve" else 2
+
+    def resolve(self) -> "Scenario":
+        """Return the same scenario with every derived field filled in; changes nothing in how it runs."""
+        rate_max = self.robot.phase_rate_max
+        if rate_max is None:
+            rate_max = self.formation.phase_rate / self.alpha + 2 * self.formation.coupling
+        offset = self.robot.offset if self.robot.model_offset is None else self.robot.model_offset
+        robot = dataclasses.replace(self.robot, count=self.num_robots, phase_rate_max=rate_max, model_offset=offset)
+        formation = dataclasses.replace(self.formation, p=self.p, alpha=self.alpha, ring=self.ring)
+        sensing = dataclasses.replace(self.sensing, radius=self.sensing_radius)
+        return dataclasses.replace(self, robot=robot, formation=formation, sensing=sensing)
+
+    def to_dict(self) -> dict:
+        """Nested plain values, as written beside results."""
+        return dataclasses.asdict(self)
+
+    def digest(self) -> str:
+        """Hash of all numbers of the scenario, name and description left out."""
+        numbers = {name: value for name, value in self.to_dict().items() if name in PARTS}
+        return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]

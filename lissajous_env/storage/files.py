@@ -1,0 +1,232 @@
+"""Files: written so that a kill at any moment is survived and no file of a user is hit, and read strictly.
+
+A file is replaced as a whole; a link is replaced too, never followed. What only grows is a
+`lissajous_env.storage.journal`; files that belong together are kept in a `lissajous_env.storage.folder`.
+"""
+
+import contextlib
+import errno
+import json
+import math
+import os
+import secrets
+import stat
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+LARGEST_JSON = 1 << 26
+"""Size up to which JSON is read [bytes]."""
+_DEEPEST = 100
+_WITHOUT_LINKS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+"""A link is not followed, and a pipe not waited for."""
+_PLAIN = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+
+
+def read_json(path: str | Path, largest: int = LARGEST_JSON) -> Any:
+    """Read a JSON file as `parse_json` does.
+
+    Raises:
+        ValueError: it is missing, a link, larger than `largest` [bytes], or not strictly JSON; the message names it.
+    """
+    return parse_json(read_bytes(path, largest), path)
+
+
+def parse_json(text: bytes | str, source: str | Path) -> Any:
+    """Read JSON strictly: what it holds can be written again, and counted with.
+
+    Args:
+        text: What is read, in UTF-8.
+        source: Where it stands, for the message.
+
+    Raises:
+        ValueError: no JSON, NaN or infinity, a number beyond a float, a name twice in an object, or more than 100
+            objects and lists inside each other.
+    """
+    try:
+        text = text.decode() if isinstance(text, bytes) else text
+        found = json.loads(
+            text, parse_constant=_number, parse_float=_number, parse_int=_whole, object_pairs_hook=_named_once
+        )
+        if _depth(found) > _DEEPEST:
+            raise RecursionError
+    except RecursionError:
+        raise ValueError(f"{source} is damaged: it must nest at most {_DEEPEST} levels, and nests more") from None
+    except ValueError as error:
+        raise ValueError(f"{source} is damaged: {error}") from None
+    return found
+
+
+def read_bytes(path: str | Path, largest: int) -> bytes:
+    """Read a file that is no link.
+
+    Raises:
+        ValueError: it is missing, no plain file, or larger than `largest` [bytes]; the message names it.
+    """
+    path = Path(path)
+    try:
+        descriptor = open_plainly(path, os.O_RDONLY)
+    except FileNotFoundError:
+        raise ValueError(f"{path} is missing") from None
+    except OSError as error:
+        raise ValueError(f"{path} must be a file that can be read: {error.strerror}") from None
+    with open(descriptor, "rb") as file:
+        size = os.fstat(descriptor).st_size
+        if size > largest:
+            raise ValueError(f"{path} must be at most {largest:,} bytes, got {size:,}")
+        return file.read()
+
+
+def open_plainly(path: Path, flags: int) -> int:
+    """Open a file by its descriptor, which must be a file of its own and no link to another.
+
+    Raises:
+        ValueError: a symbolic link, a folder, a pipe; to write to, a file that has a second name too.
+        OSError: it cannot be opened.
+    """
+    wrong = f"{path} must be a plain file, got a"
+    if path.is_symlink():
+        raise ValueError(f"{wrong} link to {os.readlink(path)}")
+    try:
+        descriptor = os.open(path, flags | _PLAIN | _WITHOUT_LINKS, 0o666)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO) or path.is_dir():
+            raise ValueError(f"{wrong} folder, link or pipe") from None
+        raise
+    about = os.fstat(descriptor)
+    written = flags & (os.O_WRONLY | os.O_RDWR)
+    if not stat.S_ISREG(about.st_mode) or (written and about.st_nlink > 1):
+        os.close(descriptor)
+        raise ValueError(f"{wrong} {'hard link' if stat.S_ISREG(about.st_mode) else 'folder or pipe'}")
+    return descriptor
+
+
+def check_writable_file(path: str | Path, name: str = "out") -> None:
+    """Refuse a file that cannot be written, before any work is done for it.
+
+    Args:
+        path: The file.
+        name: What the message calls it.
+
+    Raises:
+        ValueError: a folder of that name, no folder to put it in, or one that cannot be written to.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise ValueError(f"{name} must be a file, got the folder {path}")
+    if not path.absolute().parent.is_dir():
+        raise ValueError(f"{name} must be in a folder that is there, got {path}")
+    # Rights alone do not tell: a folder may be on a disk that is full or for reading only.
+    tried = _temporary(path)
+    try:
+        os.close(os.open(tried, os.O_CREAT | os.O_EXCL | os.O_WRONLY | _PLAIN, 0o600))
+        tried.unlink()
+    except OSError as error:
+        raise ValueError(f"{name} must be in a folder that can be written to, got {path}: {error.strerror}") from None
+
+
+def write_atomically(path: str | Path, data: str | bytes) -> None:
+    """Write a file under a temporary name in its folder, flush it to the disk, then rename it into place."""
+    with replacing(path) as temporary:
+        write_into(temporary, data)
+
+
+@contextlib.contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path` to write to; it takes the place of `path` if the block ends well.
+
+    The temporary file is empty and new, no other file is hit. Its name ends in the same suffix, so that libraries which
+    choose a format by it work.
+    """
+    with moved_into_place(_temporary(Path(path)), Path(path)) as temporary:
+        yield temporary
+
+
+@contextlib.contextmanager
+def moved_into_place(temporary: Path, path: Path) -> Iterator[Path]:
+    """Make and yield a temporary file on the disk of `path`; it takes the place of `path` if the block ends well.
+
+    Raises:
+        OSError: it cannot be written; the message names `path`.
+    """
+    try:
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | _PLAIN, 0o666))
+        try:
+            yield temporary
+            # Windows flushes only what was opened for writing.
+            descriptor = os.open(temporary, os.O_RDWR | _PLAIN)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+        sync_folder(path.parent)
+    except OSError as error:
+        if error.filename in (None, temporary, str(temporary)):
+            raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+        raise
+
+
+def write_into(temporary: Path, data: str | bytes) -> None:
+    """Write to a temporary file that is there."""
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_TRUNC | _PLAIN)
+    try:
+        write_all(descriptor, data.encode() if isinstance(data, str) else data)
+    finally:
+        os.close(descriptor)
+
+
+def write_all(descriptor: int, data: bytes) -> None:
+    """Write bytes to an open file, all of them."""
+    left = memoryview(data)
+    while left:
+        left = left[os.write(descriptor, left) :]
+
+
+def sync_folder(folder: Path) -> None:
+    """Flush a folder's list of names, where the system knows how to."""
+    if os.name != "nt":
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _temporary(path: Path) -> Path:
+    return path.with_name(f".lissajous-{secrets.token_hex(8)}{path.suffix}")
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"it must hold finite numbers alone, got {text[:20]}")
+    return value
+
+
+def _whole(text: str) -> int:
+    _number(text)
+    return int(text)
+
+
+def _named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
+        raise ValueError(f"it must name each entry once, got {twice[:40]!r} twice")
+    return found
+
+
+def _depth(found: Any) -> int:
+    """Objects and lists inside each other."""
+    deepest, waiting = 0, [(found, 1)]
+    while waiting:
+        value, depth = waiting.pop()
+        if isinstance(value, (dict, list)):
+            deepest = max(deepest, depth)
+            waiting += [(each, depth + 1) for each in (value.values() if isinstance(value, dict) else value)]
+    return deepest

@@ -1,0 +1,267 @@
+"""Closed forms of the paper, in float64 NumPy: equations (1), (2), (4)-(10), Theorems 1 and 2, Lemmas 1 and 2.
+
+M. Boldrer, L. Lyons, L. Palopoli, D. Fontanelli, L. Ferranti, "Time-inverted Kuramoto Model Meets Lissajous Curves:
+Multi-Robot Persistent Monitoring and Target Detection". Equation numbers refer to it. What has no closed form is
+measured in `lissajous_env.theory.geometry`.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from lissajous_env.parameters.scenario import Curve
+
+
+# Radii and times of the formation: which curve, how many robots, which sensor.
+
+
+def robot_radius_bound(curve: "Curve", num_robots: int) -> float:
+    """r_max = sin(pi / N) A B / sqrt(A^2 a^2 + B^2 b^2) [m], equation (6): robots below it never touch in formation.
+
+    A sufficient bound; half of the smallest distance ever seen is about 1.5 times as large (pi / 2 for large a, b).
+    """
+    A, B = curve.half_width, curve.half_height
+    return math.sin(math.pi / num_robots) * A * B / math.hypot(A * curve.a, B * curve.b)
+
+
+def coverage_radius(curve: "Curve") -> float:
+    """r_s > max(B sin(pi / 2a), A sin(pi / 2b)) [m], equation (7): one lap of one robot senses every point.
+
+    Differs from the paper: the text above (7) swaps the two denominators; the formula is the one that holds.
+    """
+    along_y = curve.half_height * math.sin(math.pi / (2 * curve.a))
+    along_x = curve.half_width * math.sin(math.pi / (2 * curve.b))
+    return max(along_y, along_x)
+
+
+def detection_radius(curve: "Curve", num_robots: int, clusters: int = 1) -> float:
+    """r_s >= sin(pi / (N / kappa)) sqrt(A^2 + B^2) [m], equation (8): sensing discs of ring neighbours always overlap.
+
+    Differs from the paper: where all robots share one place (N = kappa) there is no neighbour and the formula gives 0;
+    it is the half diagonal then, as for two places, with which a lap senses every point.
+    """
+    places = max(num_robots / clusters, 2)
+    return math.sin(math.pi / places) * math.hypot(curve.half_width, curve.half_height)
+
+
+def detection_time_bound(phase_rate: float, num_robots: int, clusters: int = 1) -> float:
+    """T_max = (2 pi / omega) / (N / kappa) [s], below equation (8)."""
+    return 2 * math.pi / phase_rate * clusters / num_robots
+
+
+def robot_radius_limit(half_width: float, half_height: float, num_robots: int) -> float:
+    """No curve with a + b = N lets (6) allow more than sin(pi / N) sqrt(A^2 + B^2) / N [m].
+
+    This is (6) where A^2 a^2 + B^2 b^2 is least, at a / b = B^2 / A^2.
+    """
+    return math.sin(math.pi / num_robots) * math.hypot(half_width, half_height) / num_robots
+
+
+def fewest_robots(half_width: float, half_height: float, sensor_radius: float) -> tuple[int, int, int]:
+    """Fewest robots that (7) and (8) leave for a sensor [m], then the smallest odd a and the smallest b of (7)."""
+
+    def steps(extent: float, half_turn: float) -> int:
+        # A sensor of exactly the bound counts as large enough, whatever the last digit.
+        return math.ceil(half_turn / math.asin(min(sensor_radius / extent, 1.0)) - 1e-9)
+
+    a, b = steps(half_height, math.pi / 2) | 1, steps(half_width, math.pi / 2)
+    return max(a + b, steps(math.hypot(half_width, half_height), math.pi)), a, b
+
+
+# Equilibria: which p, how clustered, which alpha.
+
+
+def stable_equilibria(num_robots: int) -> list[int]:
+    """All p in {0 ... N - 1} for which equilibrium (2) is stable: N / 4 < p < 3 N / 4 (Theorem 1)."""
+    return [p for p in range(num_robots) if num_robots < 4 * p < 3 * num_robots]
+
+
+def cluster_size(num_robots: int, p: int, alpha: int = 1) -> int:
+    """Kappa = gcd(N, alpha p), how many robots share a place on the curve in equilibrium (2) (Lemma 1 at alpha = 1)."""
+    return math.gcd(num_robots, alpha * p)
+
+
+def has_unclustered_equilibrium(num_robots: int) -> bool:
+    """Whether a stable equilibrium with one robot to a place exists: for every N > 2 but 4 and 6 (Theorem 2)."""
+    return any(cluster_size(num_robots, p) == 1 for p in stable_equilibria(num_robots))
+
+
+def default_p(num_robots: int) -> int:
+    """The stable p of the least clustered equilibrium, the largest of those not above N / 2; 0 where none is stable.
+
+    Coprime with N (one robot to a place) for every N > 2 but 4 and 6 (Theorem 2).
+    """
+    lower_half = [p for p in stable_equilibria(num_robots) if 2 * p <= num_robots]
+    return min(lower_half, key=lambda p: (cluster_size(num_robots, p), -p), default=0)
+
+
+def alpha_for(num_robots: int, p: int, wanted_p: int) -> int | None:
+    """The smallest alpha >= 1 that turns equilibrium p into another, alpha p = wanted_p (mod N); None where none does.
+
+    Lemma 2 is this for odd N and p = (N - 1) / 2, from which every equilibrium can be reached.
+    """
+    shared = math.gcd(num_robots, p)
+    if wanted_p % shared:
+        return None
+    period = num_robots // shared
+    return wanted_p // shared * pow(p // shared, -1, period) % period or period
+
+
+def default_alpha(curve: "Curve", num_robots: int, p: int) -> int:
+    """The alpha with alpha p = a^-1 (mod N), so that the edges of the ring are the neighbours on ellipse (5) (Lemma 2).
+
+    For a clustered p, with kappa = gcd(N, p), the same holds of the N / kappa places: alpha p / kappa = a^-1 (mod
+    N / kappa). 1 where no such alpha exists: N sharing a factor with a (as it can when N is not a + b).
+    """
+    clusters = math.gcd(num_robots, p)
+    return alpha_for(num_robots // clusters, curve.a * (p // clusters), 1) or 1
+
+
+def ring_lies_on_ellipse(curve: "Curve", num_robots: int, p: int, alpha: int = 1) -> bool:
+    """Whether ring neighbours are neighbours on ellipse (5): a alpha p = +-1 (mod N), for N = a + b."""
+    return curve.a * alpha * p % num_robots in (1 % num_robots, num_robots - 1)
+
+
+def equilibrium_phases(num_robots: int, p: int, ring: Sequence[int]) -> np.ndarray:
+    """Equilibrium (2) with theta_0 = 0: the k-th robot of the ring has phase 2 pi p k / N.
+
+    Returns (N,) phases in [0, 2 pi) [rad], indexed by robot.
+    """
+    phases = np.empty(num_robots)
+    phases[list(ring)] = 2 * math.pi * (p * np.arange(num_robots) % num_robots) / num_robots
+    return phases
+
+
+def admissible_displacement(num_robots: int, p: int) -> tuple[float, float]:
+    """Displacements d of one robot's phase from which equilibrium p comes back, (9): cos(2 pi p / N +- d) < 0.
+
+    Returns the ends of the open interval (-h, h), h = pi / 2 - |2 pi p / N - pi| [rad]; (0, 0) where p is not stable.
+    The condition is sufficient, and on the phase theta: on the curve the displacement is alpha times as large.
+    """
+    difference = 2 * math.pi * (p % num_robots) / num_robots
+    half = max(math.pi / 2 - abs(difference - math.pi), 0.0)
+    return -half, half
+
+
+# Dynamics.
+
+
+def kuramoto_rates(phases: np.ndarray, neighbours: np.ndarray, phase_rate: float, coupling: float = 1.0) -> np.ndarray:
+    """theta_i' = omega - K sum over j in R_i of sin(theta_j - theta_i) [rad/s], equation (1).
+
+    Args:
+        phases: (..., N) [rad].
+        neighbours: (N, 2) robots before and after each one on the ring, -1 for none, as `Scenario.neighbours`.
+        phase_rate: omega, rate of the phase in the equilibrium [rad/s].
+        coupling: K [1/s]; the paper prints 1.
+
+    Returns:
+        (..., N) [rad/s].
+    """
+    differences = phases[..., neighbours] - phases[..., None]  # (..., N, 2)
+    return phase_rate - coupling * np.sum(np.where(neighbours >= 0, np.sin(differences), 0.0), axis=-1)
+
+
+def kuramoto_jacobian(phases: np.ndarray, neighbours: np.ndarray, coupling: float = 1.0) -> np.ndarray:
+    """J of (1), proof of Theorem 3: J_ii = K sum of cos(theta_j - theta_i), J_ij = -K cos(theta_j - theta_i) [1/s].
+
+    Takes (N,) phases [rad] and (N, 2) neighbours, -1 for none; returns (N, N).
+    """
+    jacobian = np.zeros((len(phases), len(phases)))
+    for robot, others in enumerate(neighbours):
+        for other in others[others >= 0]:
+            slope = coupling * math.cos(phases[other] - phases[robot])
+            jacobian[robot, robot] += slope
+            jacobian[robot, other] -= slope
+    return jacobian
+
+
+def equilibrium_eigenvalues(num_robots: int, p: int, coupling: float = 1.0) -> np.ndarray:
+    """Eigenvalues of J at equilibrium (2): 2 K cos(2 pi p / N) (1 - cos(2 pi k / N)) [1/s], for N > 2.
+
+    Returns (N,), k = 0 ... N - 1; that of k = 0 is the free choice of theta_0. All others are negative exactly for the
+    p of Theorem 1, and the one of k = 1 is the rate at which the formation recovers.
+    """
+    modes = 2 * math.pi * np.arange(num_robots) / num_robots
+    return 2 * coupling * math.cos(2 * math.pi * p / num_robots) * (1 - np.cos(modes))
+
+
+# The curve and the ellipse that the formation forms.
+
+
+def curve_point(curve: "Curve", curve_phase: np.ndarray) -> np.ndarray:
+    """Position (A cos(a gamma), B sin(b gamma)) [m], equation (3); gamma [rad] of any shape gains an axis of 2."""
+    gamma = np.asarray(curve_phase, dtype=float)
+    return np.stack([curve.half_width * np.cos(curve.a * gamma), curve.half_height * np.sin(curve.b * gamma)], axis=-1)
+
+
+def curve_point_3d(curve: "Curve", curve_phase: np.ndarray) -> np.ndarray:
+    """Position (A cos(a gamma), B sin(b gamma), C sin(c gamma)) [m], equation (10); gamma [rad] gains an axis of 3."""
+    gamma = np.asarray(curve_phase, dtype=float)
+    height = curve.half_depth * np.sin(curve.c * gamma)
+    return np.concatenate([curve_point(curve, gamma), height[..., None]], axis=-1)
+
+
+def curve_speed(curve: "Curve", curve_phase: np.ndarray) -> np.ndarray:
+    """||r'(gamma)|| [m/rad], below equation (14)."""
+    gamma = np.asarray(curve_phase, dtype=float)
+    return np.hypot(
+        curve.half_width * curve.a * np.sin(curve.a * gamma), curve.half_height * curve.b * np.cos(curve.b * gamma)
+    )
+
+
+def self_crossings(curve: "Curve") -> np.ndarray:
+    """Where the plane curve (3) crosses itself, for gcd(a, b) = 1: the nodes of (7) that are not on the boundary.
+
+    With gamma = u - v and u + v, either x and y agree at u = (2n + 1) pi / 2b, v = m pi / a, or at u = m pi / a,
+    v = n pi / b.
+
+    Returns (2ab - a - b, 2) the two phases of every crossing [rad], not wrapped.
+    """
+    a, b = curve.a, curve.b
+    m, n = np.meshgrid(np.arange(1, (a + 1) // 2), np.arange(2 * b), indexing="ij")
+    first = (2 * n + 1) * np.pi / (2 * b), m * np.pi / a
+    m, n = np.meshgrid(np.arange(2 * a), np.arange(1, b), indexing="ij")
+    # (m, n) and (m + a, b - n) are the same crossing: its two phases, in the other order.
+    once = m < a
+    second = m[once] * np.pi / a, n[once] * np.pi / b
+    middle = np.concatenate([first[0].ravel(), second[0]])
+    half = np.concatenate([first[1].ravel(), second[1]])
+    return np.stack([middle - half, middle + half], axis=-1)
+
+
+def ellipse_outline(curve: "Curve", curve_phase: float, points: int = 128) -> np.ndarray:
+    """Ellipse (5) to draw: (A cos(phi - a gamma), B sin(phi + b gamma)) [m], equation (4), for phi from 0 to 2 pi.
+
+    The robot that is at gamma + 2 pi k / N on the curve (3), N = a + b, is at phi = -2 pi a k / N. The phi of (4) is
+    therefore not the phase theta of (2), although the paper writes both as theta.
+
+    Args:
+        curve: the curve.
+        curve_phase: gamma of any robot of the formation [rad], as gamma_0 + omega t at time t.
+        points: how many, the last one the same as the first.
+
+    Returns:
+        (points, 2) [m].
+    """
+    phi = np.linspace(0, 2 * np.pi, points)
+    return np.stack(
+        [
+            curve.half_width * np.cos(phi - curve.a * curve_phase),
+            curve.half_height * np.sin(phi + curve.b * curve_phase),
+        ],
+        axis=-1,
+    )
+
+
+def ellipse_residual(curve: "Curve", positions: np.ndarray, curve_phase: float | np.ndarray) -> np.ndarray:
+    """y^2/B^2 + x^2/A^2 - 2 x y sin((a + b) gamma)/(A B) - cos^2((a + b) gamma), equation (5): 0 on the ellipse.
+
+    Takes (..., 2) positions [m] and gamma of any robot of the formation [rad]; returns (...), without a unit.
+    """
+    x, y = positions[..., 0] / curve.half_width, positions[..., 1] / curve.half_height
+    angle = (curve.a + curve.b) * np.asarray(curve_phase, dtype=float)
+    return y**2 + x**2 - 2 * x * y * np.sin(angle) - np.cos(angle) ** 2

@@ -1,0 +1,172 @@
+"""What is measured on the curve rather than known in closed form: lengths, curvature, distances in formation, coverage.
+
+Float64 NumPy. The bounds (6) and (7) are only sufficient; what they bound is measured here: lengths and distances to
+about nine digits, the share of tight turns and the coverage radius to about four.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from lissajous_env.parameters.scenario import Curve
+from lissajous_env.theory import closed_forms
+
+_SAMPLES_PER_OSCILLATION = 64
+
+
+def curve_length(curve: Curve) -> float:
+    """Length of one lap of the plane curve, the integral of ||r'(gamma)|| over [0, 2 pi) [m]."""
+    # The trapezoidal rule converges geometrically on a periodic function without kinks.
+    return 2 * np.pi * float(np.mean(closed_forms.curve_speed(curve, _phases(curve, 16))))
+
+
+def largest_speed(curve: Curve) -> float:
+    """Largest ||r'(gamma)|| of the plane curve [m/rad]; omega times this is the top speed of the formation."""
+    return -_minimum(lambda gamma: -closed_forms.curve_speed(curve, gamma), _phases(curve, 1))
+
+
+def curvature_radius(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
+    """||r'||^3 / |x' y'' - y' x''| [m] of the plane curve at gamma [rad], any shape; infinite where it is straight."""
+    gamma = np.asarray(curve_phase, dtype=float)
+    A, B, a, b = curve.half_width, curve.half_height, curve.a, curve.b
+    dx, dy = -A * a * np.sin(a * gamma), B * b * np.cos(b * gamma)
+    ddx, ddy = -A * a**2 * np.cos(a * gamma), -B * b**2 * np.sin(b * gamma)
+    with np.errstate(divide="ignore"):
+        return np.hypot(dx, dy) ** 3 / np.abs(dx * ddy - dy * ddx)
+
+
+def smallest_curvature_radius(curve: Curve) -> float:
+    """Radius of the sharpest turn of the plane curve [m]."""
+    return _minimum(lambda gamma: curvature_radius(curve, gamma), _phases(curve, 4))
+
+
+def turning_radius(wheelbase: float, steering_max: float) -> float:
+    """Tightest circle of the car's rear axle, l / tan(delta_max) [m]."""
+    return wheelbase / math.tan(steering_max)
+
+
+def tight_share(curve: Curve, radius: float) -> float:
+    """Share of the arc of the plane curve that turns tighter than `radius` [m], between 0 and 1."""
+    gamma = _phases(curve, 16)
+    speed = closed_forms.curve_speed(curve, gamma)
+    return float(speed[curvature_radius(curve, gamma) < radius].sum() / speed.sum())
+
+
+def chord_length(curve: Curve, middle: np.ndarray, half: np.ndarray | float) -> np.ndarray:
+    """Distance between two robots at gamma = u - v and u + v [m], in three dimensions where `half_depth` is above 0.
+
+    2 sqrt((A sin(a u) sin(a v))^2 + (B cos(b u) sin(b v))^2 + (C cos(c u) sin(c v))^2), from (10) by the addition
+    theorems. For N = a + b and v = pi k / N the factors sin(a v) and sin(b v) are the same size.
+
+    Args:
+        curve: the curve.
+        middle: u, the middle of the two phases [rad].
+        half: v, half of their difference [rad]; broadcasts with u.
+    """
+    x = curve.half_width * np.sin(curve.a * middle) * np.sin(curve.a * half)
+    y = curve.half_height * np.cos(curve.b * middle) * np.sin(curve.b * half)
+    z = curve.half_depth * np.cos(curve.c * middle) * np.sin(curve.c * half)
+    return 2 * np.sqrt(x**2 + y**2 + z**2)
+
+
+def smallest_distance(curve: Curve, num_robots: int, clusters: int = 1) -> float:
+    """Smallest distance of two robots over a lap in equilibrium, 2 pi kappa / N apart along the curve [m].
+
+    0 for robots that share a place (kappa > 1). In three dimensions this is what Fig. 5 shows the half of.
+    """
+    if clusters > 1:
+        return 0.0
+    middle = _phases(curve, 1)
+    halves = np.pi * np.arange(1, num_robots // 2 + 1) / num_robots
+    return min((_minimum(lambda u, v=v: chord_length(curve, u, v), middle) for v in halves), default=math.inf)
+
+
+def measured_robot_radius(curve: Curve, num_robots: int, clusters: int = 1) -> float:
+    """Half of the smallest distance in formation [m]: the largest body that never touches, which (6) bounds from below.
+
+    For a plane curve and N = a + b only one short stretch has to be searched. All distances are then
+    2 sin(pi k / N) sqrt((A sin(a u))^2 + (B cos(b u))^2), and no zero of sin(a u) is nearer to a zero of cos(b u) than
+    pi / 2ab, which some are, as a is odd and shares no factor with b. The smallest lies between two of these.
+    """
+    if clusters > 1 or curve.half_depth > 0 or num_robots != curve.a + curve.b:
+        return smallest_distance(curve, num_robots, clusters) / 2
+
+    gap = np.pi / (2 * curve.a * curve.b)
+
+    def length(t: np.ndarray) -> np.ndarray:
+        return np.hypot(curve.half_width * np.sin(curve.a * t), curve.half_height * np.sin(curve.b * (gap - t)))
+
+    return math.sin(math.pi / num_robots) * _minimum(length, np.linspace(0, gap, 17), periodic=False)
+
+
+def largest_neighbour_distance(curve: Curve, num_robots: int, p: int, alpha: int = 1) -> float:
+    """Largest distance of ring neighbours over a lap in equilibrium p [m]: 2 r_s of (8) at most, if they are on (5)."""
+    half = math.pi * p * alpha / num_robots
+    return -_minimum(lambda u: -chord_length(curve, u, half), _phases(curve, 1))
+
+
+def measured_coverage_radius(curve: Curve, precision: float = 1e-4) -> float:
+    """Sensing radius with which one lap of the plane curve covers the rectangle [m], which (7) bounds from above.
+
+    It is the largest distance of a point of the rectangle from the curve. That distance changes by no more than a point
+    moves, so a cell of a grid is done with once its centre's distance plus half of its diagonal is at most the largest
+    distance found, give or take `precision` times the half diagonal of the rectangle; all other cells are divided.
+    """
+    half_extent = np.array([curve.half_width, curve.half_height])
+    tolerance = precision * math.hypot(*half_extent)
+    # A chord of length s hides s^2 / 8 d of the distance d; d is about the width of a mesh of the curve.
+    mesh = math.hypot(curve.half_width / curve.b, curve.half_height / curve.a)
+    gamma = np.linspace(0, 2 * np.pi, int(4 * curve_length(curve) / math.sqrt(tolerance * mesh)))
+    tree = KDTree(closed_forms.curve_point(curve, gamma))
+    cells = np.ceil(half_extent / half_extent.min()).astype(int)  # about square, or long cells are never decided
+    half_cell = half_extent / cells
+    columns, rows = np.indices(cells).reshape(2, -1)
+    centres, found = half_cell * (2 * np.stack([columns, rows], axis=-1) + 1) - half_extent, 0.0
+    quarters = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+    while len(centres):
+        distances = tree.query(centres)[0]
+        found = max(found, float(distances.max()))
+        undecided = distances + math.hypot(*half_cell) > found + tolerance
+        half_cell = half_cell / 2
+        centres = (centres[undecided, None, :] + quarters * half_cell).reshape(-1, 2)
+    return found
+
+
+def crossing_clearance(curve: Curve) -> float:
+    """Smallest |z1 - z2| of the two branches of (10) over all crossings of its plane projection [m]; infinite for none.
+
+    Above 0 exactly if the curve in three dimensions does not cross itself.
+    Differs from the paper: it asks that a, b, c be co-prime. They have to be so in pairs, and one of b and c has to be
+    even: at gamma = pi / 2 -+ pi m / a two odd ones make z1 = z2, whatever C is.
+    """
+    crossings = closed_forms.self_crossings(curve)
+    heights = curve.half_depth * np.sin(curve.c * crossings)
+    return float(np.min(np.abs(heights[:, 0] - heights[:, 1]), initial=math.inf))
+
+
+def _phases(curve: Curve, density: int) -> np.ndarray:
+    """Evenly spaced phases over a lap [rad], `density` times as many as it takes to see every local minimum."""
+    oscillations = max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
+    return np.linspace(0, 2 * np.pi, density * _SAMPLES_PER_OSCILLATION * oscillations, endpoint=False)
+
+
+def _minimum(
+    function: Callable[[np.ndarray], np.ndarray], samples: np.ndarray, periodic: bool = True, rounds: int = 6
+) -> float:
+    """Smallest value of a smooth function: every local minimum of the samples is sampled again, ever more finely."""
+    values = function(samples)
+    before, after = np.roll(values, 1), np.roll(values, -1)
+    if not periodic:
+        before[0] = after[-1] = np.inf
+    centres = samples[(values <= before) & (values <= after)]
+    spacing = samples[1] - samples[0]
+    offsets = np.linspace(-1, 1, 17)
+    for _ in range(rounds):
+        candidates = centres[:, None] + spacing * offsets
+        if not periodic:
+            candidates = np.clip(candidates, samples[0], samples[-1])
+        centres = candidates[np.arange(len(centres)), np.argmin(function(candidates), axis=1)]
+        spacing /= 8
+    return float(np.min(function(centres)))

@@ -1,0 +1,1 @@
+"""The world: its state, the stages of a step, and the score."""

@@ -1,0 +1,110 @@
+"""Distance of a place from the whole plane curve on the device, by the table of `lissajous_env.world.distance_table`.
+
+A robot's own parameter only ever moves along its branch; the nearest point of the curve may lie on any other. Here a
+cell holds the few circles that the curve is around the points nearest to it, and the smallest distance from these is
+the distance from the curve: a root and a division each, where a search would cost a hundred times as much.
+
+On random places the error is at most 2e-4 m on the experiment, 5e-4 m on `intruders` and 1e-3 m with a, b = 7, 8 in
+10 m x 10 m; around the rectangle twice as much, far from it 1e-3 of the distance. On curves so dense or rectangles so
+narrow that the table would grow beyond its limit, it is below the size of a cell.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.distance_table import AROUND, EXTENT, GRIDS, SPLIT, distance_table
+
+wp.set_module_options(OPTIONS)
+
+Arc = wp.types.vector(length=5, dtype=wp.float32)
+
+_SPLIT = wp.constant(SPLIT)
+_AROUND = wp.constant(AROUND)
+_GRIDS = wp.constant(GRIDS)
+
+
+@wp.struct
+class DistanceTable:
+    """`nearest.Table` on a device; without nodes, every distance is 0."""
+
+    nodes: wp.array(dtype=wp.int32)
+    arcs: wp.array(dtype=Arc)
+    columns: wp.int32
+    rows: wp.int32
+    per_width: wp.float32
+    """1 over the half width of the innermost grid [1/m]."""
+    per_height: wp.float32
+    """1 over the half height of the innermost grid [1/m]."""
+
+
+@wp.func
+def curve_distance(table: DistanceTable, place: wp.vec2) -> float:
+    """Distance of a place from the curve [m]; 0 for robots that are always on it."""
+    if table.nodes.shape[0] == 0:
+        return 0.0
+    here = wp.vec2(wp.abs(place[0]), wp.abs(place[1]))
+    x = here[0] * table.per_width
+    y = here[1] * table.per_height
+    columns = table.columns
+    rows = table.rows
+    first = int(0)
+    if wp.max(x, y) > 1.0:
+        first = columns * rows
+        columns = _AROUND
+        rows = _AROUND
+        x *= 0.5
+        y *= 0.5
+        for _ in range(1, _GRIDS):
+            if wp.max(x, y) <= 1.0:
+                break
+            first += _AROUND * _AROUND
+            x *= 0.5
+            y *= 0.5
+    # From here on x and y are the place in the cell, 0 to its width in columns and rows.
+    x = wp.min(x, 1.0) * float(columns)
+    y = wp.min(y, 1.0) * float(rows)
+    column = wp.min(int(x), columns - 1)
+    row = wp.min(int(y), rows - 1)
+    node = table.nodes[first + row * columns + column]
+    while node < 0:
+        x = (x - float(column)) * float(_SPLIT)
+        y = (y - float(row)) * float(_SPLIT)
+        column = wp.min(int(x), _SPLIT - 1)
+        row = wp.min(int(y), _SPLIT - 1)
+        node = table.nodes[row * _SPLIT + column - node]
+    least = float(1.0e30)
+    begin = node >> 4
+    for k in range(begin, begin + (node & 15)):
+        arc = table.arcs[k]
+        across = here[0] - arc[0]
+        up = here[1] - arc[1]
+        g = 2.0 * (arc[2] * across + arc[3] * up) + arc[4] * (across * across + up * up)
+        least = wp.min(least, wp.abs(g) / (1.0 + wp.sqrt(wp.max(1.0 + arc[4] * g, 0.0))))
+    return least
+
+
+def table_of(scenario: Scenario, device: Any) -> DistanceTable:
+    """The table for the robots of a scenario; empty for points, which are always on the curve."""
+    if scenario.robot.kind == "curve":
+        return _on_device(0.0, 0.0, 0, 0, str(device))
+    curve = scenario.curve
+    return _on_device(curve.half_width, curve.half_height, curve.a, curve.b, str(device))
+
+
+@lru_cache(maxsize=32)
+def _on_device(half_width: float, half_height: float, a: int, b: int, device: str) -> DistanceTable:
+    filled = DistanceTable()
+    if a == 0:
+        filled.nodes = wp.empty(0, dtype=wp.int32, device=device)
+        filled.arcs = wp.empty(0, dtype=Arc, device=device)
+        return filled
+    table = distance_table(half_width, half_height, a, b)
+    filled.nodes = wp.array(table.nodes, dtype=wp.int32, device=device)
+    filled.arcs = wp.array(table.arcs, dtype=Arc, device=device)
+    filled.columns, filled.rows = table.columns, table.rows
+    filled.per_width, filled.per_height = 1 / (EXTENT * half_width), 1 / (EXTENT * half_height)
+    return filled

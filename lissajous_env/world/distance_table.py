@@ -1,0 +1,205 @@
+"""The point of the plane curve that is nearest to a place, and a table from which kernels take its distance.
+
+Float64 NumPy. The table is a tree of cells. Each holds a few arcs of circles, the curve as it is around the points
+nearest to the cell; the smallest distance from their circles is the distance from the curve. As the curve is the same
+to the left and to the right, above and below, the cells are those of one quarter, x and y of at least 0.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from lissajous_env.parameters.scenario import Curve
+
+TOLERANCE = 1e-4
+"""Largest error of the table where it is checked, as a share of the smaller half extent of the rectangle."""
+EXTENT = 1.25
+"""Extent of the innermost grid of cells, in half extents of the rectangle; each grid around it is twice as large."""
+GRIDS = 12
+"""Grids around the innermost one; a place beyond the last is looked up at its edge."""
+SPLIT = 4
+"""Parts of a cell in each direction, where it has to be divided."""
+AROUND = 8
+"""Columns and rows of the grids around the innermost one."""
+_SAMPLES = 9
+_MOST_ARCS = 7
+_COLUMNS, _MOST_COLUMNS = 40, 64
+_MOST_CELLS = 30_000
+_DEPTH = 5
+
+
+def nearest_phase(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Phase gamma [rad] of the point nearest to each of (M, 2) places [m], and the distance to it [m], each (M,).
+
+    Exact but for rectangles a hundred times as long as they are high, where it may miss by a share of their height.
+    """
+    low, high = _edges(curve, places)
+    room = 0.1 * (high - low) + 1e-3 / max(curve.a, curve.b)
+    spacing = (high - low + 2 * room) / (_SAMPLES - 1)
+    phases = (low - room)[..., None] + spacing[..., None] * np.arange(_SAMPLES)
+    nearest = np.argmin(_squares(curve, places[:, None, None], phases), axis=-1)
+    phases = np.take_along_axis(phases, nearest[..., None], axis=-1)[..., 0]
+    for _ in range(4):
+        point, tangent, bend = _derivatives(curve, phases)
+        away, square = places[:, None] - point, np.sum(tangent**2, axis=-1)
+        # Newton's step towards r'.(q - r) = 0, or twice that of Gauss and Newton where the second derivative vanishes.
+        slope = np.maximum(square - np.sum(bend * away, axis=-1), square / 2)
+        phases = phases + np.clip(np.sum(tangent * away, axis=-1) / slope, -spacing, spacing)
+    squares = _squares(curve, places[:, None], phases)
+    best = np.argmin(squares, axis=-1)[:, None]
+    return np.take_along_axis(phases, best, axis=-1)[:, 0], np.sqrt(np.take_along_axis(squares, best, axis=-1)[:, 0])
+
+
+def _edges(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Ends (M, 4) of the stretches of the curve on which the nearest point of a place may lie [rad].
+
+    The curve is a mesh, and the nearest point lies on one of the four edges around the place: between the point of the
+    edge that is straight above or below the place and the one that is straight beside it. With alpha = arccos(x / A)
+    and beta = arcsin(y / B) the place stands at (+-alpha, beta) and (+-alpha, pi - beta) on the torus of the angles
+    (a gamma, b gamma), where the curve is a bundle of straight lines, equally far apart: one of them is next to each.
+    """
+    a, b = curve.a, curve.b
+    x, y = np.clip(places / [curve.half_width, curve.half_height], -1, 1).T
+    alpha, beta = np.arccos(x), np.arcsin(y)
+    across, up = np.stack([alpha, alpha, -alpha, -alpha], axis=-1), np.stack([beta, np.pi - beta] * 2, axis=-1)
+    line = np.rint((b * across - a * up) / (2 * np.pi))
+    above = (across + 2 * np.pi * (-line * pow(b, -1, a) % a)) / a
+    beside = (up + 2 * np.pi * (line * pow(a, -1, b) % b)) / b
+    beside += 2 * np.pi * np.rint((above - beside) / (2 * np.pi))
+    return np.minimum(above, beside), np.maximum(above, beside)
+
+
+def _squares(curve: Curve, places: np.ndarray, phases: np.ndarray) -> np.ndarray:
+    """Squared distances of places (..., 2) from the points of the curve at phases (...) [m^2]."""
+    x = curve.half_width * np.cos(curve.a * phases)
+    y = curve.half_height * np.sin(curve.b * phases)
+    return (places[..., 0] - x) ** 2 + (places[..., 1] - y) ** 2
+
+
+def _derivatives(curve: Curve, phases: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Point [m] of the curve (3), and its first and second derivative by gamma, each (..., 2)."""
+    A, B, a, b = curve.half_width, curve.half_height, curve.a, curve.b
+    across, up = a * phases, b * phases
+    x, y = A * np.cos(across), B * np.sin(up)
+    tangent = np.stack([-A * a * np.sin(across), B * b * np.cos(up)], axis=-1)
+    return np.stack([x, y], axis=-1), tangent, np.stack([-(a**2) * x, -(b**2) * y], axis=-1)
+
+
+# The table.
+
+
+@dataclass(frozen=True)
+class Table:
+    """A tree of cells, each with the few arcs of circles that the curve is around the points nearest to the cell.
+
+    `nodes[i]` is 16 times the first of a cell's arcs, plus how many it has; or, where the cell is divided, less than 0:
+    the parts stand at `nodes[-nodes[i]:]`, row by row.
+    """
+
+    nodes: np.ndarray
+    """(cells,) int32."""
+    arcs: np.ndarray
+    """(arcs, 5) a point of the curve [m], the unit normal there, and the curvature against it [1/m]."""
+    columns: int
+    """Of the innermost grid."""
+    rows: int
+    """Of the innermost grid."""
+
+
+def arc_distance(arcs: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Distance of places (..., 2) from the circles of arcs (..., 5) [m]: |g| / (1 + sqrt(1 + k g)), g = 2 n.e + k e^2.
+
+    e is the place less the arc's point; exact for a circle, and for the straight line k = 0.
+    """
+    away, bend = places - arcs[..., :2], arcs[..., 4]
+    g = 2 * np.sum(arcs[..., 2:4] * away, axis=-1) + bend * np.sum(away**2, axis=-1)
+    return np.abs(g) / (1 + np.sqrt(np.maximum(1 + bend * g, 0)))
+
+
+@lru_cache(maxsize=32)
+def distance_table(half_width: float, half_height: float, a: int, b: int) -> Table:
+    """The table of a curve (3): it is divided until it is right to `TOLERANCE` at nine points of every cell."""
+    curve = Curve(half_width, half_height, a, b)
+    columns, rows = (min(max(4 * n, _COLUMNS), _MOST_COLUMNS) for n in (b, a))
+    centres, halves, used = _grids(curve, columns, rows)
+    nodes, arcs = np.zeros(len(centres), dtype=np.int64), []
+    total = 0
+    open_nodes, centres, halves = np.flatnonzero(used), centres[used], halves[used]
+    for depth in range(_DEPTH + 1):
+        found, chosen, is_right = _arcs_of(curve, centres, halves)
+        may_divide = depth < _DEPTH and len(nodes) + SPLIT**2 * np.sum(~is_right) < _MOST_CELLS
+        done = is_right if may_divide else np.ones_like(is_right)
+        # Where no more cells are left, the points stand for the curve: circles of no size are never too near.
+        found[done & ~is_right, :, 4], chosen[done & ~is_right] = 1e6, True
+        counts = chosen[done].sum(axis=1)
+        ends = total + np.cumsum(counts)
+        nodes[open_nodes[done]] = (ends - counts) * 16 + counts
+        arcs.append(found[done][chosen[done]])
+        total = int(ends[-1]) if len(ends) else total
+        if done.all():
+            break
+        first = len(nodes) + SPLIT**2 * np.arange(np.sum(~done))
+        nodes[open_nodes[~done]] = -first
+        open_nodes = len(nodes) + np.arange(SPLIT**2 * len(first))
+        nodes = np.concatenate([nodes, np.zeros(len(open_nodes), dtype=np.int64)])
+        centres, halves = _divided(centres[~done], halves[~done])
+    return Table(nodes.astype(np.int32), np.concatenate(arcs).astype(np.float32), columns, rows)
+
+
+def _grids(curve: Curve, columns: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres and half extents (cells, 2) of the innermost grid, then of those around it [m], and which are looked up.
+
+    Of a grid around another one, the cells that the other one covers are not.
+    """
+    extent = EXTENT * np.array([curve.half_width, curve.half_height])
+    centres, halves, used = [], [], []
+    for grid in range(GRIDS + 1):
+        shape = np.array([columns, rows] if grid == 0 else [AROUND, AROUND])
+        row, column = np.indices((int(shape[1]), int(shape[0]))).reshape(2, -1)
+        half = 2.0**grid * extent / (2 * shape)
+        centres.append((2 * np.stack([column, row], axis=-1) + 1) * half)
+        halves.append(np.broadcast_to(half, centres[-1].shape))
+        used.append((centres[-1] > 2.0 ** (grid - 1) * extent).any(axis=1) | (grid == 0))
+    return np.concatenate(centres), np.concatenate(halves), np.concatenate(used)
+
+
+def _divided(centres: np.ndarray, halves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    row, column = np.indices((SPLIT, SPLIT)).reshape(2, -1)
+    offsets = (2 * np.stack([column, row], axis=-1) + 1 - SPLIT) / SPLIT
+    parts = centres[:, None] + offsets * halves[:, None]
+    return parts.reshape(-1, 2), np.repeat(halves / SPLIT, SPLIT**2, axis=0)
+
+
+_CHECKED = np.array(
+    [(x, y) for x in (0, -1, 1) for y in (0, -1, 1)] + [(x, y) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
+)
+
+
+def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Arcs (cells, C, 5) nearest to C points of each cell, which of them it takes, and whether they are right there.
+
+    A cell takes the arc nearest to its centre, then again and again the one of the point whose distance is worst.
+    """
+    places = centres[:, None] + _CHECKED * halves[:, None]
+    phases, exact = nearest_phase(curve, places.reshape(-1, 2))
+    point, tangent, bend = _derivatives(curve, phases)
+    speed = np.linalg.norm(tangent, axis=-1, keepdims=True)
+    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1) / speed
+    curvature = -np.sum(normal * bend, axis=-1, keepdims=True) / speed**2
+    arcs = np.concatenate([point, normal, curvature], axis=-1).reshape(*places.shape[:2], 5)
+    exact = exact.reshape(places.shape[:2])
+    allowed = TOLERANCE * np.maximum(exact, (curve.half_width * curve.half_height) ** 0.5)
+    by_arc = arc_distance(arcs[:, :, None], places[:, None])  # (cells, arc, place)
+    chosen = np.zeros(exact.shape, dtype=bool)
+    chosen[:, 0] = True
+    best = by_arc[:, 0].copy()
+    for _ in range(_MOST_ARCS - 1):
+        error = (best - exact) / allowed
+        worst = np.argmax(error, axis=1)
+        more = np.flatnonzero(error[np.arange(len(error)), worst] > 1)
+        if not len(more):
+            break
+        chosen[more, worst[more]] = True
+        best[more] = np.minimum(best[more], by_arc[more, worst[more]])
+    return arcs, chosen, np.all(np.abs(best - exact) <= allowed, axis=1)

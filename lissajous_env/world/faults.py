@@ -1,0 +1,90 @@
+"""Robots that fail: by schedule, at random, for good."""
+
+import warp as wp
+
+from lissajous_env.device import randomness
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.structs import struct_of
+from lissajous_env.parameters.scenario import Faults
+from lissajous_env.world.state import NEVER, REMOVED, STUCK, WORKING, Clock, Robots
+
+wp.set_module_options(OPTIONS)
+
+FaultsStruct = struct_of(Faults)
+
+
+@wp.func
+def chance(rate: float, time: float) -> float:
+    """Probability of at least one event of a Poisson process in some time: 1 - exp(-rate time)."""
+    return 1.0 - wp.exp(-rate * time)
+
+
+@wp.func
+def update_status(
+    w: int,
+    i: int,
+    now: int,
+    key: int,
+    step: float,
+    faults: FaultsStruct,
+    schedule: wp.array2d(dtype=int),
+    robots: Robots,
+) -> int:
+    """Return and store the status of robot i for the step that ends at `now`."""
+    if robots.status[w, i] == REMOVED or robots.removed_at[w, i] < now:
+        robots.status[w, i] = REMOVED
+        return REMOVED
+    stuck = int(0)
+    for row in range(schedule.shape[0]):
+        if schedule[row, 0] == i and schedule[row, 1] < now and now <= schedule[row, 2]:
+            stuck = 1
+    if faults.rate > 0.0 and robots.stuck_until[w, i] < now:
+        draw = randomness.stream(key, i, randomness.FAULT)
+        if wp.randf(draw) < chance(faults.rate, step):
+            duration = -wp.log(1.0 - wp.randf(draw)) * faults.mean_duration
+            robots.stuck_until[w, i] = now + int(wp.min(duration / step, 1.0e9))
+    status = wp.where(stuck == 1 or now <= robots.stuck_until[w, i], STUCK, WORKING)
+    if status == WORKING and robots.status[w, i] == STUCK:
+        robots.resumed_at[w, i] = now - 1
+    robots.status[w, i] = status
+    return status
+
+
+@wp.kernel
+def reset_losses(
+    first: int, faults: FaultsStruct, removals: wp.array(dtype=int), steps: int, clock: Clock, robots: Robots
+):
+    """Decide which robots this episode removes, and when: those of the schedule, then `lost` more at random."""
+    w = first + wp.tid()
+    if clock.fresh[w] == 0:
+        return
+    n = robots.status.shape[1]
+    draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.LOSS)
+    for i in range(n):
+        robots.removed_at[w, i] = removals[i]
+        robots.stuck_until[w, i] = 0
+    to_lose = int(faults.lost)
+    for i in range(n):
+        # Selection sampling: each of the robots left is as likely as any other to be among those still to be lost.
+        pick = wp.randf(draw) * float(n - i) < float(to_lose)
+        at = int((0.25 + 0.5 * wp.randf(draw)) * float(steps))
+        if pick:
+            robots.removed_at[w, i] = wp.min(robots.removed_at[w, i], at)
+            to_lose -= 1
+
+
+def schedule_steps(faults: Faults, step: float):
+    """Rows (robot, start, end) of the schedule in steps, as a list."""
+    return [(i, _steps(start, step), _steps(end, step)) for i, start, end in faults.schedule]
+
+
+def removal_steps(faults: Faults, num_robots: int, step: float) -> list[int]:
+    """Step after which each robot is removed by schedule."""
+    removals = [int(NEVER)] * num_robots
+    for robot, time in faults.removed:
+        removals[robot] = min(removals[robot], _steps(time, step))
+    return removals
+
+
+def _steps(time: float, step: float) -> int:
+    return round(min(time / step, int(NEVER)))

@@ -1,0 +1,280 @@
+"""What a robot observes: itself, what its ring neighbours sent, what its sensor sees.
+
+One row per robot of float32, in this order (R = `sensing.robots_seen`, T = `sensing.targets_seen`):
+
+| index         | name             | what, and its unit                                                    | range    |
+|---------------|------------------|-----------------------------------------------------------------------|----------|
+| 0             | x                | measured x [half_width]                                               | [-4, 4]  |
+| 1             | y                | measured y [half_height]                                              | [-4, 4]  |
+| 2, 3          | cos, sin heading | measured heading                                                      | [-1, 1]  |
+| 4             | speed            | measured speed [top speed of a car; of a point in the equilibrium]    | [-4, 4]  |
+| 5, 6          | cos, sin phase   | measured phase theta                                                  | [-1, 1]  |
+| 7             | works            | 1 working, 0 stuck or removed                                         | [0, 1]   |
+| 8 + 6 k       | heard            | neighbour k = 0, 1 (before, after on the ring): 1 once a message came | [0, 1]   |
+| 9 + 6 k       | age              | time since it was sent [s], at most 1                                 | [0, 1]   |
+| 10, 11 + 6 k  | cos, sin         | of its phase less one's own                                           | [-1, 1]  |
+| 12 + 6 k      | x                | its x less one's own [2 half_width]                                   | [-4, 4]  |
+| 13 + 6 k      | y                | its y less one's own [2 half_height]                                  | [-4, 4]  |
+| 20 + 5 k      | present          | k-th nearest robot in the sensing disc, k < R                         | [0, 1]   |
+| 21, 22 + 5 k  | x, y             | its place less one's own [sensing radius]                             | [-1, 1]  |
+| 23, 24 + 5 k  | x, y velocity    | its velocity less one's own [2 top speeds]                            | [-1, 1]  |
+| 20 + 5 R + 3 k| present          | k-th nearest target in the sensing disc, k < T                        | [0, 1]   |
+| ... 1, 2      | x, y             | its place less one's own [sensing radius]                             | [-1, 1]  |
+
+A target that leaves when it is detected is seen in the step of its detection. A stuck robot senses nothing, but hears;
+of a removed robot, entries 0 to 6 keep what they were. Directions are those of the rectangle, not of the robot.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device import randomness
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.trig import cos_sin
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.robots import NoiseStruct
+from lissajous_env.world.state import IDLE, REMOVED, WORKING, Clock, Links, Robots, Rogues, Step
+from lissajous_env.world.targets import planar
+
+wp.set_module_options(OPTIONS)
+
+OWN = wp.constant(8)
+LINK = wp.constant(6)
+ROBOT = wp.constant(5)
+TARGET = wp.constant(3)
+_FAR = wp.constant(4.0)
+
+
+class Layout(NamedTuple):
+    """Names and ranges of the entries of an observation row."""
+
+    names: tuple[str, ...]
+    low: np.ndarray
+    high: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """D, entries in a row."""
+        return len(self.names)
+
+
+def layout(scenario: Scenario) -> Layout:
+    """Lay out the observation of one robot of a scenario, as the table above."""
+    entries: list[tuple[str, float, float]] = [
+        ("x", -4, 4), ("y", -4, 4), ("cos_heading", -1, 1), ("sin_heading", -1, 1), ("speed", -4, 4),
+        ("cos_phase", -1, 1), ("sin_phase", -1, 1), ("works", 0, 1),
+    ]  # fmt: skip
+    for k in range(2):
+        entries += [(f"neighbour_{k}_heard", 0, 1), (f"neighbour_{k}_age", 0, 1)]
+        entries += [(f"neighbour_{k}_{name}", -1, 1) for name in ("cos_phase", "sin_phase")]
+        entries += [(f"neighbour_{k}_{name}", -4, 4) for name in ("x", "y")]
+    for k in range(scenario.sensing.robots_seen):
+        entries += [(f"robot_{k}_present", 0, 1)]
+        entries += [(f"robot_{k}_{name}", -1, 1) for name in ("x", "y", "x_velocity", "y_velocity")]
+    for k in range(scenario.sensing.targets_seen):
+        entries += [(f"target_{k}_present", 0, 1)] + [(f"target_{k}_{name}", -1, 1) for name in ("x", "y")]
+    names, low, high = zip(*entries, strict=True)
+    return Layout(names, np.array(low, dtype=np.float32), np.array(high, dtype=np.float32))
+
+
+@wp.struct
+class Scales:
+    """What divides the entries, and how many robots and targets are listed."""
+
+    speed: wp.float32
+    radius: wp.float32
+    step: wp.float32
+    robots_seen: wp.int32
+    targets_seen: wp.int32
+
+
+@wp.func
+def hear(
+    w: int, i: int, side: int, now: int, key: int, neighbours: wp.array2d(dtype=int), noise: NoiseStruct, links: Links
+) -> int:
+    """Take the neighbour's message that arrives now, unless it is lost; returns when the last one heard was sent."""
+    j = neighbours[i, side]
+    heard_at = links.heard_at[w, i, side]
+    delay = links.sent.shape[2] - 1
+    sent_at = now - delay
+    if j < 0 or sent_at < 0:
+        return heard_at
+    slot = sent_at % (delay + 1)
+    if links.sending[w, j, slot] == 0:
+        return heard_at
+    if noise.message_loss > 0.0 and randomness.uniform(key, 2 * i + side, randomness.MESSAGE) < noise.message_loss:
+        return heard_at
+    links.heard[w, i, side] = links.sent[w, j, slot]
+    links.heard_at[w, i, side] = sent_at
+    return sent_at
+
+
+@wp.func
+def clear(w: int, i: int, start: int, stop: int, observation_out: wp.array3d(dtype=float)):
+    """Zero a range of a row."""
+    for k in range(start, stop):
+        observation_out[w, i, k] = 0.0
+
+
+@wp.func
+def empty(w: int, i: int, start: int, width: int, room: int, observation_out: wp.array3d(dtype=float)):
+    """Zero the entries of a list that are in use: those before the first that is not present."""
+    for place in range(room):
+        entry = start + place * width
+        if observation_out[w, i, entry] == 0.0:
+            break
+        clear(w, i, entry, entry + width, observation_out)
+
+
+@wp.func
+def insert(
+    w: int, i: int, start: int, width: int, room: int, offset: wp.vec2, observation_out: wp.array3d(dtype=float)
+) -> int:
+    """Enter `offset` into a list of `room` entries sorted by distance; returns where its entry begins, or -1."""
+    place = int(room)
+    square = wp.dot(offset, offset)
+    while place > 0:
+        before = start + (place - 1) * width
+        if observation_out[w, i, before] > 0.0:
+            x = observation_out[w, i, before + 1]
+            y = observation_out[w, i, before + 2]
+            if x * x + y * y <= square:
+                break
+            if place < room:
+                for k in range(width):
+                    observation_out[w, i, before + width + k] = observation_out[w, i, before + k]
+        place -= 1
+    if place >= room:
+        return -1
+    entry = start + place * width
+    observation_out[w, i, entry] = 1.0
+    observation_out[w, i, entry + 1] = offset[0]
+    observation_out[w, i, entry + 2] = offset[1]
+    return entry
+
+
+@wp.func
+def velocity(w: int, i: int, robots: Robots) -> wp.vec2:
+    """Velocity of a robot [m/s]."""
+    return robots.speed[w, i] * cos_sin(robots.heading[w, i])
+
+
+@wp.func
+def far(value: float) -> float:
+    """Clip a scaled coordinate to the range of the observation."""
+    return wp.clamp(value, -_FAR, _FAR)
+
+
+@wp.func
+def observe_self(
+    w: int, i: int, curve: CurveStruct, scales: Scales, robots: Robots, observation_out: wp.array3d(dtype=float)
+):
+    """Fill entries 0 to 7."""
+    own = robots.measured[w, i]
+    phase = robots.measured_phase[w, i]
+    ahead = cos_sin(own[2])
+    turn = cos_sin(phase)
+    observation_out[w, i, 0] = far(own[0] / curve.half_width)
+    observation_out[w, i, 1] = far(own[1] / curve.half_height)
+    observation_out[w, i, 2] = ahead[0]
+    observation_out[w, i, 3] = ahead[1]
+    observation_out[w, i, 4] = far(own[3] / scales.speed)
+    observation_out[w, i, 5] = turn[0]
+    observation_out[w, i, 6] = turn[1]
+    observation_out[w, i, 7] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
+
+
+@wp.func
+def observe_ring(
+    w: int,
+    i: int,
+    now: int,
+    key: int,
+    curve: CurveStruct,
+    noise: NoiseStruct,
+    scales: Scales,
+    neighbours: wp.array2d(dtype=int),
+    robots: Robots,
+    links: Links,
+    observation_out: wp.array3d(dtype=float),
+):
+    """Fill entries 8 to 19."""
+    own = robots.measured[w, i]
+    phase = robots.measured_phase[w, i]
+    for side in range(2):
+        start = OWN + LINK * side
+        heard_at = hear(w, i, side, now, key, neighbours, noise, links)
+        if heard_at < 0 or robots.status[w, i] == REMOVED:
+            clear(w, i, start, start + LINK, observation_out)
+        else:
+            message = links.heard[w, i, side]
+            lead = cos_sin(message[0] - phase)
+            observation_out[w, i, start] = 1.0
+            observation_out[w, i, start + 1] = wp.min(float(now - heard_at) * scales.step, 1.0)
+            observation_out[w, i, start + 2] = lead[0]
+            observation_out[w, i, start + 3] = lead[1]
+            observation_out[w, i, start + 4] = far(0.5 * (message[1] - own[0]) / curve.half_width)
+            observation_out[w, i, start + 5] = far(0.5 * (message[2] - own[1]) / curve.half_height)
+
+
+@wp.func
+def observe_robots(w: int, i: int, scales: Scales, robots: Robots, observation_out: wp.array3d(dtype=float)):
+    """List the nearest robots in the disc."""
+    here = planar(robots.position[w, i])
+    for j in range(robots.status.shape[1]):
+        away = planar(robots.position[w, j]) - here
+        if wp.dot(away, away) < scales.radius * scales.radius and j != i and robots.status[w, j] != REMOVED:
+            entry = insert(w, i, OWN + 2 * LINK, ROBOT, scales.robots_seen, away / scales.radius, observation_out)
+            if entry >= 0:
+                relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * scales.speed)
+                observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
+                observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
+
+
+@wp.kernel
+def observe(
+    first: int,
+    lanes: int,
+    begin: int,
+    curve: CurveStruct,
+    noise: NoiseStruct,
+    scales: Scales,
+    neighbours: wp.array2d(dtype=int),
+    clock: Clock,
+    robots: Robots,
+    links: Links,
+    rogues: Rogues,
+    step_in: Step,
+    observation_out: wp.array3d(dtype=float),
+    final_out: wp.array3d(dtype=float),
+):
+    """Fill the row of each robot; where the world begins anew, keep the row it ended with."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if (begin == 1 and clock.fresh[w] == 0) or (begin == 0 and clock.stage[w] == IDLE):
+        return
+    now = clock.step[w]
+    key = randomness.step_key(clock.seed[w], now)
+    n = robots.status.shape[1]
+    size = observation_out.shape[2]
+    for i in range(lane, n, lanes):
+        if begin == 1:
+            for k in range(size):
+                final_out[w, i, k] = observation_out[w, i, k]
+        observe_self(w, i, curve, scales, robots, observation_out)
+        observe_ring(w, i, now, key, curve, noise, scales, neighbours, robots, links, observation_out)
+        empty(w, i, OWN + 2 * LINK, ROBOT, scales.robots_seen, observation_out)
+        empty(w, i, OWN + 2 * LINK + ROBOT * scales.robots_seen, TARGET, scales.targets_seen, observation_out)
+        if scales.robots_seen > 0 and robots.status[w, i] == WORKING:
+            observe_robots(w, i, scales, robots, observation_out)
+    if scales.targets_seen > 0 and step_in.in_sight[w] > 0:
+        start = OWN + 2 * LINK + ROBOT * scales.robots_seen
+        for t in range(rogues.in_sight.shape[1]):
+            if rogues.in_sight[w, t] == 1:
+                for i in range(lane, n, lanes):
+                    away = rogues.position[w, t] - robots.sensor[w, i]
+                    if wp.dot(away, away) < scales.radius * scales.radius:
+                        insert(w, i, start, TARGET, scales.targets_seen, away / scales.radius, observation_out)

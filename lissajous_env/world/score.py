@@ -1,0 +1,86 @@
+"""The score: what was tallied on the device, made into one row of named columns at the end of an episode."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lissajous_env.world.state import NEVER, Tally
+
+if TYPE_CHECKING:
+    from lissajous_env.world.simulation import Simulation
+
+COLUMNS = (
+    "scenario", "policy", "episode", "seed", "targets", "detected_fraction", "detection_time_mean",
+    "detection_time_p95", "detection_time_max", "detected_within_bound", "collisions", "contact_time",
+    "min_separation", "coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "lateral_error_mean",
+    "lateral_error_max", "tracking_error_mean", "tracking_error_max", "spacing_factor", "phase_error", "recovery_time",
+    "outside_time", "return_mean",
+)  # fmt: skip
+
+STAYS = 1.0
+"""Time for which the deviation must have stayed below it at the end of the episode [s]."""
+
+
+def score_rows(simulation: "Simulation", worlds: np.ndarray) -> list[dict[str, Any]]:
+    """Score of the episode that each of some worlds is in, up to now: `COLUMNS` but `policy` and `episode`.
+
+    A time that never came is NaN. A target that was not detected counts with the time it was there.
+    """
+    scenario, step = simulation.scenario, simulation.scenario.task.step
+    clock, tally, cells = simulation.clock, simulation.tally, simulation.cells
+    host = {name: getattr(tally, name).numpy() for name in Tally.vars if name != "contact"}
+    now_of, seed_of = clock.step.numpy(), clock.seed.numpy()
+    appears_at, found_at = simulation.rogues.appears_at.numpy(), simulation.rogues.found_at.numpy()
+    sensed_at, idle_squares = cells.sensed_at.numpy(), cells.idle_squares.numpy()
+    idle_max = cells.idle_max.numpy()
+    rows = []
+    for w in worlds:
+        now = int(now_of[w])
+        times = _detection_times(appears_at[w], found_at[w], now) * step
+        found = found_at[w][appears_at[w] <= now] <= now
+        bound = scenario.detection_time_bound
+        open_gaps = now - sensed_at[w]
+        has_grid, fault_end = scenario.task.grid is not None, int(host["fault_end"][w])
+        squares = idle_squares[w].sum(dtype=float) + np.sum(open_gaps.astype(float) ** 2)
+        recovered = fault_end >= 0 and (now - host["off_at"][w]) * step >= STAYS
+        rows.append({
+            "scenario": scenario.name,
+            "seed": int(seed_of[w]),
+            "targets": len(times),
+            "detected_fraction": found.mean() if len(times) else np.nan,
+            "detection_time_mean": times.mean() if len(times) else np.nan,
+            "detection_time_p95": np.percentile(times, 95) if len(times) else np.nan,
+            "detection_time_max": times.max() if len(times) else np.nan,
+            "detected_within_bound": (found & (times <= bound + 1e-9)).mean() if len(times) else np.nan,
+            "collisions": int(host["collisions"][w]),
+            "contact_time": host["contact_steps"][w] * step,
+            "min_separation": host["min_separation"][w] if host["min_separation"][w] < 1e29 else np.nan,
+            "coverage_time": _time_or_nan(host["covered_at"][w], step),
+            "coverage_time_each": _time_or_nan(host["covered_each_at"][w], step),
+            "idleness_mean": squares * step / (2 * max(now, 1) * open_gaps.size) if has_grid else np.nan,
+            "idleness_max": max(idle_max[w].max(), open_gaps.max()) * step if has_grid else np.nan,
+            "lateral_error_mean": host["lateral_sum"][w] / max(now, 1),
+            "lateral_error_max": host["lateral_max"][w],
+            "tracking_error_mean": host["tracking_sum"][w] / max(now, 1),
+            "tracking_error_max": host["tracking_max"][w],
+            "spacing_factor": host["spacing_max"][w] / (2 * scenario.detection_radius),
+            "phase_error": host["phase_error_max"][w],
+            "recovery_time": max(host["off_at"][w] + 1 - fault_end, 0) * step if recovered else np.nan,
+            "outside_time": host["outside_steps"][w] * step,
+            "return_mean": host["returns"][w].mean(),
+        })  # fmt: skip
+    return [{name: _plain(value) for name, value in row.items()} for row in rows]
+
+
+def _plain(value: Any) -> Any:
+    """Plain number, without the last digits that steps times 0.1 s leave, as in 4.6000000000000005."""
+    return value if isinstance(value, (str, int)) else round(float(value), 12)
+
+
+def _detection_times(appears_at: np.ndarray, found_at: np.ndarray, now: int) -> np.ndarray:
+    appeared = appears_at <= now
+    return np.minimum(found_at[appeared], now) - appears_at[appeared]
+
+
+def _time_or_nan(at: int, step: float) -> float:
+    return np.nan if at == int(NEVER) else at * step

@@ -1,0 +1,47 @@
+"""Which worlds of a batch are meant: their number, a mask or indices, checked alike wherever they are given."""
+
+from typing import Any
+
+import numpy as np
+
+from lissajous_env.parameters.checks import is_whole
+from lissajous_env.wording import shown
+
+
+def whole_number(name: str, value: Any) -> int:
+    """Check a number of things.
+
+    Raises:
+        ValueError: it is not a whole number of at least 1.
+    """
+    if not is_whole(value) or value < 1:
+        raise ValueError(f"{name} must be a whole number of at least 1, got {shown(value)}")
+    return int(value)
+
+
+def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
+    """Indices of the worlds of a (W,) mask, or of indices; None is all of them.
+
+    Raises:
+        ValueError: a mask of another shape, or indices that are not whole numbers from 0 to W - 1, each once.
+    """
+    if worlds is None:
+        return np.arange(num_worlds)
+    try:
+        chosen = np.asarray(worlds)
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"worlds must be a mask or indices of worlds, got {shown(worlds)}") from error
+    if chosen.dtype == bool:
+        if chosen.shape != (num_worlds,):
+            raise ValueError(f"worlds must be a mask of shape ({num_worlds},), got shape {chosen.shape}")
+        return np.flatnonzero(chosen)
+    chosen = np.atleast_1d(chosen)
+    if chosen.size == 0:
+        return np.zeros(0, dtype=np.int64)
+    if chosen.dtype.kind not in "iu":
+        raise ValueError(f"worlds must be a mask or indices of worlds, got {shown(worlds)}")
+    if chosen.min() < 0 or chosen.max() >= num_worlds:
+        raise ValueError(f"worlds must be from 0 to {num_worlds - 1}, got {shown(worlds)}")
+    if chosen.ndim != 1 or len(np.unique(chosen)) != len(chosen):
+        raise ValueError(f"worlds must be in one row, each once, got {shown(worlds)}")
+    return chosen.astype(np.int64)

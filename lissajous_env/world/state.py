@@ -1,0 +1,208 @@
+"""The state of a batch of worlds: flat device arrays, world first, grouped by what they describe.
+
+W worlds, N robots, T target slots, S sub-steps, R rows and C columns of the grid, B 32-bit words for a row's bits.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import warp as wp
+
+WORKING = wp.constant(0)
+STUCK = wp.constant(1)
+REMOVED = wp.constant(2)
+
+HIDDEN = wp.constant(0)
+PRESENT = wp.constant(1)
+FOUND = wp.constant(2)
+GONE = wp.constant(3)
+
+RUNNING = wp.constant(0)
+ENDED = wp.constant(1)
+IDLE = wp.constant(2)
+
+NEVER = wp.constant(2**30)
+NOWHERE = wp.constant(1.0e15)
+"""Coordinate of the sensor of a robot that senses nothing [m]."""
+
+
+@wp.struct
+class Clock:
+    """Time and randomness of each world (W,)."""
+
+    seed: wp.array(dtype=wp.int32)
+    """Seed of the world's random draws."""
+    step: wp.array(dtype=wp.int32)
+    """Control steps taken in this episode."""
+    stage: wp.array(dtype=wp.int32)
+    """RUNNING, ENDED by the latest step, or IDLE: ended earlier and waiting for a reset."""
+    fresh: wp.array(dtype=wp.int32)
+    """1 where the world is being reset."""
+    invalid: wp.array(dtype=wp.int32)
+    """1 where an action of this episode was not finite and zero was taken instead."""
+    invalid_at: wp.array(dtype=wp.int32)
+    """Step in which that happened first, counted from 1; 0 for none."""
+
+
+@wp.struct
+class Robots:
+    """Robots (W, N) in truth and as they measure themselves."""
+
+    position: wp.array2d(dtype=wp.vec3)
+    """x, y, z [m]."""
+    heading: wp.array2d(dtype=wp.float32)
+    """Heading [rad]."""
+    speed: wp.array2d(dtype=wp.float32)
+    """Speed over the ground [m/s]."""
+    phase: wp.array2d(dtype=wp.float64)
+    """theta of (1) in [0, 2 pi) [rad]; the curve's parameter is alpha theta."""
+    track: wp.array3d(dtype=wp.vec3)
+    """(W, N, S + 1) positions through the latest step [m]."""
+    status: wp.array2d(dtype=wp.int32)
+    """WORKING, STUCK or REMOVED."""
+    stuck_until: wp.array2d(dtype=wp.int32)
+    """Step at whose end a random fault is over."""
+    resumed_at: wp.array2d(dtype=wp.int32)
+    """Step at whose end the latest fault was over; -1 for none."""
+    removed_at: wp.array2d(dtype=wp.int32)
+    """Step after which the robot is removed."""
+    wheelbase: wp.array2d(dtype=wp.float32)
+    """Wheelbase of this very car [m]."""
+    drive: wp.array2d(dtype=wp.float32)
+    """Motor's drive of this very car [m/s^2]."""
+    sensor: wp.array2d(dtype=wp.vec2)
+    """x, y of a working robot [m]; far away where the robot senses nothing."""
+    measured: wp.array2d(dtype=wp.vec4)
+    """Measured x, y [m], heading [rad], speed [m/s]."""
+    measured_phase: wp.array2d(dtype=wp.float32)
+    """Measured phase [rad]."""
+
+
+@wp.struct
+class Links:
+    """Messages on the ring: what each robot sent, and what it last heard from its two neighbours."""
+
+    sent: wp.array3d(dtype=wp.vec3)
+    """(W, N, delay + 1) phase, x, y as sent in the latest steps."""
+    sending: wp.array3d(dtype=wp.int32)
+    """(W, N, delay + 1) 1 where something was sent."""
+    heard: wp.array3d(dtype=wp.vec3)
+    """(W, N, 2) phase, x, y last heard."""
+    heard_at: wp.array3d(dtype=wp.int32)
+    """(W, N, 2) step in which what was last heard was sent; -1 for nothing yet."""
+
+
+@wp.struct
+class Rogues:
+    """Target slots (W, T)."""
+
+    position: wp.array2d(dtype=wp.vec2)
+    """x, y [m]."""
+    heading: wp.array2d(dtype=wp.float32)
+    """Heading [rad]."""
+    motion: wp.array2d(dtype=wp.int32)
+    """STILL, DRIFTING, WANDERING or FLEEING."""
+    stage: wp.array2d(dtype=wp.int32)
+    """HIDDEN until it appears, PRESENT, FOUND by a robot, GONE."""
+    appears_at: wp.array2d(dtype=wp.int32)
+    """Step in which it appears."""
+    found_at: wp.array2d(dtype=wp.int32)
+    """Step in which it was detected; NEVER before."""
+    in_sight: wp.array2d(dtype=wp.int32)
+    """1 while it is in a working robot's disc."""
+
+
+@wp.struct
+class Cells:
+    """The coverage grid."""
+
+    sensed_at: wp.array3d(dtype=wp.int32)
+    """(W, R, C) step in which a cell was last sensed; 0 for never."""
+    sensed: wp.array3d(dtype=wp.uint32)
+    """(W, R, B) a bit for each cell that some robot has sensed."""
+    sensed_by: wp.array4d(dtype=wp.uint32)
+    """(W, R, N, B) the same for each robot."""
+    idle_squares: wp.array2d(dtype=wp.int64)
+    """(W, R) sum over cells and visits of the squared time since the visit before [step^2]."""
+    idle_max: wp.array2d(dtype=wp.int32)
+    """(W, R) longest time since the visit before [step]."""
+
+
+@wp.struct
+class Step:
+    """What happened in the latest step."""
+
+    detections: wp.array2d(dtype=wp.int32)
+    """(W, N) targets that this robot was the first to detect."""
+    collisions: wp.array2d(dtype=wp.int32)
+    """(W, N) collisions that began."""
+    effort: wp.array2d(dtype=wp.float32)
+    """(W, N) mean square of the action."""
+    in_sight: wp.array(dtype=wp.int32)
+    """(W,) targets in some working robot's disc."""
+    waiting: wp.array(dtype=wp.int32)
+    """(W,) undetected targets present."""
+    outside: wp.array2d(dtype=wp.int32)
+    """(W, N) 1 where the whole body is outside the rectangle."""
+    idle_ended: wp.array(dtype=wp.int64)
+    """(W,) idleness of the cells that were sensed, summed [step]."""
+    terms: wp.array3d(dtype=wp.float32)
+    """(W, N, 7) terms of the reward: `lissajous_env.world.reward.TERMS`."""
+    reward: wp.array2d(dtype=wp.float32)
+    """(W, N) their sum."""
+    terminated: wp.array2d(dtype=wp.bool)
+    """(W, N) whether a collision or the edge of the rectangle removed the robot."""
+    truncated: wp.array2d(dtype=wp.bool)
+    """(W, N) whether the time is over."""
+
+
+@wp.struct
+class Tally:
+    """Sums over the episode, from which the score is made."""
+
+    contact: wp.array3d(dtype=wp.int32)
+    """(W, N, N) 1 above the diagonal while a pair has collided and not yet parted."""
+    collisions: wp.array(dtype=wp.int64)
+    """(W,) collisions."""
+    contact_steps: wp.array(dtype=wp.int64)
+    """(W,) steps in contact, summed over pairs."""
+    min_separation: wp.array(dtype=wp.float32)
+    """(W,) smallest distance of two robots [m]."""
+    covered: wp.array(dtype=wp.int64)
+    """(W,) cells sensed by some robot."""
+    covered_each: wp.array(dtype=wp.int64)
+    """(W,) cells sensed, summed over robots."""
+    covered_at: wp.array(dtype=wp.int32)
+    """(W,) step in which every cell had been sensed."""
+    covered_each_at: wp.array(dtype=wp.int32)
+    """(W,) step in which every robot had sensed every cell."""
+    lateral_sum: wp.array(dtype=wp.float64)
+    """(W,) distance from the curve, summed over steps, mean over robots [m]."""
+    lateral_max: wp.array(dtype=wp.float32)
+    """(W,) largest distance from the curve [m]."""
+    tracking_sum: wp.array(dtype=wp.float64)
+    """(W,) distance from the point of the curve at a robot's own phase, summed over steps, mean over robots [m]."""
+    tracking_max: wp.array(dtype=wp.float32)
+    """(W,) largest distance from the point of the curve at a robot's own phase [m]."""
+    spacing_max: wp.array(dtype=wp.float32)
+    """(W,) largest distance of ring neighbours [m]."""
+    phase_error: wp.array(dtype=wp.float32)
+    """(W,) deviation from the equilibrium now [rad]."""
+    phase_error_max: wp.array(dtype=wp.float32)
+    """(W,) largest deviation from the equilibrium [rad]."""
+    off_at: wp.array(dtype=wp.int32)
+    """(W,) latest step in which the deviation was not below the band of recovery."""
+    fault_end: wp.array(dtype=wp.int32)
+    """(W,) step at whose end the latest fault was over; -1 for none or while one lasts."""
+    outside_steps: wp.array(dtype=wp.int64)
+    """(W,) steps with the whole body outside the rectangle, summed over robots."""
+    returns: wp.array2d(dtype=wp.float64)
+    """(W, N) sum of the rewards."""
+
+
+def allocate(struct: Any, shapes: Mapping[str, tuple[int, ...]], default: tuple[int, ...], device: Any) -> Any:
+    """Make a struct whose arrays are zero, with the shape given by name or else the default shape."""
+    filled = struct()
+    for name, array in struct.vars.items():
+        setattr(filled, name, wp.zeros(shapes.get(name, default), dtype=array.type.dtype, device=device))
+    return filled

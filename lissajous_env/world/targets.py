@@ -1,0 +1,210 @@
+"""Rogue targets: they appear, move, and are detected by the first working robot that has them in its disc."""
+
+import warp as wp
+
+from lissajous_env.device import randomness
+from lissajous_env.device.compilation import MOTION
+from lissajous_env.device.curve import CurveStruct, wrap
+from lissajous_env.device.structs import struct_of
+from lissajous_env.device.trig import cos_sin
+from lissajous_env.parameters.scenario import Targets
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, NEVER, PRESENT, RUNNING, Clock, Robots, Rogues, Step
+
+wp.set_module_options(MOTION)
+
+TargetsStruct = struct_of(Targets)
+
+STILL = wp.constant(0)
+DRIFTING = wp.constant(1)
+WANDERING = wp.constant(2)
+FLEEING = wp.constant(3)
+
+
+@wp.func
+def planar(position: wp.vec3) -> wp.vec2:
+    """Position on the ground [m]."""
+    return wp.vec2(position[0], position[1])
+
+
+@wp.func
+def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
+    """The point at a share in [0, 1) of the way around the rectangle, counter-clockwise from the right bottom [m]."""
+    width = curve.half_width
+    height = curve.half_height
+    along = share * 4.0 * (width + height)
+    if along < 2.0 * height:
+        return wp.vec2(width, along - height)
+    along -= 2.0 * height
+    if along < 2.0 * width:
+        return wp.vec2(width - along, height)
+    along -= 2.0 * width
+    if along < 2.0 * height:
+        return wp.vec2(-width, height - along)
+    return wp.vec2(along - 2.0 * height - width, -height)
+
+
+@wp.kernel
+def reset_targets(
+    first: int, curve: CurveStruct, targets: TargetsStruct, at_boundary: int, clock: Clock, rogues: Rogues
+):
+    """Draw place, heading and motion of every slot; those of the start appear at step 0."""
+    tid, t = wp.tid()
+    w = first + tid
+    if clock.fresh[w] == 0:
+        return
+    draw = randomness.stream(randomness.step_key(clock.seed[w], 0), t, randomness.ENTRY)
+    x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
+    y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
+    place = wp.vec2(x, y)
+    if at_boundary == 1:
+        place = boundary_point(curve, wp.randf(draw))
+    rogues.position[w, t] = place
+    rogues.heading[w, t] = 6.2831853 * wp.randf(draw)
+    share = wp.randf(draw)
+    motion = int(STILL)
+    if share < targets.drifting:
+        motion = DRIFTING
+    elif share < targets.drifting + targets.wandering:
+        motion = WANDERING
+    elif share < targets.drifting + targets.wandering + targets.fleeing:
+        motion = FLEEING
+    rogues.motion[w, t] = motion
+    rogues.stage[w, t] = HIDDEN
+    rogues.appears_at[w, t] = 0
+    rogues.found_at[w, t] = NEVER
+    rogues.in_sight[w, t] = 0
+
+
+@wp.kernel
+def reset_arrivals(first: int, targets: TargetsStruct, step: float, clock: Clock, rogues: Rogues):
+    """Lay the arrivals of a Poisson process on the slots after those of the start, in order of time."""
+    w = first + wp.tid()
+    if clock.fresh[w] == 0:
+        return
+    draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.ARRIVAL)
+    time = float(0.0)
+    for t in range(targets.count, rogues.stage.shape[1]):
+        time -= wp.log(1.0 - wp.randf(draw)) / targets.arrival_rate
+        rogues.appears_at[w, t] = 1 + int(wp.min(time / step, 1.0e9))
+
+
+@wp.func
+def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> wp.vec2:
+    """Return (index, squared distance [m^2]) of the working robot nearest to a place."""
+    nearest = int(0)
+    least = float(1.0e30)
+    for i in range(robots.sensor.shape[1]):
+        away = robots.sensor[w, i] - place
+        square = wp.dot(away, away)
+        if square < least:
+            least = square
+            nearest = i
+    return wp.vec2(float(nearest), least)
+
+
+@wp.func
+def bounce(place: wp.vec2, heading: float, curve: CurveStruct) -> wp.vec3:
+    """Reflect a target at the boundary of the rectangle: returns x, y [m], heading [rad]."""
+    x = place[0]
+    y = place[1]
+    turned = heading
+    if wp.abs(x) > curve.half_width:
+        x = wp.clamp(wp.sign(x) * 2.0 * curve.half_width - x, -curve.half_width, curve.half_width)
+        turned = 3.14159265 - turned
+    if wp.abs(y) > curve.half_height:
+        y = wp.clamp(wp.sign(y) * 2.0 * curve.half_height - y, -curve.half_height, curve.half_height)
+        turned = -turned
+    return wp.vec3(x, y, wrap(turned))
+
+
+@wp.func
+def move_target(
+    w: int,
+    t: int,
+    key: int,
+    motion: int,
+    place: wp.vec2,
+    nearest: wp.vec2,
+    step: float,
+    curve: CurveStruct,
+    targets: TargetsStruct,
+    robots: Robots,
+    rogues: Rogues,
+) -> wp.vec2:
+    """Move one target over a step [s] and return its new place [m]; `nearest` is of `nearest_sensor`."""
+    heading = rogues.heading[w, t]
+    if motion == FLEEING and nearest[1] < targets.flee_radius * targets.flee_radius:
+        away = place - robots.sensor[w, int(nearest[0])]
+        # A wall turns the flight along itself; it does not send the target back to the robot.
+        fled = place + targets.flee_speed * step * wp.normalize(away)
+        fled = wp.vec2(
+            wp.clamp(fled[0], -curve.half_width, curve.half_width),
+            wp.clamp(fled[1], -curve.half_height, curve.half_height),
+        )
+        rogues.position[w, t] = fled
+        rogues.heading[w, t] = wp.atan2(away[1], away[0])
+        return fled
+    if motion != DRIFTING:
+        # A uniform draw of this deviation: its sum over a second is normal, at a third of the cost.
+        heading += targets.turn_rate * wp.sqrt(3.0 * step) * (2.0 * randomness.uniform(key, t, randomness.WANDER) - 1.0)
+    moved = bounce(place + targets.speed * step * cos_sin(heading), heading, curve)
+    rogues.heading[w, t] = moved[2]
+    rogues.position[w, t] = wp.vec2(moved[0], moved[1])
+    return wp.vec2(moved[0], moved[1])
+
+
+@wp.kernel
+def move_targets(
+    first: int,
+    lanes: int,
+    begin: int,
+    curve: CurveStruct,
+    targets: TargetsStruct,
+    step: float,
+    sensing_radius: float,
+    clock: Clock,
+    robots: Robots,
+    rogues: Rogues,
+    step_out: Step,
+):
+    """Let targets appear, move and be sensed; with `begin` set, at the start of an episode, nothing moves."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if (begin == 1 and clock.fresh[w] == 0) or (begin == 0 and clock.stage[w] != RUNNING):
+        return
+    now = clock.step[w] + 1 - begin
+    key = randomness.step_key(clock.seed[w], now)
+    reach = sensing_radius + step * wp.max(targets.speed, targets.flee_speed)
+    waiting = int(0)
+    sighted = int(0)
+    for t in range(lane, rogues.stage.shape[1], lanes):
+        if rogues.appears_at[w, t] > now:
+            break  # the slots are in the order of their times
+        stage = rogues.stage[w, t]
+        if stage == FOUND and targets.leave == 1:
+            rogues.stage[w, t] = GONE
+            rogues.in_sight[w, t] = 0
+        elif stage != GONE:
+            place = rogues.position[w, t]
+            motion = rogues.motion[w, t]
+            nearest = nearest_sensor(w, place, robots)
+            if stage != HIDDEN and motion != STILL:
+                place = move_target(w, t, key, motion, place, nearest, step, curve, targets, robots, rogues)
+                # A target that was far from every sensor cannot have come into one's reach in this step.
+                if nearest[1] < reach * reach:
+                    nearest = nearest_sensor(w, place, robots)
+            seen = wp.where(nearest[1] < sensing_radius * sensing_radius, 1, 0)
+            sighted += seen
+            rogues.in_sight[w, t] = seen
+            if stage != FOUND:
+                if seen == 1:
+                    rogues.stage[w, t] = FOUND
+                    rogues.found_at[w, t] = now
+                    wp.atomic_add(step_out.detections, w, int(nearest[0]), 1)
+                else:
+                    rogues.stage[w, t] = PRESENT
+                    waiting += 1
+    if waiting > 0:
+        wp.atomic_add(step_out.waiting, w, waiting)
+    if sighted > 0:
+        wp.atomic_add(step_out.in_sight, w, sighted)

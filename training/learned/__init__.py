@@ -1,0 +1,1 @@
+"""Learned policies: their card, weights and checkpoint, and how they act."""

@@ -1,0 +1,281 @@
+"""A checkpoint: a folder with `checkpoint.json` and the safetensors files that it names.
+
+`checkpoint.json` is the commit point. It is replaced as a whole after the files that it names, with their SHA-256, are
+on the disk; so a kill at any moment leaves the checkpoint before or the one after. It names the best policy so far too,
+whose own checkpoint, `best`, is made from it. Nothing in it is unpickled, and what does not hold together is refused.
+"""
+
+import contextlib
+import hashlib
+import json
+import platform
+import re
+from collections.abc import Iterator, Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load as from_safetensors
+from safetensors.numpy import save as to_safetensors
+
+from lissajous_env import Scenario
+from lissajous_env.parameters import named
+from lissajous_env.storage.files import read_bytes, read_json
+from lissajous_env.storage.folder import Folder
+from training.course import check_notes
+from training.learned.card import Card, require
+from training.learned.network import ACTIVATIONS, Network
+
+__all__ = ["Card", "best_of", "hold", "home_scenario", "read", "read_state", "read_text", "save", "settle"]
+
+FILE = "checkpoint.json"
+FORMAT = 1
+LARGEST = 1 << 31
+"""Size up to which a file of arrays is read [bytes]."""
+_BEST = "best"
+_PACKAGES = ("lissajous-env", "warp-lang", "numpy", "torch", "stable-baselines3", "ray", "gymnasium")
+_NAME = r"-[0-9a-f]{12}\.safetensors"
+
+
+def hold(folder: str | Path) -> Folder:
+    """Hold the folder of a training, and bring it into agreement where an earlier process was killed.
+
+    Args:
+        folder: Made if it is not there.
+
+    Raises:
+        ValueError: it is in use, holds files of a user under these names, or is damaged; the message says which.
+    """
+    held = Folder(folder, (FILE, _BEST + "/", "curve.png", "tensorboard/"))
+    try:
+        settle(held)
+    except BaseException:
+        held.close()
+        raise
+    return held
+
+
+def save(
+    folder: str | Path | Folder,
+    network: Network,
+    card: Card,
+    *,
+    state: Mapping[str, np.ndarray] | None = None,
+    notes: Mapping[str, Any] | None = None,
+) -> None:
+    """Replace the checkpoint of a folder.
+
+    Args:
+        folder: Made if it is not there. A path is held while this writes; who holds it already gives what it holds.
+        network: The policy's network.
+        card: What the policy is.
+        state: Arrays that training goes on from.
+        notes: What else is written into `checkpoint.json`: scores, counters; `best` as `best_of` makes it.
+    """
+    with _held(folder) as held:
+        files = {"weights": _write(held, "weights", to_bytes(network.to_arrays()))}
+        if state is not None:
+            files["state"] = _write(held, "state", to_bytes(state))
+        text = {
+            "format": FORMAT,
+            "policy": card.to_dict() | {"activation": network.activation},
+            "settings": dict(card.settings),
+            "versions": _versions(),
+            "files": files,
+            **(notes or {}),
+        }
+        held.write(FILE, _as_json(text))
+        settle(held)
+
+
+def best_of(network: Network, counters: Mapping[str, Any], point: Mapping[str, Any]) -> dict[str, Any]:
+    """What `notes` of `save` say of the best policy so far, at the moment that it is the best.
+
+    Args:
+        network: The policy's network, which that checkpoint holds as well.
+        counters: How far the training was.
+        point: How it was evaluated, the latest point of the curve.
+    """
+    entry = _entry("weights", to_bytes(network.to_arrays()))
+    return {"counters": dict(counters), "scores": dict(point), "files": {"weights": entry}}
+
+
+def settle(folder: Folder) -> None:
+    """Bring `best` into agreement with a held folder's checkpoint, and remove files of ours that none names.
+
+    Raises:
+        ValueError: the checkpoint is damaged.
+    """
+    named: set[str] = set()
+    if (folder.path / FILE).exists():
+        text = read_text(folder.path)
+        named = {entry["name"] for entry in text["files"].values()}
+        best = text.get("best")
+        if best is not None:
+            entry = best["files"]["weights"]
+            named |= {entry["name"], f"{_BEST}/{entry['name']}"}
+            _publish(folder, text, best)
+    for name in folder.written:
+        if re.fullmatch(rf"({_BEST}/)?(weights|state){_NAME}", name) and name not in named:
+            folder.remove(name)
+
+
+def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
+    """Read a checkpoint: its network, its card, and all that `checkpoint.json` holds.
+
+    Raises:
+        ValueError: there is none, it is of a newer format, or a file of it is damaged; the message names the file.
+    """
+    text = read_text(folder)
+    path = Path(folder) / FILE
+    with _naming(path):
+        card = Card.from_dict(text["policy"], text["settings"])
+    weights = Path(folder) / text["files"]["weights"]["name"]
+    arrays = _read(Path(folder), text["files"]["weights"])
+    with _naming(weights):
+        for name, array in arrays.items():
+            require(f"dtype of {name}", array.dtype == np.float32, "must be float32", str(array.dtype))
+        network = Network.from_arrays(arrays, text["policy"]["activation"])
+    if network.inputs != card.network_inputs or network.outputs != card.action_size:
+        got = f"{network.inputs} to {network.outputs}"
+        raise ValueError(f"{path} is damaged: it must map {card.network_inputs} to {card.action_size}, got {got}")
+    return network, card, text
+
+
+def read_text(folder: str | Path) -> dict[str, Any]:
+    """Read `checkpoint.json` of a folder; files and policy are in it as `save` writes them.
+
+    Raises:
+        ValueError: there is none, it is of a newer format or damaged; the message names the file.
+    """
+    path = Path(folder) / FILE
+    if not path.is_file():
+        raise ValueError(f"checkpoint must be a folder that holds {FILE}, got {folder}")
+    text = read_json(path)
+    with _naming(path):
+        require("it", isinstance(text, dict), "must be an object", text)
+        there = text.get("format")
+        require("format", type(there) is int and there == FORMAT, f"must be {FORMAT}", there)
+        for name in ("policy", "settings", "files"):
+            require(name, isinstance(text.get(name), dict), "must be an object", text.get(name))
+        activation = text["policy"].get("activation")
+        require("activation", activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}", activation)
+        _check_files(text["files"], {"weights", "state"})
+        check_notes(text)
+        if text.get("best") is not None:
+            _check_files(text["best"].get("files"), {"weights"})
+    return text
+
+
+def read_state(folder: str | Path, text: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Read the arrays that training goes on from; `text` is what `read` returned.
+
+    Raises:
+        ValueError: the checkpoint has none, or the file is damaged.
+    """
+    if "state" not in text["files"]:
+        raise ValueError(f"{folder} must hold the state of a training that goes on; it holds a finished policy only")
+    return _read(Path(folder), text["files"]["state"])
+
+
+def to_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """Arrays by name as a safetensors file."""
+    return to_safetensors({name: np.ascontiguousarray(array) for name, array in arrays.items()})
+
+
+def home_scenario(card: Card) -> Scenario:
+    """Make the scenario that a policy was trained on, with the overrides it was trained with."""
+    try:
+        return named.scenario(card.scenario, **card.overrides)
+    except TypeError as error:
+        raise ValueError(f"overrides must be fields of {card.scenario}, got {dict(card.overrides)}") from error
+
+
+def _publish(folder: Folder, text: dict[str, Any], best: dict[str, Any]) -> None:
+    """Make the checkpoint of the best policy from what the training's own says of it; all that is there is left."""
+    entry = best["files"]["weights"]
+    home = folder.make_folder(_BEST)
+    if not (home / entry["name"]).exists():
+        folder.write(f"{_BEST}/{entry['name']}", _read_file(folder.path, entry))
+    curve = [point for point in text.get("curve") or () if point["steps"] <= best["scores"]["steps"]]
+    wanted = _as_json({name: value for name, value in (text | best | {"curve": curve}).items() if name != "best"})
+    path = home / FILE
+    if not path.exists() or path.read_bytes() != wanted.encode():
+        folder.write(f"{_BEST}/{FILE}", wanted)
+
+
+@contextlib.contextmanager
+def _held(folder: str | Path | Folder) -> Iterator[Folder]:
+    if isinstance(folder, Folder):
+        yield folder
+    else:
+        with hold(folder) as held:
+            yield held
+
+
+@contextlib.contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Say in which file it is that a value breaks a rule."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{path} is damaged: {error}") from None
+
+
+def _as_json(text: Mapping[str, Any]) -> str:
+    return json.dumps(text, indent=1, allow_nan=False) + "\n"
+
+
+def _check_files(files: Any, known: set[str]) -> None:
+    names = isinstance(files, dict) and {"weights"} <= set(files) <= known
+    require("files", names, "must name weights, and no others but state", files)
+    for stem, entry in files.items():
+        holds = isinstance(entry, dict) and all(isinstance(entry.get(key), str) for key in ("name", "sha256"))
+        require(stem, holds, "must hold a name and a SHA-256", entry)
+        name, digest = entry["name"], entry["sha256"]
+        require(f"name of {stem}", re.fullmatch(stem + _NAME, name), f"must be {stem}-HASH.safetensors", name)
+        require(f"SHA-256 of {stem}", re.fullmatch("[0-9a-f]{64}", digest), "must be 64 hexadecimal digits", digest)
+
+
+def _entry(stem: str, data: bytes) -> dict[str, str]:
+    digest = hashlib.sha256(data).hexdigest()
+    return {"name": f"{stem}-{digest[:12]}.safetensors", "sha256": digest}
+
+
+def _write(folder: Folder, stem: str, data: bytes) -> dict[str, str]:
+    entry = _entry(stem, data)
+    folder.write(entry["name"], data)
+    return entry
+
+
+def _read(folder: Path, entry: Mapping[str, str]) -> dict[str, np.ndarray]:
+    data = _read_file(folder, entry)
+    try:
+        return from_safetensors(data)
+    except (SafetensorError, ValueError, TypeError, OverflowError) as error:
+        raise ValueError(f"{folder / entry['name']} is damaged: {str(error)[:200]}") from error
+    except KeyError as error:
+        raise ValueError(f"{folder / entry['name']} is damaged: NumPy has no numbers of type {error}") from error
+
+
+def _read_file(folder: Path, entry: Mapping[str, str]) -> bytes:
+    path = folder / entry["name"]
+    if not path.exists():
+        raise ValueError(f"{path} is missing, which {folder / FILE} names")
+    data = read_bytes(path, LARGEST)
+    digest = hashlib.sha256(data).hexdigest()
+    if digest != entry["sha256"]:
+        raise ValueError(f"{path} is damaged: its SHA-256 must be {entry['sha256']}, got {digest}")
+    return data
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found

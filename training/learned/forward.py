@@ -1,0 +1,251 @@
+"""A network in a kernel: a thread takes a few rows, each for itself, from their observations to their actions.
+
+So a row's action is the same to the last bit in any batch, at any place in it and on any number of threads, which a
+product of matrices does not give: that rounds by how many rows there are.
+
+On a CPU the inner loop runs over the inputs, with WIDTH outputs of ROWS rows in vector registers: an addition need not
+wait for the one before it, and a weight that was read serves all the rows.
+"""
+
+# Warp reads these types, not Python.
+# pyright: reportInvalidTypeForm=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
+# pyright: reportIndexIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
+
+import os
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.devices import compile_quietly, side_by_side
+from training.learned.network import ACTIVATIONS, Network
+
+# A multiplication and the addition after it are one instruction; a whole vector register is used where there is one.
+_CPU_FLAGS = "-march=native -ffp-contract=fast -mprefer-vector-width=512"
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1, "cpu_compiler_flags": _CPU_FLAGS})
+
+WIDTH = wp.constant(32)
+"""Outputs that are computed together."""
+ROWS = wp.constant(4)
+"""Rows that a thread takes; `layer` writes them out."""
+SMALLEST_SHARE = 128
+"""Threads of the kernel that a further CPU thread must have to be worth its hand-over."""
+
+ABSURD = wp.constant(1.0e6)
+"""What an entry of the observation, which is of the order of 1, is held to: beyond, sums would overflow."""
+NONE, RELU, TANH = wp.constant(0), wp.constant(1), wp.constant(2)
+_KIND = dict(zip(ACTIVATIONS, (RELU, TANH), strict=True))
+
+block = wp.types.vector(length=32, dtype=wp.float32)
+
+
+@wp.struct
+class Layers:
+    """The layers of a network, one after the other."""
+
+    sizes: wp.array(dtype=wp.vec2i)
+    """Inputs, and blocks of outputs, of each layer."""
+    weights: wp.array(dtype=block)
+    """Of each block of outputs: its biases, then its weights of each input; zero where there is nothing."""
+    activation: int
+    """What stands between layers."""
+
+
+@wp.func
+def relu(x: float) -> float:
+    """max(x, 0); NaN stays NaN."""
+    return wp.where(x < 0.0, 0.0, x)
+
+
+@wp.func
+def smooth(x: float) -> float:
+    """tanh x, to 3e-7 of it: Lambert's fraction at x / 8, then tanh 2y = 2 tanh y / (1 + tanh^2 y) three times.
+
+    It is written out so that a compiler can do it for many x at once. Beyond 9 it is 1 in float32; NaN stays NaN.
+    """
+    y = 0.125 * wp.where(x > 9.0, 9.0, wp.where(x < -9.0, -9.0, x))
+    s = y * y
+    t = y * (945.0 + 105.0 * s + s * s) / (945.0 + 420.0 * s + 15.0 * s * s)
+    t = 2.0 * t / (1.0 + t * t)
+    t = 2.0 * t / (1.0 + t * t)
+    return 2.0 * t / (1.0 + t * t)
+
+
+@wp.func
+def limited(x: float, bound: float) -> float:
+    """X held to [-bound, bound]; NaN stays NaN, which a simulation tells of."""
+    return wp.where(x > bound, bound, wp.where(x < -bound, -bound, x))
+
+
+@wp.func
+def activated(y: block, activation: int) -> block:
+    """S(y), for each of a block's outputs."""
+    if activation == RELU:
+        for j in range(WIDTH):
+            y[j] = relu(y[j])
+    elif activation == TANH:
+        for j in range(WIDTH):
+            y[j] = smooth(y[j])
+    return y
+
+
+@wp.func
+def layer(
+    inputs: int,
+    blocks: int,
+    activation: int,
+    first: int,
+    weights: wp.array(dtype=block),
+    row: int,
+    x: wp.array2d(dtype=float),
+    y_out: wp.array2d(dtype=block),
+) -> int:
+    """Write y = s(W x + b) of one layer for ROWS rows from `row` on; returns where the next layer's weights begin."""
+    at = first
+    for b in range(blocks):
+        y0 = weights[at]
+        y1 = weights[at]
+        y2 = weights[at]
+        y3 = weights[at]
+        for j in range(inputs):
+            at += 1
+            y0 += x[row, j] * weights[at]
+            y1 += x[row + 1, j] * weights[at]
+            y2 += x[row + 2, j] * weights[at]
+            y3 += x[row + 3, j] * weights[at]
+        at += 1
+        y_out[row, b] = activated(y0, activation)
+        y_out[row + 1, b] = activated(y1, activation)
+        y_out[row + 2, b] = activated(y2, activation)
+        y_out[row + 3, b] = activated(y3, activation)
+    return at
+
+
+@wp.kernel
+def act_by_network(
+    layers: Layers,
+    residual: float,
+    columns: wp.array(dtype=int),
+    first: int,
+    observation: wp.array3d(dtype=float),
+    base: wp.array3d(dtype=float),
+    blocks: wp.array3d(dtype=block),
+    values: wp.array3d(dtype=float),
+    action_out: wp.array3d(dtype=float),
+):
+    """Actions of ROWS robots, those of world w from row w N on: the network's, or what it adds to a base's action.
+
+    The network reads the entries `columns` of the observation and, where `base` has a size, the base's action after
+    them. What goes into a layer and comes out of it lies in `blocks` (2, rows, blocks) and, as numbers, in `values`
+    (2, rows, numbers): the same memory.
+    """
+    row = ROWS * (first + wp.tid())
+    robots = observation.shape[1]
+    end = wp.min(row + ROWS, observation.shape[0] * robots)
+    entries, size = columns.shape[0], base.shape[2]
+    for r in range(row, end):
+        w, i = r // robots, r % robots
+        for k in range(entries):
+            values[0, r, k] = limited(observation[w, i, columns[k]], ABSURD)
+        for k in range(size):
+            values[0, r, entries + k] = base[w, i, k]
+    last = layers.sizes.shape[0] - 1
+    at = int(0)
+    for k in range(last + 1):
+        activation = wp.where(k < last, layers.activation, NONE)
+        of = layers.sizes[k]
+        at = layer(of[0], of[1], activation, at, layers.weights, row, values[k % 2], blocks[1 - k % 2])
+    for r in range(row, end):
+        w, i = r // robots, r % robots
+        for k in range(action_out.shape[2]):
+            own = limited(values[(last + 1) % 2, r, k], 1.0)
+            if size > 0:
+                own = limited(base[w, i, k] + residual * own, 1.0)
+            action_out[w, i, k] = own
+
+
+_FIRST_INPUT = 4
+"""Where the observation stands among the kernel's arguments; the base follows."""
+
+
+class Forward:
+    """A network over W N rows on one device, recorded once; many rows are split over the threads of a CPU.
+
+    Args:
+        network: The network.
+        columns: Entries of the observation that it reads.
+        observation: (W, N, D) where it reads them.
+        base: (W, N, action_size) actions that its own are added to, or None.
+        residual: What its own are multiplied with before.
+        action: (W, N, action_size) where the actions go.
+        threads: CPU threads; all cores by default.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        columns: np.ndarray,
+        observation: wp.array,
+        base: wp.array | None,
+        residual: float,
+        action: wp.array,
+        threads: int | None = None,
+    ):
+        device: Any = observation.device
+        rows = observation.shape[0] * observation.shape[1]
+        layers, width = _layers(network, device)
+        if base is None:
+            base = wp.zeros((0, 0, 0), dtype=wp.float32, device=device)
+        tasks = -(-rows // int(ROWS))
+        blocks = wp.zeros((2, tasks * int(ROWS), width), dtype=block, device=device)
+        self._blocks = blocks  # whose memory the next array shows
+        numbers = (*blocks.shape[:2], width * int(WIDTH))
+        values = wp.array(ptr=blocks.ptr, shape=numbers, dtype=wp.float32, device=device)
+        read = wp.array(np.asarray(columns, dtype=np.int32), dtype=wp.int32, device=device)
+        self._threads = threads or os.cpu_count() or 1
+        shares = min(self._threads, max(tasks // SMALLEST_SHARE, 1)) if device.is_cpu else 1
+        self._inputs = [observation, base]
+        with compile_quietly():
+            self._launches: list[Any] = [
+                wp.launch(
+                    act_by_network,
+                    dim=high - low,
+                    inputs=[layers, residual, read, low, observation, base, blocks, values],
+                    outputs=[action],
+                    device=device,
+                    record_cmd=True,
+                )
+                for low, high in pairwise(tasks * share // shares for share in range(shares + 1))
+            ]
+
+    def launch(self, observation: wp.array, base: wp.array | None) -> None:
+        """Write the actions for an observation and a base's actions; arrays of the same shapes as those it has."""
+        for k, array in enumerate((observation, base)):
+            if array is not None and array is not self._inputs[k]:
+                for each in self._launches:
+                    each.set_param_at_index(_FIRST_INPUT + k, array)
+                self._inputs[k] = array
+        side_by_side([each.launch for each in self._launches], self._threads)
+
+
+def _layers(network: Network, device: Any) -> tuple[Any, int]:
+    """Constants of the kernel, and the most blocks that go into a layer or come out of it."""
+    packed, sizes = [], []
+    for weight, bias in zip(network.weights, network.biases, strict=True):
+        outputs, inputs = weight.shape
+        blocks = _blocks_of(outputs)
+        whole = np.zeros((blocks * WIDTH, 1 + inputs), dtype=np.float32)
+        whole[:outputs, 0], whole[:outputs, 1:] = bias, weight
+        packed.append(whole.reshape(blocks, WIDTH, 1 + inputs).transpose(0, 2, 1).reshape(-1, WIDTH))
+        sizes.append((inputs, blocks))
+    layers: Any = Layers()
+    layers.sizes = wp.array(np.array(sizes), dtype=wp.vec2i, device=device)
+    layers.weights = wp.array(np.concatenate(packed), dtype=block, device=device)
+    layers.activation = int(_KIND[network.activation])
+    return layers, max(_blocks_of(size) for size in (network.inputs, *network.hidden, network.outputs))
+
+
+def _blocks_of(numbers: int) -> int:
+    return -(-numbers // int(WIDTH))

@@ -1,0 +1,109 @@
+"""The network of a policy: a multilayer perceptron as plain arrays, which `training.learned.forward` evaluates."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+ACTIVATIONS = ("relu", "tanh")
+
+
+@dataclass(frozen=True)
+class Network:
+    """y = W_k s(... s(W_1 x + b_1) ...) + b_k: float32, the activation s between layers, none after the last.
+
+    Its arrays are copies of those that are given, and cannot be written to.
+
+    Raises:
+        ValueError: layers that do not fit together or have no size, numbers that are not finite in float32, or an
+            unknown activation.
+    """
+
+    weights: tuple[np.ndarray, ...]
+    """W of each layer, (outputs, inputs)."""
+    biases: tuple[np.ndarray, ...]
+    """b of each layer, (outputs,)."""
+    activation: str
+    """relu or tanh."""
+
+    def __post_init__(self) -> None:
+        if self.activation not in ACTIVATIONS:
+            raise ValueError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {self.activation!r}")
+        if not len(self.weights) or len(self.weights) != len(self.biases):
+            count = f"{len(self.weights)} and {len(self.biases)}"
+            raise ValueError(f"weights and biases must be of the same layers, at least one, got {count}")
+        for name in ("weights", "biases"):
+            object.__setattr__(self, name, tuple(_numbers(name, array) for array in getattr(self, name)))
+        for weight, bias in zip(self.weights, self.biases, strict=True):
+            if weight.ndim != 2 or 0 in weight.shape:
+                raise ValueError(f"weights must have shape (outputs, inputs), both at least 1, got {weight.shape}")
+            if bias.shape != weight.shape[:1]:
+                raise ValueError(f"bias must have shape {weight.shape[:1]}, got {bias.shape}")
+        for before, after in pairwise(self.weights):
+            if after.shape[1] != before.shape[0]:
+                raise ValueError(f"layer must take the {before.shape[0]} outputs before it, got {after.shape[1]}")
+
+    @property
+    def inputs(self) -> int:
+        """Entries of x."""
+        return self.weights[0].shape[1]
+
+    @property
+    def outputs(self) -> int:
+        """Entries of y."""
+        return self.weights[-1].shape[0]
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Sizes of the layers between."""
+        return tuple(weight.shape[0] for weight in self.weights[:-1])
+
+    def to_torch(self, device: Any) -> Any:
+        """Make the same network as a `torch.nn.Sequential` on a device, without gradients."""
+        import torch
+        from torch import nn
+
+        activation = {"relu": nn.ReLU, "tanh": nn.Tanh}[self.activation]
+        layers: list[nn.Module] = []
+        for weight, bias in zip(self.weights, self.biases, strict=True):
+            layer = nn.Linear(weight.shape[1], weight.shape[0])
+            layer.weight.data = torch.from_numpy(weight.copy())
+            layer.bias.data = torch.from_numpy(bias.copy())
+            layers += [layer, activation()]
+        return nn.Sequential(*layers[:-1]).to(device).requires_grad_(False)
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Arrays by name, as a checkpoint stores them: `policy.K.weight`, `policy.K.bias` of layer K."""
+        named = {}
+        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            named |= {f"policy.{k}.weight": weight, f"policy.{k}.bias": bias}
+        return named
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, np.ndarray], activation: str) -> "Network":
+        """Make the network of `to_arrays`; other arrays are ignored.
+
+        Raises:
+            ValueError: the arrays do not fit together.
+        """
+        count = sum(name.startswith("policy.") and name.endswith(".weight") for name in arrays)
+        try:
+            weights = tuple(arrays[f"policy.{k}.weight"] for k in range(count))
+            biases = tuple(arrays[f"policy.{k}.bias"] for k in range(count))
+        except KeyError as error:
+            raise ValueError(f"weights must hold {error.args[0]}, got {', '.join(sorted(arrays))}") from None
+        return cls(weights, biases, activation)
+
+
+def _numbers(name: str, array: Any) -> np.ndarray:
+    """Return a float32 copy that cannot be written to."""
+    given = np.asarray(array)
+    if given.dtype.kind not in "fiu":
+        raise ValueError(f"{name} must be numbers, got an array of {given.dtype}")
+    with np.errstate(over="ignore"):
+        copied = np.array(given, dtype=np.float32, order="C")
+    if not np.isfinite(copied).all():
+        raise ValueError("weights and biases must be finite in float32")
+    copied.setflags(write=False)
+    return copied

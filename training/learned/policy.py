@@ -1,0 +1,111 @@
+"""A checkpoint as a policy: the same interface as the classical ones."""
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+import baselines
+from baselines.policies.base import Policy
+from lissajous_env import Scenario
+from training.learned import checkpoint
+from training.learned.checkpoint import Card
+from training.learned.forward import Forward
+from training.learned.network import Network
+
+
+class Learned(Policy):
+    """A network's action, clipped to [-1, 1]; where the policy has a base, a share of it is added to the base's action.
+
+    Each row of the observation gives the action of its own robot, for all robots by the same network.
+
+    Args:
+        network: The network.
+        card: What the policy is.
+        scenario: What it is played on.
+        num_worlds: W.
+        device: Warp device.
+
+    Raises:
+        ValueError: the network does not fit the card, its base is not a registered classical policy, or the scenario's
+            robots or observation do not fit the policy.
+    """
+
+    def __init__(
+        self, network: Network, card: Card, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"
+    ):
+        super().__init__(scenario, num_worlds, device)
+        _check(network, card)
+        self.network, self.card, self.kind = network, card, card.kind
+        columns = card.columns(self.scenario)
+        self.base = None if card.base is None else baselines.make(card.base, self.scenario, num_worlds, self.device)
+        added_to = None if self.base is None else self.base.action
+        self._forward = Forward(network, columns, self._observation, added_to, card.residual, self.action)
+
+    def _forget(self, mask: np.ndarray) -> None:
+        if self.base is not None:
+            self.base.reset(mask)
+
+    def _decide(self, observation: wp.array) -> None:
+        base = None if self.base is None else self.base.act(observation)
+        self._forward.launch(observation, base)
+
+
+def _check(network: Network, card: Card) -> None:
+    if (network.inputs, network.outputs) != (card.network_inputs, card.action_size):
+        wanted = f"{card.network_inputs} inputs to {card.action_size} components of an action"
+        raise ValueError(f"network must map {wanted}, got {network.inputs} to {network.outputs}")
+
+
+def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Learned:
+    """Make a policy of a shipped name or of a checkpoint's folder; by default for the scenario it was trained on.
+
+    Raises:
+        ValueError: no such name or folder, a damaged checkpoint, or a scenario that the policy does not fit.
+    """
+    network, card, _ = checkpoint.read(find(name))
+    made = checkpoint.home_scenario(card) if scenario is None else scenario
+    policy = Learned(network, card, made, num_worlds, device)
+    policy.name = str(name)
+    return policy
+
+
+def find(name: str | Path) -> Path:
+    """Folder of a shipped policy, or of a checkpoint: the folder itself.
+
+    Raises:
+        ValueError: there is neither.
+    """
+    shipped = _SHIPPED / str(name)
+    if str(name) in names():
+        return shipped
+    if (Path(name) / checkpoint.FILE).is_file():
+        return Path(name)
+    raise ValueError(
+        f"policy must be one of {', '.join(names()) or 'none shipped'}, or a folder that holds {checkpoint.FILE}, "
+        f"got {str(name)!r}"
+    )
+
+
+def register_shipped() -> None:
+    """Add the shipped policies to the registry of `baselines`, which then takes a checkpoint's folder for a name too.
+
+    Weights are read when a policy is made.
+    """
+    baselines.register_opener(load)
+    for name in names():
+        text = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
+        policy, scenario = text["policy"], text["policy"]["scenario"]
+        about = f"Learned on {scenario}{', on top of ' + policy['base'] if policy['base'] else ''}."
+        baselines.register(name, policy["kind"], partial(load, name), tuple(text["made_for"]), about, learned=True)
+
+
+_SHIPPED = Path(__file__).parent.parent / "policies"
+
+
+def names() -> tuple[str, ...]:
+    """Names of the shipped policies."""
+    return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{checkpoint.FILE}")))

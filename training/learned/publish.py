@@ -1,0 +1,74 @@
+"""Copy a trained policy to where shipped ones live: `python -m training.learned.publish runs/x learned-x`."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from baselines.benchmark.statistics import summarize
+from lissajous_env import evaluate
+from lissajous_env.parameters import named
+from lissajous_env.storage.folder import Folder
+from training.learned import checkpoint
+from training.learned.policy import Learned
+from training.pictures import draw_curve
+
+HELD_OUT = range(10_000, 10_064)
+
+
+def publish(
+    source: Annotated[Path, tyro.conf.Positional],
+    name: Annotated[str, tyro.conf.Positional],
+    made_for: tuple[str, ...] = (),
+    before: tuple[Path, ...] = (),
+    folder: Path = Path(__file__).parent.parent / "policies",
+    command: str = "",
+) -> None:
+    """Copy a policy without what training goes on from, with its curve and its scores on the held-out seeds.
+
+    Args:
+        source: checkpoint that is copied.
+        name: name that the policy is shipped under.
+        before: checkpoints that the training started from, the first one first; their curves are put before its own.
+        made_for: scenarios on which a benchmark plays it without being asked to; by default the one it was trained on.
+        folder: where the shipped ones live.
+        command: command that trained it, where its settings alone do not say it.
+    """
+    with checkpoint.hold(folder / name) as held:
+        _publish(source, made_for, before, held, command)
+
+
+def _publish(source: Path, made_for: tuple[str, ...], before: tuple[Path, ...], folder: Folder, command: str) -> None:
+    network, card, text = checkpoint.read(source)
+    made_for = made_for or (card.scenario,)
+    scores = {}
+    for each in made_for:
+        policy = Learned(network, card, named.scenario(each), len(HELD_OUT))
+        rows = evaluate(policy, each, HELD_OUT)
+        columns = ("detection_time_mean", "collisions", "recovery_time", "return_mean")
+        scores[each] = {column: _rounded(summarize([row[column] for row in rows])) for column in columns}
+        print(each, scores[each])
+    notes = {"made_for": made_for, "command": command, "held_out_scores": scores, "rivals": text.get("rivals") or {}}
+    notes["curve"] = _joined([checkpoint.read_text(stage).get("curve") or [] for stage in (*before, source)])
+    notes["counters"] = {"steps": notes["curve"][-1]["steps"]}
+    checkpoint.save(folder, network, card, notes=notes)
+    with folder.replacing("curve.png") as path:
+        draw_curve(folder.path, path)
+
+
+def _joined(curves: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """One curve of those of stages, each of which goes on from the end of the one before; a point says its `stage`."""
+    joined: list[dict[str, Any]] = []
+    for stage, curve in enumerate(curves, 1):
+        done = joined[-1]["steps"] if joined else 0
+        joined += [point | {"stage": stage, "steps": done + point["steps"]} for point in curve]
+    return joined
+
+
+def _rounded(found) -> dict[str, float | None]:
+    numbers = {"iqm": found.iqm, "low": found.low, "high": found.high, "mean": found.mean}
+    return {name: round(value, 4) if value == value else None for name, value in numbers.items()}
+
+
+if __name__ == "__main__":
+    tyro.cli(publish)

@@ -1,0 +1,193 @@
+"""RLlib's PPO on `LissajousMultiAgentEnv`: one module `robot` for all robots, and a policy of ours out of it."""
+
+import contextlib
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from ray.rllib.algorithms.algorithm import Algorithm
+from ray.rllib.algorithms.ppo import PPOConfig
+from ray.rllib.callbacks.callbacks import RLlibCallback
+from ray.rllib.core.columns import Columns
+from ray.rllib.core.rl_module.apis.value_function_api import ValueFunctionAPI
+from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
+from ray.rllib.core.rl_module.rl_module import RLModuleSpec
+from ray.rllib.core.rl_module.torch import TorchRLModule
+from torch import nn
+
+from lissajous_env import Scenario
+from lissajous_env.device.devices import silent_stderr
+from training.learned.checkpoint import Card
+from training.learned.network import Network
+from training.rllib.env import LissajousMultiAgentEnv
+from training.settings import Train
+
+MODULE = "robot"
+"""Name of the module that all robots share."""
+SCORES = ("detection_time_mean", "collisions", "return_mean", "detected_fraction")
+"""Columns of the score that are averaged over the latest episodes."""
+_RECENT = 256
+"""Episodes over which they are."""
+
+
+class RobotModule(TorchRLModule, ValueFunctionAPI):
+    """A multilayer perceptron for the mean of a robot's action, another for the value, a free standard deviation.
+
+    `model_config` holds `layers`, `activation`, `log_std` and, to start from, `start`: a `Network`, or None.
+    """
+
+    def setup(self) -> None:
+        """Make the networks, with orthogonal weights, the policy's last ones small."""
+        config = self.model_config
+        inputs, outputs = self.observation_space.shape[0], self.action_space.shape[0]
+        self.policy = _perceptron(inputs, config["layers"], outputs, config["activation"], 0.01)
+        self.value = _perceptron(inputs, config["layers"], 1, config["activation"], 1.0)
+        self.log_std = nn.Parameter(torch.full((outputs,), float(config["log_std"])))
+        if config["start"] is not None:
+            self.policy.load_state_dict(config["start"].to_torch("cpu").state_dict())
+
+    def _forward(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Any]:
+        mean = self.policy(batch[Columns.OBS])
+        return {Columns.ACTION_DIST_INPUTS: torch.cat([mean, self.log_std.expand_as(mean)], dim=-1)}
+
+    def compute_values(self, batch: dict[str, Any], embeddings: Any = None) -> torch.Tensor:
+        """Value (B,) of each observation."""
+        return self.value(batch[Columns.OBS]).squeeze(-1)
+
+
+def _perceptron(inputs: int, layers: tuple[int, ...], outputs: int, activation: str, gain: float) -> nn.Sequential:
+    sizes = [inputs, *layers, outputs]
+    made: list[nn.Module] = []
+    for k, (before, after) in enumerate(pairwise(sizes)):
+        linear = nn.Linear(before, after)
+        nn.init.orthogonal_(linear.weight, gain if k == len(layers) else math.sqrt(2.0))
+        nn.init.zeros_(linear.bias)
+        made += [linear, {"relu": nn.ReLU, "tanh": nn.Tanh}[activation]()]
+    return nn.Sequential(*made[:-1])
+
+
+class Scores(RLlibCallback):
+    """Keeps the means of `SCORES` over the latest episodes, among RLlib's metrics under `score`."""
+
+    def on_episode_end(self, *, metrics_logger: Any = None, env: Any = None, env_index: int, **kwargs: Any) -> None:
+        """Note the score of an episode that has ended."""
+        score = env.envs[env_index].unwrapped.score()
+        for name in SCORES:
+            if math.isfinite(score[name]):
+                metrics_logger.log_value(("score", name), score[name], window=_RECENT)
+
+
+def make_ppo(
+    settings: Train, scenario: Scenario, card: Card, start: Network | None = None, iteration: int = 0
+) -> Algorithm:
+    """Make RLlib's PPO with the settings, on the Ray cluster that this process is connected to.
+
+    Args:
+        settings: How to train.
+        scenario: What is played; a step of RLlib's is one of all its robots.
+        card: What the policy reads, and what it adds to.
+        start: Network to start from.
+        iteration: Where a training goes on; its worlds are others than those that it began with.
+    """
+    worlds = -(-settings.worlds // settings.workers)
+    rows = settings.workers * worlds * settings.rollout
+    last = max(settings.steps // scenario.num_robots, 1)
+    model = {
+        "layers": settings.layers,
+        "activation": settings.activation,
+        "log_std": settings.log_std,
+        "start": start,
+    }
+    config = (
+        PPOConfig()
+        .environment(
+            LissajousMultiAgentEnv,
+            env_config={
+                "scenario": scenario,
+                "card": card,
+                "residual_penalty": settings.residual_penalty if card.base else 0.0,
+            },
+            disable_env_checking=True,
+            # The mean of the distribution is the action; the environment clips it.
+            normalize_actions=False,
+            clip_actions=False,
+        )
+        .env_runners(
+            num_env_runners=settings.workers,
+            num_envs_per_env_runner=worlds,
+            rollout_fragment_length=settings.rollout,
+            # A slow worker is waited for: what it has collected would be thrown away.
+            sample_timeout_s=600.0,
+        )
+        .learners(num_learners=0, num_gpus_per_learner=1 if settings.device == "cuda" else 0)
+        .multi_agent(policies={MODULE}, policy_mapping_fn=_shared)
+        .rl_module(
+            rl_module_spec=MultiRLModuleSpec(
+                rl_module_specs={MODULE: RLModuleSpec(module_class=RobotModule, model_config=model)}
+            )
+        )
+        .training(
+            lr=[[0, settings.learning_rate], [last, settings.learning_rate / 50]],
+            gamma=settings.gamma,
+            lambda_=settings.gae_lambda,
+            clip_param=settings.clip_range,
+            entropy_coeff=settings.entropy,
+            vf_loss_coeff=settings.value_weight,
+            vf_clip_param=math.inf,
+            use_kl_loss=False,
+            grad_clip=settings.gradient_max,
+            grad_clip_by="global_norm",
+            num_epochs=settings.epochs,
+            minibatch_size=min(settings.batch_size, rows),
+            train_batch_size_per_learner=rows,
+        )
+        .fault_tolerance(
+            restart_failed_env_runners=True,
+            delay_between_env_runner_restarts_s=1.0,
+            # Each iteration waits this long for workers that are still gone.
+            env_runner_health_probe_timeout_s=2.0,
+        )
+        .callbacks(Scores)
+        .debugging(seed=_first_seed(settings.seed, iteration), log_level="ERROR")
+    )
+    # Native code of Ray warns there of RLlib's own workers; what fails raises.
+    with silent_stderr():
+        algorithm = config.build_algo()
+    with contextlib.suppress(OSError):
+        # RLlib makes an empty folder in the user's home, and never writes to it.
+        Path(str(algorithm.logdir)).rmdir()
+    return algorithm
+
+
+def to_network(weights: Mapping[str, Any], activation: str) -> Network:
+    """Make the policy's network of a module's state: `RobotModule.get_state()`, or as `policy_of` reads it.
+
+    Raises:
+        ValueError: a weight is not finite.
+    """
+    layers = sorted({int(name.split(".")[1]) for name in weights if name.startswith("policy.")})
+    array = {name: np.asarray(value, dtype=np.float32).copy() for name, value in weights.items()}
+    return Network(
+        tuple(array[f"policy.{k}.weight"] for k in layers),
+        tuple(array[f"policy.{k}.bias"] for k in layers),
+        activation,
+    )
+
+
+def policy_of(algorithm: Algorithm, activation: str) -> Network:
+    """Copy the policy that an algorithm has learned so far, the mean of its action."""
+    group = algorithm.learner_group
+    assert group is not None
+    return to_network(group.get_weights([MODULE])[MODULE], activation)
+
+
+def _shared(agent: Any, episode: Any, **_: Any) -> str:
+    return MODULE
+
+
+def _first_seed(seed: int, iteration: int) -> int:
+    return int(np.random.SeedSequence((seed, iteration)).generate_state(1)[0] >> 1)

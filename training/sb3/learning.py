@@ -1,0 +1,224 @@
+"""`lissajous train`: trains a policy, shows how it does, and can be stopped at any moment and called again."""
+
+import contextlib
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import torch
+from rich.console import Console
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.policies import ActorCriticPolicy
+
+import baselines
+from lissajous_env.console.terminal import make_console
+from lissajous_env.storage.folder import Folder
+from training.course import Course
+from training.events import open_rows
+from training.learned import checkpoint
+from training.learned.network import Network
+from training.sb3 import imitation, ppo
+from training.settings import Train
+from training.trainer import RECENT, Trainer, summarize_scores
+
+
+def train(settings: Train, console: Console | None = None) -> Course:
+    """Train to the end, from the last checkpoint where `settings.out` has one.
+
+    Raises:
+        ValueError: a folder that holds files of others or the results of other settings, or is in use by another
+            process; or weights that are no longer finite.
+        OSError: the disk is full; the last checkpoint is whole.
+        KeyboardInterrupt: Ctrl-C; everything up to then is in the checkpoint.
+    """
+    with checkpoint.hold(settings.out) as folder:
+        return Sb3Trainer(settings, console or make_console(), folder).run()
+
+
+class Sb3Trainer(Trainer):
+    """A training by Stable-Baselines3: model and worlds, made anew or as the last checkpoint has them."""
+
+    def __init__(self, settings: Train, console: Console, folder: Folder):
+        super().__init__(settings, console, folder)
+        threads = settings.threads or torch.get_num_threads()
+        torch.set_num_threads(threads)
+        penalty = settings.residual_penalty if settings.base else 0.0
+        self.env = ppo.RobotVecEnv(
+            self.scenario,
+            settings.worlds,
+            self.card,
+            penalty,
+            settings.device,
+            threads=threads,
+            central=settings.critic == "world",
+            short=settings.short,
+            short_time=settings.short_time,
+        )
+        self.model = ppo.make_ppo(settings, self.env, self.card)
+        self.average: dict[str, np.ndarray] | None = None
+        self.teacher = None
+        if settings.imitated is not None:
+            self.teacher = baselines.make(settings.imitated, self.scenario, settings.worlds, settings.device)
+        if (settings.out / checkpoint.FILE).exists():
+            self._go_on()
+        elif (network := self._network_to_start_from()) is not None:
+            ppo.from_network(self.model, network)
+
+    def network(self) -> Network:
+        """Copy the policy that has been learned so far."""
+        learned = ppo.to_network(self.model, self.settings.activation)
+        return learned if self.average is None else Network.from_arrays(self.average, learned.activation)
+
+    def average_in(self) -> None:
+        """Add the weights as they are to their average."""
+        kept, learned = self.settings.averaging, ppo.to_network(self.model, self.settings.activation).to_arrays()
+        if kept > 0:
+            before = self.average or learned
+            self.average = {
+                name: (kept * before[name] + (1 - kept) * array).astype(np.float32) for name, array in learned.items()
+            }
+
+    def save(self) -> None:
+        """Write a checkpoint; a run that goes on from it does bit for bit what this one does."""
+        state = ppo.save_model(self.model) | self.env.save_state()
+        if self.teacher is not None:
+            state |= {f"teacher.{name}": array for name, array in self.teacher.save_state().items()}
+        state |= {f"average.{name}": array for name, array in (self.average or {}).items()}
+        state["scores"] = np.array([[row[name] for name in RECENT] for row in self.env.scores]).reshape(-1, len(RECENT))
+        checkpoint.save(self.folder, self.network(), self.card, state=state, notes=self.course.notes)
+
+    def log(self, values: Mapping[str, float | None]) -> None:
+        """Write values, and what the model has recorded of its update, to TensorBoard."""
+        for name, value in values.items():
+            if value is not None:
+                self.model.logger.record(name, value)
+        self.model.logger.dump(self.course.steps)
+
+    def observe_rollout(self, extra: dict[str, float] | None = None) -> None:
+        """Show and log how the latest episodes went."""
+        recent = summarize_scores(self.env.scores) if self.env.scores else {}
+        logged = {f"rollout/{name}": value for name, value in recent.items()}
+        for name, value in (logged | (extra or {})).items():
+            if value is not None:
+                self.model.logger.record(name, value)
+        self.display.update(recent)
+
+    def _learn(self) -> None:
+        with _logging_to(self.folder.make_folder("tensorboard"), self.course.steps) as logger:
+            self.model.set_logger(logger)
+            if self.teacher is not None:
+                imitation.imitate(self, self.teacher)
+            left = self.settings.steps - self.course.steps
+            if left > 0:
+                # The model counts on from the steps that it has.
+                first = self.model._last_obs is None
+                try:
+                    self.model.learn(left, callback=_Watch(self), reset_num_timesteps=first)
+                except ValueError as error:
+                    ppo.require_finite(self.model, self.settings, self.course.steps, error)
+                    raise
+                ppo.require_finite(self.model, self.settings, self.course.steps)
+            self.evaluate_and_save()
+
+    def _go_on(self) -> None:
+        _, card, text = checkpoint.read(self.settings.out)
+        self._check_same(card.settings)
+        arrays = checkpoint.read_state(self.settings.out, text)
+        self.course = Course.read(text)
+        try:
+            self.env.load_state(arrays)
+            if self.teacher is not None:
+                self.teacher.load_state(ppo.named("teacher.", arrays))
+            self.average = ppo.named("average.", arrays) or None
+            self.env.scores.extend(dict(zip(RECENT, row, strict=True)) for row in arrays["scores"].tolist())
+            ppo.load_model(self.model, arrays, self.course.steps, self.course.updates)
+        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
+            path = self.settings.out / text["files"]["state"]["name"]
+            words = f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
+            raise ValueError(f"{path} must hold the state of this training: {words}") from error
+
+
+class _Watch(BaseCallback):
+    """Keeps the course while Stable-Baselines3 learns: counts, shows, evaluates, stops."""
+
+    def __init__(self, trainer: Sb3Trainer):
+        super().__init__()
+        self.trainer = trainer
+        self._since = time.monotonic()
+
+    def _on_rollout_start(self) -> None:
+        # The one moment between an update and the next step: what is saved here is all there is.
+        trainer = self.trainer
+        ppo.require_finite(self.model, trainer.settings, trainer.course.steps)
+        if self.model._n_updates > trainer.course.updates:
+            trainer.average_in()
+            trainer.log({})
+        trainer.course.updates = self.model._n_updates
+        if trainer.due():
+            self._count_time()
+            trainer.evaluate_and_save()
+            self._since = time.monotonic()
+        trainer.stop_if_asked()
+        if self.model.use_sde:
+            # The noise has been drawn before this moment: draw it anew, from what a run that goes on knows too.
+            torch.manual_seed(trainer.settings.seed << 40 | trainer.course.steps)
+            cast(ActorCriticPolicy, self.model.policy).reset_noise(trainer.env.num_envs)
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        trainer = self.trainer
+        self._count_time()
+        settings, policy = trainer.settings, self.model.policy
+        # An update follows: of the critic alone, as long as the settings say.
+        both = trainer.course.steps >= settings.imitated_until + settings.critic_steps
+        for name, parameter in policy.named_parameters():
+            parameter.requires_grad_(both or name in ppo.critic_parameters(policy))
+        trainer.course.steps = self.model.num_timesteps
+        trainer.observe_rollout()
+
+    def _on_training_end(self) -> None:
+        self._count_time()
+        self.trainer.average_in()
+        self.trainer.course.updates = self.model._n_updates
+
+    def _count_time(self) -> None:
+        now = time.monotonic()
+        self.trainer.course.seconds += now - self._since
+        self._since = now
+
+
+@contextlib.contextmanager
+def _logging_to(folder: Path, steps: int) -> Iterator[Logger]:
+    """Log to TensorBoard; what an earlier process logged after its last checkpoint is taken back."""
+    before = threading.excepthook
+
+    def quiet(told: threading.ExceptHookArgs) -> None:
+        # A disk that is full is told by the next row: the thread that writes need not print where it was.
+        if not isinstance(told.exc_value, OSError):
+            before(told)
+
+    threading.excepthook = quiet
+    try:
+        logger = Logger(str(folder), [_Rows(folder, steps)])
+        with contextlib.closing(logger):
+            yield logger
+    except OSError as error:
+        if error.filename is None:
+            raise OSError(error.errno, error.strerror or str(error), str(folder)) from error
+        raise
+    finally:
+        threading.excepthook = before
+
+
+class _Rows(TensorBoardOutputFormat):
+    """Rows of TensorBoard that go on after some steps; later ones of another process are taken back."""
+
+    def __init__(self, folder: Path, steps: int):
+        self.writer = open_rows(folder, steps)
+        self._is_closed = False

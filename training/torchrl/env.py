@@ -1,0 +1,268 @@
+"""The simulation as a TorchRL environment: a batch of worlds, one group `robot` of agents `robot_0` ...
+
+    env = LissajousTorchEnv("intruders", num_worlds=64, device="cuda")
+    data = env.rollout(100, policy, break_when_any_done=False)
+
+W worlds, N robots, D entries of an observation, A components of an action:
+
+| key                                  | shape                | what                                                   |
+|--------------------------------------|----------------------|--------------------------------------------------------|
+| `robot, observation`                 | (W, N, D)            | rows as `lissajous_env.world.observation` has them     |
+| `robot, action`                      | (W, N, A), or (W, N) | in [-1, 1]; discrete: rows of the action table         |
+| `robot, info, reward_...`            | (W, N, 1)            | the terms of the reward, whose sum it is               |
+| `next, robot, reward`                | (W, N, 1)            | reward                                                 |
+| `done`, `terminated`, `truncated`    | (W, 1)               | of the world: truncated when the time is over,         |
+|                                      |                      | terminated when collisions have removed all its robots |
+| `robot, done` (`terminated`, ...)    | (W, N, 1)            | of each robot: terminated when a collision removed it  |
+| `next, score, ...` (names: `SCORES`) | (W, 1)               | score of the episode that the step ended; NaN before   |
+| `state`, if asked for                | (W, S)               | true state of the world, for critics that may see it   |
+
+A robot keeps its row to the end of the episode: one that a fault stopped observes `works` at 0, one that a collision
+removed stays `done` and earns nothing. Worlds are reset as wholes, by a mask `_reset` (W, 1).
+"""
+
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
+from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Bounded, Categorical, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from lissajous_env import Scenario, Simulation
+from lissajous_env.envs.actions import action_table
+from lissajous_env.parameters import named
+from lissajous_env.world.seeding import drawn_seeds
+from lissajous_env.world.simulation import fold_seed
+from lissajous_env.world.state import ENDED, PRESENT, WORKING
+
+GROUP = "robot"
+
+SCORES = (
+    "detected_fraction",
+    "detection_time_mean",
+    "detected_within_bound",
+    "collisions",
+    "min_separation",
+    "idleness_mean",
+    "idleness_max",
+)
+"""Columns of the score that an episode ends with; `env.simulation.score()` has them all."""
+
+
+class LissajousTorchEnv(EnvBase):
+    """A batch of worlds of one scenario as a TorchRL `EnvBase` of batch size (W,); the module lists its keys.
+
+    Tensors live on the device of the simulation. Observations, rewards and flags never pass through the host, and what
+    is returned is the caller's own; the host sees only the masks of worlds that end, and computes their scores.
+
+    Attributes:
+        simulation: The worlds.
+        group_map: Name of the group, and of its agents in the order of their rows.
+
+    Args:
+        scenario: Name of a scenario, or one that was made.
+        num_worlds: W.
+        device: `cpu`, `cuda` or `cuda:k`.
+        seed: World k begins with seed + k; without one, and without a call of `set_seed`, seeds are drawn from the
+            system, so that environments in many processes differ.
+        discrete_actions: Whether actions are rows of `lissajous_env.envs.actions.action_table` instead of numbers.
+        state: Whether to return the true state, S = 8 N + 3 target slots + 1 numbers.
+        threads: CPU threads of the simulation; all cores by default.
+        **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
+
+    Raises:
+        ValueError: what the scenario or the simulation refuses.
+    """
+
+    def __init__(
+        self,
+        scenario: str | Scenario = "experiment",
+        num_worlds: int = 1,
+        *,
+        device: Any = "cpu",
+        seed: int | None = None,
+        discrete_actions: bool = False,
+        state: bool = False,
+        threads: int | None = None,
+        **overrides: Any,
+    ):
+        made = named.scenario(scenario, **overrides)
+        self.simulation = Simulation(made, num_worlds, device=str(device), threads=threads)
+        super().__init__(device=wp.device_to_torch(self.simulation.device), batch_size=(num_worlds,))
+        self.scenario = self.simulation.scenario
+        self.group_map = {GROUP: [f"{GROUP}_{i}" for i in range(self.scenario.num_robots)]}
+        self._table = torch.as_tensor(action_table(self.scenario), device=self.device) if discrete_actions else None
+        self._with_state = state
+        self._size = torch.tensor([made.curve.half_width, made.curve.half_height], device=self.device)
+        self._renderers: dict[Any, Any] = {}
+        self._declare()
+        self._set_seed(seed)
+
+    def _declare(self) -> None:
+        """Set the specs."""
+        sim, device = self.simulation, self.device
+        world = self.batch_size
+        team = torch.Size((*world, sim.num_robots))
+        row = torch.Size((*team, 1))
+
+        def each(shape: torch.Size, **specs: Any) -> Composite:
+            return Composite(**specs, shape=shape, device=device)
+
+        def flags(shape: torch.Size) -> dict[str, Categorical]:
+            names = ("done", "terminated", "truncated")
+            return {name: Categorical(2, torch.Size((*shape, 1)), device, torch.bool) for name in names}
+
+        low, high = (torch.as_tensor(end, device=device).expand(*team, -1) for end in (sim.layout.low, sim.layout.high))
+        rows = Bounded(low, high, device=device, dtype=torch.float32)
+        info = each(team, **{f"reward_{name}": Unbounded(row, device) for name in sim.reward_term_names})
+        scores = each(world, **{name: Unbounded(torch.Size((*world, 1)), device) for name in SCORES})
+        state = {}
+        if self._with_state:
+            size = 8 * sim.num_robots + 3 * self.scenario.target_capacity + 1
+            state["state"] = Unbounded(torch.Size((*world, size)), device)
+        if self._table is None:
+            action = Bounded(-1.0, 1.0, torch.Size(sim.action_shape), device, torch.float32)
+        else:
+            action = Categorical(len(self._table), team, device, torch.int64)
+        self.observation_spec = each(world, **{GROUP: each(team, observation=rows, info=info)}, score=scores, **state)
+        self.action_spec = each(world, **{GROUP: each(team, action=action)})
+        self.reward_spec = each(world, **{GROUP: each(team, reward=Unbounded(row, device))})
+        self.done_spec = each(world, **flags(world), **{GROUP: each(team, **flags(team))})
+
+    def _set_seed(self, seed: int | None) -> None:
+        """Let world k begin its next episode with seed + k, and draw its seeds from there on."""
+        first = int(drawn_seeds(1)[0]) if seed is None else seed
+        self._seeds = np.array([fold_seed(first + k) for k in range(self.simulation.num_worlds)])
+        self._seeded = np.ones(self.simulation.num_worlds, dtype=bool)
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        if mask is None and tensordict is not None and (GROUP, "_reset") in tensordict.keys(True):
+            raise ValueError(f"_reset must be of worlds, of shape {(*self.batch_size, 1)}, got one of robots alone")
+        chosen = np.ones(self.batch_size, dtype=bool) if mask is None else mask.reshape(-1).cpu().numpy()
+        seeded, unseeded = chosen & self._seeded, chosen & ~self._seeded
+        with self._on_torch_stream():
+            if seeded.any():
+                self.simulation.reset(seeded, self._seeds[seeded])
+                self._seeded &= ~chosen
+            if unseeded.any():
+                self.simulation.reset(unseeded)
+        return self._read()
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        action = tensordict.get((GROUP, "action"))
+        if self._table is not None:
+            action = self._table[action]
+        with self._on_torch_stream():
+            self.simulation.step(action)
+        after = self._read()
+        self._refuse_invalid(action)
+        return after.set((GROUP, "reward"), wp.to_torch(self.simulation.reward).unsqueeze(-1).clone())
+
+    def _refuse_invalid(self, action: torch.Tensor) -> None:
+        """Raise where an action is not finite: what would be learned from it is nothing.
+
+        The simulation has taken it as zero, and flagged its world; the flags are read after the scores, for which the
+        device has been waited for already.
+        """
+        if wp.to_torch(self.simulation.invalid).any():
+            finite = torch.isfinite(action).all(-1)
+            w, i = (~finite).nonzero()[0].tolist()
+            raise ValueError(f"action of {GROUP}_{i} in world {w} must be finite, got {action[w, i].tolist()}")
+
+    def _read(self) -> TensorDict:
+        """Copy what every world shows now out of the simulation's arrays, which the next step overwrites."""
+        sim = self.simulation
+        terms = wp.to_torch(sim.reward_terms).clone().unbind(-1)
+        info = {f"reward_{name}": term.unsqueeze(-1) for name, term in zip(sim.reward_term_names, terms, strict=True)}
+        terminated = wp.to_torch(sim.terminated).unsqueeze(-1).clone()
+        truncated = wp.to_torch(sim.truncated).unsqueeze(-1).clone()
+        team = {
+            "observation": wp.to_torch(sim.observation).clone(),
+            "info": self._batched(info, 2),
+            **_flags(terminated, truncated),
+        }
+        world = {
+            GROUP: self._batched(team, 2),
+            "score": self._batched(self._scores(), 1),
+            **_flags(terminated.all(1), truncated.any(1)),
+        }
+        if self._with_state:
+            world["state"] = self._state()
+        return self._batched(world, 1)
+
+    def _scores(self) -> dict[str, torch.Tensor]:
+        """Scores (W, 1) of the episodes that the latest step ended, NaN in the other worlds."""
+        scores = torch.full((len(SCORES), *self.batch_size, 1), torch.nan, device=self.device)
+        ended = wp.to_torch(self.simulation.clock.stage) == int(ENDED)
+        if ended.any():
+            rows = self.simulation.score(ended.cpu().numpy())
+            columns = torch.tensor([[row[name] for row in rows] for name in SCORES], device=self.device)
+            scores[:, ended, 0] = columns.float()
+        return dict(zip(SCORES, scores, strict=True))
+
+    def _state(self) -> torch.Tensor:
+        """(W, S) the true state, laid out as `lissajous_env.LissajousParallelEnv.state` says."""
+        sim = self.simulation
+        robots, rogues = sim.robots, sim.rogues
+        heading, phase = wp.to_torch(robots.heading), wp.to_torch(robots.phase).float()
+        speed = wp.to_torch(robots.speed) / sim.speed_scale
+        works = wp.to_torch(robots.status) == int(WORKING)
+        place = wp.to_torch(robots.position)[..., :2] / self._size
+        columns = [heading.cos(), heading.sin(), speed, phase.cos(), phase.sin(), works]
+        of_robots = torch.cat([place, torch.stack(columns, dim=-1)], dim=-1)
+        waiting = (wp.to_torch(rogues.stage) == int(PRESENT)).float().unsqueeze(-1)
+        of_targets = torch.cat([waiting, waiting * wp.to_torch(rogues.position) / self._size], dim=-1)
+        elapsed = wp.to_torch(sim.clock.step).float().unsqueeze(-1) / self.scenario.task.steps
+        return torch.cat([of_robots.flatten(1), of_targets.flatten(1), elapsed], dim=-1)
+
+    def _batched(self, entries: dict[str, Any], dimensions: int) -> TensorDict:
+        shape = (*self.batch_size, self.scenario.num_robots)[:dimensions]
+        return TensorDict(entries, batch_size=shape, device=self.device)
+
+    def _on_torch_stream(self) -> AbstractContextManager:
+        """Run the simulation on torch's stream: on CUDA Warp has its own, and neither would wait for the other."""
+        if self.simulation.device.is_cpu:
+            return nullcontext()
+        return wp.ScopedStream(wp.stream_from_torch(self.device))
+
+    def render(self, mode: str = "rgb_array", world: int = 0, size: tuple[int, int] | None = None) -> np.ndarray:
+        """Draw one world.
+
+        Args:
+            mode: `rgb_array`, the only one.
+            world: Which.
+            size: Width and height [px]; None fits the scenario's rectangle.
+
+        Returns:
+            (height, width, 3) uint8.
+
+        Raises:
+            ValueError: another mode, or a size that the renderer refuses.
+        """
+        if mode != "rgb_array":
+            raise ValueError(f"mode must be rgb_array, got {mode!r}")
+        if size not in self._renderers:
+            from lissajous_env.render import Renderer
+
+            self._renderers[size] = Renderer(self.scenario, size)
+        with self._on_torch_stream():
+            return self._renderers[size].draw(self.simulation, world)
+
+    def to(self, device: Any) -> "LissajousTorchEnv":
+        """Return the environment itself: it stays on the device that it was made for.
+
+        Raises:
+            ValueError: another device.
+        """
+        wanted = torch.device(device)
+        if wanted.type != self.device.type or wanted.index not in (None, self.device.index):
+            raise ValueError(f"device must be {self.device}, for which the environment was made, got {wanted}")
+        return self
+
+
+def _flags(terminated: torch.Tensor, truncated: torch.Tensor) -> dict[str, torch.Tensor]:
+    return {"done": terminated | truncated, "terminated": terminated, "truncated": truncated}

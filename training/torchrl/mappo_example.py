@@ -1,0 +1,94 @@
+"""Train a team with BenchMARL: MAPPO, or another of its algorithms, on any scenario.
+
+    python -m training.torchrl.mappo_example --iterations 50 --scenario intruders --out runs/mappo
+    python -m training.torchrl.mappo_example --algorithm qmix --set task.duration=20 state=True
+
+Curves are written below `--out` as CSV files, the scores of the episodes beside their rewards.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from lissajous_env.extras import missing
+from lissajous_env.parameters.overrides import Overrides, parse_overrides
+
+try:
+    from benchmarl.algorithms import IppoConfig, MappoConfig, QmixConfig
+    from benchmarl.experiment import Experiment, ExperimentConfig
+    from benchmarl.models import MlpConfig
+
+    from training.torchrl.benchmarl import LissajousTaskClass
+except ImportError as error:
+    raise missing("training.torchrl.mappo_example", "marl", error) from error
+
+ALGORITHMS = {"mappo": MappoConfig, "ippo": IppoConfig, "qmix": QmixConfig}
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """What to train on what, for how long."""
+
+    scenario: str = "intruders"
+    """Name of the scenario."""
+    algorithm: Literal["mappo", "ippo", "qmix"] = "mappo"
+    """MAPPO or IPPO, with continuous actions, or QMIX, with discrete ones."""
+    iterations: int = 50
+    """Iterations; in each, every world plays one whole episode."""
+    worlds: int = 32
+    """Worlds that are simulated together."""
+    out: Path = Path("runs")
+    """Folder for the results; each run makes a folder of its own in it."""
+    seed: int = 0
+    """Seed of the worlds and of the learner."""
+    device: str = "cpu"
+    """Device of the worlds and of the learner: `cpu` or `cuda`."""
+    overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = dataclasses.field(default_factory=dict)
+    """Fields changed in the scenario, and `state`, as `training.torchrl.benchmarl` says."""
+
+
+def experiment(settings: Settings) -> Experiment:
+    """Make the experiment; its `run()` trains.
+
+    Raises:
+        ValueError: an unknown scenario or field, or a value that the scenario refuses.
+    """
+    task = LissajousTaskClass(settings.scenario, dict(settings.overrides))
+    frames = settings.worlds * task.scenario.task.steps
+    config = ExperimentConfig.get_from_yaml()
+    config.sampling_device = config.train_device = config.buffer_device = settings.device
+    config.max_n_frames, config.max_n_iters = None, settings.iterations
+    config.gamma, config.lr = 0.99, 3e-4
+    config.on_policy_n_envs_per_worker = config.off_policy_n_envs_per_worker = settings.worlds
+    config.on_policy_collected_frames_per_batch = config.off_policy_collected_frames_per_batch = frames
+    config.on_policy_n_minibatch_iters, config.on_policy_minibatch_size = 4, -(-frames // 8)
+    config.off_policy_n_optimizer_steps, config.off_policy_memory_size = 64, 20 * frames
+    config.evaluation_interval, config.evaluation_episodes = 10 * frames, settings.worlds
+    # The CSV logger would write a film of each evaluation uncompressed, hundreds of MB.
+    config.render, config.loggers = False, ["csv"]
+    settings.out.mkdir(parents=True, exist_ok=True)
+    config.save_folder = str(settings.out)
+    return Experiment(
+        task=task,
+        algorithm_config=ALGORITHMS[settings.algorithm].get_from_yaml(),
+        model_config=MlpConfig.get_from_yaml(),
+        seed=settings.seed,
+        config=config,
+    )
+
+
+def main(settings: tyro.conf.OmitArgPrefixes[Settings], overrides: Overrides = ()) -> None:
+    """Train a team with BenchMARL.
+
+    Args:
+        settings: What is trained on what, for how long.
+        overrides: fields changed in the scenario, as in --set task.duration=20 targets.count=5
+    """
+    experiment(dataclasses.replace(settings, overrides=parse_overrides(overrides))).run()
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
