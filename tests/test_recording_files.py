@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.episodes import recording
+from lissajous_env.episodes import recording as recordings
 
 
 @pytest.fixture(scope="module")
-def recording() -> recording.Recording:
+def recording() -> recordings.Recording:
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", **{"task.duration": 1.2}), seed=4)
-    recorder = recording.Recorder(simulation)
+    recorder = recordings.Recorder(simulation)
     recorder.take()
     for _ in range(12):
         simulation.step(np.zeros(simulation.action_shape, np.float32))
@@ -57,7 +57,7 @@ def refused(path) -> str:
     """Why a file is refused: nothing but a ValueError with its name, in one line, with little memory."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ValueError, match=r"bad\.npz must be an undamaged recording") as caught:
-        recording.load(path)
+        recordings.load(path)
     assert "\n" not in str(caught.value)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200 * 1024
     return str(caught.value)
@@ -84,7 +84,7 @@ def test_arrays_that_claim_too_much_are_refused_by_name(recording, tmp_path, dat
 
 def test_a_small_file_that_would_unpack_to_much_is_refused(recording, tmp_path, monkeypatch):
     # Zeros, packed to a thousandth, in the place of the cells.
-    monkeypatch.setattr(recording.archive, "MOST_BYTES", 10**8)
+    monkeypatch.setattr(recordings.archive, "MOST_BYTES", 10**8)
     path = tmp_path / "bad.npz"
     recording.save(path)
     with zipfile.ZipFile(path) as file:
@@ -128,7 +128,7 @@ def test_a_small_file_that_would_unpack_to_much_is_refused(recording, tmp_path, 
 def test_words_that_do_not_hold_are_refused_by_name(recording, tmp_path, about):
     rewritten(recording, tmp_path / "bad.npz", about)
     try:
-        loaded = recording.load(tmp_path / "bad.npz")
+        loaded = recordings.load(tmp_path / "bad.npz")
     except ValueError:
         refused(tmp_path / "bad.npz")
     else:  # of a curve with so many lobes only the picture has to hold

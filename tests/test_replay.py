@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 import lissajous_env
-from lissajous_env.episodes import recording
+from lissajous_env.episodes import recording as recordings
 from lissajous_env.render import Renderer, Snapshot, film
 from lissajous_env.world.state import REMOVED
 
@@ -33,12 +33,12 @@ class Straight:
 
 
 @pytest.fixture(scope="module")
-def recording() -> recording.Recording:
-    return recording.record(Straight(), lissajous_env.scenario("experiment", **SHORT), seed=4)
+def recording() -> recordings.Recording:
+    return recordings.record(Straight(), lissajous_env.scenario("experiment", **SHORT), seed=4)
 
 
 def resaved(recording, path, **changes) -> None:
-    arrays = {name: getattr(recording, name) for name in recording.ARRAYS} | changes
+    arrays = {name: getattr(recording, name) for name in recordings.ARRAYS} | changes
     with np.load(path) as stored:
         arrays.setdefault("about", stored["about"])
     np.savez_compressed(path, **{name: value for name, value in arrays.items() if value is not None})
@@ -62,18 +62,18 @@ def test_a_recording_holds_the_episode(recording):
 
 
 def test_a_batch_records_its_first_world(recording):
-    batch = recording.record(Straight(num_worlds=3), recording.scenario, seed=4)
+    batch = recordings.record(Straight(num_worlds=3), recording.scenario, seed=4)
     np.testing.assert_array_equal(batch.position, recording.position)
 
 
 def test_saved_and_loaded_is_the_same(recording, tmp_path):
     path = tmp_path / "episode.npz"
     recording.save(path)
-    loaded = recording.load(path)
+    loaded = recordings.load(path)
     assert [file.name for file in tmp_path.iterdir()] == ["episode.npz"]
     assert loaded.scenario == recording.scenario
     assert str(loaded.score) == str(recording.score)
-    for name in recording.ARRAYS:
+    for name in recordings.ARRAYS:
         kept, read = getattr(recording, name), getattr(loaded, name)
         assert kept.dtype == read.dtype, name
         np.testing.assert_array_equal(kept, read, err_msg=name)
@@ -82,21 +82,21 @@ def test_saved_and_loaded_is_the_same(recording, tmp_path):
 def test_any_name_of_file_is_kept(recording, tmp_path):
     recording.save(tmp_path / "episode.rec")
     assert [file.name for file in tmp_path.iterdir()] == ["episode.rec"]
-    recording.load(tmp_path / "episode.rec")
+    recordings.load(tmp_path / "episode.rec")
 
 
 def test_scenarios_with_infinite_fields_come_back(tmp_path):
     scenario = lissajous_env.scenario("failure", **{"faults.schedule": ((1, 0.2, np.inf),), "task.duration": 0.5})
     simulation = lissajous_env.Simulation(scenario)
-    recorder = recording.Recorder(simulation)
+    recorder = recordings.Recorder(simulation)
     recorder.take()
     recorder.recording("nobody").save(tmp_path / "one.npz")
-    assert recording.load(tmp_path / "one.npz").scenario == simulation.scenario
+    assert recordings.load(tmp_path / "one.npz").scenario == simulation.scenario
 
 
 def test_a_step_that_was_left_out_is_refused():
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment"))
-    recorder = recording.Recorder(simulation)
+    recorder = recordings.Recorder(simulation)
     with pytest.raises(ValueError, match="at least one moment"):
         recorder.recording()
     simulation.step(np.zeros(simulation.action_shape, np.float32))
@@ -110,7 +110,7 @@ def test_a_file_cut_short_is_refused_by_name(recording, tmp_path, kept):
     recording.save(path)
     path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
     with pytest.raises(ValueError, match=r"cut\.npz must be an undamaged recording"):
-        recording.load(path)
+        recordings.load(path)
 
 
 def test_every_damaged_byte_is_refused_or_harmless(recording, tmp_path):
@@ -123,7 +123,7 @@ def test_every_damaged_byte_is_refused_or_harmless(recording, tmp_path):
         path.write_bytes(hit)
         refused = None
         try:
-            loaded = recording.load(path)
+            loaded = recordings.load(path)
         except ValueError as error:
             refused = str(error)
         else:  # some bytes of a zip file mean nothing, as its dates
@@ -140,11 +140,11 @@ def test_foreign_files_are_refused_by_name(recording, tmp_path):
     for data in (b"", b"GIF89a", pickled.getvalue(), array.getvalue()):
         path.write_bytes(data)
         with pytest.raises(ValueError, match=r"foreign\.npz must be an undamaged recording"):
-            recording.load(path)
+            recordings.load(path)
     with zipfile.ZipFile(path, "w") as file:
         file.writestr("readme.txt", "hello")
     with pytest.raises(ValueError, match="it lacks"):
-        recording.load(path)
+        recordings.load(path)
 
 
 @pytest.mark.parametrize(
@@ -166,12 +166,12 @@ def test_arrays_that_do_not_fit_are_refused_by_name(recording, tmp_path, name, c
     recording.save(path)
     resaved(recording, path, **{name: change(getattr(recording, name, None))})
     with pytest.raises(ValueError, match=r"odd\.npz must be an undamaged recording"):
-        recording.load(path)
+        recordings.load(path)
 
 
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"none\.npz"):
-        recording.load(tmp_path / "none.npz")
+        recordings.load(tmp_path / "none.npz")
 
 
 def test_pictures_of_a_recording_are_those_of_the_simulation(recording):
@@ -249,7 +249,7 @@ def test_keys_of_the_player(recording, monkeypatch):
 
     monkeypatch.setattr(Renderer, "draw", drawing)
     monkeypatch.setattr(film.Window, "show", showing)
-    recording.play(slow, speed=3.0, size=(240, 160))
+    recordings.play(slow, speed=3.0, size=(240, 160))
     assert shown[:4] == [0, 1, 2, 1]
     assert shown[-1] == 12
     assert shown.count(0) == 2
@@ -266,14 +266,14 @@ def test_player_ends_when_its_window_is_closed(recording, monkeypatch):
         return show(self, picture, 1000)
 
     monkeypatch.setattr(film.Window, "show", showing)
-    recording.play(recording, size=(240, 160))
+    recordings.play(recording, size=(240, 160))
     assert not pygame.display.get_init()
 
 
 def test_positions_far_away_are_drawn(recording, tmp_path):
     far = dataclasses.replace(recording, position=recording.position + np.float32(1e30))
     far.save(tmp_path / "far.npz")
-    assert recording.load(tmp_path / "far.npz").save_gif(tmp_path / "far.gif", size=(240, 160)) == 13
+    assert recordings.load(tmp_path / "far.npz").save_gif(tmp_path / "far.gif", size=(240, 160)) == 13
 
 
 @pytest.mark.parametrize(
@@ -303,9 +303,9 @@ def test_contact_sheets_have_a_largest_size(recording, tmp_path):
 
 
 def test_an_episode_too_large_to_be_kept_is_refused_while_it_is_recorded(monkeypatch):
-    monkeypatch.setattr(recording.archive, "MOST_BYTES", 10_000)
+    monkeypatch.setattr(recordings.archive, "MOST_BYTES", 10_000)
     with pytest.raises(ValueError, match=r"a recording must hold at most 10,000 bytes: take a coarser task\.grid"):
-        recording.record(Straight(), lissajous_env.scenario("experiment", **SHORT))
+        recordings.record(Straight(), lissajous_env.scenario("experiment", **SHORT))
 
 
 def test_a_pair_is_in_contact_until_one_of_it_is_gone():
