@@ -135,7 +135,7 @@ def test_the_closed_loop_stays_near_the_curve():
     benchmark = load_benchmark()
     mpcc = Mpcc(CURVE, P, 5)
     problems, _ = benchmark.closed_loop(mpcc, CURVE, 200)
-    off = problems.state[:, :2] - benchmark.theory.curve_point(CURVE, problems.state[:, 4])
+    off = problems.state[:, :2] - benchmark.closed_forms.curve_point(CURVE, problems.state[:, 4])
     assert np.hypot(off[:, 0], off[:, 1]).max() < 0.75
     assert mpcc.failures.numpy().sum() == 0
 
