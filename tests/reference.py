@@ -387,7 +387,7 @@ class World:
 
 def world_like(simulation, world: int = 0) -> World:
     """The reference of one world of a simulation, begun with the phases and targets of its episode."""
-    rogues = simulation.rogues
+    rogues = simulation.targets
     targets = zip(
         rogues.position.numpy()[world].astype(float),
         rogues.heading.numpy()[world].astype(float),

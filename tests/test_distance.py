@@ -21,7 +21,10 @@ def distances(table: DistanceTable, places: wp.array(dtype=wp.vec2), out: wp.arr
 
 def by_table(scenario, places):
     out = wp.zeros(len(places), dtype=float, device="cpu")
-    inputs = [table_of(scenario, "cpu"), wp.array(places, dtype=wp.vec2, device="cpu")]
+    inputs = [
+        table_of(scenario.curve, scenario.robot.kind == "curve", "cpu"),
+        wp.array(places, dtype=wp.vec2, device="cpu"),
+    ]
     wp.launch(distances, dim=len(places), inputs=inputs, outputs=[out], device="cpu")
     return out.numpy()
 

@@ -72,7 +72,7 @@ def test_the_layout_is_the_table_of_the_docstring(robots, targets):
 def test_a_row_holds_its_own_robot(name):
     # Oracle: the state, divided as the table says.
     simulation = lissajous_env.Simulation(lissajous_env.scenario(name), 4, seed=2)
-    curve, unit = simulation.scenario.curve, simulation.speed_scale
+    curve, unit = simulation.scenario.curve, simulation.speed_unit
     for _ in range(20):
         step(simulation)
     robots = simulation.robots
@@ -243,7 +243,7 @@ def test_the_lists_are_of_the_nearest_in_the_disc_nearest_first(robots_seen, tar
     robots, targets = lists_of(simulation)
     places = simulation.robots.position.numpy()[..., :2].astype(float)
     others = np.broadcast_to(places[:, None], (6, 5, 5, 2)) - places[:, :, None]
-    rogues = simulation.rogues.position.numpy()[:, None] - places[:, :, None]
+    rogues = simulation.targets.position.numpy()[:, None] - places[:, :, None]
     for listed, offsets, room, first in [(robots, others, robots_seen, 1), (targets, rogues, targets_seen, 0)]:
         for w in range(6):
             for i in range(5):
@@ -256,7 +256,7 @@ def test_the_lists_are_of_the_nearest_in_the_disc_nearest_first(robots_seen, tar
         heading, speed = simulation.robots.heading.numpy(), simulation.robots.speed.numpy()
         velocity = speed[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
         nearest = np.argsort(np.linalg.norm(others, axis=-1), axis=-1)[..., 1]
-        relative = (np.take_along_axis(velocity, nearest[..., None], axis=1) - velocity) / (2 * simulation.speed_scale)
+        relative = (np.take_along_axis(velocity, nearest[..., None], axis=1) - velocity) / (2 * simulation.speed_unit)
         there = robots[:, :, 0, 0] == 1
         assert there.any()
         np.testing.assert_allclose(robots[:, :, 0, 3:][there], np.clip(relative, -1, 1)[there], atol=1e-5)

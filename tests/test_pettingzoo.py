@@ -186,13 +186,13 @@ def test_the_state_is_the_truth():
     np.testing.assert_allclose(robots[:, 0], position[:, 0] / curve.half_width, rtol=1e-6)
     np.testing.assert_allclose(robots[:, 1], position[:, 1] / curve.half_height, rtol=1e-6)
     np.testing.assert_allclose(np.arctan2(robots[:, 3], robots[:, 2]), sim.robots.heading.numpy()[0], atol=1e-6)
-    np.testing.assert_allclose(robots[:, 4] * sim.speed_scale, sim.robots.speed.numpy()[0], rtol=1e-5)
+    np.testing.assert_allclose(robots[:, 4] * sim.speed_unit, sim.robots.speed.numpy()[0], rtol=1e-5)
     np.testing.assert_allclose(np.exp(1j * sim.robots.phase.numpy()[0]), robots[:, 5] + 1j * robots[:, 6], atol=1e-6)
     assert robots[:, 7].tolist() == (sim.robots.status.numpy()[0] == 0).tolist()
     targets = state[40:-1].reshape(-1, 3)
-    waiting = sim.rogues.stage.numpy()[0] == 1
+    waiting = sim.targets.stage.numpy()[0] == 1
     assert targets[:, 0].tolist() == waiting.tolist()
-    places = sim.rogues.position.numpy()[0] / [curve.half_width, curve.half_height]
+    places = sim.targets.position.numpy()[0] / [curve.half_width, curve.half_height]
     np.testing.assert_allclose(targets[waiting, 1:], places[waiting], rtol=1e-6)
     assert (targets[~waiting] == 0).all()
     assert state[-1] == pytest.approx(15 / env.scenario.task.steps)

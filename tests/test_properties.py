@@ -114,8 +114,8 @@ def test_every_world_keeps_its_promises(scenario, seed):
         phases = simulation.robots.phase.numpy()
         assert ((phases >= 0) & (phases < 2 * math.pi)).all()
         assert (simulation.robots.speed.numpy() >= 0).all()
-        there = simulation.rogues.stage.numpy() > 0
-        assert (np.abs(simulation.rogues.position.numpy()[there]) <= half).all()
+        there = simulation.targets.stage.numpy() > 0
+        assert (np.abs(simulation.targets.position.numpy()[there]) <= half).all()
         now_covered = simulation.tally.covered.numpy()
         assert (now_covered >= covered).all()
         covered = now_covered.copy()

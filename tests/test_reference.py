@@ -112,11 +112,11 @@ class Both:
         self._differ("idleness", terms[..., 3], world.terms[:, 3])
         self._agree("works", simulation.robots.status.numpy()[0] == 0, [world.works(i) for i in range(world.n)])
         here = [k for k, target in enumerate(world.targets) if target.appears_at <= world.now]
-        self._agree("in sight", simulation.rogues.in_sight.numpy()[0, here], [world.targets[k].in_sight for k in here])
+        self._agree("in sight", simulation.targets.in_sight.numpy()[0, here], [world.targets[k].in_sight for k in here])
         here = [k for k in here if world.targets[k].found_at is None or not world.scenario.targets.leave]
         if here:
             self._differ(
-                "target", simulation.rogues.position.numpy()[:, here], [world.targets[k].position for k in here]
+                "target", simulation.targets.position.numpy()[:, here], [world.targets[k].position for k in here]
             )
 
     def _differ(self, what: str, array, expected) -> None:

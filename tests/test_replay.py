@@ -52,7 +52,7 @@ def test_a_recording_holds_the_episode(recording):
         np.testing.assert_array_equal(recording.position[moment], simulation.robots.position.numpy()[0])
         np.testing.assert_array_equal(recording.phase[moment], simulation.robots.phase.numpy()[0])
         np.testing.assert_array_equal(recording.status[moment], simulation.robots.status.numpy()[0])
-        np.testing.assert_array_equal(recording.target_position[moment], simulation.rogues.position.numpy()[0])
+        np.testing.assert_array_equal(recording.target_position[moment], simulation.targets.position.numpy()[0])
         np.testing.assert_array_equal(recording.sensed_at[moment], simulation.cells.sensed_at.numpy()[0])
         simulation.step(np.zeros(simulation.action_shape, np.float32))
     assert recording.score["policy"] == "straight"

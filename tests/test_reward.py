@@ -53,7 +53,7 @@ def test_each_term_is_its_weight_times_what_happened(name):
     rows = simulation.score()
     collisions = by_term["collision"].sum(axis=(0, 2)) / -5.0 / 2  # two robots in each
     assert collisions == pytest.approx([row["collisions"] for row in rows], abs=1e-4)
-    at_start = (simulation.rogues.found_at.numpy() == 0).sum(axis=1)
+    at_start = (simulation.targets.found_at.numpy() == 0).sum(axis=1)
     found = [row["detected_fraction"] * row["targets"] for row in rows]
     assert by_term["detection"].sum(axis=(0, 2)) / 2.0 + at_start == pytest.approx(found, abs=1e-4)
     # All targets are there from the start: the time each waited adds up to the times of detection.

@@ -182,7 +182,7 @@ def test_a_central_critic_sees_the_world():
         rows, *_ = env.step(np.full((15, 2), 0.3))
     simulation = env.simulation
     position, heading = simulation.robots.position.numpy(), simulation.robots.heading.numpy()
-    stage, places = simulation.rogues.stage.numpy(), simulation.rogues.position.numpy()
+    stage, places = simulation.targets.stage.numpy(), simulation.targets.position.numpy()
     plain = simulation.layout.size
     assert (rows[:, :plain] == simulation.observation.numpy().reshape(15, plain)).all()
     for k, row in enumerate(rows[:, plain:]):

@@ -162,8 +162,8 @@ def test_detection_times_by_hand():
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides))
     for _ in range(100):
         simulation.step(np.zeros(simulation.action_shape))
-    simulation.rogues.appears_at.assign(np.array([[0, 0, 20, 40]], dtype=np.int32))
-    simulation.rogues.found_at.assign(np.array([[0, 10, 50, 2**30]], dtype=np.int32))
+    simulation.targets.appears_at.assign(np.array([[0, 0, 20, 40]], dtype=np.int32))
+    simulation.targets.found_at.assign(np.array([[0, 10, 50, 2**30]], dtype=np.int32))
     (row,) = simulation.score()
     times = [0.0, 1.0, 3.0, 6.0]
     assert row["targets"] == 4
@@ -173,9 +173,9 @@ def test_detection_times_by_hand():
     assert row["detection_time_max"] == pytest.approx(6.0)
     # T_max = (2 pi / 0.3) / 5 = 4.19 s; the one never found is not within it, however short it was there.
     assert row["detected_within_bound"] == 0.75
-    simulation.rogues.appears_at.assign(np.array([[0, 0, 20, 99]], dtype=np.int32))
+    simulation.targets.appears_at.assign(np.array([[0, 0, 20, 99]], dtype=np.int32))
     assert simulation.score()[0]["detected_within_bound"] == 0.75
-    simulation.rogues.appears_at.assign(np.array([[0, 0, 2, 101]], dtype=np.int32))
+    simulation.targets.appears_at.assign(np.array([[0, 0, 2, 101]], dtype=np.int32))
     (row,) = simulation.score()
     assert row["targets"] == 3, "a target of the future is not counted"
     assert row["detected_within_bound"] == pytest.approx(2 / 3)

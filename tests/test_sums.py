@@ -5,9 +5,15 @@ import pytest
 import warp as wp
 
 import lissajous_env
-from lissajous_env.world.simulation import _Constants
+from lissajous_env.world.state import Tally
+from lissajous_env.world.tally import tally_coverage
 
 STILL = {"faults.schedule": (), "targets.count": 0, "targets.arrival_rate": 0.0, "formation.start": "equilibrium"}
+
+
+@wp.kernel
+def keep_coverage(robots: int, cells_total: int, tally: Tally):
+    tally_coverage(0, 1, robots, cells_total, tally)
 
 
 def simulation_of(name="failure", **overrides):
@@ -52,13 +58,10 @@ def test_the_squares_of_the_idleness():
 
 def test_the_cells_that_every_robot_has_sensed():
     # Oracle: 200 robots and 4096 x 4096 cells are 3.4e9 of them; the score is kept as if the grid were as large.
-    simulation = simulation_of(**{"robot.count": 200, "formation.p": None, "task.grid": (1, 1), "sensing.radius": 1e-6})
-    constants = _Constants(simulation.scenario, simulation.device)
-    constants.cells_total = 4096 * 4096
-    kernel, size, inputs = simulation._sensing_recipe(constants, begin=0)[-1]
+    simulation = simulation_of()
     for cells, reached in ((200 * 4096 * 4096 - 1, False), (200 * 4096 * 4096, True)):
         simulation.tally.covered_each.fill_(cells)
-        wp.launch(kernel, dim=(1, *size), inputs=[0, *inputs], device="cpu")
+        wp.launch(keep_coverage, dim=1, inputs=[200, 4096 * 4096, simulation.tally], device="cpu")
         assert (simulation.tally.covered_each_at.numpy()[0] < 2**30) == reached
 
 

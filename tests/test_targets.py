@@ -35,14 +35,14 @@ def stand(simulation, steps=1):
 
 
 def places(simulation):
-    return simulation.rogues.position.numpy().astype(float)
+    return simulation.targets.position.numpy().astype(float)
 
 
 def put(simulation, robots, targets):
     """Place robots, at rest, and targets of the only world [m]."""
     simulation.robots.position.assign(np.pad(np.array(robots, dtype=np.float32), ((0, 0), (0, 1)))[None])
     simulation.robots.speed.zero_()
-    simulation.rogues.position.assign(np.array(targets, dtype=np.float32)[None])
+    simulation.targets.position.assign(np.array(targets, dtype=np.float32)[None])
 
 
 # Appearance.
@@ -54,7 +54,7 @@ def test_arrivals_are_a_poisson_process(rate):
     duration = 20.0
     overrides = {"targets.count": 2, "targets.arrival_rate": rate, "task.duration": duration}
     simulation = undisturbed(3000, **overrides)
-    steps = simulation.rogues.appears_at.numpy()
+    steps = simulation.targets.appears_at.numpy()
     assert (steps[:, :2] == 0).all()
     arrivals = steps[:, 2:]
     assert (np.diff(arrivals, axis=1) >= 0).all()
@@ -75,7 +75,7 @@ def test_targets_are_hidden_until_they_appear():
     # Story: nobody sees, waits for or counts a target of the future.
     overrides = {"targets.count": 0, "targets.arrival_rate": 0.5, "task.duration": 10.0}
     simulation = undisturbed(50, **overrides, **{"targets.wandering": 0.0})
-    appears = simulation.rogues.appears_at.numpy()
+    appears = simulation.targets.appears_at.numpy()
     before = places(simulation)
     for step in range(1, 100):
         stand(simulation)
@@ -110,7 +110,7 @@ def test_a_target_inside_is_anywhere_in_the_rectangle():
     # Oracle: mean and variance of a uniform distribution, and no correlation.
     simulation = undisturbed(500, **{"targets.count": 40})
     x, y = (places(simulation) / [1.8, 0.8]).reshape(-1, 2).T
-    headings = simulation.rogues.heading.numpy().ravel()
+    headings = simulation.targets.heading.numpy().ravel()
     assert np.abs([x.mean(), y.mean(), (x * y).mean()]).max() < 4 / math.sqrt(len(x))
     assert x.var() == pytest.approx(1 / 3, rel=0.03)
     assert y.var() == pytest.approx(1 / 3, rel=0.03)
@@ -121,7 +121,7 @@ def test_a_target_inside_is_anywhere_in_the_rectangle():
 def test_motions_have_their_shares():
     # Oracle: binomial deviations.
     overrides = {"targets.drifting": 0.2, "targets.wandering": 0.3, "targets.fleeing": 0.1, "targets.count": 50}
-    motion = undisturbed(200, **overrides).rogues.motion.numpy().ravel()
+    motion = undisturbed(200, **overrides).targets.motion.numpy().ravel()
     shares = np.bincount(motion, minlength=4) / len(motion)
     assert shares == pytest.approx([0.4, 0.2, 0.3, 0.1], abs=4 * 0.5 / math.sqrt(len(motion)))
 
@@ -140,7 +140,7 @@ def test_a_drifting_target_goes_straight_on_and_bounces():
     # Oracle: unfolded in mirrors, the path is a straight line; folded back it is a triangle wave in each coordinate.
     overrides = {"targets.wandering": 0.0, "targets.drifting": 1.0, "targets.speed": 0.7, "task.duration": 60.0}
     simulation = undisturbed(4, **overrides)
-    start, heading = places(simulation), simulation.rogues.heading.numpy().astype(float)
+    start, heading = places(simulation), simulation.targets.heading.numpy().astype(float)
     half = np.array([1.8, 0.8])
     ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
     for k in range(1, 301):
@@ -154,12 +154,12 @@ def test_a_wandering_heading_walks_at_random():
     # Oracle: a random walk of independent steps has variance turn_rate^2 time; after a second it is normal (kurtosis).
     overrides = {"targets.turn_rate": 0.8, "targets.speed": 0.3, "targets.count": 200}
     simulation = undisturbed(100, **overrides, **WIDE)
-    before, place = simulation.rogues.heading.numpy().astype(float), places(simulation)
+    before, place = simulation.targets.heading.numpy().astype(float), places(simulation)
     far_inside = (np.abs(place) < [38, 28]).all(axis=-1)
     headings = [before]
     for _ in range(10):
         stand(simulation)
-        headings.append(simulation.rogues.heading.numpy().astype(float))
+        headings.append(simulation.targets.heading.numpy().astype(float))
         moved = places(simulation)
         way = np.linalg.norm(moved - place, axis=-1)
         np.testing.assert_allclose(way[far_inside], 0.03, rtol=2e-3)
@@ -228,7 +228,7 @@ def test_targets_stay_inside(speed):
     for k in range(60):
         simulation.step(np.full(simulation.action_shape, math.sin(k / 7), dtype=np.float32))
         assert (np.abs(places(simulation)) <= np.float32([1.8, 0.8])).all()
-    assert np.isfinite(simulation.rogues.heading.numpy()).all()
+    assert np.isfinite(simulation.targets.heading.numpy()).all()
 
 
 # Detection.
@@ -251,8 +251,8 @@ def with_targets(robots, targets, radius=0.5, **overrides):
     }
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", **settings))
     # Forget what the robots saw from where they began.
-    simulation.rogues.stage.zero_()
-    simulation.rogues.found_at.fill_(2**30)
+    simulation.targets.stage.zero_()
+    simulation.targets.found_at.fill_(2**30)
     put(simulation, robots, targets)
     stand(simulation)
     return simulation
@@ -260,7 +260,7 @@ def with_targets(robots, targets, radius=0.5, **overrides):
 
 def test_a_target_is_seen_inside_the_disc_and_not_outside():
     simulation = with_targets([[0.0, 0.0]], [[0.3, 0.39], [0.3, 0.41], [-0.499, 0.0], [0.0, -0.501]])
-    assert simulation.rogues.in_sight.numpy().tolist() == [[1, 0, 1, 0]]
+    assert simulation.targets.in_sight.numpy().tolist() == [[1, 0, 1, 0]]
     assert simulation.latest.detections.numpy().tolist() == [[2]]
     assert simulation.latest.waiting.numpy().tolist() == [2]
 
@@ -291,7 +291,7 @@ def test_a_target_that_stays_is_detected_once_and_seen_on():
         detections += int(simulation.latest.detections.numpy()[0, 0])
         assert simulation.observation.numpy()[0, 0, start] == 1
     assert detections == 1
-    assert simulation.rogues.found_at.numpy().tolist() == [[1]]
+    assert simulation.targets.found_at.numpy().tolist() == [[1]]
 
 
 def test_targets_in_the_disc_are_detected_at_time_0():
@@ -299,8 +299,8 @@ def test_targets_in_the_disc_are_detected_at_time_0():
     scenario = lissajous_env.scenario("failure", **{"sensing.radius": 0.4, "targets.arrival_rate": 0.0})
     simulation = lissajous_env.Simulation(scenario, 20)
     robots = simulation.robots.position.numpy()[:, :, None, :2]
-    distance = np.linalg.norm(robots - simulation.rogues.position.numpy()[:, None], axis=-1).min(axis=1)
-    found_at = simulation.rogues.found_at.numpy()
+    distance = np.linalg.norm(robots - simulation.targets.position.numpy()[:, None], axis=-1).min(axis=1)
+    found_at = simulation.targets.found_at.numpy()
     assert ((found_at == 0) == (distance < 0.4)).all()
     assert 0.2 < (found_at == 0).mean() < 0.8
     for row, at in zip(simulation.score(), found_at, strict=True):

@@ -21,7 +21,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, point2, wrap
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.robots import RobotStruct
+from lissajous_env.world.structs import RobotStruct
 
 wp.set_module_options(OPTIONS)
 

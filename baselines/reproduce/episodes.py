@@ -155,7 +155,7 @@ class Player:
                 keep()
         phase, position, heading, status = (np.stack(moments) for moments in zip(*kept, strict=True))
         referee.check()
-        found_at = simulation.rogues.found_at.numpy().copy()
+        found_at = simulation.targets.found_at.numpy().copy()
         scores = simulation.score()
         played = Played(made, scores, phase, position, heading, status == int(STUCK), found_at)
         if prepare is None:

@@ -40,13 +40,12 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
-from baselines.safety.kernel import MANOEUVRES, NEAREST, SafetyParameters, SafetyStruct, keep_clear
+from baselines.safety.kernel import MANOEUVRES, NEAREST, SafetyParameters, SafetyStruct, Scales, keep_clear
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
-from lissajous_env.world.observation import Scales
-from lissajous_env.world.robots import RobotStruct
+from lissajous_env.world.structs import RobotStruct
 
 __all__ = ["Safe", "SafetyParameters", "speed_limit"]
 

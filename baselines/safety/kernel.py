@@ -11,8 +11,8 @@ from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.checks import Checked, number, whole
-from lissajous_env.world.observation import LINK, OWN, ROBOT, Scales
-from lissajous_env.world.robots import RobotStruct
+from lissajous_env.world.observation import LINK, OWN, ROBOT
+from lissajous_env.world.structs import RobotStruct
 
 wp.set_module_options(OPTIONS)
 
@@ -53,6 +53,17 @@ class SafetyParameters(Checked):
 
 
 SafetyStruct = struct_of(SafetyParameters)
+
+
+@wp.struct
+class Scales:
+    """What divides the entries of an observation, and how many robots and targets it lists."""
+
+    speed: wp.float32
+    radius: wp.float32
+    step: wp.float32
+    robots_seen: wp.int32
+    targets_seen: wp.int32
 
 
 @wp.func

@@ -9,7 +9,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import struct_of
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.parameters.scenario import Curve
+from lissajous_env.parameters.parts import Curve
 
 wp.set_module_options(OPTIONS)
 

@@ -11,8 +11,8 @@ _KERNEL_TYPE = {float: wp.float32, int: wp.int32, bool: wp.int32}
 
 
 def struct_of(dataclass: type) -> Any:
-    """Make the `wp.struct` that holds the numeric fields (float, int, bool, each also `| None`) of a dataclass."""
-    fields = {name: _KERNEL_TYPE[kind] for name, kind in _numeric_fields(dataclass)}
+    """Make the `wp.struct` that holds the numbers (float, int, bool, each also `| None`) and choices of a dataclass."""
+    fields = {name: _KERNEL_TYPE[kind] for name, kind in _kernel_fields(dataclass)}
     name = f"{dataclass.__name__}Struct"
     # A struct is told apart by module and name, both of which must survive pickling and a second process.
     body = {"__annotations__": fields, "__module__": dataclass.__module__, "__qualname__": name}
@@ -20,16 +20,26 @@ def struct_of(dataclass: type) -> Any:
 
 
 def to_struct(struct: Any, value: Any) -> Any:
-    """Copy the numeric fields of a dataclass instance into a new instance of its struct."""
+    """Copy the numbers of a dataclass instance into a new instance of its struct, and the places of its choices."""
     filled = struct()
-    for name, _ in _numeric_fields(type(value)):
-        setattr(filled, name, getattr(value, name))
+    for name, _ in _kernel_fields(type(value)):
+        given = getattr(value, name)
+        setattr(filled, name, place_of(type(value), name, given) if isinstance(given, str) else given)
     return filled
 
 
-def _numeric_fields(dataclass: type) -> list[tuple[str, type]]:
+def place_of(dataclass: type, name: str, option: str) -> int:
+    """Number that stands in kernels for one option of a choice: its place among them."""
+    field = next(field for field in dataclasses.fields(dataclass) if field.name == name)
+    return field.metadata["options"].index(option)
+
+
+def _kernel_fields(dataclass: type) -> list[tuple[str, type]]:
     hints = typing.get_type_hints(dataclass)
-    kinds = [(field.name, _without_none(hints[field.name])) for field in dataclasses.fields(dataclass)]
+    kinds = [
+        (field.name, int if field.metadata.get("options") else _without_none(hints[field.name]))
+        for field in dataclasses.fields(dataclass)
+    ]
     return [(name, kind) for name, kind in kinds if kind in _KERNEL_TYPE]
 
 

@@ -1,6 +1,5 @@
 """Actions of one world, as users give them: spaces, the discrete table, and the checks of what comes in."""
 
-import itertools
 from typing import Any
 
 import gymnasium
@@ -8,19 +7,15 @@ import numpy as np
 
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
+from lissajous_env.world.robots.table import model_of
 
-_STEERINGS = (-1.0, -0.5, 0.0, 0.5, 1.0)
-_THROTTLES = (-1.0, 0.0, 1.0)
-_LARGE = 1e30
+LARGE = 1e30
 """Sum of squares above which actions are looked at one by one."""
-_PHASE_RATES = (-1.0, -0.5, -0.1, 0.0, 0.1, 0.5, 1.0)
 
 
 def action_table(scenario: Scenario) -> np.ndarray:
     """(K, action_size) rows that a discrete action chooses from: steering x throttle, or phase rates."""
-    if scenario.robot.kind == "curve":
-        return np.array(_PHASE_RATES, dtype=np.float32)[:, None]
-    return np.array(list(itertools.product(_STEERINGS, _THROTTLES)), dtype=np.float32)
+    return np.array(model_of(scenario.robot.kind).table, dtype=np.float32)
 
 
 def action_space(scenario: Scenario, discrete: bool, seed: int | None = None) -> gymnasium.Space:
@@ -66,7 +61,7 @@ class ActionReader:
     def check(self, agents: list[str], rows: np.ndarray) -> None:
         """Refuse rows that are not finite, and clip what float32 could not hold."""
         # One sum of squares tells for all of them: it is not finite if any number is not.
-        if not np.vdot(rows, rows) < _LARGE:
+        if not np.vdot(rows, rows) < LARGE:
             for agent, row in zip(agents, rows, strict=True):
                 if not np.isfinite(row).all():
                     raise ValueError(f"action of {agent} must be finite, got {row.tolist()}")

@@ -1,5 +1,6 @@
 """The PettingZoo environment: one world, one agent for each robot."""
 
+import operator
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,7 +10,7 @@ from gymnasium.error import ResetNeeded
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec, wrappers
 
-from lissajous_env.envs.actions import ActionReader, action_space
+from lissajous_env.envs.actions import LARGE, ActionReader, action_space
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
@@ -97,9 +98,10 @@ class LissajousParallelEnv(ParallelEnv):
         self._begun = True
         self.agents = list(self.possible_agents)
         self._begin_rendering()
-        observations = dict(zip(self.agents, self._host(self._observation), strict=True))
-        terms = self._host(self._terms)
-        infos = {agent: {"reward_terms": row} for agent, row in zip(self.agents, terms, strict=True)}
+        if self._on_device:
+            self._fetch()
+        observations = dict(zip(self.agents, self._observation.copy(), strict=True))
+        infos = {agent: {"reward_terms": row} for agent, row in zip(self.agents, self._terms.copy(), strict=True)}
         return observations, infos
 
     def step(self, actions: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
@@ -112,45 +114,31 @@ class LissajousParallelEnv(ParallelEnv):
         agents = self.agents
         if not agents:
             raise ResetNeeded("step needs a running episode: call reset first")
-        if not isinstance(actions, Mapping):
-            raise ValueError(f"actions must be a dict of agents and their actions, got {shown(actions)}")
-        if len(actions) != len(agents):
-            self._refuse_agents(actions)
-        rows = self._action
+        if not self._read_at_once(actions):
+            self._read(actions)
+        if self._on_device:
+            self.simulation.action.assign(self._action.reshape(self.simulation.action_shape))
+        self.simulation.advance()
+        if self._on_device:
+            self._fetch()
+        observation, terms = self._observation.copy(), self._terms.copy()
+        rewards, terminated, truncated = self._reward.tolist(), self._terminated.tolist(), self._truncated.tolist()
+        infos = [{"reward_terms": row} for row in terms]
         if len(agents) < len(self.possible_agents):
-            rows[:] = 0.0
-        for agent in agents:
-            try:
-                action = actions[agent]
-            except KeyError:
-                self._refuse_agents(actions)
-                raise
-            self._reader.read(agent, action, rows[self._index[agent]])
-        self._reader.check(self.possible_agents, rows)
-        self._action_taken[0] = rows
-        self.simulation.step(self._action_taken)
-        observation, terms = self._host(self._observation), self._host(self._terms)
-        rewards, terminated = self._host(self._reward).tolist(), self._host(self._terminated).tolist()
-        truncated = self._host(self._truncated).tolist()
-        index = self._index
-        if len(agents) == len(index):
-            results = (
-                dict(zip(agents, observation, strict=True)),
-                dict(zip(agents, rewards, strict=True)),
-                dict(zip(agents, terminated, strict=True)),
-                dict(zip(agents, truncated, strict=True)),
-                {agent: {"reward_terms": row} for agent, row in zip(agents, terms, strict=True)},
+            live = [self._index[agent] for agent in agents]
+            observation, rewards, terminated, truncated, infos = (
+                [column[i] for i in live] for column in (observation, rewards, terminated, truncated, infos)
             )
-        else:
-            results = (
-                {agent: observation[index[agent]] for agent in agents},
-                {agent: rewards[index[agent]] for agent in agents},
-                {agent: terminated[index[agent]] for agent in agents},
-                {agent: truncated[index[agent]] for agent in agents},
-                {agent: {"reward_terms": terms[index[agent]]} for agent in agents},
-            )
+        # The columns are as long as the agents; to have zip check it would take as long as to make a dict.
+        results = (
+            dict(zip(agents, observation)),  # noqa: B905
+            dict(zip(agents, rewards)),  # noqa: B905
+            dict(zip(agents, terminated)),  # noqa: B905
+            dict(zip(agents, truncated)),  # noqa: B905
+            dict(zip(agents, infos)),  # noqa: B905
+        )
         if True in terminated or truncated[0]:
-            self.agents = [a for a in agents if not (terminated[index[a]] or truncated[index[a]])]
+            self.agents = [agent for agent in agents if not (results[2][agent] or results[3][agent])]
         if self.render_mode == "human":
             self.render()
         return results
@@ -167,9 +155,9 @@ class LissajousParallelEnv(ParallelEnv):
         """
         sim, curve = self.simulation, self.scenario.curve
         size = np.array([curve.half_width, curve.half_height], dtype=np.float32)
-        robots, rogues = sim.robots, sim.rogues
+        robots, rogues = sim.robots, sim.targets
         heading, phase = robots.heading.numpy()[0], robots.phase.numpy()[0]
-        speed = robots.speed.numpy()[0] / sim.speed_scale
+        speed = robots.speed.numpy()[0] / sim.speed_unit
         works = (robots.status.numpy()[0] == 0).astype(np.float32)
         columns = [np.cos(heading), np.sin(heading), speed, np.cos(phase), np.sin(phase), works]
         of_robots = np.column_stack([robots.position.numpy()[0, :, :2] / size, *columns])
@@ -204,20 +192,53 @@ class LissajousParallelEnv(ParallelEnv):
 
     def _bind(self) -> None:
         """Keep what a step needs at hand: on the CPU, views of the simulation's own memory."""
-        sim = self.simulation
+        sim, count = self.simulation, len(self.possible_agents)
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
         self._reader = ActionReader(self.scenario, self._discrete_actions)
-        self._action = np.zeros(sim.action_shape[1:])  # float64: what float32 cannot hold is clipped first
-        self._action_taken = np.zeros(sim.action_shape, dtype=np.float32)
-        of_device = (lambda array: array.numpy()) if sim.device.is_cpu else (lambda array: array)
-        self._observation, self._reward = of_device(sim.observation), of_device(sim.reward)
-        self._terminated, self._truncated = of_device(sim.terminated), of_device(sim.truncated)
-        self._terms = of_device(sim.reward_terms)
+        self._rows = np.zeros(sim.action_shape[1:])  # float64: what float32 cannot hold is clipped first
+        self._on_device = not sim.device.is_cpu
+        self._fetch()
+        self._action = sim.action.numpy().reshape(-1)
+        self._pick = operator.itemgetter(*self.possible_agents) if count > 1 and not self._discrete_actions else None
+        self._shapes = [sim.action_shape[2:]] * count
         self._renderer = None
 
-    def _host(self, array: Any) -> np.ndarray:
-        """Return the one world of an array, copied to memory of the caller's own."""
-        return array[0].copy() if isinstance(array, np.ndarray) else array.numpy()[0]
+    def _read_at_once(self, actions: Any) -> bool:
+        """Take actions that are as the spaces sample them, one for every agent; False where they must be looked at."""
+        if self._pick is None or type(actions) is not dict or len(actions) != len(self.agents):
+            return False
+        try:
+            rows = self._pick(actions)
+            np.concatenate(rows, out=self._action, casting="no")
+            regular = [row.shape for row in rows] == self._shapes
+        except (KeyError, TypeError, ValueError, AttributeError):
+            return False
+        # One sum of squares tells for all of them: it is not finite if any number is not.
+        return regular and bool(self._action.dot(self._action) < LARGE)
+
+    def _read(self, actions: Any) -> None:
+        """Take the actions one by one.
+
+        Raises:
+            ValueError: an agent is missing or unknown, or an action is misshapen or not finite.
+        """
+        if not isinstance(actions, Mapping):
+            raise ValueError(f"actions must be a dict of agents and their actions, got {shown(actions)}")
+        if len(actions) != len(self.agents) or not all(agent in actions for agent in self.agents):
+            self._refuse_agents(actions)
+        self._rows[:] = 0.0
+        for agent in self.agents:
+            self._reader.read(agent, actions[agent], self._rows[self._index[agent]])
+        self._reader.check(self.possible_agents, self._rows)
+        self._action[:] = self._rows.ravel()
+
+    def _fetch(self) -> None:
+        """Bring what a step returns to the host: views of the simulation's own memory where that is on the CPU."""
+        sim = self.simulation
+        arrays = sim.observation, sim.reward, sim.reward_terms, sim.terminated, sim.truncated
+        self._observation, self._reward, self._terms, self._terminated, self._truncated = (
+            array.numpy()[0] for array in arrays
+        )
 
     def _begin_rendering(self) -> None:
         if self._renderer is not None:
@@ -231,7 +252,17 @@ class LissajousParallelEnv(ParallelEnv):
         raise ValueError(f"actions must name each live agent once: missing {missing}, unknown or not live {unknown}")
 
     def __getstate__(self) -> dict[str, Any]:
-        bound = ("_observation", "_reward", "_terminated", "_truncated", "_terms", "_renderer", "_reader")
+        bound = (
+            "_observation",
+            "_reward",
+            "_terminated",
+            "_truncated",
+            "_terms",
+            "_renderer",
+            "_reader",
+            "_action",
+            "_pick",
+        )
         return {name: value for name, value in self.__dict__.items() if name not in bound}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:

@@ -47,7 +47,13 @@ def odd(default: int, high: int) -> Any:
 
 def choice(default: str, *options: str) -> Any:
     """Declare one of a few words."""
-    return _checked(default, f"must be one of {', '.join(options)}", lambda v: isinstance(v, str) and v in options)
+    rule = f"must be one of {', '.join(options)}"
+    return _checked(default, rule, lambda v: isinstance(v, str) and v in options, options=options)
+
+
+def word(default: str, rule: str) -> Any:
+    """Declare a word, such as a name that is looked up elsewhere."""
+    return _checked(default, rule, lambda v: isinstance(v, str) and v.strip() == v != "")
 
 
 def flag(default: bool) -> Any:
@@ -124,8 +130,10 @@ def _checked(
     check: Callable[[Any], Any],
     convert: Callable[[Any], Any] | None = None,
     optional: bool = False,
+    options: tuple[str, ...] = (),
 ) -> Any:
     metadata = {"rule": rule, "check": check, "convert": convert, "optional": optional or default is None}
+    metadata["options"] = options
     return dataclasses.field(default=default, metadata=metadata)
 
 

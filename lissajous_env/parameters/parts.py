@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from lissajous_env.parameters.checks import Checked, as_robot, choice, flag, is_whole, number, odd, rows, whole
+from lissajous_env.parameters.checks import Checked, as_robot, choice, flag, is_whole, number, odd, rows, whole, word
 
 MOST_TARGETS = 2**21
 """Most targets of an episode."""
@@ -90,8 +90,8 @@ class Formation(Checked):
 class Robot(Checked):
     """The robots: points on the curve, or kinematic bicycles (12) driven by a motor."""
 
-    kind: str = choice("car", "car", "curve")
-    """`car`: action = steering, throttle. `curve`: a point on the curve, action = phase rate."""
+    kind: str = word("car", "must be the name of a robot model")
+    """`car`: action = steering, throttle. `curve`: a point on the curve, action = phase rate. Or one's own model."""
     count: int | None = whole(None, 1, 1024)
     """N; None is a + b."""
     radius: float = number(0.125, 1e-3, 1e3, "m")
@@ -161,6 +161,8 @@ class Targets(Checked):
     """Share of targets whose heading walks at random."""
     fleeing: float = number(0.0, 0, 1)
     """Share of targets that run from the nearest robot in `flee_radius` and otherwise wander."""
+    custom: float = number(0.0, 0, 1)
+    """Share of targets that move as the scenario's own motion says."""
     speed: float = number(0.2, 0, 1e4, "m/s")
     """Speed of drifting and wandering targets [m/s]."""
     turn_rate: float = number(1.0, 0, 1e3, "rad/sqrt(s)")
@@ -173,8 +175,8 @@ class Targets(Checked):
     """Whether a target leaves once it was detected."""
 
     def _check_together(self) -> None:
-        total = self.drifting + self.wandering + self.fleeing
-        self._require(total < 1 + 1e-9, "fleeing", "must leave drifting + wandering + fleeing at 1 or below")
+        total = self.drifting + self.wandering + self.fleeing + self.custom
+        self._require(total < 1 + 1e-9, "fleeing", "must leave drifting + wandering + fleeing + custom at 1 or below")
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import numpy as np
 
 from lissajous_env.parameters.parts import MOST_TARGETS, Curve, Faults, Formation, Noise, Robot, Sensing, Targets, Task
 from lissajous_env.theory import closed_forms
+from lissajous_env.world.robots.table import model_of
 
 __all__ = ["PARTS", "Curve", "Faults", "Formation", "Noise", "Robot", "Scenario", "Sensing", "Targets", "Task"]
 
@@ -44,8 +45,7 @@ class Scenario:
                 raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
         self._check_robots()
         self._check_times()
-        if self.robot.kind == "car":
-            self._check_cars()
+        model_of(self.robot.kind).check(self.curve, self.formation, self.robot, self.noise, self.task)
         if self.target_capacity > MOST_TARGETS:
             rule = f"must bring at most {MOST_TARGETS} targets an episode, with those of the start and six deviations"
             raise ValueError(f"targets.arrival_rate {rule} [1/s], got {self.targets.arrival_rate}")
@@ -79,31 +79,6 @@ class Scenario:
         delay = self.noise.message_delay
         if delay > 0 and not 1 <= round(delay / step) <= 1000:
             raise ValueError(f"noise.message_delay must be 0 or from 1 to 1000 steps of {step:g} s [s], got {delay}")
-
-    def _check_cars(self) -> None:
-        """What a car's motion needs to be finite: its equations are integrated in float32 by a method of order four."""
-        robot, h = self.robot, self.task.step / self.task.substeps
-        if self.curve.half_depth > 0:
-            raise ValueError(f"curve.half_depth must be 0 for cars [m], got {self.curve.half_depth}")
-        if robot.drag * h > 2.5:
-            rule = f"must be at most {2.5 / h:g} with integration steps of {h:g} s, for these to be stable [1/s]"
-            raise ValueError(f"robot.drag {rule}, got {robot.drag}")
-        at_start = self.formation.phase_rate * math.hypot(
-            self.curve.half_width * self.curve.a, self.curve.half_height * self.curve.b
-        )
-        if at_start > 1e5:
-            rule = "must keep cars on the curve below 100000 m/s [rad/s]"
-            raise ValueError(f"formation.phase_rate {rule}, got {self.formation.phase_rate}")
-        # A car's own constants lie at most three deviations from those of the scenario.
-        drive = robot.drive * (1 + 3 * self.noise.drive_spread)
-        fastest = max(at_start, (drive * robot.throttle_max - robot.offset) / robot.drag)
-        shortest = robot.wheelbase * (1 - 3 * self.noise.wheelbase_spread)
-        turn = fastest * h * math.tan(robot.steering_max) / shortest
-        if turn > 1e4:
-            rule = (
-                f"must keep a car's turn in an integration step below 10000 rad, at {fastest:g} m/s and full steering"
-            )
-            raise ValueError(f"robot.wheelbase {rule} [m], got {robot.wheelbase}")
 
     @cached_property
     def num_robots(self) -> int:
@@ -183,8 +158,8 @@ class Scenario:
 
     @property
     def action_size(self) -> int:
-        """Components of a robot's action: phase rate, or steering and throttle."""
-        return 1 if self.robot.kind == "curve" else 2
+        """Components of a robot's action, such as phase rate, or steering and throttle."""
+        return model_of(self.robot.kind).action_size
 
     def resolve(self) -> "Scenario":
         """Return the same scenario with every derived field filled in; changes nothing in how it runs."""

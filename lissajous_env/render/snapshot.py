@@ -53,7 +53,7 @@ class Snapshot:
             world: Which of its worlds.
             most_cells: Rows and columns of the grid at most, evenly chosen; None takes all.
         """
-        clock, robots, rogues = simulation.clock, simulation.robots, simulation.rogues
+        clock, robots, rogues = simulation.clock, simulation.robots, simulation.targets
         status = _of(robots.status, world)
         # A pair of which one was removed never parts; it is in contact no longer all the same.
         there = status != int(REMOVED)

@@ -9,6 +9,7 @@ from lissajous_env.render.canvas import FINE, View, cut, transparent, within
 from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.text import write, write_outlined
 from lissajous_env.theory import closed_forms
+from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
 LONGEST_TRAIL = 3.0
@@ -28,7 +29,8 @@ class Team:
         smallest = 3.6 if self.many else 6.5
         self.radius = max(view.scale * scenario.robot.radius, smallest)
         """Radius with which a robot is drawn [px]."""
-        self._inside = self.radius > (17 if scenario.robot.kind == "car" else 8.5)
+        shape = model_of(scenario.robot.kind).shape
+        self._inside = self.radius > (8.5 if shape is None else 17)
         self._number_size = round(min(0.3 * self.radius + 8, 17))
         self._room = view.plot()
         self._around = self._room.inflate(2 * self._room.width, 2 * self._room.height)
@@ -37,7 +39,8 @@ class Team:
         self._soft = transparent(view.fine_size)
         fine = FINE * self.radius
         self._drop, self._rim = _drop(fine, 1.42 * fine), _drop(fine + 1.3 * FINE, 1.42 * fine + 2.1 * FINE)
-        self._car = _car(scenario, fine) if scenario.robot.kind == "car" else None
+        parts = [] if shape is None else shape(scenario.robot)
+        self._parts = [(fine * outline, getattr(palette, fill) if fill else None) for outline, fill in parts]
 
     def trail_steps(self) -> int:
         """Steps that a trail goes back."""
@@ -83,10 +86,10 @@ class Team:
                 continue
             if status[i] == int(STUCK):
                 _dashed_ring(surface, palette.STUCK, places[i], FINE * (1.15 * self.radius + 4), 2 * FINE)
-            if self._car is None:
+            if not self._parts:
                 self._draw_point(surface, places[i], snapshot.heading[i], colour)
             else:
-                self._draw_car(surface, places[i], snapshot.heading[i], colour)
+                self._draw_parts(surface, places[i], snapshot.heading[i], colour)
         for i, j in snapshot.contact[:: -(-len(snapshot.contact) // MOST_CONTACTS) or 1]:
             middle, apart = (places[i] + places[j]) / 2, float(np.linalg.norm(places[i] - places[j]))
             # Who is in contact is close; a recording can say anything.
@@ -101,10 +104,10 @@ class Team:
         pygame.draw.polygon(surface, palette.GROUND, (at + _turned(self._rim, heading)).tolist())
         pygame.draw.polygon(surface, colour, (at + _turned(self._drop, heading)).tolist())
 
-    def _draw_car(self, surface: pygame.Surface, at: np.ndarray, heading: float, colour: palette.Colour) -> None:
+    def _draw_parts(self, surface: pygame.Surface, at: np.ndarray, heading: float, colour: palette.Colour) -> None:
         # Collisions count the disc around the position, so the body stands in the middle of it.
         pygame.draw.circle(surface, palette.mixed(palette.GROUND, colour, 0.45), at, FINE * self.radius, FINE)
-        for shape, fill in self._car or ():
+        for shape, fill in self._parts:
             pygame.draw.polygon(surface, colour if fill is None else fill, (at + _turned(shape, heading)).tolist())
 
     def _point_out(self, surface: pygame.Surface, robot: int, at: np.ndarray, colour: palette.Colour) -> None:
@@ -148,37 +151,8 @@ def _dashed_ring(surface: pygame.Surface, colour: palette.Colour, at: np.ndarray
         pygame.draw.lines(surface, colour, False, points.tolist(), width)
 
 
-def _car(scenario: Scenario, radius: float) -> list[tuple[np.ndarray, palette.Colour | None]]:
-    """Outlines of a car's parts in fine pixels, heading right, with their colours; None is the car's own."""
-    robot = scenario.robot
-    # A body around its axles that stays within the disc of the robot, for any wheelbase.
-    half_base = float(np.clip(robot.wheelbase / (2 * robot.radius), 0.4, 0.72))
-    length, width = min(half_base + 0.28, 1.0), 0.46
-    wheels = [
-        (_rounded(0.19, 0.085, 6.0) + np.array([x, y]), palette.WHEEL)
-        for x in (-half_base, half_base)
-        for y in (-width, width)
-    ]
-    body, rim = _rounded(length, width, 4.5), _rounded(length + 0.05, width + 0.05, 4.5)
-    for shape in (body, rim):
-        shape[:, 1] *= 1 - 0.16 * (shape[:, 0] > 0) * (shape[:, 0] / length) ** 2
-    front = np.array([[0.22, -0.27], [0.45, -0.34], [0.50, 0.0], [0.45, 0.34], [0.22, 0.27]])
-    back = np.array([[-0.42, -0.25], [-0.58, -0.30], [-0.60, 0.0], [-0.58, 0.30], [-0.42, 0.25]])
-    parts = [*wheels, (rim, palette.GROUND), (body, None), (front, palette.GLASS), (back, palette.GLASS)]
-    return [(radius * shape, colour) for shape, colour in parts]
-
-
 def _drop(radius: float, tip: float) -> np.ndarray:
     """Disc with a tip at a distance ahead, whose sides are tangents of the disc."""
     touch = np.arccos(radius / tip)
     around = np.linspace(touch, 2 * np.pi - touch, 40)
     return np.concatenate([[[tip, 0.0]], radius * np.stack([np.cos(around), np.sin(around)], axis=-1)])
-
-
-def _rounded(half_length: float, half_width: float, power: float) -> np.ndarray:
-    """Rectangle with round corners: |x / half_length|^power + |y / half_width|^power = 1."""
-    around = np.linspace(0, 2 * np.pi, 48, endpoint=False)
-    x, y = np.cos(around), np.sin(around)
-    return np.stack(
-        [half_length * np.sign(x) * np.abs(x) ** (2 / power), half_width * np.sign(y) * np.abs(y) ** (2 / power)], -1
-    )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from lissajous_env.parameters.scenario import Curve
+from lissajous_env.parameters.parts import Curve
 from lissajous_env.theory import geometry
 
 

@@ -7,18 +7,15 @@ measured in `lissajous_env.theory.geometry`.
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from lissajous_env.parameters.scenario import Curve
-
+from lissajous_env.parameters.parts import Curve
 
 # Radii and times of the formation: which curve, how many robots, which sensor.
 
 
-def robot_radius_bound(curve: "Curve", num_robots: int) -> float:
+def robot_radius_bound(curve: Curve, num_robots: int) -> float:
     """r_max = sin(pi / N) A B / sqrt(A^2 a^2 + B^2 b^2) [m], equation (6): robots below it never touch in formation.
 
     A sufficient bound; half of the smallest distance ever seen is about 1.5 times as large (pi / 2 for large a, b).
@@ -27,7 +24,7 @@ def robot_radius_bound(curve: "Curve", num_robots: int) -> float:
     return math.sin(math.pi / num_robots) * A * B / math.hypot(A * curve.a, B * curve.b)
 
 
-def coverage_radius(curve: "Curve") -> float:
+def coverage_radius(curve: Curve) -> float:
     """r_s > max(B sin(pi / 2a), A sin(pi / 2b)) [m], equation (7): one lap of one robot senses every point.
 
     Differs from the paper: the text above (7) swaps the two denominators; the formula is the one that holds.
@@ -37,7 +34,7 @@ def coverage_radius(curve: "Curve") -> float:
     return max(along_y, along_x)
 
 
-def detection_radius(curve: "Curve", num_robots: int, clusters: int = 1) -> float:
+def detection_radius(curve: Curve, num_robots: int, clusters: int = 1) -> float:
     """r_s >= sin(pi / (N / kappa)) sqrt(A^2 + B^2) [m], equation (8): sensing discs of ring neighbours always overlap.
 
     Differs from the paper: where all robots share one place (N = kappa) there is no neighbour and the formula gives 0;
@@ -110,7 +107,7 @@ def alpha_for(num_robots: int, p: int, wanted_p: int) -> int | None:
     return wanted_p // shared * pow(p // shared, -1, period) % period or period
 
 
-def default_alpha(curve: "Curve", num_robots: int, p: int) -> int:
+def default_alpha(curve: Curve, num_robots: int, p: int) -> int:
     """The alpha with alpha p = a^-1 (mod N), so that the edges of the ring are the neighbours on ellipse (5) (Lemma 2).
 
     For a clustered p, with kappa = gcd(N, p), the same holds of the N / kappa places: alpha p / kappa = a^-1 (mod
@@ -120,7 +117,7 @@ def default_alpha(curve: "Curve", num_robots: int, p: int) -> int:
     return alpha_for(num_robots // clusters, curve.a * (p // clusters), 1) or 1
 
 
-def ring_lies_on_ellipse(curve: "Curve", num_robots: int, p: int, alpha: int = 1) -> bool:
+def ring_lies_on_ellipse(curve: Curve, num_robots: int, p: int, alpha: int = 1) -> bool:
     """Whether ring neighbours are neighbours on ellipse (5): a alpha p = +-1 (mod N), for N = a + b."""
     return curve.a * alpha * p % num_robots in (1 % num_robots, num_robots - 1)
 
@@ -192,20 +189,20 @@ def equilibrium_eigenvalues(num_robots: int, p: int, coupling: float = 1.0) -> n
 # The curve and the ellipse that the formation forms.
 
 
-def curve_point(curve: "Curve", curve_phase: np.ndarray) -> np.ndarray:
+def curve_point(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
     """Position (A cos(a gamma), B sin(b gamma)) [m], equation (3); gamma [rad] of any shape gains an axis of 2."""
     gamma = np.asarray(curve_phase, dtype=float)
     return np.stack([curve.half_width * np.cos(curve.a * gamma), curve.half_height * np.sin(curve.b * gamma)], axis=-1)
 
 
-def curve_point_3d(curve: "Curve", curve_phase: np.ndarray) -> np.ndarray:
+def curve_point_3d(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
     """Position (A cos(a gamma), B sin(b gamma), C sin(c gamma)) [m], equation (10); gamma [rad] gains an axis of 3."""
     gamma = np.asarray(curve_phase, dtype=float)
     height = curve.half_depth * np.sin(curve.c * gamma)
     return np.concatenate([curve_point(curve, gamma), height[..., None]], axis=-1)
 
 
-def curve_speed(curve: "Curve", curve_phase: np.ndarray) -> np.ndarray:
+def curve_speed(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
     """||r'(gamma)|| [m/rad], below equation (14)."""
     gamma = np.asarray(curve_phase, dtype=float)
     return np.hypot(
@@ -213,7 +210,7 @@ def curve_speed(curve: "Curve", curve_phase: np.ndarray) -> np.ndarray:
     )
 
 
-def self_crossings(curve: "Curve") -> np.ndarray:
+def self_crossings(curve: Curve) -> np.ndarray:
     """Where the plane curve (3) crosses itself, for gcd(a, b) = 1: the nodes of (7) that are not on the boundary.
 
     With gamma = u - v and u + v, either x and y agree at u = (2n + 1) pi / 2b, v = m pi / a, or at u = m pi / a,
@@ -233,7 +230,7 @@ def self_crossings(curve: "Curve") -> np.ndarray:
     return np.stack([middle - half, middle + half], axis=-1)
 
 
-def ellipse_outline(curve: "Curve", curve_phase: float, points: int = 128) -> np.ndarray:
+def ellipse_outline(curve: Curve, curve_phase: float, points: int = 128) -> np.ndarray:
     """Ellipse (5) to draw: (A cos(phi - a gamma), B sin(phi + b gamma)) [m], equation (4), for phi from 0 to 2 pi.
 
     The robot that is at gamma + 2 pi k / N on the curve (3), N = a + b, is at phi = -2 pi a k / N. The phi of (4) is
@@ -257,7 +254,7 @@ def ellipse_outline(curve: "Curve", curve_phase: float, points: int = 128) -> np
     )
 
 
-def ellipse_residual(curve: "Curve", positions: np.ndarray, curve_phase: float | np.ndarray) -> np.ndarray:
+def ellipse_residual(curve: Curve, positions: np.ndarray, curve_phase: float | np.ndarray) -> np.ndarray:
     """y^2/B^2 + x^2/A^2 - 2 x y sin((a + b) gamma)/(A B) - cos^2((a + b) gamma), equation (5): 0 on the ellipse.
 
     Takes (..., 2) positions [m] and gamma of any robot of the formation [rad]; returns (...), without a unit.

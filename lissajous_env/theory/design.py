@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 
 from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_left_out, print_table
-from lissajous_env.parameters.scenario import Curve
+from lissajous_env.parameters.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.theory.candidate import Candidate
 from lissajous_env.wording import shown

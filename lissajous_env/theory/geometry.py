@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import KDTree
 
-from lissajous_env.parameters.scenario import Curve
+from lissajous_env.parameters.parts import Curve
 from lissajous_env.theory import closed_forms
 
 _SAMPLES_PER_OSCILLATION = 64

@@ -3,18 +3,18 @@
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.world.robots import RobotStruct
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, RUNNING, STUCK, Clock, Robots, Step, Tally
+from lissajous_env.device.structs import place_of
+from lissajous_env.parameters.parts import Task
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Latest, Robots, Tally
+from lissajous_env.world.structs import RobotStruct, TaskStruct
 
 wp.set_module_options(OPTIONS)
 
 PARTED = wp.constant(1.05)
 """A collision is over when the distance is above this many times the sum of the radii."""
 
-COUNT = wp.constant(0)
-STOP = wp.constant(1)
-REMOVE = wp.constant(2)
-ON_COLLISION = {"count": 0, "stop": 1, "remove": 2}
+_STOP = wp.constant(place_of(Task, "on_collision", "stop"))
+_REMOVE = wp.constant(place_of(Task, "on_collision", "remove"))
 
 
 @wp.func
@@ -28,12 +28,12 @@ def closest_approach(before: wp.vec3, after: wp.vec3) -> float:
 
 @wp.kernel
 def find_collisions(
-    first: int, lanes: int, robot: RobotStruct, clock: Clock, robots: Robots, step_out: Step, tally: Tally
+    first: int, lanes: int, robot: RobotStruct, clock: Clock, robots: Robots, latest: Latest, tally: Tally
 ):
     """Compare robot i with the robots after it, over the sub-steps of the latest step."""
     tid, lane = wp.tid()
     w = first + tid
-    if clock.stage[w] != RUNNING:
+    if clock.active[w] == 0:
         return
     touch = 2.0 * robot.radius
     nearest = float(1.0e30)
@@ -53,22 +53,27 @@ def find_collisions(
                         if tally.contact[w, i, j] == 0:
                             tally.contact[w, i, j] = 1
                             wp.atomic_add(tally.collisions, w, wp.int64(1))
-                            wp.atomic_add(step_out.collisions, w, i, 1)
-                            wp.atomic_add(step_out.collisions, w, j, 1)
+                            wp.atomic_add(latest.collisions, w, i, 1)
+                            wp.atomic_add(latest.collisions, w, j, 1)
                     if wp.dot(before, before) > PARTED * PARTED * touch * touch:
                         tally.contact[w, i, j] = 0
     if nearest < 1.0e30:
         wp.atomic_min(tally.min_separation, w, wp.sqrt(nearest))
 
 
-@wp.func
-def take_consequence(w: int, i: int, on_collision: int, robots: Robots, step_out: Step):
-    """Stop or remove a robot that collided in the latest step, as `on_collision`, STOP or REMOVE, says."""
-    if step_out.collisions[w, i] > 0:
-        robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
-        if on_collision == STOP:
-            robots.status[w, i] = STUCK
-            robots.stuck_until[w, i] = NEVER
-        if on_collision == REMOVE:
-            robots.status[w, i] = REMOVED
-            step_out.terminated[w, i] = True
+@wp.kernel
+def take_consequences(first: int, lanes: int, task: TaskStruct, clock: Clock, robots: Robots, latest: Latest):
+    """Stop or remove the robots that collided in this step, as `task.on_collision` says."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for i in range(lane, robots.status.shape[1], lanes):
+        if latest.collisions[w, i] > 0:
+            robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
+            if task.on_collision == _STOP:
+                robots.status[w, i] = STUCK
+                robots.stuck_until[w, i] = NEVER
+            if task.on_collision == _REMOVE:
+                robots.status[w, i] = REMOVED
+                latest.terminated[w, i] = True

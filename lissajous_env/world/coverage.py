@@ -4,7 +4,8 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.world.state import RUNNING, Cells, Clock, Robots, Step, Tally
+from lissajous_env.world.state import Cells, Clock, Latest, Robots, Tally
+from lissajous_env.world.structs import SensingStruct
 
 wp.set_module_options(OPTIONS)
 
@@ -20,41 +21,41 @@ def run_of_bits(word: int, low: int, high: int) -> wp.uint32:
 
 
 @wp.kernel
-def reset_cells(first: int, clock: Clock, cells: Cells):
+def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
     """Forget every visit."""
-    tid, row = wp.tid()
+    tid, lane = wp.tid()
     w = first + tid
-    if clock.fresh[w] == 0:
+    if clock.active[w] == 0:
         return
-    for column in range(cells.sensed_at.shape[2]):
-        cells.sensed_at[w, row, column] = 0
-    for word in range(cells.sensed.shape[2]):
-        cells.sensed[w, row, word] = wp.uint32(0)
-        for i in range(cells.sensed_by.shape[2]):
-            cells.sensed_by[w, row, i, word] = wp.uint32(0)
-    cells.idle_squares[w, row] = wp.int64(0)
-    cells.idle_max[w, row] = 0
+    for row in range(lane, cells.sensed_at.shape[1], lanes):
+        for column in range(cells.sensed_at.shape[2]):
+            cells.sensed_at[w, row, column] = 0
+        for word in range(cells.sensed.shape[2]):
+            cells.sensed[w, row, word] = wp.uint32(0)
+            for i in range(cells.sensed_by.shape[2]):
+                cells.sensed_by[w, row, i, word] = wp.uint32(0)
+        cells.idle_squares[w, row] = wp.int64(0)
+        cells.idle_max[w, row] = 0
 
 
 @wp.kernel
 def cover(
     first: int,
     lanes: int,
-    begin: int,
     curve: CurveStruct,
-    sensing_radius: float,
+    sensing: SensingStruct,
     clock: Clock,
     robots: Robots,
     cells: Cells,
-    step_out: Step,
+    latest: Latest,
     tally: Tally,
 ):
     """Mark the cells that are sensed now, row by row: a robot's disc meets a row in one run of columns."""
     tid, lane = wp.tid()
     w = first + tid
-    if (begin == 1 and clock.fresh[w] == 0) or (begin == 0 and clock.stage[w] != RUNNING):
+    if clock.active[w] == 0:
         return
-    now = clock.step[w] + 1 - begin
+    now = clock.step[w]
     rows = cells.sensed_at.shape[1]
     columns = cells.sensed_at.shape[2]
     cell_width = 2.0 * curve.half_width / float(columns)
@@ -68,7 +69,7 @@ def cover(
         longest = cells.idle_max[w, row]
         for i in range(robots.sensor.shape[1]):
             place = robots.sensor[w, i]
-            half = sensing_radius * sensing_radius - (y - place[1]) * (y - place[1])
+            half = sensing.radius * sensing.radius - (y - place[1]) * (y - place[1])
             if half > 0.0:
                 half = wp.sqrt(half)
                 middle = place[0] + curve.half_width
@@ -92,7 +93,7 @@ def cover(
         cells.idle_squares[w, row] = squares
         cells.idle_max[w, row] = longest
     if ended > wp.int64(0):
-        wp.atomic_add(step_out.idle_ended, w, ended)
+        wp.atomic_add(latest.idle_ended, w, ended)
     if fresh_each > wp.int64(0):
         wp.atomic_add(tally.covered_each, w, fresh_each)
         wp.atomic_add(tally.covered, w, fresh)

@@ -15,7 +15,7 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.parts import Curve
 from lissajous_env.world.distance_table import AROUND, EXTENT, GRIDS, SPLIT, distance_table
 
 wp.set_module_options(OPTIONS)
@@ -83,15 +83,16 @@ def curve_distance(table: DistanceTable, place: wp.vec2) -> float:
         across = here[0] - arc[0]
         up = here[1] - arc[1]
         g = 2.0 * (arc[2] * across + arc[3] * up) + arc[4] * (across * across + up * up)
-        least = wp.min(least, wp.abs(g) / (1.0 + wp.sqrt(wp.max(1.0 + arc[4] * g, 0.0))))
+        # The root is at most 1 + |arc[4] g| / 2, so most arcs but the nearest are ruled out without it.
+        if wp.abs(g) < least * (2.0 + 0.5 * wp.abs(arc[4] * g)):
+            least = wp.min(least, wp.abs(g) / (1.0 + wp.sqrt(wp.max(1.0 + arc[4] * g, 0.0))))
     return least
 
 
-def table_of(scenario: Scenario, device: Any) -> DistanceTable:
-    """The table for the robots of a scenario; empty for points, which are always on the curve."""
-    if scenario.robot.kind == "curve":
+def table_of(curve: Curve, keeps_to_curve: bool, device: Any) -> DistanceTable:
+    """The table of a curve; empty for robots that are always on it."""
+    if keeps_to_curve:
         return _on_device(0.0, 0.0, 0, 0, str(device))
-    curve = scenario.curve
     return _on_device(curve.half_width, curve.half_height, curve.a, curve.b, str(device))
 
 

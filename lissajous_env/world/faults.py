@@ -4,13 +4,11 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.structs import struct_of
-from lissajous_env.parameters.scenario import Faults
+from lissajous_env.parameters.parts import Faults
 from lissajous_env.world.state import NEVER, REMOVED, STUCK, WORKING, Clock, Robots
+from lissajous_env.world.structs import FaultsStruct, TaskStruct
 
 wp.set_module_options(OPTIONS)
-
-FaultsStruct = struct_of(Faults)
 
 
 @wp.func
@@ -19,35 +17,39 @@ def chance(rate: float, time: float) -> float:
     return 1.0 - wp.exp(-rate * time)
 
 
-@wp.func
+@wp.kernel
 def update_status(
-    w: int,
-    i: int,
-    now: int,
-    key: int,
-    step: float,
+    first: int,
+    lanes: int,
     faults: FaultsStruct,
+    task: TaskStruct,
     schedule: wp.array2d(dtype=int),
+    clock: Clock,
     robots: Robots,
-) -> int:
-    """Return and store the status of robot i for the step that ends at `now`."""
-    if robots.status[w, i] == REMOVED or robots.removed_at[w, i] < now:
-        robots.status[w, i] = REMOVED
-        return REMOVED
-    stuck = int(0)
-    for row in range(schedule.shape[0]):
-        if schedule[row, 0] == i and schedule[row, 1] < now and now <= schedule[row, 2]:
-            stuck = 1
-    if faults.rate > 0.0 and robots.stuck_until[w, i] < now:
-        draw = randomness.stream(key, i, randomness.FAULT)
-        if wp.randf(draw) < chance(faults.rate, step):
-            duration = -wp.log(1.0 - wp.randf(draw)) * faults.mean_duration
-            robots.stuck_until[w, i] = now + int(wp.min(duration / step, 1.0e9))
-    status = wp.where(stuck == 1 or now <= robots.stuck_until[w, i], STUCK, WORKING)
-    if status == WORKING and robots.status[w, i] == STUCK:
-        robots.resumed_at[w, i] = now - 1
-    robots.status[w, i] = status
-    return status
+):
+    """Let robots fail, resume and be removed for the step that ends now."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    now = clock.step[w]
+    for i in range(lane, robots.status.shape[1], lanes):
+        if robots.status[w, i] == REMOVED or robots.removed_at[w, i] < now:
+            robots.status[w, i] = REMOVED
+        else:
+            stuck = int(0)
+            for row in range(schedule.shape[0]):
+                if schedule[row, 0] == i and schedule[row, 1] < now and now <= schedule[row, 2]:
+                    stuck = 1
+            if faults.rate > 0.0 and robots.stuck_until[w, i] < now:
+                draw = randomness.stream(randomness.step_key(clock.seed[w], now), i, randomness.FAULT)
+                if wp.randf(draw) < chance(faults.rate, task.step):
+                    duration = -wp.log(1.0 - wp.randf(draw)) * faults.mean_duration
+                    robots.stuck_until[w, i] = now + int(wp.min(duration / task.step, 1.0e9))
+            status = wp.where(stuck == 1 or now <= robots.stuck_until[w, i], STUCK, WORKING)
+            if status == WORKING and robots.status[w, i] == STUCK:
+                robots.resumed_at[w, i] = now - 1
+            robots.status[w, i] = status
 
 
 @wp.kernel
@@ -56,7 +58,7 @@ def reset_losses(
 ):
     """Decide which robots this episode removes, and when: those of the schedule, then `lost` more at random."""
     w = first + wp.tid()
-    if clock.fresh[w] == 0:
+    if clock.active[w] == 0:
         return
     n = robots.status.shape[1]
     draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.LOSS)

@@ -30,13 +30,12 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.robots import NoiseStruct
-from lissajous_env.world.state import IDLE, REMOVED, WORKING, Clock, Links, Robots, Rogues, Step
+from lissajous_env.world.state import REMOVED, WORKING, Clock, Latest, Links, Robots, Targets
+from lissajous_env.world.structs import SensingStruct, TaskStruct
 from lissajous_env.world.targets import planar
 
 wp.set_module_options(OPTIONS)
@@ -78,38 +77,6 @@ def layout(scenario: Scenario) -> Layout:
         entries += [(f"target_{k}_present", 0, 1)] + [(f"target_{k}_{name}", -1, 1) for name in ("x", "y")]
     names, low, high = zip(*entries, strict=True)
     return Layout(names, np.array(low, dtype=np.float32), np.array(high, dtype=np.float32))
-
-
-@wp.struct
-class Scales:
-    """What divides the entries, and how many robots and targets are listed."""
-
-    speed: wp.float32
-    radius: wp.float32
-    step: wp.float32
-    robots_seen: wp.int32
-    targets_seen: wp.int32
-
-
-@wp.func
-def hear(
-    w: int, i: int, side: int, now: int, key: int, neighbours: wp.array2d(dtype=int), noise: NoiseStruct, links: Links
-) -> int:
-    """Take the neighbour's message that arrives now, unless it is lost; returns when the last one heard was sent."""
-    j = neighbours[i, side]
-    heard_at = links.heard_at[w, i, side]
-    delay = links.sent.shape[2] - 1
-    sent_at = now - delay
-    if j < 0 or sent_at < 0:
-        return heard_at
-    slot = sent_at % (delay + 1)
-    if links.sending[w, j, slot] == 0:
-        return heard_at
-    if noise.message_loss > 0.0 and randomness.uniform(key, 2 * i + side, randomness.MESSAGE) < noise.message_loss:
-        return heard_at
-    links.heard[w, i, side] = links.sent[w, j, slot]
-    links.heard_at[w, i, side] = sent_at
-    return sent_at
 
 
 @wp.func
@@ -170,7 +137,7 @@ def far(value: float) -> float:
 
 @wp.func
 def observe_self(
-    w: int, i: int, curve: CurveStruct, scales: Scales, robots: Robots, observation_out: wp.array3d(dtype=float)
+    w: int, i: int, curve: CurveStruct, speed_unit: float, robots: Robots, observation_out: wp.array3d(dtype=float)
 ):
     """Fill entries 0 to 7."""
     own = robots.measured[w, i]
@@ -181,7 +148,7 @@ def observe_self(
     observation_out[w, i, 1] = far(own[1] / curve.half_height)
     observation_out[w, i, 2] = ahead[0]
     observation_out[w, i, 3] = ahead[1]
-    observation_out[w, i, 4] = far(own[3] / scales.speed)
+    observation_out[w, i, 4] = far(own[3] / speed_unit)
     observation_out[w, i, 5] = turn[0]
     observation_out[w, i, 6] = turn[1]
     observation_out[w, i, 7] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
@@ -192,11 +159,8 @@ def observe_ring(
     w: int,
     i: int,
     now: int,
-    key: int,
     curve: CurveStruct,
-    noise: NoiseStruct,
-    scales: Scales,
-    neighbours: wp.array2d(dtype=int),
+    task: TaskStruct,
     robots: Robots,
     links: Links,
     observation_out: wp.array3d(dtype=float),
@@ -206,14 +170,14 @@ def observe_ring(
     phase = robots.measured_phase[w, i]
     for side in range(2):
         start = OWN + LINK * side
-        heard_at = hear(w, i, side, now, key, neighbours, noise, links)
+        heard_at = links.heard_at[w, i, side]
         if heard_at < 0 or robots.status[w, i] == REMOVED:
             clear(w, i, start, start + LINK, observation_out)
         else:
             message = links.heard[w, i, side]
             lead = cos_sin(message[0] - phase)
             observation_out[w, i, start] = 1.0
-            observation_out[w, i, start + 1] = wp.min(float(now - heard_at) * scales.step, 1.0)
+            observation_out[w, i, start + 1] = wp.min(float(now - heard_at) * task.step, 1.0)
             observation_out[w, i, start + 2] = lead[0]
             observation_out[w, i, start + 3] = lead[1]
             observation_out[w, i, start + 4] = far(0.5 * (message[1] - own[0]) / curve.half_width)
@@ -221,60 +185,72 @@ def observe_ring(
 
 
 @wp.func
-def observe_robots(w: int, i: int, scales: Scales, robots: Robots, observation_out: wp.array3d(dtype=float)):
+def observe_robots(
+    w: int, i: int, sensing: SensingStruct, speed_unit: float, robots: Robots, observation_out: wp.array3d(dtype=float)
+):
     """List the nearest robots in the disc."""
     here = planar(robots.position[w, i])
     for j in range(robots.status.shape[1]):
         away = planar(robots.position[w, j]) - here
-        if wp.dot(away, away) < scales.radius * scales.radius and j != i and robots.status[w, j] != REMOVED:
-            entry = insert(w, i, OWN + 2 * LINK, ROBOT, scales.robots_seen, away / scales.radius, observation_out)
+        if wp.dot(away, away) < sensing.radius * sensing.radius and j != i and robots.status[w, j] != REMOVED:
+            entry = insert(w, i, OWN + 2 * LINK, ROBOT, sensing.robots_seen, away / sensing.radius, observation_out)
             if entry >= 0:
-                relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * scales.speed)
+                relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
                 observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
                 observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
+
+
+@wp.kernel
+def keep_final(
+    first: int,
+    lanes: int,
+    clock: Clock,
+    observation: wp.array3d(dtype=float),
+    final_observation_out: wp.array3d(dtype=float),
+):
+    """Keep the rows with which the episode before ended."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for i in range(lane, observation.shape[1], lanes):
+        for k in range(observation.shape[2]):
+            final_observation_out[w, i, k] = observation[w, i, k]
 
 
 @wp.kernel
 def observe(
     first: int,
     lanes: int,
-    begin: int,
     curve: CurveStruct,
-    noise: NoiseStruct,
-    scales: Scales,
-    neighbours: wp.array2d(dtype=int),
+    sensing: SensingStruct,
+    task: TaskStruct,
+    speed_unit: float,
     clock: Clock,
     robots: Robots,
     links: Links,
-    rogues: Rogues,
-    step_in: Step,
+    targets: Targets,
+    latest: Latest,
     observation_out: wp.array3d(dtype=float),
-    final_out: wp.array3d(dtype=float),
 ):
-    """Fill the row of each robot; where the world begins anew, keep the row it ended with."""
+    """Fill the row of each robot."""
     tid, lane = wp.tid()
     w = first + tid
-    if (begin == 1 and clock.fresh[w] == 0) or (begin == 0 and clock.stage[w] == IDLE):
+    if clock.active[w] == 0:
         return
-    now = clock.step[w]
-    key = randomness.step_key(clock.seed[w], now)
     n = robots.status.shape[1]
-    size = observation_out.shape[2]
+    start = OWN + 2 * LINK + ROBOT * sensing.robots_seen
     for i in range(lane, n, lanes):
-        if begin == 1:
-            for k in range(size):
-                final_out[w, i, k] = observation_out[w, i, k]
-        observe_self(w, i, curve, scales, robots, observation_out)
-        observe_ring(w, i, now, key, curve, noise, scales, neighbours, robots, links, observation_out)
-        empty(w, i, OWN + 2 * LINK, ROBOT, scales.robots_seen, observation_out)
-        empty(w, i, OWN + 2 * LINK + ROBOT * scales.robots_seen, TARGET, scales.targets_seen, observation_out)
-        if scales.robots_seen > 0 and robots.status[w, i] == WORKING:
-            observe_robots(w, i, scales, robots, observation_out)
-    if scales.targets_seen > 0 and step_in.in_sight[w] > 0:
-        start = OWN + 2 * LINK + ROBOT * scales.robots_seen
-        for t in range(rogues.in_sight.shape[1]):
-            if rogues.in_sight[w, t] == 1:
+        observe_self(w, i, curve, speed_unit, robots, observation_out)
+        observe_ring(w, i, clock.step[w], curve, task, robots, links, observation_out)
+        empty(w, i, OWN + 2 * LINK, ROBOT, sensing.robots_seen, observation_out)
+        empty(w, i, start, TARGET, sensing.targets_seen, observation_out)
+        if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
+            observe_robots(w, i, sensing, speed_unit, robots, observation_out)
+    if sensing.targets_seen > 0 and latest.in_sight[w] > 0:
+        for t in range(targets.in_sight.shape[1]):
+            if targets.in_sight[w, t] == 1:
                 for i in range(lane, n, lanes):
-                    away = rogues.position[w, t] - robots.sensor[w, i]
-                    if wp.dot(away, away) < scales.radius * scales.radius:
-                        insert(w, i, start, TARGET, scales.targets_seen, away / scales.radius, observation_out)
+                    away = targets.position[w, t] - robots.sensor[w, i]
+                    if wp.dot(away, away) < sensing.radius * sensing.radius:
+                        insert(w, i, start, TARGET, sensing.targets_seen, away / sensing.radius, observation_out)

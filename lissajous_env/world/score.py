@@ -30,7 +30,7 @@ def score_rows(simulation: "Simulation", worlds: np.ndarray) -> list[dict[str, A
     clock, tally, cells = simulation.clock, simulation.tally, simulation.cells
     host = {name: getattr(tally, name).numpy() for name in Tally.vars if name != "contact"}
     now_of, seed_of = clock.step.numpy(), clock.seed.numpy()
-    appears_at, found_at = simulation.rogues.appears_at.numpy(), simulation.rogues.found_at.numpy()
+    appears_at, found_at = simulation.targets.appears_at.numpy(), simulation.targets.found_at.numpy()
     sensed_at, idle_squares = cells.sensed_at.numpy(), cells.idle_squares.numpy()
     idle_max = cells.idle_max.numpy()
     rows = []

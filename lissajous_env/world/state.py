@@ -36,8 +36,10 @@ class Clock:
     """Control steps taken in this episode."""
     stage: wp.array(dtype=wp.int32)
     """RUNNING, ENDED by the latest step, or IDLE: ended earlier and waiting for a reset."""
+    active: wp.array(dtype=wp.int32)
+    """1 where the world takes part in the step, or in the reset, that is being run."""
     fresh: wp.array(dtype=wp.int32)
-    """1 where the world is being reset."""
+    """1 where a reset begins a new episode."""
     invalid: wp.array(dtype=wp.int32)
     """1 where an action of this episode was not finite and zero was taken instead."""
     invalid_at: wp.array(dtype=wp.int32)
@@ -93,7 +95,7 @@ class Links:
 
 
 @wp.struct
-class Rogues:
+class Targets:
     """Target slots (W, T)."""
 
     position: wp.array2d(dtype=wp.vec2)
@@ -129,7 +131,7 @@ class Cells:
 
 
 @wp.struct
-class Step:
+class Latest:
     """What happened in the latest step."""
 
     detections: wp.array2d(dtype=wp.int32)
@@ -147,7 +149,7 @@ class Step:
     idle_ended: wp.array(dtype=wp.int64)
     """(W,) idleness of the cells that were sensed, summed [step]."""
     terms: wp.array3d(dtype=wp.float32)
-    """(W, N, 7) terms of the reward: `lissajous_env.world.reward.TERMS`."""
+    """(W, N, 7) terms of the reward: `lissajous_env.world.reward.TERMS`, then those that were brought."""
     reward: wp.array2d(dtype=wp.float32)
     """(W, N) their sum."""
     terminated: wp.array2d(dtype=wp.bool)

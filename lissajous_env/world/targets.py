@@ -5,19 +5,22 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
-from lissajous_env.device.structs import struct_of
+from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.parameters.scenario import Targets
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, NEVER, PRESENT, RUNNING, Clock, Robots, Rogues, Step
+from lissajous_env.parameters import parts
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, NEVER, PRESENT, Clock, Latest, Robots, Targets
+from lissajous_env.world.structs import SensingStruct, TargetStruct, TaskStruct
 
 wp.set_module_options(MOTION)
-
-TargetsStruct = struct_of(Targets)
 
 STILL = wp.constant(0)
 DRIFTING = wp.constant(1)
 WANDERING = wp.constant(2)
 FLEEING = wp.constant(3)
+CUSTOM = wp.constant(4)
+"""Moved by a stage of the scenario's own."""
+
+_BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
 
 
 @wp.func
@@ -44,53 +47,65 @@ def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
 
 
 @wp.kernel
-def reset_targets(
-    first: int, curve: CurveStruct, targets: TargetsStruct, at_boundary: int, clock: Clock, rogues: Rogues
-):
+def reset_targets(first: int, lanes: int, curve: CurveStruct, target: TargetStruct, clock: Clock, targets: Targets):
     """Draw place, heading and motion of every slot; those of the start appear at step 0."""
-    tid, t = wp.tid()
+    tid, lane = wp.tid()
     w = first + tid
-    if clock.fresh[w] == 0:
+    if clock.active[w] == 0:
         return
-    draw = randomness.stream(randomness.step_key(clock.seed[w], 0), t, randomness.ENTRY)
-    x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
-    y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
-    place = wp.vec2(x, y)
-    if at_boundary == 1:
-        place = boundary_point(curve, wp.randf(draw))
-    rogues.position[w, t] = place
-    rogues.heading[w, t] = 6.2831853 * wp.randf(draw)
-    share = wp.randf(draw)
-    motion = int(STILL)
-    if share < targets.drifting:
-        motion = DRIFTING
-    elif share < targets.drifting + targets.wandering:
-        motion = WANDERING
-    elif share < targets.drifting + targets.wandering + targets.fleeing:
-        motion = FLEEING
-    rogues.motion[w, t] = motion
-    rogues.stage[w, t] = HIDDEN
-    rogues.appears_at[w, t] = 0
-    rogues.found_at[w, t] = NEVER
-    rogues.in_sight[w, t] = 0
+    key = randomness.step_key(clock.seed[w], 0)
+    for t in range(lane, targets.stage.shape[1], lanes):
+        draw = randomness.stream(key, t, randomness.ENTRY)
+        x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
+        y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
+        place = wp.vec2(x, y)
+        if target.entry == _BOUNDARY:
+            place = boundary_point(curve, wp.randf(draw))
+        targets.position[w, t] = place
+        targets.heading[w, t] = 6.2831853 * wp.randf(draw)
+        share = wp.randf(draw)
+        motion = int(STILL)
+        if share < target.drifting:
+            motion = DRIFTING
+        elif share < target.drifting + target.wandering:
+            motion = WANDERING
+        elif share < target.drifting + target.wandering + target.fleeing:
+            motion = FLEEING
+        elif share < target.drifting + target.wandering + target.fleeing + target.custom:
+            motion = CUSTOM
+        targets.motion[w, t] = motion
+        targets.stage[w, t] = HIDDEN
+        targets.appears_at[w, t] = 0
+        targets.found_at[w, t] = NEVER
+        targets.in_sight[w, t] = 0
 
 
 @wp.kernel
-def reset_arrivals(first: int, targets: TargetsStruct, step: float, clock: Clock, rogues: Rogues):
+def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Clock, targets: Targets):
     """Lay the arrivals of a Poisson process on the slots after those of the start, in order of time."""
     w = first + wp.tid()
-    if clock.fresh[w] == 0:
+    if clock.active[w] == 0:
         return
     draw = randomness.stream(randomness.step_key(clock.seed[w], 0), 0, randomness.ARRIVAL)
     time = float(0.0)
-    for t in range(targets.count, rogues.stage.shape[1]):
-        time -= wp.log(1.0 - wp.randf(draw)) / targets.arrival_rate
-        rogues.appears_at[w, t] = 1 + int(wp.min(time / step, 1.0e9))
+    for t in range(target.count, targets.stage.shape[1]):
+        time -= wp.log(1.0 - wp.randf(draw)) / target.arrival_rate
+        targets.appears_at[w, t] = 1 + int(wp.min(time / task.step, 1.0e9))
 
 
 @wp.func
-def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> wp.vec2:
-    """Return (index, squared distance [m^2]) of the working robot nearest to a place."""
+def square_to_sensor(w: int, place: wp.vec2, robots: Robots) -> float:
+    """Squared distance of a place from the nearest working robot [m^2]."""
+    least = float(1.0e30)
+    for i in range(robots.sensor.shape[1]):
+        away = robots.sensor[w, i] - place
+        least = wp.min(least, wp.dot(away, away))
+    return least
+
+
+@wp.func
+def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> int:
+    """Index of the working robot nearest to a place; the first of those that are equally near."""
     nearest = int(0)
     least = float(1.0e30)
     for i in range(robots.sensor.shape[1]):
@@ -99,7 +114,7 @@ def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> wp.vec2:
         if square < least:
             least = square
             nearest = i
-    return wp.vec2(float(nearest), least)
+    return nearest
 
 
 @wp.func
@@ -118,93 +133,98 @@ def bounce(place: wp.vec2, heading: float, curve: CurveStruct) -> wp.vec3:
 
 
 @wp.func
-def move_target(
-    w: int,
-    t: int,
-    key: int,
-    motion: int,
-    place: wp.vec2,
-    nearest: wp.vec2,
-    step: float,
-    curve: CurveStruct,
-    targets: TargetsStruct,
-    robots: Robots,
-    rogues: Rogues,
-) -> wp.vec2:
-    """Move one target over a step [s] and return its new place [m]; `nearest` is of `nearest_sensor`."""
-    heading = rogues.heading[w, t]
-    if motion == FLEEING and nearest[1] < targets.flee_radius * targets.flee_radius:
-        away = place - robots.sensor[w, int(nearest[0])]
-        # A wall turns the flight along itself; it does not send the target back to the robot.
-        fled = place + targets.flee_speed * step * wp.normalize(away)
-        fled = wp.vec2(
-            wp.clamp(fled[0], -curve.half_width, curve.half_width),
-            wp.clamp(fled[1], -curve.half_height, curve.half_height),
-        )
-        rogues.position[w, t] = fled
-        rogues.heading[w, t] = wp.atan2(away[1], away[0])
-        return fled
-    if motion != DRIFTING:
-        # A uniform draw of this deviation: its sum over a second is normal, at a third of the cost.
-        heading += targets.turn_rate * wp.sqrt(3.0 * step) * (2.0 * randomness.uniform(key, t, randomness.WANDER) - 1.0)
-    moved = bounce(place + targets.speed * step * cos_sin(heading), heading, curve)
-    rogues.heading[w, t] = moved[2]
-    rogues.position[w, t] = wp.vec2(moved[0], moved[1])
-    return wp.vec2(moved[0], moved[1])
+def flee(w: int, t: int, away: wp.vec2, step: float, curve: CurveStruct, target: TargetStruct, targets: Targets):
+    """Run along `away`; a wall turns the flight along itself, it does not send the target back to the robot."""
+    fled = targets.position[w, t] + target.flee_speed * step * wp.normalize(away)
+    targets.position[w, t] = wp.vec2(
+        wp.clamp(fled[0], -curve.half_width, curve.half_width),
+        wp.clamp(fled[1], -curve.half_height, curve.half_height),
+    )
+    targets.heading[w, t] = wp.atan2(away[1], away[0])
+
+
+@wp.func
+def wander(w: int, t: int, turn: float, step: float, curve: CurveStruct, target: TargetStruct, targets: Targets):
+    """Turn by an angle [rad] and go straight on, off the boundary."""
+    heading = targets.heading[w, t] + turn
+    moved = bounce(targets.position[w, t] + target.speed * step * cos_sin(heading), heading, curve)
+    targets.position[w, t] = wp.vec2(moved[0], moved[1])
+    targets.heading[w, t] = moved[2]
 
 
 @wp.kernel
 def move_targets(
     first: int,
     lanes: int,
-    begin: int,
     curve: CurveStruct,
-    targets: TargetsStruct,
-    step: float,
-    sensing_radius: float,
+    target: TargetStruct,
+    task: TaskStruct,
     clock: Clock,
     robots: Robots,
-    rogues: Rogues,
-    step_out: Step,
+    targets: Targets,
 ):
-    """Let targets appear, move and be sensed; with `begin` set, at the start of an episode, nothing moves."""
+    """Let targets that were detected leave, and the others move; one that appears in this step does not move yet."""
     tid, lane = wp.tid()
     w = first + tid
-    if (begin == 1 and clock.fresh[w] == 0) or (begin == 0 and clock.stage[w] != RUNNING):
+    if clock.active[w] == 0:
         return
-    now = clock.step[w] + 1 - begin
+    now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    reach = sensing_radius + step * wp.max(targets.speed, targets.flee_speed)
+    # A uniform draw of the wanted deviation: its sum over a second is normal, at a third of the cost.
+    widest = target.turn_rate * wp.sqrt(3.0 * task.step)
+    for t in range(lane, targets.stage.shape[1], lanes):
+        if targets.appears_at[w, t] > now:
+            break  # the slots are in the order of their times
+        stage = targets.stage[w, t]
+        motion = targets.motion[w, t]
+        if stage == FOUND and target.leave == 1:
+            targets.stage[w, t] = GONE
+            targets.in_sight[w, t] = 0
+        elif stage != GONE and stage != HIDDEN and motion != STILL and motion != CUSTOM:
+            place = targets.position[w, t]
+            runs = bool(False)
+            if motion == FLEEING:
+                runs = square_to_sensor(w, place, robots) < target.flee_radius * target.flee_radius
+            if runs:
+                from_robot = place - robots.sensor[w, nearest_sensor(w, place, robots)]
+                flee(w, t, from_robot, task.step, curve, target, targets)
+            else:
+                turn = float(0.0)
+                if motion != DRIFTING:
+                    turn = widest * (2.0 * randomness.uniform(key, t, randomness.WANDER) - 1.0)
+                wander(w, t, turn, task.step, curve, target, targets)
+
+
+@wp.kernel
+def detect_targets(
+    first: int, lanes: int, sensing: SensingStruct, clock: Clock, robots: Robots, targets: Targets, latest: Latest
+):
+    """Let the nearest working robot detect a target that is in its disc; what is in none waits."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    now = clock.step[w]
     waiting = int(0)
     sighted = int(0)
-    for t in range(lane, rogues.stage.shape[1], lanes):
-        if rogues.appears_at[w, t] > now:
-            break  # the slots are in the order of their times
-        stage = rogues.stage[w, t]
-        if stage == FOUND and targets.leave == 1:
-            rogues.stage[w, t] = GONE
-            rogues.in_sight[w, t] = 0
-        elif stage != GONE:
-            place = rogues.position[w, t]
-            motion = rogues.motion[w, t]
-            nearest = nearest_sensor(w, place, robots)
-            if stage != HIDDEN and motion != STILL:
-                place = move_target(w, t, key, motion, place, nearest, step, curve, targets, robots, rogues)
-                # A target that was far from every sensor cannot have come into one's reach in this step.
-                if nearest[1] < reach * reach:
-                    nearest = nearest_sensor(w, place, robots)
-            seen = wp.where(nearest[1] < sensing_radius * sensing_radius, 1, 0)
+    for t in range(lane, targets.stage.shape[1], lanes):
+        if targets.appears_at[w, t] > now:
+            break
+        stage = targets.stage[w, t]
+        if stage != GONE:
+            place = targets.position[w, t]
+            seen = wp.where(square_to_sensor(w, place, robots) < sensing.radius * sensing.radius, 1, 0)
             sighted += seen
-            rogues.in_sight[w, t] = seen
+            targets.in_sight[w, t] = seen
             if stage != FOUND:
                 if seen == 1:
-                    rogues.stage[w, t] = FOUND
-                    rogues.found_at[w, t] = now
-                    wp.atomic_add(step_out.detections, w, int(nearest[0]), 1)
+                    targets.stage[w, t] = FOUND
+                    targets.found_at[w, t] = now
+                    wp.atomic_add(latest.detections, w, nearest_sensor(w, place, robots), 1)
                 else:
-                    rogues.stage[w, t] = PRESENT
+                    targets.stage[w, t] = PRESENT
                     waiting += 1
     if waiting > 0:
-        wp.atomic_add(step_out.waiting, w, waiting)
+        wp.atomic_add(latest.waiting, w, waiting)
     if sighted > 0:
-        wp.atomic_add(step_out.in_sight, w, sighted)
+        wp.atomic_add(latest.in_sight, w, sighted)

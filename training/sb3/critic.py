@@ -44,7 +44,7 @@ class WorldView:
         own = np.empty((worlds, n, 6), dtype=np.float32)
         own[:, :, :2] = robots.position.numpy()[:, :, :2] / self._half
         own[:, :, 2], own[:, :, 3] = np.cos(heading), np.sin(heading)
-        own[:, :, 4] = robots.speed.numpy() / simulation.speed_scale
+        own[:, :, 4] = robots.speed.numpy() / simulation.speed_unit
         own[:, :, 5] = robots.status.numpy() == WORKING
         world = np.zeros((worlds, self.size - 6 * n), dtype=np.float32)
         world[:, 0] = simulation.clock.step.numpy() / scenario.task.steps
@@ -56,7 +56,7 @@ class WorldView:
 
     def _waiting(self) -> np.ndarray:
         """(W, 1 + zones) undetected targets, of all and in each zone."""
-        rogues, worlds = self.simulation.rogues, self.simulation.num_worlds
+        rogues, worlds = self.simulation.targets, self.simulation.num_worlds
         columns, rows = self._zones
         w, t = np.nonzero(rogues.stage.numpy() == PRESENT)
         place = 0.5 * (rogues.position.numpy()[w, t] / self._half + 1.0) * (columns, rows)

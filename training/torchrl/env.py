@@ -207,9 +207,9 @@ class LissajousTorchEnv(EnvBase):
     def _state(self) -> torch.Tensor:
         """(W, S) the true state, laid out as `lissajous_env.LissajousParallelEnv.state` says."""
         sim = self.simulation
-        robots, rogues = sim.robots, sim.rogues
+        robots, rogues = sim.robots, sim.targets
         heading, phase = wp.to_torch(robots.heading), wp.to_torch(robots.phase).float()
-        speed = wp.to_torch(robots.speed) / sim.speed_scale
+        speed = wp.to_torch(robots.speed) / sim.speed_unit
         works = wp.to_torch(robots.status) == int(WORKING)
         place = wp.to_torch(robots.position)[..., :2] / self._size
         columns = [heading.cos(), heading.sin(), speed, phase.cos(), phase.sin(), works]

@@ -44,7 +44,7 @@ from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.checks import Checked, number
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import curve_length
-from lissajous_env.world.robots import RobotStruct
+from lissajous_env.world.structs import RobotStruct
 
 wp.set_module_options(OPTIONS)
 

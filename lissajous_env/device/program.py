@@ -1,0 +1,165 @@
+"""Programs: kernels in an order, bound to arrays by the names of their parameters, ready to run.
+
+A kernel of a program takes `first`, the first world of the block that it works on, and, unless it goes over whole
+worlds, `lanes`, how many threads share the entities of a world: on a GPU there is one for each entity, on a CPU one
+that loops over them all, which saves its setup. Every other parameter is looked up by its name.
+"""
+
+import ctypes
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby, pairwise
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.devices import side_by_side
+
+WORLD, ROBOT, TARGET, ROW = "world", "robot", "target", "row"
+
+_BLOCK = 256
+"""Worlds below which a CPU thread of its own costs more than it saves."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a program."""
+
+    name: str
+    """Its name, new in its program."""
+    run: Any
+    """A Warp kernel, or a function without arguments that is called on the host."""
+    over: str = WORLD
+    """What the kernel goes over: WORLD, ROBOT, TARGET or ROW (of the grid)."""
+    when: bool = True
+    """Whether the program has it."""
+
+    @property
+    def is_kernel(self) -> bool:
+        """Whether it is launched on the device."""
+        return isinstance(self.run, wp.Kernel)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of what the kernel takes from the state and the constants."""
+        names = [argument.label for argument in self.run.adj.args] if self.is_kernel else []
+        return tuple(name for name in names if name not in ("first", "lanes"))
+
+    @property
+    def about(self) -> str:
+        """What it does, in a line."""
+        return ((self.run.func if self.is_kernel else self.run).__doc__ or "").strip().partition("\n")[0]
+
+
+class Program:
+    """Stages in their order, ready to run.
+
+    On a GPU neighbouring kernels are one graph. On a CPU a graph of Warp's would do, but what it looks up for each
+    kernel takes longer than to call the compiled functions one after the other, which is done for each thread's block
+    of worlds.
+
+    Args:
+        stages: What is run; those whose `when` is False, and those over nothing, are left out.
+        values: What the kernels' parameters are bound to, by name.
+        sizes: Number of entities in a world, by what a stage goes over.
+        num_worlds: W.
+        device: Warp device.
+        threads: CPU threads over which the worlds are split.
+
+    Raises:
+        ValueError: a kernel asks for what is not there, by the names of stage and parameter.
+    """
+
+    def __init__(
+        self,
+        stages: Sequence[Stage],
+        values: Mapping[str, Any],
+        sizes: Mapping[str, int],
+        num_worlds: int,
+        device: Any,
+        threads: int,
+    ):
+        self.stages = tuple(stage for stage in stages if stage.when and sizes.get(stage.over, 1) > 0)
+        self._values, self._sizes, self._device = values, sizes, device
+        blocks = [(0, num_worlds)]
+        if device.is_cpu:
+            edges = np.linspace(0, num_worlds, min(threads, -(-num_worlds // _BLOCK)) + 1).astype(int)
+            blocks = [(int(low), int(high)) for low, high in pairwise(edges)]
+        parts = [(is_kernel, list(part)) for is_kernel, part in groupby(self.stages, key=lambda each: each.is_kernel)]
+        self._calls: list[Callable[[], None]] = []
+        for is_kernel, part in parts:
+            if not is_kernel:
+                self._calls += [stage.run for stage in part]
+                continue
+            ready = _Calls if device.is_cpu else _Graph
+            tasks = [ready(device, [self._launch(stage, *block) for stage in part]) for block in blocks]
+            self._calls.append(tasks[0] if len(tasks) == 1 else partial(side_by_side, tasks, threads))
+
+    def __call__(self) -> None:
+        """Run all stages once."""
+        for call in self._calls:
+            call()
+
+    def __str__(self) -> str:
+        rows = [(stage.name, stage.over, stage.about, ", ".join(stage.parameters)) for stage in self.stages]
+        widths = [max(len(row[k]) for row in rows) for k in range(3)]
+        return "\n".join("  ".join([*map(str.ljust, row[:3], widths), row[3]]).rstrip() for row in rows)
+
+    def _launch(self, stage: Stage, low: int, high: int) -> wp.Launch:
+        lanes = 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
+        own = {"first": low, "lanes": lanes}
+        unknown = [name for name in stage.parameters if name not in self._values]
+        if unknown:
+            there = ", ".join(sorted(self._values))
+            raise ValueError(f"parameter of stage {stage.name} must be one of {there}, got {', '.join(unknown)}")
+        inputs = [own.get(argument.label, self._values.get(argument.label)) for argument in stage.run.adj.args]
+        size = (high - low,) if stage.over == WORLD else (high - low, lanes)
+        return wp.launch(stage.run, dim=size, inputs=inputs, device=self._device, record_cmd=True)
+
+
+class _Calls:
+    """Launches on a CPU whose arguments are laid out once, where Warp does so at each launch."""
+
+    def __init__(self, device: Any, launches: Sequence[wp.Launch]):
+        self._device, self._launches = device, launches
+        self._arguments = [_laid_out(launch.params[1:]) for launch in launches]
+        self._calls = [
+            (launch.hooks.forward, ctypes.byref(launch.params[0]), ctypes.byref(arguments))
+            for launch, arguments in zip(launches, self._arguments, strict=True)
+        ]
+
+    def __call__(self) -> None:
+        if self._device.is_capturing:  # by a user, whose graph is made of launches
+            for launch in self._launches:
+                launch.launch()
+        else:
+            for function, bounds, arguments in self._calls:
+                function(bounds, arguments)
+
+
+def _laid_out(values: Sequence[Any]) -> ctypes.Structure:
+    """Put the arguments of a kernel into one struct, as the compiled kernel reads them."""
+    fields = [(f"argument_{k}", type(value)) for k, value in enumerate(values)]
+    return type("Arguments", (ctypes.Structure,), {"_fields_": fields})(*values)
+
+
+class _Graph:
+    """Launches on a GPU that are replayed together."""
+
+    def __init__(self, device: Any, launches: Sequence[wp.Launch]):
+        self._device, self._launches = device, launches
+        with wp.ScopedCapture(device) as capture:
+            self._launch_all()
+        self._graph = capture.graph
+
+    def __call__(self) -> None:
+        if self._device.is_capturing:
+            self._launch_all()
+        else:
+            wp.capture_launch(self._graph)
+
+    def _launch_all(self) -> None:
+        for launch in self._launches:
+            launch.launch()

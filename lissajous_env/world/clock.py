@@ -1,0 +1,55 @@
+"""The clock of each world: its seed, its steps, and the beginning and end of its episodes."""
+
+import warp as wp
+
+from lissajous_env.device import randomness
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.world.state import ENDED, IDLE, RUNNING, Clock, Latest
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.kernel
+def reset_clock(first: int, seeds: wp.array(dtype=int), clock: Clock):
+    """Begin an episode with the given seed or, where it is negative, with one drawn from the seed before."""
+    w = first + wp.tid()
+    clock.active[w] = clock.fresh[w]
+    if clock.active[w] == 0:
+        return
+    seed = seeds[w]
+    if seed < 0:
+        key = randomness.step_key(clock.seed[w], 0)
+        seed = int(randomness.stream(key, 0, randomness.EPISODE) >> wp.uint32(1))
+    clock.seed[w] = seed
+    clock.step[w] = 0
+    clock.stage[w] = RUNNING
+    clock.invalid[w] = 0
+    clock.invalid_at[w] = 0
+
+
+@wp.kernel
+def advance_clock(first: int, clock: Clock):
+    """Count the step in worlds whose episode is going on; the others sit it out."""
+    w = first + wp.tid()
+    if clock.stage[w] == RUNNING:
+        clock.active[w] = 1
+        clock.step[w] += 1
+    else:
+        clock.active[w] = 0
+        clock.stage[w] = IDLE
+
+
+@wp.kernel
+def end_episodes(first: int, steps: int, clock: Clock, latest: Latest):
+    """End an episode when its time is over, or when every robot is terminated."""
+    w = first + wp.tid()
+    if clock.active[w] == 0:
+        return
+    over = clock.step[w] >= steps
+    running = int(0)
+    for i in range(latest.terminated.shape[1]):
+        latest.truncated[w, i] = over
+        if not latest.terminated[w, i]:
+            running += 1
+    if over or running == 0:
+        clock.stage[w] = ENDED

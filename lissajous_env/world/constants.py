@@ -1,0 +1,43 @@
+"""What the kernels of one scenario need besides the state: its parts as structs, numbers, small arrays."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.structs import to_struct
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world import structs
+from lissajous_env.world.distance import table_of
+from lissajous_env.world.faults import removal_steps, schedule_steps
+from lissajous_env.world.robots.table import model_of
+
+
+def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
+    """Values of a resolved scenario by the names under which kernels ask for them."""
+    task, n = scenario.task, scenario.num_robots
+    model = model_of(scenario.robot.kind)
+    displaced = np.zeros(n)
+    for robot, angle in scenario.formation.displaced:
+        displaced[robot] += angle
+    schedule = np.array(schedule_steps(scenario.faults, task.step), dtype=np.int32).reshape(-1, 3)
+    return {
+        "curve": to_struct(CurveStruct, scenario.curve),
+        "formation": to_struct(structs.FormationStruct, scenario.formation),
+        "robot": to_struct(structs.RobotStruct, scenario.robot),
+        "sensing": to_struct(structs.SensingStruct, scenario.sensing),
+        "target": to_struct(structs.TargetStruct, scenario.targets),
+        "faults": to_struct(structs.FaultsStruct, scenario.faults),
+        "noise": to_struct(structs.NoiseStruct, scenario.noise),
+        "task": to_struct(structs.TaskStruct, task),
+        "steps": task.steps,
+        "cells_total": 0 if task.grid is None else task.grid[0] * task.grid[1],
+        "speed_unit": model.speed_unit(scenario.curve, scenario.formation, scenario.robot),
+        "distances": table_of(scenario.curve, model.keeps_to_curve, device),
+        "equilibrium": wp.array(scenario.equilibrium, dtype=wp.float64, device=device),
+        "neighbours": wp.array(scenario.neighbours, dtype=wp.int32, device=device, ndim=2),
+        "displaced": wp.array(displaced, dtype=wp.float32, device=device),
+        "removals": wp.array(removal_steps(scenario.faults, n, task.step), dtype=wp.int32, device=device),
+        "schedule": wp.array(schedule, dtype=wp.int32, device=device, ndim=2),
+    }

@@ -1,0 +1,178 @@
+"""Cars by the kinematic bicycle (12) with a motor; action = steering, throttle."""
+
+import itertools
+import math
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.compilation import MOTION
+from lissajous_env.device.curve import CurveStruct, curve_parameter, project, wrap, wrap_phase
+from lissajous_env.device.structs import place_of
+from lissajous_env.device.trig import cos_sin
+from lissajous_env.parameters.parts import Curve, Formation, Noise, Robot, Task
+from lissajous_env.world.robots.model import RobotModel
+from lissajous_env.world.state import WORKING, Clock, Robots
+from lissajous_env.world.structs import FormationStruct, RobotStruct, TaskStruct
+
+wp.set_module_options(MOTION)
+
+LARGEST_CORRECTION = wp.constant(0.1)
+"""Limit of a correction of a car's parameter on the curve [rad]: it may slide along its branch, not jump."""
+
+WALL = wp.constant(place_of(Task, "boundary", "wall"))
+
+
+@wp.func
+def motor_push(robot: RobotStruct, drive: float, throttle: float) -> float:
+    """Acceleration by the motor, alpha tau - beta above the dead zone [m/s^2], equation (12).
+
+    Differs from the paper: it knows no dead zone; the authors' plant has one, in which the car coasts.
+    """
+    return wp.where(throttle > robot.dead_zone, drive * throttle - robot.offset, 0.0)
+
+
+@wp.func
+def car_rate(robot: RobotStruct, state: wp.vec4, curvature: float, push: float) -> wp.vec4:
+    """(x, y, heading, v)' = (v cos heading, v sin heading, v tan(delta) / l, -c v + push), equation (12).
+
+    `curvature` is tan(delta) / l [1/m]. The yaw rate is limited by grip to a_lat / v; a car does not reverse.
+    """
+    speed = wp.max(state[3], 0.0)
+    yaw_rate = speed * curvature
+    if speed * wp.abs(yaw_rate) > robot.lateral_acceleration_max:
+        yaw_rate = wp.sign(yaw_rate) * robot.lateral_acceleration_max / speed
+    ahead = cos_sin(state[2])
+    return wp.vec4(speed * ahead[0], speed * ahead[1], yaw_rate, push - robot.drag * speed)
+
+
+@wp.func
+def car_step(robot: RobotStruct, state: wp.vec4, curvature: float, push: float, h: float) -> wp.vec4:
+    """One step of the classical fourth-order Runge-Kutta method over h [s]."""
+    k1 = car_rate(robot, state, curvature, push)
+    k2 = car_rate(robot, state + 0.5 * h * k1, curvature, push)
+    k3 = car_rate(robot, state + 0.5 * h * k2, curvature, push)
+    k4 = car_rate(robot, state + h * k3, curvature, push)
+    moved = state + (h / 6.0) * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return wp.vec4(moved[0], moved[1], moved[2], wp.max(moved[3], 0.0))
+
+
+@wp.func
+def stop_at_wall(curve: CurveStruct, car: wp.vec4) -> wp.vec4:
+    """Keep a car's centre in the rectangle: what of its velocity goes into a wall is lost, its heading stays."""
+    along = cos_sin(car[2])
+    x = wp.clamp(car[0], -curve.half_width, curve.half_width)
+    y = wp.clamp(car[1], -curve.half_height, curve.half_height)
+    along_x = wp.where((car[0] - x) * along[0] > 0.0, 0.0, along[0])
+    along_y = wp.where((car[1] - y) * along[1] > 0.0, 0.0, along[1])
+    kept = wp.where(along_x == along[0] and along_y == along[1], 1.0, wp.length(wp.vec2(along_x, along_y)))
+    return wp.vec4(x, y, car[2], car[3] * kept)
+
+
+@wp.kernel
+def move_cars(
+    first: int,
+    lanes: int,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    robot: RobotStruct,
+    task: TaskStruct,
+    command: wp.array3d(dtype=float),
+    clock: Clock,
+    robots: Robots,
+):
+    """Move cars: steering and throttle are held over the step; the phase follows the car along its branch."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    alpha = float(formation.alpha)
+    substeps = robots.track.shape[2] - 1
+    for i in range(lane, robots.status.shape[1], lanes):
+        position = robots.position[w, i]
+        robots.track[w, i, 0] = position
+        if robots.status[w, i] != WORKING:
+            robots.speed[w, i] = 0.0
+            for s in range(substeps):
+                robots.track[w, i, s + 1] = position
+        else:
+            throttle = robot.throttle_min + 0.5 * (command[w, i, 1] + 1.0) * (robot.throttle_max - robot.throttle_min)
+            steering = cos_sin(command[w, i, 0] * robot.steering_max)
+            curvature = steering[1] / (steering[0] * robots.wheelbase[w, i])
+            push = motor_push(robot, robots.drive[w, i], throttle)
+            car = wp.vec4(position[0], position[1], robots.heading[w, i], robots.speed[w, i])
+            for s in range(substeps):
+                car = car_step(robot, car, curvature, push, task.step / float(substeps))
+                if task.boundary == WALL:
+                    car = stop_at_wall(curve, car)
+                robots.track[w, i, s + 1] = wp.vec3(car[0], car[1], 0.0)
+            robots.position[w, i] = wp.vec3(car[0], car[1], 0.0)
+            robots.heading[w, i] = wrap(car[2])
+            robots.speed[w, i] = car[3]
+            start = curve_parameter(alpha, robots.phase[w, i])
+            gamma = project(curve, wp.vec2(car[0], car[1]), start, LARGEST_CORRECTION)
+            robots.phase[w, i] = wrap_phase(robots.phase[w, i] + wp.float64((gamma - start) / alpha))
+
+
+def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:
+    """What a car's motion needs to be finite: its equations are integrated in float32 by a method of order four.
+
+    Raises:
+        ValueError: a field that a rule forbids, by name.
+    """
+    h = task.step / task.substeps
+    if curve.half_depth > 0:
+        raise ValueError(f"curve.half_depth must be 0 for cars [m], got {curve.half_depth}")
+    if robot.drag * h > 2.5:
+        rule = f"must be at most {2.5 / h:g} with integration steps of {h:g} s, for these to be stable [1/s]"
+        raise ValueError(f"robot.drag {rule}, got {robot.drag}")
+    at_start = formation.phase_rate * math.hypot(curve.half_width * curve.a, curve.half_height * curve.b)
+    if at_start > 1e5:
+        rule = "must keep cars on the curve below 100000 m/s [rad/s]"
+        raise ValueError(f"formation.phase_rate {rule}, got {formation.phase_rate}")
+    # A car's own constants lie at most three deviations from those of the scenario.
+    drive = robot.drive * (1 + 3 * noise.drive_spread)
+    fastest = max(at_start, (drive * robot.throttle_max - robot.offset) / robot.drag)
+    shortest = robot.wheelbase * (1 - 3 * noise.wheelbase_spread)
+    turn = fastest * h * math.tan(robot.steering_max) / shortest
+    if turn > 1e4:
+        rule = f"must keep a car's turn in an integration step below 10000 rad, at {fastest:g} m/s and full steering"
+        raise ValueError(f"robot.wheelbase {rule} [m], got {robot.wheelbase}")
+
+
+def shape(robot: Robot) -> list[tuple[np.ndarray, str | None]]:
+    """Outlines of a car's parts for a radius of 1, heading right, with their colours; None is the car's own."""
+    # A body around its axles that stays within the disc of the robot, for any wheelbase.
+    half_base = float(np.clip(robot.wheelbase / (2 * robot.radius), 0.4, 0.72))
+    length, width = min(half_base + 0.28, 1.0), 0.46
+    wheels: list[tuple[np.ndarray, str | None]] = [
+        (_rounded(0.19, 0.085, 6.0) + np.array([x, y]), "WHEEL")
+        for x in (-half_base, half_base)
+        for y in (-width, width)
+    ]
+    body, rim = _rounded(length, width, 4.5), _rounded(length + 0.05, width + 0.05, 4.5)
+    for outline in (body, rim):
+        outline[:, 1] *= 1 - 0.16 * (outline[:, 0] > 0) * (outline[:, 0] / length) ** 2
+    front = np.array([[0.22, -0.27], [0.45, -0.34], [0.50, 0.0], [0.45, 0.34], [0.22, 0.27]])
+    back = np.array([[-0.42, -0.25], [-0.58, -0.30], [-0.60, 0.0], [-0.58, 0.30], [-0.42, 0.25]])
+    return [*wheels, (rim, "GROUND"), (body, None), (front, "GLASS"), (back, "GLASS")]
+
+
+def _rounded(half_length: float, half_width: float, power: float) -> np.ndarray:
+    """Rectangle with round corners: |x / half_length|^power + |y / half_width|^power = 1."""
+    around = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    x, y = np.cos(around), np.sin(around)
+    return np.stack(
+        [half_length * np.sign(x) * np.abs(x) ** (2 / power), half_width * np.sign(y) * np.abs(y) ** (2 / power)], -1
+    )
+
+
+CAR = RobotModel(
+    name="car",
+    actions=("steering", "throttle"),
+    table=tuple(itertools.product((-1.0, -0.5, 0.0, 0.5, 1.0), (-1.0, 0.0, 1.0))),
+    move=move_cars,
+    speed_unit=lambda curve, formation, robot: robot.speed_max,
+    check=check,
+    shape=shape,
+)

@@ -1,0 +1,68 @@
+"""Robots at the beginning of an episode."""
+
+import warp as wp
+
+from lissajous_env.device import randomness
+from lissajous_env.device.compilation import MOTION
+from lissajous_env.device.curve import CurveStruct, curve_parameter, point, tangent2, wrap_phase
+from lissajous_env.device.structs import place_of
+from lissajous_env.parameters.parts import Formation
+from lissajous_env.world.state import REMOVED, WORKING, Clock, Robots
+from lissajous_env.world.structs import FormationStruct, NoiseStruct, RobotStruct
+
+wp.set_module_options(MOTION)
+
+ROTATED = wp.constant(place_of(Formation, "start", "rotated"))
+RANDOM = wp.constant(place_of(Formation, "start", "random"))
+
+
+@wp.func
+def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float, robots: Robots):
+    """Put a robot where its phase says, heading along the curve at phase rate `rate` [rad/s]."""
+    gamma = curve_parameter(alpha, robots.phase[w, i])
+    tangent = tangent2(curve, gamma) * (alpha * rate)
+    robots.position[w, i] = point(curve, gamma)
+    robots.speed[w, i] = wp.length(tangent)
+    if rate != 0.0:
+        robots.heading[w, i] = wp.atan2(tangent[1], tangent[0])
+
+
+@wp.kernel
+def reset_robots(
+    first: int,
+    lanes: int,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    robot: RobotStruct,
+    noise: NoiseStruct,
+    equilibrium: wp.array(dtype=wp.float64),
+    displaced: wp.array(dtype=float),
+    clock: Clock,
+    robots: Robots,
+):
+    """Place the robots on the curve at its speed, and draw each one's own constants."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    key = randomness.step_key(clock.seed[w], 0)
+    alpha = float(formation.alpha)
+    for i in range(lane, robots.status.shape[1], lanes):
+        phase = equilibrium[i] + wp.float64(displaced[i])
+        if formation.start == ROTATED:  # the same turn for every robot
+            turn = randomness.stream(key, -1, randomness.START)
+            phase += wp.float64(6.2831853 * wp.randf(turn))
+        draw = randomness.stream(key, i, randomness.START)
+        if formation.start == RANDOM:
+            phase = wp.float64(6.2831853 * wp.randf(draw))
+        phase += wp.float64(formation.start_noise * wp.randn(draw))
+        robots.phase[w, i] = wrap_phase(phase)
+        robots.status[w, i] = wp.where(robots.removed_at[w, i] < 1, REMOVED, WORKING)
+        robots.resumed_at[w, i] = -1
+        place_on_curve(w, i, formation.phase_rate / alpha, curve, alpha, robots)
+        body = randomness.stream(key, i, randomness.BODY)
+        # A spread is clipped at three deviations, so that no car has a wheelbase of zero.
+        robots.wheelbase[w, i] = robot.wheelbase * (1.0 + noise.wheelbase_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
+        robots.drive[w, i] = robot.drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
+        for s in range(robots.track.shape[2]):
+            robots.track[w, i, s] = robots.position[w, i]

@@ -1,0 +1,60 @@
+"""Points on the curve, as in the paper's simulations; action = phase rate."""
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.compilation import MOTION
+from lissajous_env.device.curve import CurveStruct, curve_parameter, point, wrap_phase
+from lissajous_env.theory.closed_forms import curve_speed
+from lissajous_env.world.robots.model import RobotModel
+from lissajous_env.world.robots.placing import place_on_curve
+from lissajous_env.world.state import WORKING, Clock, Robots
+from lissajous_env.world.structs import FormationStruct, RobotStruct, TaskStruct
+
+wp.set_module_options(MOTION)
+
+
+@wp.kernel
+def move_points(
+    first: int,
+    lanes: int,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    robot: RobotStruct,
+    task: TaskStruct,
+    command: wp.array3d(dtype=float),
+    clock: Clock,
+    robots: Robots,
+):
+    """Move points: the phase goes on at the commanded rate, on the curve; no wall is in their way."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    alpha = float(formation.alpha)
+    substeps = robots.track.shape[2] - 1
+    for i in range(lane, robots.status.shape[1], lanes):
+        rate = wp.where(robots.status[w, i] == WORKING, command[w, i, 0] * robot.phase_rate_max, 0.0)
+        start = robots.phase[w, i]
+        robots.track[w, i, 0] = robots.position[w, i]
+        for s in range(1, substeps):
+            passed = start + wp.float64(rate * task.step * float(s) / float(substeps))
+            robots.track[w, i, s] = point(curve, curve_parameter(alpha, passed))
+        robots.phase[w, i] = wrap_phase(start + wp.float64(rate * task.step))
+        place_on_curve(w, i, rate, curve, alpha, robots)
+        robots.track[w, i, substeps] = robots.position[w, i]
+
+
+def _speed_unit(curve, formation, robot) -> float:
+    lap = np.linspace(0, 2 * np.pi, 4096)
+    return formation.phase_rate * float(curve_speed(curve, lap).max())
+
+
+POINT = RobotModel(
+    name="curve",
+    actions=("phase rate",),
+    table=((-1.0,), (-0.5,), (-0.1,), (0.0,), (0.1,), (0.5,), (1.0,)),
+    move=move_points,
+    speed_unit=_speed_unit,
+    keeps_to_curve=True,
+)

@@ -1,0 +1,72 @@
+"""The stages of a step and of a reset, in their order.
+
+Each is a kernel that goes over the worlds, or the robots, targets or rows of the grid of each world. What a kernel
+takes is found by the names of its parameters, among the state (`lissajous_env.world.state`) and the constants
+(`lissajous_env.world.constants`). A stage passes over worlds in which `clock.active` is 0.
+"""
+
+from lissajous_env.device.program import ROBOT, ROW, TARGET, WORLD, Stage
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.boundary import watch_boundary
+from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
+from lissajous_env.world.collisions import find_collisions, take_consequences
+from lissajous_env.world.commands import take_commands
+from lissajous_env.world.coverage import cover, reset_cells
+from lissajous_env.world.events import clear_events, reset_events
+from lissajous_env.world.faults import reset_losses, update_status
+from lissajous_env.world.measurement import measure
+from lissajous_env.world.messages import hear, reset_messages, send
+from lissajous_env.world.observation import keep_final, observe
+from lissajous_env.world.reward import give_reward
+from lissajous_env.world.robots.placing import reset_robots
+from lissajous_env.world.robots.table import model_of
+from lissajous_env.world.tally import keep_score, reset_tally
+from lissajous_env.world.targets import detect_targets, move_targets, reset_arrivals, reset_targets
+
+
+def step_stages(scenario: Scenario) -> list[Stage]:
+    """What happens in a control step."""
+    return [
+        Stage("clock", advance_clock, WORLD),
+        Stage("events", clear_events, ROBOT),
+        Stage("faults", update_status, ROBOT),
+        Stage("commands", take_commands, ROBOT),
+        Stage("motion", model_of(scenario.robot.kind).move, ROBOT),
+        Stage("measurement", measure, ROBOT),
+        Stage("sending", send, ROBOT),
+        Stage("collisions", find_collisions, ROBOT),
+        Stage("targets", move_targets, TARGET),
+        Stage("detection", detect_targets, TARGET),
+        Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
+        Stage("consequences", take_consequences, ROBOT, when=scenario.task.on_collision != "count"),
+        Stage("boundary", watch_boundary, ROBOT),
+        Stage("score", keep_score, WORLD),
+        Stage("end", end_episodes, WORLD),
+        Stage("reward", give_reward, ROBOT),
+        Stage("hearing", hear, ROBOT),
+        Stage("observation", observe, ROBOT),
+    ]
+
+
+def reset_stages(scenario: Scenario) -> list[Stage]:
+    """What happens at the beginning of an episode."""
+    return [
+        Stage("clock", reset_clock, WORLD),
+        Stage("losses", reset_losses, WORLD),
+        Stage("tally", reset_tally, WORLD),
+        Stage("events", reset_events, ROBOT),
+        Stage("robots", reset_robots, ROBOT),
+        Stage("messages", reset_messages, ROBOT),
+        Stage("measurement", measure, ROBOT),
+        Stage("sending", send, ROBOT),
+        Stage("targets", reset_targets, TARGET),
+        Stage("arrivals", reset_arrivals, WORLD, when=scenario.targets.arrival_rate > 0),
+        Stage("detection", detect_targets, TARGET),
+        Stage("cells", reset_cells, ROW),
+        Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
+        Stage("boundary", watch_boundary, ROBOT),
+        Stage("score", keep_score, WORLD),
+        Stage("hearing", hear, ROBOT),
+        Stage("final", keep_final, ROBOT),
+        Stage("observation", observe, ROBOT),
+    ]
