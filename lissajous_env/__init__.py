@@ -8,7 +8,10 @@ from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv, env, parallel_env
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.parameters import named as _library
+from lissajous_env.parameters.extensions import observation_entry, reward_term, score_column, target_motion
 from lissajous_env.parameters.scenario import Curve, Faults, Formation, Noise, Robot, Scenario, Sensing, Targets, Task
+from lissajous_env.world.robots.model import RobotModel
+from lissajous_env.world.robots.table import register_robot_model
 from lissajous_env.world.simulation import Simulation
 
 scenario, scenarios = _library.scenario, _library.scenarios
@@ -22,6 +25,7 @@ __all__ = [
     "LissajousVectorEnv",
     "Noise",
     "Robot",
+    "RobotModel",
     "Scenario",
     "Sensing",
     "Simulation",
@@ -29,9 +33,14 @@ __all__ = [
     "Task",
     "env",
     "evaluate",
+    "observation_entry",
     "parallel_env",
+    "register_robot_model",
+    "reward_term",
     "scenario",
     "scenarios",
+    "score_column",
+    "target_motion",
     "vector_env",
 ]
 

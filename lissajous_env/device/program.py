@@ -7,7 +7,7 @@ that loops over them all, which saves its setup. Every other parameter is looked
 
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby, pairwise
 from typing import Any
@@ -35,6 +35,8 @@ class Stage:
     """What the kernel goes over: WORLD, ROBOT, TARGET or ROW (of the grid)."""
     when: bool = True
     """Whether the program has it."""
+    own: Mapping[str, Any] = field(default_factory=dict)
+    """What its kernel's parameters are bound to besides the values of the program, by name."""
 
     @property
     def is_kernel(self) -> bool:
@@ -109,14 +111,15 @@ class Program:
 
     def _launch(self, stage: Stage, low: int, high: int) -> wp.Launch:
         lanes = 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
-        own = {"first": low, "lanes": lanes}
-        unknown = [name for name in stage.parameters if name not in self._values]
-        if unknown:
-            there = ", ".join(sorted(self._values))
-            raise ValueError(f"parameter of stage {stage.name} must be one of {there}, got {', '.join(unknown)}")
-        inputs = [own.get(argument.label, self._values.get(argument.label)) for argument in stage.run.adj.args]
+        values = {**self._values, **stage.own, "first": low, "lanes": lanes}
+        names = [argument.label for argument in stage.run.adj.args]
+        if unknown := [name for name in names if name not in values]:
+            there = ", ".join(sorted(values))
+            raise ValueError(f"parameters of stage {stage.name} must be of {there}; got {', '.join(unknown)}")
         size = (high - low,) if stage.over == WORLD else (high - low, lanes)
-        return wp.launch(stage.run, dim=size, inputs=inputs, device=self._device, record_cmd=True)
+        return wp.launch(
+            stage.run, dim=size, inputs=[values[name] for name in names], device=self._device, record_cmd=True
+        )
 
 
 class _Calls:

@@ -9,7 +9,6 @@ from lissajous_env.envs.actions import team_action_space
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.reward import TERMS
 from lissajous_env.world.simulation import Simulation
 
 
@@ -101,7 +100,7 @@ class LissajousEnv(gymnasium.Env):
 
     def _info(self, rewards: dict[str, float], infos: dict[str, dict]) -> dict[str, Any]:
         agents = self.parallel.possible_agents
-        nothing = np.zeros(len(TERMS), np.float32)
+        nothing = np.zeros(len(self.parallel.simulation.reward_term_names), np.float32)
         terms = [infos[agent]["reward_terms"] if agent in infos else nothing for agent in agents]
         reward = np.array([rewards.get(agent, 0.0) for agent in agents], dtype=np.float32)
         return {"robot_reward": reward, "reward_terms": np.stack(terms)}

@@ -11,7 +11,7 @@ import numpy as np
 
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.score import COLUMNS
+from lissajous_env.world.score import columns_of
 from lissajous_env.world.simulation import Simulation
 
 
@@ -129,7 +129,8 @@ def episodes(
                 on_step(simulation)
         referee.check()
         rows = simulation.score(np.arange(len(batch)))
+        columns = columns_of(simulation.scenario)
         yield [
-            {column: ({"policy": referee.name, "episode": first + k} | row)[column] for column in COLUMNS}
+            {column: ({"policy": referee.name, "episode": first + k} | row)[column] for column in columns}
             for k, row in enumerate(rows)
         ]

@@ -176,6 +176,9 @@ def scenario(name: str | Scenario, /, **overrides: Any) -> Scenario:
     changed: dict[str, dict[str, Any]] = {}
     for key, value in overrides.items():
         part, dot, field = key.partition(".")
+        if key == "extensions":
+            whole[key] = value
+            continue
         if part not in PARTS:
             # The last words are Python's own, by which TorchRL knows a keyword that it may leave out.
             raise UnknownSettingError(

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from lissajous_env.parameters.extensions import Extension, as_extensions
 from lissajous_env.parameters.parts import MOST_TARGETS, Curve, Faults, Formation, Noise, Robot, Sensing, Targets, Task
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.robots.table import model_of
@@ -35,6 +36,8 @@ class Scenario:
     faults: Faults = field(default_factory=Faults)
     noise: Noise = field(default_factory=Noise)
     task: Task = field(default_factory=Task)
+    extensions: tuple[Extension, ...] = ()
+    """What it brings of its own, as objects or `module:name`: `lissajous_env.parameters.extensions`."""
 
     def __post_init__(self) -> None:
         for name, part in PARTS.items():
@@ -43,6 +46,7 @@ class Scenario:
         for name in ("name", "description"):
             if not isinstance(getattr(self, name), str):
                 raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
+        object.__setattr__(self, "extensions", as_extensions(self.extensions))
         self._check_robots()
         self._check_times()
         model_of(self.robot.kind).check(self.curve, self.formation, self.robot, self.noise, self.task)
@@ -174,9 +178,12 @@ class Scenario:
 
     def to_dict(self) -> dict:
         """Nested plain values, as written beside results."""
-        return dataclasses.asdict(self)
+        plain = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        plain |= {name: dataclasses.asdict(plain[name]) for name in PARTS}
+        return plain | {"extensions": [each.to_dict() for each in self.extensions]}
 
     def digest(self) -> str:
-        """Hash of all numbers of the scenario, name and description left out."""
-        numbers = {name: value for name, value in self.to_dict().items() if name in PARTS}
+        """Hash of all that makes the scenario, name and description left out."""
+        made_of = (*PARTS, "extensions") if self.extensions else PARTS
+        numbers = {name: value for name, value in self.to_dict().items() if name in made_of}
         return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]

@@ -21,6 +21,8 @@ One row per robot of float32, in this order (R = `sensing.robots_seen`, T = `sen
 | 20 + 5 R + 3 k| present          | k-th nearest target in the sensing disc, k < T                        | [0, 1]   |
 | ... 1, 2      | x, y             | its place less one's own [sensing radius]                             | [-1, 1]  |
 
+Entries that the scenario's extensions bring follow in the order of these.
+
 A target that leaves when it is detected is seen in the step of its detection. A stuck robot senses nothing, but hears;
 of a removed robot, entries 0 to 6 keep what they were. Directions are those of the rectangle, not of the robot.
 """
@@ -33,6 +35,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.trig import cos_sin
+from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.state import REMOVED, WORKING, Clock, Latest, Links, Robots, Targets
 from lissajous_env.world.structs import SensingStruct, TaskStruct
@@ -75,6 +78,9 @@ def layout(scenario: Scenario) -> Layout:
         entries += [(f"robot_{k}_{name}", -1, 1) for name in ("x", "y", "x_velocity", "y_velocity")]
     for k in range(scenario.sensing.targets_seen):
         entries += [(f"target_{k}_present", 0, 1)] + [(f"target_{k}_{name}", -1, 1) for name in ("x", "y")]
+    for each in scenario.extensions:
+        if isinstance(each, ObservationEntry):
+            entries += [(name, each.low, each.high) for name in each.entries]
     names, low, high = zip(*entries, strict=True)
     return Layout(names, np.array(low, dtype=np.float32), np.array(high, dtype=np.float32))
 

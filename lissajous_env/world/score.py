@@ -1,13 +1,13 @@
 """The score: what was tallied on the device, made into one row of named columns at the end of an episode."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from lissajous_env.world.state import NEVER, Tally
-
-if TYPE_CHECKING:
-    from lissajous_env.world.simulation import Simulation
+from lissajous_env.parameters.extensions import ScoreColumn
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.state import NEVER, Cells, Clock, Tally, Targets
 
 COLUMNS = (
     "scenario", "policy", "episode", "seed", "targets", "detected_fraction", "detection_time_mean",
@@ -21,16 +21,29 @@ STAYS = 1.0
 """Time for which the deviation must have stayed below it at the end of the episode [s]."""
 
 
-def score_rows(simulation: "Simulation", worlds: np.ndarray) -> list[dict[str, Any]]:
-    """Score of the episode that each of some worlds is in, up to now: `COLUMNS` but `policy` and `episode`.
+def columns_of(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the columns of a scenario's score: `COLUMNS`, then those that its extensions bring."""
+    return COLUMNS + tuple(each.name for each in scenario.extensions if isinstance(each, ScoreColumn))
 
-    A time that never came is NaN. A target that was not detected counts with the time it was there.
+
+def score_rows(
+    scenario: Scenario,
+    clock: Clock,
+    targets: Targets,
+    cells: Cells,
+    tally: Tally,
+    brought: Mapping[str, np.ndarray],
+    worlds: np.ndarray,
+) -> list[dict[str, Any]]:
+    """Score of the episode that each of some worlds is in, up to now: its columns but `policy` and `episode`.
+
+    A time that never came is NaN. A target that was not detected counts with the time it was there. `brought` holds
+    the values (W,) of the columns that extensions bring, by name.
     """
-    scenario, step = simulation.scenario, simulation.scenario.task.step
-    clock, tally, cells = simulation.clock, simulation.tally, simulation.cells
+    step = scenario.task.step
     host = {name: getattr(tally, name).numpy() for name in Tally.vars if name != "contact"}
     now_of, seed_of = clock.step.numpy(), clock.seed.numpy()
-    appears_at, found_at = simulation.targets.appears_at.numpy(), simulation.targets.found_at.numpy()
+    appears_at, found_at = targets.appears_at.numpy(), targets.found_at.numpy()
     sensed_at, idle_squares = cells.sensed_at.numpy(), cells.idle_squares.numpy()
     idle_max = cells.idle_max.numpy()
     rows = []
@@ -68,6 +81,7 @@ def score_rows(simulation: "Simulation", worlds: np.ndarray) -> list[dict[str, A
             "recovery_time": max(host["off_at"][w] + 1 - fault_end, 0) * step if recovered else np.nan,
             "outside_time": host["outside_steps"][w] * step,
             "return_mean": host["returns"][w].mean(),
+            **{name: values[w] for name, values in brought.items()},
         })  # fmt: skip
     return [{name: _plain(value) for name, value in row.items()} for row in rows]
 

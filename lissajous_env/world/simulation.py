@@ -10,9 +10,11 @@ from lissajous_env.device.devices import as_device, check_room, compile_quietly,
 from lissajous_env.device.program import ROBOT, ROW, TARGET, Program
 from lissajous_env.parameters import named
 from lissajous_env.parameters.checks import is_whole
+from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.constants import constants_of
+from lissajous_env.world.extended import Extended
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
 from lissajous_env.world.score import score_rows
@@ -30,7 +32,7 @@ class Simulation:
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
         observation: (W, N, D) float32, one row a robot; `lissajous_env.world.observation` documents the entries.
         final_observation: (W, N, D) the rows with which each world's episode before ended.
-        reward: (W, N) float32; `reward_terms` (W, N, 7) holds its terms, named by `reward_term_names`.
+        reward: (W, N) float32; `reward_terms` (W, N, terms) holds its terms, named by `reward_term_names`.
         terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and zero was taken instead.
@@ -68,7 +70,8 @@ class Simulation:
         self.device = as_device(device)
         self.threads = threads or os.cpu_count() or 1
         self.layout: Layout = layout(self.scenario)
-        self.reward_term_names = TERMS
+        brought = [each.name for each in self.scenario.extensions if isinstance(each, RewardTerm)]
+        self.reward_term_names = (*TERMS, *brought)
         self._allocate()
         with compile_quietly():
             self._build()
@@ -136,7 +139,8 @@ class Simulation:
 
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
         """Score of the latest episode of some worlds so far, one row each: `lissajous_env.world.score.COLUMNS`."""
-        return score_rows(self, self._chosen(worlds))
+        chosen, brought = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
+        return score_rows(self.scenario, self.clock, self.targets, self.cells, self.tally, brought, chosen)
 
     @property
     def over(self) -> np.ndarray:
@@ -159,7 +163,7 @@ class Simulation:
         self.targets = allocate(Targets, {}, (w, t), self.device)
         grid = {"sensed_at": (w, rows, columns), "sensed": (w, rows, words), "sensed_by": (w, rows, n, words)}
         self.cells = allocate(Cells, grid, (w, rows), self.device)
-        terms = {"in_sight": each, "waiting": each, "idle_ended": each, "terms": (w, n, len(TERMS))}
+        terms = {"in_sight": each, "waiting": each, "idle_ended": each, "terms": (w, n, len(self.reward_term_names))}
         self.latest = allocate(Latest, terms, robot, self.device)
         self.tally = allocate(Tally, {"contact": (w, n, n), "returns": robot}, each, self.device)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
@@ -177,7 +181,7 @@ class Simulation:
         """Bind the stages of a reset and of a step to the arrays."""
         constants = constants_of(self.scenario, self.device)
         self.speed_unit = constants["speed_unit"]
-        values = constants | {
+        structs = {
             "clock": self.clock,
             "robots": self.robots,
             "links": self.links,
@@ -185,18 +189,25 @@ class Simulation:
             "cells": self.cells,
             "latest": self.latest,
             "tally": self.tally,
-            "seeds": self._seeds,
-            "action": self.action,
-            "command": self.command,
-            "observation": self.observation,
-            "final_observation": self.final_observation,
         }
+        values = (
+            constants
+            | structs
+            | {
+                "seeds": self._seeds,
+                "action": self.action,
+                "command": self.command,
+                "observation": self.observation,
+                "final_observation": self.final_observation,
+            }
+        )
         values |= {f"{name}_out": values[name] for name in ("command", "observation", "final_observation")}
         rows = self.cells.idle_max.shape[1]
         sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: rows}
         place = self.num_worlds, self.device, self.threads
-        self._reset = Program(reset_stages(self.scenario), values, sizes, *place)
-        self._step = Program(step_stages(self.scenario), values, sizes, *place)
+        self._extended = Extended(self.scenario, structs, self.observation)
+        self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario)), values, sizes, *place)
+        self._step = Program(self._extended.step_stages(step_stages(self.scenario)), values, sizes, *place)
 
     def _take(self, action: Any) -> None:
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:
@@ -211,6 +222,7 @@ class Simulation:
         structs = (self.clock, self.robots, self.links, self.targets, self.cells, self.latest, self.tally)
         arrays = {f"{s._cls.key}.{name}": getattr(s, name) for s in structs for name in s._cls.vars}
         del arrays["Clock.active"], arrays["Clock.fresh"]  # each step and reset says anew whom it is for
+        arrays |= self._extended.kept
         return arrays | {"observation": self.observation, "final_observation": self.final_observation}
 
     def save_state(self) -> dict[str, np.ndarray]:

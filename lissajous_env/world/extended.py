@@ -1,0 +1,192 @@
+"""The stages that a scenario's extensions bring, and the places among ours where they run."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.program import ROBOT, TARGET, WORLD, Stage
+from lissajous_env.parameters.extensions import Extension, ObservationEntry, RewardTerm, ScoreColumn, TargetMotion
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import shown
+from lissajous_env.world.reward import TERMS
+from lissajous_env.world.state import GONE, HIDDEN, Clock, Latest, Targets
+from lissajous_env.world.targets import CUSTOM
+from lissajous_env.world.view import WorldView
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.kernel
+def take_term(
+    first: int, lanes: int, term: int, weight: float, value: wp.array2d(dtype=float), clock: Clock, latest: Latest
+):
+    """Enter a term of one's own among those of the reward."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for i in range(lane, value.shape[1], lanes):
+        latest.terms[w, i, term] = weight * value[w, i]
+
+
+@wp.kernel
+def take_entries(
+    first: int,
+    lanes: int,
+    start: int,
+    low: float,
+    high: float,
+    value: wp.array3d(dtype=float),
+    clock: Clock,
+    observation_out: wp.array3d(dtype=float),
+):
+    """Enter entries of one's own at the end of the rows."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for i in range(lane, value.shape[1], lanes):
+        for k in range(value.shape[2]):
+            observation_out[w, i, start + k] = wp.clamp(value[w, i, k], low, high)
+
+
+@wp.kernel
+def keep_column(first: int, value: wp.array(dtype=wp.float64), clock: Clock, kept_out: wp.array2d(dtype=wp.float64)):
+    """Keep sum, largest, least and last of a column of one's own."""
+    w = first + wp.tid()
+    if clock.active[w] == 0:
+        return
+    if clock.step[w] == 0:
+        kept_out[w, 0] = wp.float64(0.0)
+        kept_out[w, 1] = wp.float64(-wp.inf)
+        kept_out[w, 2] = wp.float64(wp.inf)
+        kept_out[w, 3] = wp.float64(wp.nan)
+    else:
+        kept_out[w, 0] += value[w]
+        kept_out[w, 1] = wp.max(kept_out[w, 1], value[w])
+        kept_out[w, 2] = wp.min(kept_out[w, 2], value[w])
+        kept_out[w, 3] = value[w]
+
+
+@wp.kernel
+def take_places(
+    first: int,
+    lanes: int,
+    curve: CurveStruct,
+    value: wp.array2d(dtype=wp.vec2),
+    clock: Clock,
+    targets: Targets,
+):
+    """Move the targets of one's own to their new places."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for t in range(lane, value.shape[1], lanes):
+        stage = targets.stage[w, t]
+        if targets.motion[w, t] == CUSTOM and stage != HIDDEN and stage != GONE:
+            x = wp.clamp(value[w, t][0], -curve.half_width, curve.half_width)
+            y = wp.clamp(value[w, t][1], -curve.half_height, curve.half_height)
+            moved = wp.vec2(x, y) - targets.position[w, t]
+            if wp.length_sq(moved) > 0.0:
+                targets.heading[w, t] = wp.atan2(moved[1], moved[0])
+            targets.position[w, t] = wp.vec2(x, y)
+
+
+class Extended:
+    """Stages and arrays of a scenario's extensions.
+
+    Args:
+        scenario: Whose extensions.
+        structs: The structs of the state, by name.
+        observation: (W, N, D) the rows.
+
+    Attributes:
+        kept: For each `ScoreColumn`, by name, its sum, largest, least and last (W, 4) of the episode.
+    """
+
+    def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: wp.array):
+        self.scenario, self.device = scenario, observation.device
+        self.kept: dict[str, wp.array] = {}
+        self._view = WorldView(scenario, structs, observation)
+        self._after: dict[str, list[Stage]] = {}
+        """Stages of a step, by the stage of ours that they follow."""
+        self._after_reset: dict[str, list[Stage]] = {}
+        shape, term, entry = observation.shape, len(TERMS), observation.shape[2]
+        entry -= sum(each.size for each in scenario.extensions if isinstance(each, ObservationEntry))
+        for each in scenario.extensions:
+            if isinstance(each, RewardTerm):
+                value = self._room(shape[:2])
+                own = {"term": term, "weight": each.weight, "value": value}
+                self._after.setdefault("end", []).extend(
+                    [self._run(each, ROBOT, value), Stage(f"{each.name} taken", take_term, ROBOT, own=own)]
+                )
+                term += 1
+            elif isinstance(each, ScoreColumn):
+                value, kept = self._room(shape[:1], wp.float64), self._room((shape[0], 4), wp.float64)
+                self.kept[each.name] = kept
+                keeps = Stage(f"{each.name} kept", keep_column, WORLD, own={"value": value, "kept_out": kept})
+                self._after.setdefault("reward", []).extend([self._run(each, WORLD, value), keeps])
+                self._after_reset.setdefault("score", []).append(keeps)
+            elif isinstance(each, ObservationEntry):
+                value = self._room((*shape[:2], each.size))
+                own = {"start": entry, "low": each.low, "high": each.high, "value": value}
+                stages = [self._run(each, ROBOT, value), Stage(f"{each.name} taken", take_entries, ROBOT, own=own)]
+                self._after.setdefault("observation", []).extend(stages)
+                self._after_reset.setdefault("observation", []).extend(stages)
+                entry += each.size
+            elif isinstance(each, TargetMotion):
+                value = self._room((shape[0], scenario.target_capacity), wp.vec2)
+                takes = Stage(f"{each.name} taken", take_places, TARGET, own={"value": value})
+                run = self._run(each, TARGET, value)
+                self._after["targets"] = [run] if run.is_kernel else [run, takes]
+
+    def step_stages(self, stages: Sequence[Stage]) -> list[Stage]:
+        """Put those of a step among ours."""
+        return _among(stages, self._after)
+
+    def reset_stages(self, stages: Sequence[Stage]) -> list[Stage]:
+        """Put those of a reset among ours."""
+        return _among(stages, self._after_reset)
+
+    def columns(self, steps: np.ndarray) -> dict[str, np.ndarray]:
+        """Values (W,) of the columns of the score, after so many steps (W,) of the episodes."""
+        reduced = {each.name: each.reduce for each in self.scenario.extensions if isinstance(each, ScoreColumn)}
+        return {name: _reduced(self.kept[name].numpy(), how, steps) for name, how in reduced.items()}
+
+    def _room(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> wp.array:
+        return wp.zeros(shape, dtype=dtype, device=self.device)
+
+    def _run(self, each: Extension, over: str, value: wp.array) -> Stage:
+        """The stage of an extension's own kernel or function, which writes into `value`."""
+        if isinstance(each.run, wp.Kernel):
+            return Stage(each.name, each.run, over, own={"value_out": value})
+        shape = tuple(value.numpy().shape)
+        short = shape[:-1] if isinstance(each, ObservationEntry) and each.size == 1 else shape
+
+        def call() -> None:
+            result = np.asarray(each.run(self._view))
+            if result.dtype.kind not in "fiub" or result.shape not in (shape, short):
+                got = f"{result.dtype} of shape {result.shape}" if result.ndim else shown(result)
+                raise ValueError(f"{each.kind} {each.name} must return numbers of shape {short}, got {got}")
+            if not np.isfinite(result).all():
+                raise ValueError(f"{each.kind} {each.name} must return finite numbers, got one that is not")
+            value.assign(result.reshape(shape).astype(value.numpy().dtype))
+
+        call.__doc__ = each.about
+        return Stage(each.name, call)
+
+
+def _among(stages: Sequence[Stage], after: Mapping[str, Sequence[Stage]]) -> list[Stage]:
+    return [each for stage in stages for each in (stage, *after.get(stage.name, ()))]
+
+
+def _reduced(kept: np.ndarray, how: str, steps: np.ndarray) -> np.ndarray:
+    """Sum, largest, least and last (W, 4) of a column as one number of each world; NaN before the first step."""
+    if how == "mean":
+        return np.where(steps > 0, kept[:, 0] / np.maximum(steps, 1), np.nan)
+    return np.where(steps > 0, kept[:, ("sum", "max", "min", "last").index(how)], np.nan)
