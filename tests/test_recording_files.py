@@ -10,6 +10,7 @@ import pytest
 
 import lissajous_env
 from lissajous_env.episodes import recording as recordings
+from lissajous_env.render import film
 
 
 @pytest.fixture(scope="module")
@@ -133,4 +134,4 @@ def test_words_that_do_not_hold_are_refused_by_name(recording, tmp_path, about):
         refused(tmp_path / "bad.npz")
     else:  # of a curve with so many lobes only the picture has to hold
         assert loaded.scenario.curve.a == 10**9 + 1
-        assert next(loaded.frames()).std() > 5
+        assert next(film.frames(loaded)).std() > 5

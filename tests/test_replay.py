@@ -177,7 +177,7 @@ def test_a_file_that_is_not_there(tmp_path):
 def test_pictures_of_a_recording_are_those_of_the_simulation(recording):
     simulation = lissajous_env.Simulation(recording.scenario, seed=4)
     live, size = Renderer(recording.scenario, (480, 320)), (480, 320)
-    for picture in recording.frames(Renderer(recording.scenario, size)):
+    for picture in film.frames(recording, Renderer(recording.scenario, size)):
         np.testing.assert_array_equal(live.draw(simulation), picture)
         simulation.step(np.zeros(simulation.action_shape, np.float32))
 
@@ -187,7 +187,7 @@ def test_pictures_of_a_recording_are_those_of_the_simulation(recording):
 )
 def test_gif_shows_every_moment_that_it_has_time_for(recording, tmp_path, settings, pictures, shown):
     path, ticks = tmp_path / "a.gif", []
-    assert recording.save_gif(path, size=(360, 240), on_frame=lambda: ticks.append(1), **settings) == pictures
+    assert film.save_gif(recording, path, size=(360, 240), on_frame=lambda: ticks.append(1), **settings) == pictures
     assert len(ticks) == pictures
     with Image.open(path) as gif:
         assert (gif.size, gif.n_frames) == ((360, 240), pictures)
@@ -197,8 +197,8 @@ def test_gif_shows_every_moment_that_it_has_time_for(recording, tmp_path, settin
 
 
 def test_gif_shows_what_was_drawn(recording, tmp_path):
-    recording.save_gif(tmp_path / "a.gif", size=(360, 240))
-    drawn = list(recording.frames(Renderer(recording.scenario, (360, 240))))
+    film.save_gif(recording, tmp_path / "a.gif", size=(360, 240))
+    drawn = list(film.frames(recording, Renderer(recording.scenario, (360, 240))))
     with Image.open(tmp_path / "a.gif") as gif:
         for k, picture in enumerate(drawn):
             gif.seek(k)
@@ -209,23 +209,23 @@ def test_gif_shows_what_was_drawn(recording, tmp_path):
 
 def test_contact_sheet_holds_the_pictures_at_its_times(recording, tmp_path):
     path = tmp_path / "a.png"
-    recording.save_png(path, [0.0, 0.6, 1.2], columns=2, size=(360, 240))
+    film.save_png(recording, path, [0.0, 0.6, 1.2], columns=2, size=(360, 240))
     sheet = np.asarray(Image.open(path))
     assert sheet.shape == (480, 720, 3)
     renderer = Renderer(recording.scenario, (360, 240))
     np.testing.assert_array_equal(sheet[:240, 360:], renderer.draw(recording.snapshot(6)))
     np.testing.assert_array_equal(sheet[240:, :360], renderer.draw(recording.snapshot(12)))
-    recording.save_png(path, size=(360, 240))
+    film.save_png(recording, path, size=(360, 240))
     assert np.asarray(Image.open(path)).shape[0] % 240 == 0
     for bad in ([], [-0.1], [1.4], [float("nan")]):
         with pytest.raises(ValueError, match=r"from 0 to 1\.2 s"):
-            recording.save_png(path, bad)
+            film.save_png(recording, path, bad)
 
 
 @pytest.mark.parametrize("settings", [{"fps": 0}, {"speed": -1}, {"speed": float("nan")}])
 def test_times_that_make_no_sense_are_refused(recording, tmp_path, settings):
     with pytest.raises(ValueError, match="must be positive"):
-        recording.save_gif(tmp_path / "a.gif", **settings)
+        film.save_gif(recording, tmp_path / "a.gif", **settings)
     assert not list(tmp_path.iterdir())
 
 
@@ -249,7 +249,7 @@ def test_keys_of_the_player(recording, monkeypatch):
 
     monkeypatch.setattr(Renderer, "draw", drawing)
     monkeypatch.setattr(film.Window, "show", showing)
-    recordings.play(slow, speed=3.0, size=(240, 160))
+    film.play(slow, speed=3.0, size=(240, 160))
     assert shown[:4] == [0, 1, 2, 1]
     assert shown[-1] == 12
     assert shown.count(0) == 2
@@ -266,14 +266,14 @@ def test_player_ends_when_its_window_is_closed(recording, monkeypatch):
         return show(self, picture, 1000)
 
     monkeypatch.setattr(film.Window, "show", showing)
-    recordings.play(recording, size=(240, 160))
+    film.play(recording, size=(240, 160))
     assert not pygame.display.get_init()
 
 
 def test_positions_far_away_are_drawn(recording, tmp_path):
     far = dataclasses.replace(recording, position=recording.position + np.float32(1e30))
     far.save(tmp_path / "far.npz")
-    assert recordings.load(tmp_path / "far.npz").save_gif(tmp_path / "far.gif", size=(240, 160)) == 13
+    assert film.save_gif(recordings.load(tmp_path / "far.npz"), tmp_path / "far.gif", size=(240, 160)) == 13
 
 
 @pytest.mark.parametrize(
@@ -281,7 +281,7 @@ def test_positions_far_away_are_drawn(recording, tmp_path):
     [({"fps": 1e-9}, 1), ({"fps": 1e300}, 13), ({"speed": 1e300}, 1), ({"speed": 1e308, "fps": 1e-308}, 1)],
 )
 def test_any_pace_of_a_gif(recording, tmp_path, settings, pictures):
-    assert recording.save_gif(tmp_path / "a.gif", size=(240, 160), **settings) == pictures
+    assert film.save_gif(recording, tmp_path / "a.gif", size=(240, 160), **settings) == pictures
     with Image.open(tmp_path / "a.gif") as gif:
         assert gif.n_frames == pictures
 
@@ -290,16 +290,16 @@ def test_a_gif_too_slow_to_be_shown_is_refused(recording, tmp_path):
     with pytest.raises(
         ValueError, match=r"fps and speed must show a picture for at most 655\.35 s, got .* speed 1e-09"
     ):
-        recording.save_gif(tmp_path / "a.gif", speed=1e-9)
+        film.save_gif(recording, tmp_path / "a.gif", speed=1e-9)
     assert not list(tmp_path.iterdir())
 
 
 def test_contact_sheets_have_a_largest_size(recording, tmp_path):
     with pytest.raises(ValueError, match="at must hold at most 100 times, got 101"):
-        recording.save_png(tmp_path / "a.png", [0.0] * 101)
+        film.save_png(recording, tmp_path / "a.png", [0.0] * 101)
     for columns in (0, -1, 1.5):
         with pytest.raises(ValueError, match="columns must be a whole number of at least 1"):
-            recording.save_png(tmp_path / "a.png", columns=columns)
+            film.save_png(recording, tmp_path / "a.png", columns=columns)
 
 
 def test_an_episode_too_large_to_be_kept_is_refused_while_it_is_recorded(monkeypatch):

@@ -17,7 +17,7 @@ import numpy as np
 import lissajous_env
 from attacks import Attack, held_back
 from lissajous_env.episodes import recording
-from lissajous_env.render import Renderer, Snapshot
+from lissajous_env.render import Renderer, Snapshot, film
 
 _SCENARIOS = ("experiment", "failure", "intruders", "rough")
 _ODD = (
@@ -262,7 +262,7 @@ def _recording_file(draw: np.random.Generator) -> str | None:
                 if "kept.npz" not in str(error):
                     raise RuntimeError("the file is not named") from error
                 raise
-            assert next(loaded.frames()).std() > 1, "an empty picture"
+            assert next(film.frames(loaded)).std() > 1, "an empty picture"
 
         return _bounded(lambda: held_back(attempt))
 

@@ -122,19 +122,19 @@ def show(
     """Show a recording in a window or, given a file, write it there in the format of its suffix."""
     from rich.progress import Progress
 
-    from lissajous_env.episodes.recording import play
+    from lissajous_env.render import film
 
     output = output or Output()
     if out is None:
-        play(recording, speed=speed)
+        film.play(recording, speed=speed)
         return
     console = make_console(stderr=True, quiet=output.quiet)
     with Progress(console=console, transient=True, disable=not console.is_interactive or output.quiet) as progress:
         task = progress.add_task("drawing", total=max(recording.duration * fps / speed, 1))
         if out.suffix.lower() == ".gif":
-            recording.save_gif(out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
+            film.save_gif(recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
         elif out.suffix.lower() == ".png":
-            recording.save_png(out)
+            film.save_png(recording, out)
         else:
             recording.save(out)
     output.console().print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)

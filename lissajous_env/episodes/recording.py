@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -14,7 +14,7 @@ from lissajous_env.episodes import archive
 from lissajous_env.episodes.evaluation import ActingPolicy, Referee
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import PARTS, Scenario
-from lissajous_env.render import Renderer, Snapshot, film
+from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.simulation import Simulation, fold_seed
 from lissajous_env.world.state import NEVER
@@ -83,46 +83,19 @@ class Recording:
             trail=(np.arange(moment + 1), self.position[: moment + 1, :, :2]),
         )
 
-    def frames(self, renderer: Renderer | None = None, every: int = 1) -> Iterator[np.ndarray]:
-        """Draw every moment, or every so manieth: pictures (H, W, 3) uint8."""
-        renderer = renderer or Renderer(self.scenario)
-        for moment in range(0, len(self), every):
-            yield renderer.draw(self.snapshot(moment))
-
     def save(self, path: str | Path) -> None:
         """Write a compressed .npz file that `load` reads: under a temporary name first, then renamed.
 
         Raises:
             ValueError: the arrays hold more than a gibibyte.
         """
-        about = {"format": FORMAT, "scenario": self.scenario.resolve().to_dict(), "score": self.score}
+        scenario = self.scenario.resolve().to_dict()
+        del scenario["extensions"]  # a file must not say what is imported
+        about = {"format": FORMAT, "scenario": scenario, "score": self.score}
         arrays = {name: getattr(self, name).astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
         _check_size(sum(array.nbytes for array in arrays.values()))
         with replacing(path) as temporary, open(temporary, "wb") as file:
             np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
-
-    def save_gif(
-        self,
-        path: str | Path,
-        *,
-        fps: float = 10.0,
-        speed: float = 1.0,
-        size: Sequence[int] | None = None,
-        on_frame: Callable[[], None] | None = None,
-    ) -> int:
-        """Write an animated GIF and return how many pictures it has; see `lissajous_env.render.film.save_gif`."""
-        return film.save_gif(self, path, fps=fps, speed=speed, size=size, on_frame=on_frame)
-
-    def save_png(
-        self,
-        path: str | Path,
-        at: Sequence[float] | None = None,
-        *,
-        columns: int | None = None,
-        size: Sequence[int] | None = None,
-    ) -> None:
-        """Write a contact sheet of pictures at some times [s]; see `lissajous_env.render.film.save_png`."""
-        film.save_png(self, path, at, columns=columns, size=size)
 
 
 _SINGLE, _COUNT = np.dtype(np.float32), np.dtype(np.int32)
@@ -260,11 +233,6 @@ def _scenario(saved: dict[str, Any]) -> Scenario:
     if saved or not all(isinstance(text, str) for text in words.values()):
         raise ValueError("its scenario must hold a name, a description and the parts")
     return Scenario(**words, **parts)
-
-
-def play(recording: Recording, *, speed: float = 1.0, size: Sequence[int] | None = None) -> None:
-    """Show a recording in a window: space pauses, left and right step, escape quits; see `film.play`."""
-    film.play(recording, speed=speed, size=size)
 
 
 def _check(recording: Recording) -> None:

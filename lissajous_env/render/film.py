@@ -2,14 +2,14 @@
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pygame
 from PIL import Image
 
+from lissajous_env.episodes.recording import Recording
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import View
 from lissajous_env.render.gif import GifWriter
@@ -17,9 +17,6 @@ from lissajous_env.render.renderer import Renderer
 from lissajous_env.render.window import Window
 from lissajous_env.storage.files import replacing
 from lissajous_env.wording import shown
-
-if TYPE_CHECKING:
-    from lissajous_env.episodes.recording import Recording
 
 MOST_PICTURES = 100
 """Pictures of a contact sheet, at most."""
@@ -31,8 +28,15 @@ FASTEST = 30.0
 """Pictures a second in a window [1/s]."""
 
 
+def frames(recording: Recording, renderer: Renderer | None = None, every: int = 1) -> Iterator[np.ndarray]:
+    """Draw every moment of a recording, or every so manieth: pictures (H, W, 3) uint8."""
+    renderer = renderer or Renderer(recording.scenario)
+    for moment in range(0, len(recording), every):
+        yield renderer.draw(recording.snapshot(moment))
+
+
 def save_gif(
-    recording: "Recording",
+    recording: Recording,
     path: str | Path,
     *,
     fps: float = 10.0,
@@ -74,7 +78,7 @@ def save_gif(
     shown = max(round(100 * seconds), 2)
     with replacing(path) as temporary, open(temporary, "wb") as file:
         writer = GifWriter(file, samples, shown)
-        for frame in recording.frames(renderer, every):
+        for frame in frames(recording, renderer, every):
             writer.add(frame)
             if on_frame is not None:
                 on_frame()
@@ -83,7 +87,7 @@ def save_gif(
 
 
 def save_png(
-    recording: "Recording",
+    recording: Recording,
     path: str | Path,
     at: Sequence[float] | None = None,
     *,
@@ -111,19 +115,19 @@ def save_png(
     if columns is not None and (not isinstance(columns, int) or columns < 1):
         raise ValueError(f"columns must be a whole number of at least 1, got {shown(columns)}")
     renderer = Renderer(recording.scenario, size)
-    frames = [renderer.draw(recording.snapshot(min(round(time / step), last))) for time in times]
-    height, width, _ = frames[0].shape
-    wide = columns or max(round(math.sqrt(len(frames) * height / width)), 1)
-    high = -(-len(frames) // wide)
-    sheet = np.full((high * height, min(wide, len(frames)) * width, 3), palette.PAPER, dtype=np.uint8)
-    for k, frame in enumerate(frames):
+    pictures = [renderer.draw(recording.snapshot(min(round(time / step), last))) for time in times]
+    height, width, _ = pictures[0].shape
+    wide = columns or max(round(math.sqrt(len(pictures) * height / width)), 1)
+    high = -(-len(pictures) // wide)
+    sheet = np.full((high * height, min(wide, len(pictures)) * width, 3), palette.PAPER, dtype=np.uint8)
+    for k, frame in enumerate(pictures):
         top, left = k // wide * height, k % wide * width
         sheet[top : top + height, left : left + width] = frame
     with replacing(path) as temporary:
         Image.fromarray(sheet).save(temporary, format="PNG")
 
 
-def play(recording: "Recording", *, speed: float = 1.0, size: Sequence[int] | None = None) -> None:
+def play(recording: Recording, *, speed: float = 1.0, size: Sequence[int] | None = None) -> None:
     """Show a recording in a window until it is closed: space pauses, left and right step, escape quits.
 
     Raises:
