@@ -7,6 +7,7 @@ from reference_motion import curve_tree
 
 import baselines
 import lissajous_env
+from lissajous_env.device.curve import CurveStruct, curve_struct
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory.closed_forms import curve_point
 from lissajous_env.world.distance import DistanceTable, curve_distance, table_of
@@ -14,15 +15,16 @@ from lissajous_env.world.distance_table import arc_distance, nearest_phase
 
 
 @wp.kernel
-def distances(table: DistanceTable, places: wp.array(dtype=wp.vec2), out: wp.array(dtype=float)):
+def distances(table: DistanceTable, curve: CurveStruct, places: wp.array(dtype=wp.vec2), out: wp.array(dtype=float)):
     k = wp.tid()
-    out[k] = curve_distance(table, places[k])
+    out[k] = curve_distance(table, curve, places[k])
 
 
 def by_table(scenario, places):
     out = wp.zeros(len(places), dtype=float, device="cpu")
     inputs = [
         table_of(scenario.curve, scenario.robot.kind == "curve", "cpu"),
+        curve_struct(scenario.curve, "cpu"),
         wp.array(places, dtype=wp.vec2, device="cpu"),
     ]
     wp.launch(distances, dim=len(places), inputs=inputs, outputs=[out], device="cpu")

@@ -26,7 +26,7 @@ from baselines.mpcc.kernel import EARLY, KEEP, Scratch
 from baselines.mpcc.model import MpccStruct, tabulate, vec5
 from baselines.mpcc.parameters import MpccParameters
 from lissajous_env.device.copies import Copyable
-from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch, side_by_side
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Curve
@@ -70,6 +70,8 @@ class Mpcc(Copyable):
         device: Any = "cpu",
         threads: int | None = None,
     ):
+        if curve.harmonics:
+            raise ValueError("curve of the contouring controller must be a Lissajous curve, got one of harmonics")
         if batch < 1:
             raise ValueError(f"batch must be at least 1, got {batch}")
         if threads is not None and threads < 1:
@@ -144,7 +146,7 @@ class Mpcc(Copyable):
         return scratch
 
     def _record(self) -> list[Any]:
-        p, curve = to_struct(MpccStruct, self.parameters), to_struct(CurveStruct, self.curve)
+        p, curve = to_struct(MpccStruct, self.parameters), curve_struct(self.curve, self.device)
         table, scratch = tabulate(self.curve, self.device), self._scratch()
         shares = min(self.threads, max(self.batch // SMALLEST_SHARE, 1)) if self.device.is_cpu else 1
         ends = [self.batch * share // shares for share in range(shares + 1)]

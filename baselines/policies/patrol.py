@@ -18,7 +18,7 @@ from baselines.policies.patrol_path import (
 )
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct, point2, wrap
+from lissajous_env.device.curve import CurveStruct, curve_struct, point2, wrap
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.structs import RobotStruct
@@ -227,7 +227,7 @@ class Sweep(Policy):
         super().__init__(scenario, num_worlds, device)
         self.parameters = parameters or SweepParameters()
         loop = patrol_loop(self.scenario, parameters=self.parameters)
-        self._curve = to_struct(CurveStruct, self.scenario.curve)
+        self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
@@ -265,7 +265,7 @@ class Laps(Policy):
         self._cruise = parameters.cruise or fastest_speed(self.scenario)
         loop = patrol_loop(self.scenario, parameters=dataclasses.replace(parameters, cruise=self._cruise))
         self._ahead = round(lookahead(self.scenario, self._cruise, parameters) / loop_spacing(loop))
-        self._curve = to_struct(CurveStruct, self.scenario.curve)
+        self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
@@ -286,7 +286,7 @@ class RandomWaypoint(Policy):
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         super().__init__(scenario, num_worlds, device)
-        self._curve = to_struct(CurveStruct, self.scenario.curve)
+        self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._goals = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
 

@@ -41,7 +41,7 @@ import warp as wp
 
 from baselines.policies.base import Policy
 from baselines.safety.kernel import MANOEUVRES, NEAREST, SafetyParameters, SafetyStruct, Scales, keep_clear
-from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
@@ -74,7 +74,7 @@ class Safe(Policy):
         self._hears = int(speed_in_sight(self.scenario, self.parameters) < _formation_speed(self.scenario))
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._seen = _scales(self.scenario)
-        self._curve = to_struct(CurveStruct, self.scenario.curve)
+        self._curve = curve_struct(self.scenario.curve, self.device)
         self._memory = wp.zeros((*self.shape, 2), dtype=wp.vec3, device=self.device)
         near, paths = (int(NEAREST),), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
         self._others = wp.zeros((*self.shape, *near), dtype=wp.vec4, device=self.device)

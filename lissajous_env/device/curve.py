@@ -1,19 +1,45 @@
-"""The Lissajous curve on the device: position, derivatives and the local projection of a point onto it.
+"""The curve on the device: position, derivatives and the local projection of a point onto it.
+
+It is the Lissajous curve or, where harmonics are given, any closed curve as a Fourier series.
 
 Here gamma [rad] is the parameter of the curve; the phase theta of a robot that coordinates by (1) gives
 gamma = alpha theta (Lemma 2).
 """
 
+from typing import Any
+
+import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.structs import struct_of
+from lissajous_env.device.structs import to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.parts import Curve
 
 wp.set_module_options(OPTIONS)
 
-CurveStruct = struct_of(Curve)
+
+@wp.struct
+class CurveStruct:
+    """`Curve` on a device."""
+
+    half_width: wp.float32
+    half_height: wp.float32
+    a: wp.int32
+    b: wp.int32
+    half_depth: wp.float32
+    c: wp.int32
+    harmonics: wp.array(dtype=wp.vec4)
+    """(K,) cosine and sine of x, then of y [m]; empty for the Lissajous curve."""
+
+
+def curve_struct(curve: Curve, device: Any) -> Any:
+    """Copy a curve to a device."""
+    filled: Any = to_struct(CurveStruct, curve)
+    rows = np.array(curve.harmonics, dtype=np.float32).reshape(-1, 4)
+    filled.harmonics = wp.array(rows, dtype=wp.vec4, device=device)
+    return filled
+
 
 TWO_PI = wp.constant(6.283185307179586)
 _PER_TURN = wp.constant(0.15915494309189535)
@@ -44,11 +70,35 @@ def wrap(angle: float) -> float:
 
 
 @wp.func
-def point2(curve: CurveStruct, gamma: float) -> wp.vec2:
+def series(curve: CurveStruct, gamma: float, order: int) -> wp.vec2:
+    """The curve of the harmonics [m], or its first or second derivative [m/rad], [m/rad^2]."""
+    total = wp.vec2(0.0, 0.0)
+    for k in range(curve.harmonics.shape[0]):
+        row = curve.harmonics[k]
+        n = float(k + 1)
+        turn = cos_sin(n * gamma)
+        if order == 1:
+            turn = n * wp.vec2(-turn[1], turn[0])
+        elif order == 2:
+            turn = -n * n * turn
+        total += wp.vec2(row[0] * turn[0] + row[1] * turn[1], row[2] * turn[0] + row[3] * turn[1])
+    return total
+
+
+@wp.func
+def lissajous(curve: CurveStruct, gamma: float) -> wp.vec2:
     """r = (A cos(a gamma), B sin(b gamma)) [m], equation (3)."""
     across = cos_sin(float(curve.a) * gamma)
     up = cos_sin(float(curve.b) * gamma)
     return wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
+
+
+@wp.func
+def point2(curve: CurveStruct, gamma: float) -> wp.vec2:
+    """r [m], equation (3) or that of the harmonics."""
+    if curve.harmonics.shape[0] > 0:
+        return series(curve, gamma, 0)
+    return lissajous(curve, gamma)
 
 
 @wp.func
@@ -61,6 +111,8 @@ def point(curve: CurveStruct, gamma: float) -> wp.vec3:
 @wp.func
 def tangent2(curve: CurveStruct, gamma: float) -> wp.vec2:
     """r' = (-A a sin(a gamma), B b cos(b gamma)) [m/rad]."""
+    if curve.harmonics.shape[0] > 0:
+        return series(curve, gamma, 1)
     a = float(curve.a)
     b = float(curve.b)
     return wp.vec2(-curve.half_width * a * cos_sin(a * gamma)[1], curve.half_height * b * cos_sin(b * gamma)[0])
@@ -74,13 +126,21 @@ def project(curve: CurveStruct, position: wp.vec2, gamma: float, largest_step: f
     gamma and only ever corrects it locally. Beyond half of the radius of curvature the step is that of Gauss-Newton,
     doubled: there the second derivative vanishes and the nearest point is about to jump.
     """
-    a = float(curve.a)
-    b = float(curve.b)
-    across = cos_sin(a * gamma)
-    up = cos_sin(b * gamma)
-    nearest = wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
-    tangent = wp.vec2(-curve.half_width * a * across[1], curve.half_height * b * up[0])
-    bend = wp.vec2(-a * a * nearest[0], -b * b * nearest[1])
+    nearest = wp.vec2(0.0, 0.0)
+    tangent = wp.vec2(0.0, 0.0)
+    bend = wp.vec2(0.0, 0.0)
+    if curve.harmonics.shape[0] > 0:
+        nearest = series(curve, gamma, 0)
+        tangent = series(curve, gamma, 1)
+        bend = series(curve, gamma, 2)
+    else:
+        a = float(curve.a)
+        b = float(curve.b)
+        across = cos_sin(a * gamma)
+        up = cos_sin(b * gamma)
+        nearest = wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
+        tangent = wp.vec2(-curve.half_width * a * across[1], curve.half_height * b * up[0])
+        bend = wp.vec2(-a * a * nearest[0], -b * b * nearest[1])
     away = position - nearest
     square = wp.dot(tangent, tangent)
     lag = wp.dot(tangent, away) / wp.max(square - wp.dot(bend, away), 0.5 * square)

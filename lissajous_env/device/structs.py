@@ -20,7 +20,7 @@ def struct_of(dataclass: type) -> Any:
 
 
 def to_struct(struct: Any, value: Any) -> Any:
-    """Copy the numbers of a dataclass instance into a new instance of its struct, and the places of its choices."""
+    """Copy the numbers of a dataclass instance into a new instance of a struct, and the places of its choices."""
     filled = struct()
     for name, _ in _kernel_fields(type(value)):
         given = getattr(value, name)

@@ -5,8 +5,11 @@ keyboard from asking for more memory than there is. A field that is None by defa
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from lissajous_env.parameters.checks import Checked, as_robot, choice, flag, is_whole, number, odd, rows, whole, word
 
@@ -36,6 +39,11 @@ def _as_removal(entry: Any) -> tuple[int, float] | None:
     return (as_robot(robot), float(time)) if 0 <= time <= _LONGEST else None
 
 
+def _as_harmonic(entry: Any) -> tuple[float, ...] | None:
+    row = tuple(float(number) for number in entry)
+    return row if len(row) == 4 and all(abs(number) <= 1e4 for number in row) else None
+
+
 def _as_lines(entry: Any) -> int | None:
     return entry if is_whole(entry) and 1 <= entry <= 4096 else None
 
@@ -56,8 +64,52 @@ class Curve(Checked):
     """C of (10), half of the curve's extent along z [m]; 0 is the plane curve."""
     c: int = whole(1, 1, 1023)
     """c of (10), oscillations along z in one lap."""
+    harmonics: tuple[tuple[float, float, float, float], ...] = rows(
+        (), "must hold at most 64 rows of four numbers from -10000 to 10000 [m]", _as_harmonic
+    )
+    """Another closed curve, in place of (3): for k = 1, 2 ... a row of what multiplies cos(k gamma) and sin(k gamma) in
+    x, then in y [m]. It has to stay in the rectangle; a circle of radius R is ((R, 0, 0, R),)."""
+
+    @classmethod
+    def through(cls, position: Callable[[np.ndarray], Any], harmonics: int = 64, **fields: Any) -> "Curve":
+        """The closed curve of a function, as a Fourier series.
+
+        Args:
+            position: x and y [m], each (K,), of gamma (K,) in [0, 2 pi) [rad]; it is smooth and closes.
+            harmonics: How many, at most 64; what is above them is left out.
+            **fields: `half_width` and `half_height` of the rectangle [m].
+
+        Raises:
+            ValueError: it returns other shapes or numbers that are not finite, or is off the series by more than a
+                thousandth of its size.
+        """
+        gamma = np.arange(1024) * (2 * np.pi / 1024)
+        places = np.asarray(position(gamma), dtype=float)
+        if places.shape != (2, len(gamma)) or not np.isfinite(places).all():
+            raise ValueError(f"position must return finite x and y for each gamma, got shape {places.shape}")
+        waves = np.fft.rfft(places, axis=1)[:, 1 : harmonics + 1] * (2 / len(gamma))
+        table = np.stack([waves[0].real, -waves[0].imag, waves[1].real, -waves[1].imag], axis=1)
+        k = np.arange(1, len(table) + 1)[:, None]
+        series = np.einsum("kc,kg->cg", table[:, ::2], np.cos(k * gamma))
+        series += np.einsum("kc,kg->cg", table[:, 1::2], np.sin(k * gamma))
+        off = np.abs(series - places).max()
+        if off > 1e-3 * np.abs(places).max():
+            rule = f"must be smooth and around the middle of the rectangle, for {harmonics} harmonics"
+            raise ValueError(f"position {rule}, got a curve that these miss by {off:.3g} m")
+        table = table[: np.flatnonzero(np.abs(table).max(axis=1) > 1e-9)[-1] + 1]
+        return cls(harmonics=tuple(map(tuple, np.where(np.abs(table) > 1e-9, table, 0.0).tolist())), **fields)
+
+    @property
+    def oscillations(self) -> int:
+        """How finely the curve is woven: a + b, or twice the number of harmonics."""
+        return 2 * len(self.harmonics) or self.a + self.b
 
     def _check_together(self) -> None:
+        if self.harmonics:
+            self._require(len(self.harmonics) <= 64, "harmonics", "must hold at most 64 rows")
+            self._require(any(any(row) for row in self.harmonics), "harmonics", "must hold a number that is not 0")
+            self._require(self.half_depth == 0, "half_depth", "must be 0 beside harmonics [m]")
+            return
         # The paper does not ask for it, but without it the formation collides: (3, 6) has a smallest distance of 0.
         self._require(math.gcd(self.a, self.b) == 1, "b", f"must share no factor with a = {self.a}")
 

@@ -55,6 +55,10 @@ class Scenario:
             raise ValueError(f"targets.arrival_rate {rule} [1/s], got {self.targets.arrival_rate}")
 
     def _check_robots(self) -> None:
+        if self.curve.harmonics:
+            for name, value in (("robot.count", self.robot.count), ("sensing.radius", self.sensing.radius)):
+                if value is None:
+                    raise ValueError(f"{name} must be given for a curve of harmonics, of which no formula tells it")
         n = self.num_robots
         if n > 1024:
             raise ValueError(f"robot.count must be given, from 1 to 1024, where a + b is {n}, got None")

@@ -61,12 +61,12 @@ def _curve(scenario: Scenario, view: View) -> pygame.Surface:
     curve, rectangle = scenario.curve, view.rectangle(fine=True)
     surface = transparent(view.fine_size)
     # Many lobes would make one grey area of lines of full strength.
-    share = float(np.clip(16 / (curve.a + curve.b), 0.35, 1.0)) ** 0.5
+    share = float(np.clip(16 / (curve.oscillations), 0.35, 1.0)) ** 0.5
     width, colour = max(round(1.3 * share * FINE), 2), (*palette.CURVE, round(235 * share))
-    if curve.a + curve.b > max(rectangle.size) / width:
+    if curve.oscillations > max(rectangle.size) / width:
         surface.fill(colour, rectangle)  # its lines leave no room between them
         return surface
-    lap = np.linspace(0.0, 2 * np.pi, min(max(180 * (curve.a + curve.b), 2000), _MOST_POINTS))
+    lap = np.linspace(0.0, 2 * np.pi, min(max(180 * (curve.oscillations), 2000), _MOST_POINTS))
     points = view.fine(closed_forms.curve_point(curve, lap))
     if curve.half_depth == 0:
         pygame.draw.lines(surface, colour, True, points.tolist(), width)

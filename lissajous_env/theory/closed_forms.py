@@ -20,6 +20,8 @@ def robot_radius_bound(curve: Curve, num_robots: int) -> float:
 
     A sufficient bound; half of the smallest distance ever seen is about 1.5 times as large (pi / 2 for large a, b).
     """
+    if curve.harmonics:
+        return math.nan  # known of Lissajous curves alone
     A, B = curve.half_width, curve.half_height
     return math.sin(math.pi / num_robots) * A * B / math.hypot(A * curve.a, B * curve.b)
 
@@ -29,6 +31,8 @@ def coverage_radius(curve: Curve) -> float:
 
     Differs from the paper: the text above (7) swaps the two denominators; the formula is the one that holds.
     """
+    if curve.harmonics:
+        return math.nan  # known of Lissajous curves alone
     along_y = curve.half_height * math.sin(math.pi / (2 * curve.a))
     along_x = curve.half_width * math.sin(math.pi / (2 * curve.b))
     return max(along_y, along_x)
@@ -40,6 +44,8 @@ def detection_radius(curve: Curve, num_robots: int, clusters: int = 1) -> float:
     Differs from the paper: where all robots share one place (N = kappa) there is no neighbour and the formula gives 0;
     it is the half diagonal then, as for two places, with which a lap senses every point.
     """
+    if curve.harmonics:
+        return math.nan  # known of Lissajous curves alone
     places = max(num_robots / clusters, 2)
     return math.sin(math.pi / places) * math.hypot(curve.half_width, curve.half_height)
 
@@ -113,6 +119,8 @@ def default_alpha(curve: Curve, num_robots: int, p: int) -> int:
     For a clustered p, with kappa = gcd(N, p), the same holds of the N / kappa places: alpha p / kappa = a^-1 (mod
     N / kappa). 1 where no such alpha exists: N sharing a factor with a (as it can when N is not a + b).
     """
+    if curve.harmonics:
+        return 1
     clusters = math.gcd(num_robots, p)
     return alpha_for(num_robots // clusters, curve.a * (p // clusters), 1) or 1
 
@@ -192,6 +200,8 @@ def equilibrium_eigenvalues(num_robots: int, p: int, coupling: float = 1.0) -> n
 def curve_point(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
     """Position (A cos(a gamma), B sin(b gamma)) [m], equation (3); gamma [rad] of any shape gains an axis of 2."""
     gamma = np.asarray(curve_phase, dtype=float)
+    if curve.harmonics:
+        return _series(curve, gamma, 0)
     return np.stack([curve.half_width * np.cos(curve.a * gamma), curve.half_height * np.sin(curve.b * gamma)], axis=-1)
 
 
@@ -205,9 +215,29 @@ def curve_point_3d(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
 def curve_speed(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
     """||r'(gamma)|| [m/rad], below equation (14)."""
     gamma = np.asarray(curve_phase, dtype=float)
+    if curve.harmonics:
+        return np.hypot(*np.moveaxis(_series(curve, gamma, 1), -1, 0))
     return np.hypot(
         curve.half_width * curve.a * np.sin(curve.a * gamma), curve.half_height * curve.b * np.cos(curve.b * gamma)
     )
+
+
+def curve_derivatives(curve: Curve, curve_phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """r' [m/rad] and r'' [m/rad^2] of the plane curve; gamma [rad] of any shape gains an axis of 2."""
+    gamma = np.asarray(curve_phase, dtype=float)
+    if curve.harmonics:
+        return _series(curve, gamma, 1), _series(curve, gamma, 2)
+    A, B, a, b = curve.half_width, curve.half_height, curve.a, curve.b
+    first = np.stack([-A * a * np.sin(a * gamma), B * b * np.cos(b * gamma)], axis=-1)
+    return first, np.stack([-A * a**2 * np.cos(a * gamma), -B * b**2 * np.sin(b * gamma)], axis=-1)
+
+
+def _series(curve: Curve, gamma: np.ndarray, order: int) -> np.ndarray:
+    """The curve of the harmonics, or its first or second derivative by gamma (..., 2) [m/rad^order]."""
+    k = np.arange(1, len(curve.harmonics) + 1)
+    turn = gamma[..., None] * k + order * np.pi / 2
+    rows = np.array(curve.harmonics) * (k**order)[:, None]
+    return np.cos(turn) @ rows[:, ::2] + np.sin(turn) @ rows[:, 1::2]
 
 
 def self_crossings(curve: Curve) -> np.ndarray:

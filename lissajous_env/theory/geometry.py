@@ -30,9 +30,7 @@ def largest_speed(curve: Curve) -> float:
 def curvature_radius(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
     """||r'||^3 / |x' y'' - y' x''| [m] of the plane curve at gamma [rad], any shape; infinite where it is straight."""
     gamma = np.asarray(curve_phase, dtype=float)
-    A, B, a, b = curve.half_width, curve.half_height, curve.a, curve.b
-    dx, dy = -A * a * np.sin(a * gamma), B * b * np.cos(b * gamma)
-    ddx, ddy = -A * a**2 * np.cos(a * gamma), -B * b**2 * np.sin(b * gamma)
+    (dx, dy), (ddx, ddy) = (np.moveaxis(each, -1, 0) for each in closed_forms.curve_derivatives(curve, gamma))
     with np.errstate(divide="ignore"):
         return np.hypot(dx, dy) ** 3 / np.abs(dx * ddy - dy * ddx)
 
@@ -148,7 +146,7 @@ def crossing_clearance(curve: Curve) -> float:
 
 def _phases(curve: Curve, density: int) -> np.ndarray:
     """Evenly spaced phases over a lap [rad], `density` times as many as it takes to see every local minimum."""
-    oscillations = max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
+    oscillations = len(curve.harmonics) or max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
     return np.linspace(0, 2 * np.pi, density * _SAMPLES_PER_OSCILLATION * oscillations, endpoint=False)
 
 

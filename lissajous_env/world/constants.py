@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world import structs
@@ -23,7 +23,7 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         displaced[robot] += angle
     schedule = np.array(schedule_steps(scenario.faults, task.step), dtype=np.int32).reshape(-1, 3)
     return {
-        "curve": to_struct(CurveStruct, scenario.curve),
+        "curve": curve_struct(scenario.curve, device),
         "formation": to_struct(structs.FormationStruct, scenario.formation),
         "robot": to_struct(structs.RobotStruct, scenario.robot),
         "sensing": to_struct(structs.SensingStruct, scenario.sensing),

@@ -12,15 +12,21 @@ narrow that the table would grow beyond its limit, it is below the size of a cel
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
 import warp as wp
+from scipy.spatial import KDTree
 
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct, point2, project
 from lissajous_env.parameters.parts import Curve
+from lissajous_env.theory.closed_forms import curve_point
 from lissajous_env.world.distance_table import AROUND, EXTENT, GRIDS, SPLIT, distance_table
 
 wp.set_module_options(OPTIONS)
 
 Arc = wp.types.vector(length=5, dtype=wp.float32)
+
+_CELLS = 128
 
 _SPLIT = wp.constant(SPLIT)
 _AROUND = wp.constant(AROUND)
@@ -39,11 +45,27 @@ class DistanceTable:
     """1 over the half width of the innermost grid [1/m]."""
     per_height: wp.float32
     """1 over the half height of the innermost grid [1/m]."""
+    seeds: wp.array2d(dtype=wp.float32)
+    """Of a curve of harmonics, parameter of its point nearest to each cell of a grid over the whole of that [rad]."""
 
 
 @wp.func
-def curve_distance(table: DistanceTable, place: wp.vec2) -> float:
+def distance_from_seed(table: DistanceTable, curve: CurveStruct, place: wp.vec2) -> float:
+    """Distance of a place from a curve of harmonics [m]: two steps of Newton's from the point nearest to its cell."""
+    cells = table.seeds.shape[0]
+    column = wp.clamp(int(0.5 * (place[0] * table.per_width + 1.0) * float(cells)), 0, cells - 1)
+    row = wp.clamp(int(0.5 * (place[1] * table.per_height + 1.0) * float(cells)), 0, cells - 1)
+    gamma = table.seeds[row, column]
+    for _ in range(2):
+        gamma = project(curve, place, gamma, 0.1)
+    return wp.length(place - point2(curve, gamma))
+
+
+@wp.func
+def curve_distance(table: DistanceTable, curve: CurveStruct, place: wp.vec2) -> float:
     """Distance of a place from the curve [m]; 0 for robots that are always on it."""
+    if table.seeds.shape[0] > 0:
+        return distance_from_seed(table, curve, place)
     if table.nodes.shape[0] == 0:
         return 0.0
     here = wp.vec2(wp.abs(place[0]), wp.abs(place[1]))
@@ -93,12 +115,15 @@ def table_of(curve: Curve, keeps_to_curve: bool, device: Any) -> DistanceTable:
     """The table of a curve; empty for robots that are always on it."""
     if keeps_to_curve:
         return _on_device(0.0, 0.0, 0, 0, str(device))
+    if curve.harmonics:
+        return _of_harmonics(curve, device)
     return _on_device(curve.half_width, curve.half_height, curve.a, curve.b, str(device))
 
 
 @lru_cache(maxsize=32)
 def _on_device(half_width: float, half_height: float, a: int, b: int, device: str) -> DistanceTable:
     filled = DistanceTable()
+    filled.seeds = wp.empty((0, 0), dtype=wp.float32, device=device)
     if a == 0:
         filled.nodes = wp.empty(0, dtype=wp.int32, device=device)
         filled.arcs = wp.empty(0, dtype=Arc, device=device)
@@ -109,3 +134,17 @@ def _on_device(half_width: float, half_height: float, a: int, b: int, device: st
     filled.columns, filled.rows = table.columns, table.rows
     filled.per_width, filled.per_height = 1 / (EXTENT * half_width), 1 / (EXTENT * half_height)
     return filled
+
+
+def _of_harmonics(curve: Curve, device: Any) -> DistanceTable:
+    filled = _on_device(0.0, 0.0, 0, 0, str(device))
+    seeded = DistanceTable()
+    seeded.nodes, seeded.arcs = filled.nodes, filled.arcs
+    half = EXTENT * np.array([curve.half_width, curve.half_height])
+    gamma = np.linspace(0, 2 * np.pi, 256 * len(curve.harmonics) + 1024, endpoint=False)
+    centres = (np.arange(_CELLS) + 0.5) * (2 / _CELLS) - 1
+    x, y = np.meshgrid(centres * half[0], centres * half[1])
+    _, nearest = KDTree(curve_point(curve, gamma)).query(np.stack([x, y], axis=-1))
+    seeded.seeds = wp.array(gamma[nearest], dtype=wp.float32, device=device)
+    seeded.per_width, seeded.per_height = 1 / half[0], 1 / half[1]
+    return seeded

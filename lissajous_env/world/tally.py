@@ -67,7 +67,7 @@ def tally_tracking(
             error = wp.length(place - point2(curve, curve_parameter(alpha, robots.phase[w, i])))
             tracking += wp.float64(error)
             tracking_max = wp.max(tracking_max, error)
-            distance = curve_distance(distances, place)
+            distance = curve_distance(distances, curve, place)
             lateral += wp.float64(distance)
             lateral_max = wp.max(lateral_max, distance)
     tally.lateral_max[w] = wp.max(tally.lateral_max[w], lateral_max)

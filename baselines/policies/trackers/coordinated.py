@@ -10,7 +10,7 @@ from baselines.mpcc.solver import Mpcc, MpccParameters
 from baselines.policies.base import Policy
 from baselines.policies.own_row import own_heading, own_phase, own_position
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.curve import CurveStruct, curve_struct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.structs import RobotStruct
@@ -91,7 +91,7 @@ class Coordinated(Policy):
     ):
         super().__init__(scenario, num_worlds, device)
         self.coordinator = coordinator(self.scenario, num_worlds, self.device)
-        self._curve = to_struct(CurveStruct, self.scenario.curve)
+        self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
 
     def _forget(self, mask: np.ndarray) -> None:
