@@ -6,7 +6,7 @@ import numpy as np
 
 from baselines.mpcc.solver import Mpcc
 from baselines.policies.base import Policy
-from baselines.policies.trackers.coordinated import WithMpcc
+from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.reproduce.claims import SILENT, Claim, at_most, reported, within_range
 from baselines.reproduce.drawing import BLUE, DARK, GREEN, ORANGE, RED, Sheet
 from baselines.reproduce.episodes import Part, Played, Player

@@ -40,13 +40,14 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
+from baselines.policies.memory import clear_worlds
 from baselines.safety.kernel import MANOEUVRES, NEAREST, SafetyParameters, SafetyStruct, keep_clear
+from lissajous_env.device.car_input import RobotStruct
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.observation import Scales
-from lissajous_env.world.robots import RobotStruct
 
 __all__ = ["Safe", "SafetyParameters", "speed_limit"]
 
@@ -54,8 +55,8 @@ __all__ = ["Safe", "SafetyParameters", "speed_limit"]
 class Safe(Policy):
     """A policy of cars whose actions pass through the filter; it remembers where its ring neighbours were.
 
-    After `act`, the last programme of each robot can be read: `rows` (W, N, 8) of g_0, g_1, c for g.u >= c, `count`
-    (W, N) of how many of them hold (0 where there was no programme), `top` (W, N), and the wanted action in
+    After `act`, the last program of each robot can be read: `rows` (W, N, 8) of g_0, g_1, c for g.u >= c, `count`
+    (W, N) of how many of them hold (0 where there was no program), `top` (W, N), and the wanted action in
     `policy.action`.
     """
 
@@ -72,7 +73,7 @@ class Safe(Policy):
             limit = speed_limit(self.scenario, self.parameters)
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
         self._safety = to_struct(SafetyStruct, self.parameters)
-        self._hears = int(speed_in_sight(self.scenario, self.parameters) < _formation_speed(self.scenario))
+        self._listens = int(speed_in_sight(self.scenario, self.parameters) < _formation_speed(self.scenario))
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._seen = _scales(self.scenario)
         self._curve = to_struct(CurveStruct, self.scenario.curve)
@@ -86,7 +87,7 @@ class Safe(Policy):
 
     def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
         """Actions for wanted ones (W, N, 2) and observations (W, N, D): Warp arrays, the result the filter's own."""
-        inputs = [self._safety, self._robot, self._curve, self._seen, self._hears, self._memory, observation, wanted]
+        inputs = [self._safety, self._robot, self._curve, self._seen, self._listens, self._memory, observation, wanted]
         inputs += [self._others, self._paths]
         outputs = [self.rows, self.count, self.top, self.action]
         wp.launch(keep_clear, self.shape, inputs, outputs=outputs, device=self.device)
@@ -97,7 +98,7 @@ class Safe(Policy):
 
     def _forget(self, mask: np.ndarray) -> None:
         self.policy.reset(mask)
-        self._memory.assign(np.where(mask[:, None, None, None], 0.0, self._memory.numpy()).astype(np.float32))
+        clear_worlds(self._memory, mask)
 
 
 def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:

@@ -1,6 +1,7 @@
 """Kernel-side structs, generated from the dataclasses so that each name is declared once."""
 
 import dataclasses
+import functools
 import types
 import typing
 from typing import Any
@@ -10,8 +11,9 @@ import warp as wp
 _KERNEL_TYPE = {float: wp.float32, int: wp.int32, bool: wp.int32}
 
 
+@functools.cache
 def struct_of(dataclass: type) -> Any:
-    """Make the `wp.struct` that holds the numeric fields (float, int, bool, each also `| None`) of a dataclass."""
+    """The one `wp.struct` that holds the numeric fields (float, int, bool, each also `| None`) of a dataclass."""
     fields = {name: _KERNEL_TYPE[kind] for name, kind in _numeric_fields(dataclass)}
     name = f"{dataclass.__name__}Struct"
     # A struct is told apart by module and name, both of which must survive pickling and a second process.
