@@ -46,7 +46,7 @@ from lissajous_env.device.car_input import RobotStruct
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.theory import closed_forms
+from lissajous_env.theory.geometry import top_speed, turning_radius
 from lissajous_env.world.observation import Scales
 
 __all__ = ["Safe", "SafetyParameters", "speed_limit"]
@@ -73,7 +73,7 @@ class Safe(Policy):
             limit = speed_limit(self.scenario, self.parameters)
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
         self._safety = to_struct(SafetyStruct, self.parameters)
-        self._listens = int(speed_in_sight(self.scenario, self.parameters) < _formation_speed(self.scenario))
+        self._listens = int(speed_in_sight(self.scenario, self.parameters) < top_speed(self.scenario))
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._seen = _scales(self.scenario)
         self._curve = to_struct(CurveStruct, self.scenario.curve)
@@ -106,7 +106,7 @@ def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
 
     Not below what the formation drives, nor above what the car can.
     """
-    limit = max(speed_in_sight(scenario, parameters), _formation_speed(scenario))
+    limit = max(speed_in_sight(scenario, parameters), top_speed(scenario))
     return float(min(limit, scenario.robot.speed_max))
 
 
@@ -118,16 +118,10 @@ def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
     r_s - 2 s = 2 v step.
     """
     robot = scenario.robot
-    tightest = robot.wheelbase / math.tan(robot.steering_max)
+    tightest = turning_radius(robot.wheelbase, robot.steering_max)
     aside = min(robot.radius + 0.5 * parameters.clearance, tightest)
     reach = math.sqrt(tightest**2 - (tightest - aside) ** 2)
     return (scenario.sensing_radius - 2 * reach) / (2 * scenario.task.step)
-
-
-def _formation_speed(scenario: Scenario) -> float:
-    """Speed of the formation where the curve is fastest [m/s]."""
-    lap = np.linspace(0, 2 * math.pi, 4096)
-    return scenario.formation.phase_rate * float(closed_forms.curve_speed(scenario.curve, lap).max())
 
 
 def _scales(scenario: Scenario) -> Any:

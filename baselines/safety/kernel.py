@@ -113,12 +113,6 @@ def price(safety: SafetyStruct, k: int) -> float:
 
 
 @wp.func
-def nearest_approach(before: wp.vec2, after: wp.vec2) -> float:
-    """Smallest length of before + t (after - before), t in [0, 1] [m]."""
-    return wp.sqrt(closest_approach(before, after))
-
-
-@wp.func
 def margin(
     safety: SafetyStruct,
     robot: RobotStruct,
@@ -139,11 +133,11 @@ def margin(
         then = drive_on(robot, safety.speed_max, now, wp.where(t == 0, action, way_out), step)
         early = float(t) * step
         late = early + step
-        apart = nearest_approach(
+        square = closest_approach(
             wp.vec2(now[0] - other[0] - early * other[2], now[1] - other[1] - early * other[3]),
             wp.vec2(then[0] - other[0] - late * other[2], then[1] - other[1] - late * other[3]),
         )
-        least = wp.min(least, apart - keep - safety.growth * early)
+        least = wp.min(least, wp.sqrt(square) - keep - safety.growth * early)
         now = then
     return least
 
@@ -212,7 +206,7 @@ def agreed_way_out(
                 before = path[w, i, b, 0] - path[w, i, MANOEUVRES + answer, 0]
                 for t in range(safety.horizon):
                     after = path[w, i, b, t + 1] - path[w, i, MANOEUVRES + answer, t + 1]
-                    apart = nearest_approach(before, after) - keep - safety.growth * float(t) * step
+                    apart = wp.sqrt(closest_approach(before, after)) - keep - safety.growth * float(t) * step
                     least = wp.min(least, apart)
                     before = after
                 worth = wp.min(least, safety.ample)
