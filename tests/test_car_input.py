@@ -9,7 +9,6 @@ from lissajous_env.device.car_input import RobotStruct, car_action, car_input
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import struct_of, to_struct
 from lissajous_env.parameters.scenario import Robot
-from lissajous_env.world import robots
 
 wp.set_module_options(OPTIONS)
 
@@ -74,4 +73,3 @@ def test_the_world_drives_a_car_by_it():
 def test_a_dataclass_has_one_struct():
     # Story: a kernel of one module takes the struct that another module made of the same dataclass.
     assert struct_of(Robot) is RobotStruct
-    assert robots.RobotStruct is RobotStruct

@@ -41,13 +41,12 @@ import warp as wp
 
 from baselines.policies.base import Policy
 from baselines.policies.memory import clear_worlds
-from baselines.safety.kernel import MANOEUVRES, NEAREST, SafetyParameters, SafetyStruct, keep_clear
+from baselines.safety.kernel import MANOEUVRES, NEAREST, SafetyParameters, SafetyStruct, Scales, keep_clear
 from lissajous_env.device.car_input import RobotStruct
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import top_speed, turning_radius
-from lissajous_env.world.observation import Scales
 
 __all__ = ["Safe", "SafetyParameters", "speed_limit"]
 
@@ -73,7 +72,8 @@ class Safe(Policy):
             limit = speed_limit(self.scenario, self.parameters)
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
         self._safety = to_struct(SafetyStruct, self.parameters)
-        self._listens = int(speed_in_sight(self.scenario, self.parameters) < top_speed(self.scenario))
+        formation = top_speed(self.scenario.curve, self.scenario.formation.phase_rate)
+        self._listens = int(speed_in_sight(self.scenario, self.parameters) < formation)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._seen = _scales(self.scenario)
         self._curve = to_struct(CurveStruct, self.scenario.curve)
@@ -106,7 +106,8 @@ def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
 
     Not below what the formation drives, nor above what the car can.
     """
-    limit = max(speed_in_sight(scenario, parameters), top_speed(scenario))
+    formation = top_speed(scenario.curve, scenario.formation.phase_rate)
+    limit = max(speed_in_sight(scenario, parameters), formation)
     return float(min(limit, scenario.robot.speed_max))
 
 
@@ -127,6 +128,5 @@ def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
 def _scales(scenario: Scenario) -> Any:
     scales: Any = Scales()
     scales.speed, scales.radius = scenario.robot.speed_max, scenario.sensing_radius
-    scales.step = scenario.task.step
-    scales.robots_seen, scales.targets_seen = scenario.sensing.robots_seen, scenario.sensing.targets_seen
+    scales.step, scales.robots_seen = scenario.task.step, scenario.sensing.robots_seen
     return scales

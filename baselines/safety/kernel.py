@@ -24,7 +24,6 @@ from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.checks import Checked, number, whole
-from lissajous_env.world.observation import Scales
 
 wp.set_module_options(OPTIONS)
 
@@ -65,6 +64,19 @@ class SafetyParameters(Checked):
 
 
 SafetyStruct = struct_of(SafetyParameters)
+
+
+@wp.struct
+class Scales:
+    """What divides the entries of an observation, and how many robots it lists.
+
+    `speed` is the top speed of a car [m/s], `radius` that of the disc [m], `step` the control step [s].
+    """
+
+    speed: wp.float32
+    radius: wp.float32
+    step: wp.float32
+    robots_seen: wp.int32
 
 
 @wp.func

@@ -13,7 +13,7 @@ _KERNEL_TYPE = {float: wp.float32, int: wp.int32, bool: wp.int32}
 
 @functools.cache
 def struct_of(dataclass: type) -> Any:
-    """The one `wp.struct` that holds the numeric fields (float, int, bool, each also `| None`) of a dataclass."""
+    """Make the `wp.struct` that holds the numeric fields (float, int, bool, each also `| None`) of a dataclass."""
     fields = {name: _KERNEL_TYPE[kind] for name, kind in _numeric_fields(dataclass)}
     name = f"{dataclass.__name__}Struct"
     # A struct is told apart by module and name, both of which must survive pickling and a second process.

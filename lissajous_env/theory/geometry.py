@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import KDTree
 
-from lissajous_env.parameters.scenario import Curve, Scenario
+from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms
 
 _SAMPLES_PER_OSCILLATION = 64
@@ -34,12 +34,12 @@ def largest_speed(curve: Curve, places: int | None = None) -> float:
     return -_minimum(lambda gamma: -closed_forms.curve_speed(curve, gamma), _phases(curve, 1))
 
 
-def top_speed(scenario: Scenario) -> float:
-    """Speed of the formation where the curve is fastest [m/s], as the constants of kernels and policies have it.
+def top_speed(curve: Curve, phase_rate: float) -> float:
+    """Speed of a formation of `phase_rate` omega [rad/s] where the curve is fastest [m/s], as world and policies have it.
 
-    Of 4096 places, so that all of them have the same bits: in the paper's scenarios below 1e-5 of it too low.
+    Of 4096 places, so that all of them have the same bits: too low by less than 1e-5 of it in the paper's scenarios.
     """
-    return scenario.formation.phase_rate * largest_speed(scenario.curve, places=4096)
+    return phase_rate * largest_speed(curve, places=4096)
 
 
 def curvature_radius(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
