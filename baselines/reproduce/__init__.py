@@ -17,9 +17,9 @@ from rich import progress as bars
 from rich.console import Console
 
 from baselines.benchmark.progress import bar
-from baselines.reproduce import bounds as conditions
 from baselines.reproduce import (
     claims,
+    conditions,
     detection,
     equilibria,
     experiment,

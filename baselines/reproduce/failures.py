@@ -6,8 +6,9 @@ import numpy as np
 
 from baselines.reproduce.claims import Claim, all_of, at_most
 from baselines.reproduce.drawing import BLUE, DARK, ORANGE, RED, SERIES, Sheet, mark_time, panel_name
-from baselines.reproduce.episodes import BARE, RECOVERED, Part, Player
+from baselines.reproduce.episodes import BARE, Part, Player
 from lissajous_env import scenario
+from lissajous_env.world.tally import RECOVERED
 
 _FORMATIONS = ((5, 2), (7, 3), (10, 3), (15, 7))
 """N and p of Theorem 4; N = 10, p = 3 is that of Fig. 4."""
@@ -51,7 +52,9 @@ def fig6(player: Player) -> Part:
         grid[1, 0].set_yscale("log")
         grid[1, 0].set_ylim(1e-4, 8)
         grid[1, 0].set_ylabel("largest deviation\nfrom (2) [rad]")
-        grid[1, 0].annotate("0.05 rad", (0.3, RECOVERED), xytext=(0, 2), textcoords="offset points", fontsize=7.5)
+        grid[1, 0].annotate(
+            f"{RECOVERED} rad", (0.3, RECOVERED), xytext=(0, 2), textcoords="offset points", fontsize=7.5
+        )
         picture = sheet.picture(
             "Five robots as points on curve (16), omega = 0.3 rad/s, K = 1, p = 2; robots 1 and 2 stand still in the "
             "shaded time. The paper does not say which formation it simulated, nor which two robots fail: those of "
@@ -70,6 +73,7 @@ def fig6(player: Player) -> Part:
             rule,
             bool(np.isfinite(recovery).all()),
             "the paper gives no time; five robots of curve (16), K = 1 chosen",
+            {"ours": recovery.max()},
         ),
         at_most("(a) the condition of Theorem 4 holds: largest cos(theta_j - theta_i)", "below 0", cosine, 0),
         Claim(
@@ -141,6 +145,7 @@ def theorem4(player: Player) -> Part:
             "it leaves",
             not stuck_pair.returned[0],
             "the paper fails two robots of another formation only (Fig. 6)",
+            {"before": stuck_pair.winding[0, 0], "after": stuck_pair.winding[-1, 0]},
         ),
     ]
     return Part(claims, [picture])

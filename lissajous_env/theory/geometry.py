@@ -35,7 +35,7 @@ def largest_speed(curve: Curve, places: int | None = None) -> float:
 
 
 def top_speed(curve: Curve, phase_rate: float) -> float:
-    """Speed of a formation of `phase_rate` omega [rad/s] where the curve is fastest [m/s], as world and policies have it.
+    """Speed of a formation of `phase_rate` omega [rad/s] where the curve is fastest [m/s], as policies have it.
 
     Of 4096 places, so that all of them have the same bits: too low by less than 1e-5 of it in the paper's scenarios.
     """
