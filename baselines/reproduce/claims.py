@@ -64,7 +64,7 @@ def near(
 def within_range(
     claim: str, paper: float, ours: np.ndarray, unit: str = "", why: str = "", digits: str = ".3f"
 ) -> Claim:
-    """Claim that the paper's number is one that we see: it must lie from our smallest, `low`, to our largest, `high`."""
+    """Claim that the paper's number is one that we see: it must lie between our `low`est and our `high`est."""
     low, high = float(ours.min()), float(ours.max())
     space = " " if unit else ""
     words = f"{low:{digits}} to {high:{digits}}{space}{unit}"

@@ -83,8 +83,8 @@ def _picture(ratios: _Ratios) -> Picture:
         return sheet.picture(
             f"Every curve with a odd, a + b = N, gcd(a, b) = 1, N = {_FEWEST} ... {_MOST} without "
             f"{' and '.join(map(str, _LEFT_OUT))}, in rectangles of {', '.join(shapes[:-1])} and {shapes[-1]}. (6): "
-            "half of the smallest distance ever seen in formation; (7): the radius with which one lap covers the rectangle; "
-            "(8): half of the largest distance of ring neighbours."
+            "half of the smallest distance ever seen in formation; (7): the radius with which one lap covers the "
+            "rectangle; (8): half of the largest distance of ring neighbours."
         )
 
 

@@ -52,7 +52,7 @@ def theorem1(player: Player) -> Part:
                     inside,
                     "starts",
                     words,
-                    {f"p = {p} [%]": 100 * share[p] for p in reached_p},
+                    {f"p = {p} [%]": float(100 * share[p]) for p in reached_p},
                 )
             )
         for axes in panels[1]:

@@ -52,9 +52,8 @@ def fig6(player: Player) -> Part:
         grid[1, 0].set_yscale("log")
         grid[1, 0].set_ylim(1e-4, 8)
         grid[1, 0].set_ylabel("largest deviation\nfrom (2) [rad]")
-        grid[1, 0].annotate(
-            f"{RECOVERED} rad", (0.3, RECOVERED), xytext=(0, 2), textcoords="offset points", fontsize=7.5
-        )
+        words, place = f"{RECOVERED} rad", (0.3, RECOVERED)
+        grid[1, 0].annotate(words, place, xytext=(0, 2), textcoords="offset points", fontsize=7.5)
         picture = sheet.picture(
             "Five robots as points on curve (16), omega = 0.3 rad/s, K = 1, p = 2; robots 1 and 2 stand still in the "
             "shaded time. The paper does not say which formation it simulated, nor which two robots fail: those of "
