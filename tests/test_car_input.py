@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 import lissajous_env
-from lissajous_env.device.car_input import RobotStruct, car_action, car_input
+from lissajous_env.device.car_input import RobotStruct, car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import struct_of, to_struct
 from lissajous_env.parameters.scenario import Robot
@@ -17,7 +17,7 @@ ROBOT = Robot(steering_max=0.35, throttle_min=0.1, throttle_max=0.25)
 
 @wp.kernel
 def to_input(robot: RobotStruct, given: wp.array(dtype=wp.vec2), out: wp.array(dtype=wp.vec2)):
-    out[wp.tid()] = car_input(robot, given[wp.tid()])
+    out[wp.tid()] = steering_and_throttle(robot, given[wp.tid()])
 
 
 @wp.kernel

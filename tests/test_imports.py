@@ -106,6 +106,44 @@ def test_a_circle_is_found_wherever_its_imports_stand(tmp_path):
     assert circle_in(without(graph, {("ours.c", "ours.a")})) == ""
 
 
+def clashes(root, packages):
+    """Names that a package binds to something of its own, though one of its modules has them."""
+    found = []
+    for init in (path for package in packages for path in (root / package).rglob("__init__.py")):
+        here = ".".join(init.parent.relative_to(root).parts)
+        modules = {path.stem for path in init.parent.glob("*.py")}
+        modules |= {path.parent.name for path in init.parent.glob("*/*.py")}
+        for node in ast.parse(init.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ImportFrom):
+                names = {alias.asname or alias.name for alias in node.names if node.module != here}
+            elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                names = {node.name}
+            else:
+                names = {
+                    each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
+                }
+            found += [f"{here}.{name}" for name in sorted(names & modules)]
+    return found
+
+
+def test_no_name_is_a_module_and_something_else():
+    # Oracle: what each package binds, by its source, beside its files.
+    assert clashes(ROOT, PACKAGES) == []
+
+
+def test_a_clash_of_names_is_found(tmp_path):
+    # Story: a package has modules a, b and c, takes a from b, makes its own c, and takes b as the module that it is.
+    (tmp_path / "ours").mkdir()
+    for name, text in {
+        "a": "",
+        "b": "a = 1",
+        "c": "",
+        "__init__": "from ours import b\nfrom ours.b import a\nc = 2",
+    }.items():
+        (tmp_path / "ours" / f"{name}.py").write_text(text)
+    assert clashes(tmp_path, ["ours"]) == ["ours.a", "ours.c"]
+
+
 HEAVY = ("torch", "stable_baselines3", "torchrl", "benchmarl", "ray", "casadi", "supersuit", "jax", "numba")
 
 PROGRAM = """

@@ -18,6 +18,9 @@ from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import STUCK
 from lissajous_env.world.tally import RECOVERED
 
+SEEDS = 16
+"""Episodes that a claim about one run of the paper is made of, where it does not say."""
+
 BARE: dict[str, Any] = {"targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None, "faults.schedule": ()}
 """Overrides that leave robots and dynamics (1) alone."""
 
@@ -100,6 +103,12 @@ class Played:
     def score(self, column: str) -> np.ndarray:
         """(W,) a column of the score."""
         return np.array([row[column] for row in self.scores])
+
+
+def spread_of_cars(scenario: Scenario) -> str:
+    """By how much the cars of a scenario differ in wheelbase and drive, in words."""
+    assert scenario.noise.wheelbase_spread == scenario.noise.drive_spread
+    return f"{100 * scenario.noise.drive_spread:g} %"
 
 
 class Player:

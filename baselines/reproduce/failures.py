@@ -6,7 +6,7 @@ import numpy as np
 
 from baselines.reproduce.claims import Claim, all_of, at_most
 from baselines.reproduce.drawing import BLUE, DARK, ORANGE, RED, SERIES, Sheet, mark_time, panel_name
-from baselines.reproduce.episodes import BARE, Part, Player
+from baselines.reproduce.episodes import BARE, SEEDS, Part, Player
 from lissajous_env import scenario
 from lissajous_env.world.tally import RECOVERED
 
@@ -21,8 +21,8 @@ def fig6(player: Player) -> Part:
     """Fig. 6: two robots fail and resume, with feedback and without."""
     failure = scenario("failure", **{"formation.start": "rotated"})
     runs = {
-        "(a) time-inverted Kuramoto": player.play("kuramoto", failure, worlds=16),
-        "(b) reference points in open loop [15]": player.play("tracked-reference", failure, worlds=16),
+        "(a) time-inverted Kuramoto": player.play("kuramoto", failure, worlds=SEEDS),
+        "(b) reference points in open loop [15]": player.play("tracked-reference", failure, worlds=SEEDS),
     }
     first, second = failure.faults.schedule[0][1:]
     with Sheet("fig6", "Fig. 6   Two of five robots fail and resume", 7.2, 4.5) as sheet:

@@ -10,12 +10,11 @@ from baselines.policies.base import Policy
 from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.reproduce.claims import SILENT, Claim, at_most, reported, within_range
 from baselines.reproduce.drawing import BLUE, DARK, GREEN, ORANGE, RED, Picture, Sheet
-from baselines.reproduce.episodes import Part, Played, Player
+from baselines.reproduce.episodes import SEEDS, Part, Played, Player, spread_of_cars
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import geometry
 
-_SEEDS = 16
 _LONG = 90.0
 """Duration over which drift is watched [s]."""
 _SETTLED = 5.0
@@ -31,23 +30,23 @@ def _undisturbed(**overrides: Any) -> Scenario:
 
 def fig9(player: Player) -> Part:
     """Fig. 9: distances and tracking error of robot 3 without faults."""
-    played = player.play("kuramoto-mpcc", _undisturbed(), worlds=_SEEDS)
+    played = player.play("kuramoto-mpcc", _undisturbed(), worlds=SEEDS)
     made = played.scenario
     factor, closest = played.score("spacing_factor"), played.score("min_separation")
     tracking, collisions = played.tracking_error(2).max(axis=0), played.score("collisions")
     touching = int((closest < 2 * made.robot.radius).sum())
     tight = geometry.tight_share(made.curve, geometry.turning_radius(made.robot.wheelbase, made.robot.steering_max))
-    why = f"one run of real cars against {_SEEDS} seeds of cars that differ by {_spread(made)}"
+    why = f"one run of real cars against {SEEDS} seeds of cars that differ by {spread_of_cars(made)}"
     claims = [
         within_range("eta_1: largest distance of ring neighbours over 2 r_s of (8)", _ETA, factor, "", why),
         within_range("smallest distance of two robots", _CLOSEST, closest, "m", why),
         at_most(
-            f"collisions in {made.task.duration:g} s, the mean of {_SEEDS} seeds (the paper: one, d35 at 20.8 s)",
+            f"collisions in {made.task.duration:g} s, the mean of {SEEDS} seeds (the paper: one, d35 at 20.8 s)",
             "1",
             collisions.mean(),
             2,
             "",
-            f"{touching} of {_SEEDS} seeds touch",
+            f"{touching} of {SEEDS} seeds touch",
         ),
         reported(
             "largest tracking error of robot 3",
@@ -86,7 +85,7 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
         )
         for row, (values, paper, name, limit, word) in enumerate(panels):
             side = sheet.figure.add_subplot(grid[row, 1])
-            side.plot(np.sort(values), (np.arange(_SEEDS) + 0.5) / _SEEDS, "o", color=BLUE, ms=3.5)
+            side.plot(np.sort(values), (np.arange(SEEDS) + 0.5) / SEEDS, "o", color=BLUE, ms=3.5)
             side.axvline(paper, color=RED, lw=1.2)
             aside = {"ha": "right", "xytext": (-3, 0)} if row == 0 else {"ha": "left", "xytext": (3, 0)}
             side.annotate(f"paper\n{paper:g}", (paper, 0.98), textcoords="offset points", va="top", fontsize=7.5,
@@ -100,18 +99,18 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
             low, high = min(*values, paper, limit), max(*values, paper, limit)
             side.set_xlim(low - 0.1 * (high - low), high + 0.22 * (high - low))
         return sheet.picture(
-            f"Left: seed {seed}, {made.task.duration:g} s; right: {_SEEDS} seeds beside the one run of the paper. "
-            f"K = {made.formation.coupling:g}; {made.num_robots} cars that differ by {_spread(made)} in wheelbase and "
-            "drive, no other disturbance; the paper's three cars and two points in a laboratory can only be met in "
-            "range, not in every digit."
+            f"Left: seed {seed}, {made.task.duration:g} s; right: {SEEDS} seeds beside the one run of the paper. "
+            f"K = {made.formation.coupling:g}; {made.num_robots} cars that differ by {spread_of_cars(made)} in "
+            "wheelbase and drive, no other disturbance; the paper's three cars and two points in a laboratory can "
+            "only be met in range, not in every digit."
         )
 
 
 def experiment1(player: Player) -> Part:
     """First experiment: without feedback the formation is lost."""
-    lost = player.play("open-loop-mpcc", _undisturbed(**{"task.duration": _LONG}), worlds=_SEEDS)
-    kept = player.play("kuramoto-mpcc", _undisturbed(**{"task.duration": _LONG}), worlds=_SEEDS)
-    alike = player.play("open-loop-mpcc", _undisturbed(**_ALIKE | {"task.duration": _LONG}), worlds=_SEEDS)
+    lost = player.play("open-loop-mpcc", _undisturbed(**{"task.duration": _LONG}), worlds=SEEDS)
+    kept = player.play("kuramoto-mpcc", _undisturbed(**{"task.duration": _LONG}), worlds=SEEDS)
+    alike = player.play("open-loop-mpcc", _undisturbed(**_ALIKE | {"task.duration": _LONG}), worlds=SEEDS)
     body = 2 * lost.scenario.robot.radius
     touched = lost.time[np.argmax(lost.smallest_distance() < body, axis=0)]
     free, held, same = (_at_the_end(played) for played in (lost, kept, alike))
@@ -122,8 +121,8 @@ def experiment1(player: Player) -> Part:
             f"{free.min():.2f} to {free.max():.2f} rad off after {_LONG:g} s, with feedback at most {held.max():.2f}",
             "mean above 3 times that with feedback",
             bool(free.mean() > 3 * held.mean()),
-            f"it drifts at the rate at which cars differ, {_spread(lost.scenario)} here; the paper's differ by an "
-            "unknown amount",
+            f"it drifts at the rate at which cars differ, {spread_of_cars(lost.scenario)} here; the paper's differ by "
+            "an unknown amount",
             {"low": free.min(), "high": free.max(), "with feedback": held.max()},
         ),
         Claim(
@@ -161,7 +160,7 @@ def _picture_of_drift(kept: Played, lost: Played, alike: Played) -> Picture:
             left.plot(played.time, middle, color=colour, label=name, **on_top)
             left.fill_between(played.time, low, high, color=colour, alpha=0.18, lw=0)
             per_minute = _each_minute(played)
-            right.plot(per_minute, np.full(_SEEDS, place), "o", color=colour, ms=4, alpha=0.55, mew=0)
+            right.plot(per_minute, np.full(SEEDS, place), "o", color=colour, ms=4, alpha=0.55, mew=0)
             right.plot([per_minute.mean()], [place], "|", color=colour, ms=16, mew=2)
         left.set_xlabel("time t [s]")
         left.set_ylabel("largest deviation from (2) [rad]")
@@ -174,18 +173,18 @@ def _picture_of_drift(kept: Played, lost: Played, alike: Played) -> Picture:
         right.set_xlabel("collisions a minute")
         right.set_xlim(left=-1.5)
         return sheet.picture(
-            f"theta' = omega for each car. Left: median and range of {_SEEDS} seeds, mean over {_SETTLED:g} s; right: "
-            f"each seed, and the mean as a line. Cars differ by {_spread(lost.scenario)} (standard deviation) in "
-            "wheelbase and drive; identical ones, with the same errors at the same places, keep the formation's phases "
-            "without any feedback, but not its distances."
+            f"theta' = omega for each car. Left: median and range of {SEEDS} seeds, mean over {_SETTLED:g} s; right: "
+            f"each seed, and the mean as a line. Cars differ by {spread_of_cars(lost.scenario)} (standard deviation) "
+            "in wheelbase and drive; identical ones, with the same errors at the same places, keep the formation's "
+            "phases without any feedback, but not its distances."
         )
 
 
 def printed(player: Player) -> Part:
     """Section VII as printed: beta = 0.94, and the order of q1 and q2."""
-    ours = player.play("kuramoto-mpcc", _undisturbed(), worlds=_SEEDS)
+    ours = player.play("kuramoto-mpcc", _undisturbed(), worlds=SEEDS)
     beta = player.play("kuramoto-mpcc", scenario("experiment-printed", **{"faults.schedule": ()}), worlds=4)
-    order = player.play("kuramoto-mpcc", _undisturbed(), worlds=_SEEDS, prepare=_reverse_weights)
+    order = player.play("kuramoto-mpcc", _undisturbed(), worlds=SEEDS, prepare=_reverse_weights)
     outside, allowed = _outside(beta), 0.2
     made, model = beta.scenario, beta.scenario.robot
     slowest = (model.drive * model.throttle_min - model.offset) / model.drag
@@ -215,12 +214,6 @@ def printed(player: Player) -> Part:
         ),
     ]
     return Part(claims)
-
-
-def _spread(made: Scenario) -> str:
-    """By how much cars differ, in words."""
-    assert made.noise.wheelbase_spread == made.noise.drive_spread
-    return f"{100 * made.noise.drive_spread:g} %"
 
 
 def _at_the_end(played: Played) -> np.ndarray:

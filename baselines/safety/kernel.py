@@ -18,7 +18,7 @@ from baselines.policies.own_row import (
 )
 from baselines.safety.quadratic_program import TOLERANCE, into_box, solve_quadratic_program
 from lissajous_env.device.approach import closest_approach
-from lissajous_env.device.car_input import RobotStruct, car_action, car_input
+from lissajous_env.device.car_input import RobotStruct, car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import struct_of
@@ -82,7 +82,7 @@ class Scales:
 @wp.func
 def drive_on(robot: RobotStruct, speed_max: float, car: wp.vec4, action: wp.vec2, h: float) -> wp.vec4:
     """Car x, y, heading, v after h [s] at a constant action: (12) by the midpoint rule, not driven above speed_max."""
-    given = car_input(robot, action)
+    given = steering_and_throttle(robot, action)
     steering = cos_sin(given[0])
     curvature = steering[1] / (steering[0] * robot.wheelbase)
     push = wp.max(robot.drive * given[1] - robot.offset, 0.0)

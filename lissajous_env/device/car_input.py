@@ -12,7 +12,7 @@ RobotStruct = struct_of(Robot)
 
 
 @wp.func
-def car_input(robot: RobotStruct, action: wp.vec2) -> wp.vec2:
+def steering_and_throttle(robot: RobotStruct, action: wp.vec2) -> wp.vec2:
     """Steering angle u_0 delta_max [rad] and throttle tau_min + (u_1 + 1) / 2 (tau_max - tau_min) of an action u."""
     throttle = robot.throttle_min + 0.5 * (action[1] + 1.0) * (robot.throttle_max - robot.throttle_min)
     return wp.vec2(action[0] * robot.steering_max, throttle)
