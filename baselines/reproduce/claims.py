@@ -44,6 +44,14 @@ _COLUMNS = tuple(each.name for each in dataclasses.fields(Claim) if each.name !=
 """Columns of table.csv, which is made of words."""
 
 
+@dataclass
+class Part:
+    """What is made of one part of the paper."""
+
+    claims: list[Claim]
+    pictures: list[Picture] = field(default_factory=list)
+
+
 def near(
     claim: str,
     paper: float,

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from baselines.reproduce.claims import Claim, all_of, at_most, near
+from baselines.reproduce.claims import Claim, Part, all_of, at_most, near
 from baselines.reproduce.drawing import BLUE, DARK, Picture, Sheet, panel_name
-from baselines.reproduce.episodes import BARE, SEEDS, Part, Player
+from baselines.reproduce.episodes import BARE, SEEDS, Player
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms, geometry

@@ -1,15 +1,13 @@
 """Episodes of a batch of worlds, kept as arrays over time; the same one is played once, whoever asks for it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from baselines.policies import registry
 from baselines.policies.base import Policy
-from baselines.reproduce.claims import Claim
-from baselines.reproduce.drawing import Picture
 from lissajous_env import scenario as make_scenario
 from lissajous_env.episodes.evaluation import Referee
 from lissajous_env.parameters.scenario import Scenario
@@ -23,14 +21,6 @@ SEEDS = 16
 
 BARE: dict[str, Any] = {"targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None, "faults.schedule": ()}
 """Overrides that leave robots and dynamics (1) alone."""
-
-
-@dataclass
-class Part:
-    """What is made of one part of the paper."""
-
-    claims: list[Claim]
-    pictures: list[Picture] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)

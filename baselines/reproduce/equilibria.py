@@ -5,9 +5,9 @@ import math
 import numpy as np
 from matplotlib.patches import Patch
 
-from baselines.reproduce.claims import Claim, all_of
+from baselines.reproduce.claims import Claim, Part, all_of
 from baselines.reproduce.drawing import BLUE, GREEN, Sheet, panel_name
-from baselines.reproduce.episodes import BARE, Part, Played, Player
+from baselines.reproduce.episodes import BARE, Played, Player
 from lissajous_env import scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.tally import RECOVERED

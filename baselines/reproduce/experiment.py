@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from baselines.reproduce.claims import Claim, all_of, at_most, reported
+from baselines.reproduce.claims import Claim, Part, all_of, at_most, reported
 from baselines.reproduce.drawing import BLUE, DARK, ORANGE, PINK, Sheet, draw_plane, draw_ring, mark_time, panel_name
-from baselines.reproduce.episodes import SEEDS, Part, Played, Player, spread_of_cars
+from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
 
 _SIMULATED = (0, 4)
 """Robots 1 and 5, which were simulated in the paper's experiment and failed."""

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from baselines.reproduce.claims import Claim, all_of, at_most
+from baselines.reproduce.claims import Claim, Part, all_of, at_most
 from baselines.reproduce.drawing import BLUE, DARK, ORANGE, RED, SERIES, Sheet, mark_time, panel_name
-from baselines.reproduce.episodes import BARE, SEEDS, Part, Player
+from baselines.reproduce.episodes import BARE, SEEDS, Player
 from lissajous_env import scenario
 from lissajous_env.world.tally import RECOVERED
 

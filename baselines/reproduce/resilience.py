@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from baselines.reproduce.claims import Claim, all_of
+from baselines.reproduce.claims import Claim, Part, all_of
 from baselines.reproduce.drawing import BLUE, DARK, GREEN, ORANGE, RED, Sheet, draw_plane, draw_ring
-from baselines.reproduce.episodes import BARE, Part, Played, Player
+from baselines.reproduce.episodes import BARE, Played, Player
 from lissajous_env import scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.tally import RECOVERED

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from baselines.reproduce.claims import Claim, all_of, at_most
+from baselines.reproduce.claims import Claim, Part, all_of, at_most
 from baselines.reproduce.drawing import BLUE, DARK, GREY, ORANGE, RED, SERIES, Sheet, panel_name
-from baselines.reproduce.episodes import SEEDS, Part, Player
+from baselines.reproduce.episodes import SEEDS, Player
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms, geometry

@@ -8,9 +8,9 @@ from baselines.mpcc.parameters import MpccParameters
 from baselines.mpcc.solver import Mpcc
 from baselines.policies.base import Policy
 from baselines.policies.trackers.mpcc import WithMpcc
-from baselines.reproduce.claims import SILENT, Claim, at_most, reported, within_range
+from baselines.reproduce.claims import SILENT, Claim, Part, at_most, reported, within_range
 from baselines.reproduce.drawing import BLUE, DARK, GREEN, ORANGE, RED, Picture, Sheet
-from baselines.reproduce.episodes import SEEDS, Part, Played, Player, spread_of_cars
+from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import geometry
