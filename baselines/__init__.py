@@ -10,7 +10,8 @@ from baselines.policies.coordinators.open_loop import OpenLoop
 from baselines.policies.coordinators.tracked_reference import TrackedReference
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
 from baselines.policies.registry import make, names, register, register_opener, register_wrapper
-from baselines.policies.trackers.coordinated import OnCurve, WithMpcc
+from baselines.policies.trackers.mpcc import WithMpcc
+from baselines.policies.trackers.point import OnCurve
 from baselines.policies.trackers.vector_field import WithVectorField
 from baselines.safety.filter import Safe
 

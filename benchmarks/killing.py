@@ -144,7 +144,8 @@ def train(folder: Path) -> None:
 
 def benchmark(folder: Path) -> None:
     """Play two policies for three episodes, in batches."""
-    from baselines.benchmark.running import Benchmark, run
+    from baselines.benchmark.running import run
+    from baselines.benchmark.types import Benchmark
 
     settings = Benchmark(("failure",), ("kuramoto", "still"), 3, batch=2, out=folder, overrides={"task.duration": 0.5})
     run(settings, console=QUIET)

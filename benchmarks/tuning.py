@@ -43,7 +43,7 @@ from baselines.policies.coordinators.open_loop import OpenLoop
 from baselines.policies.coordinators.tracked_reference import TrackedReference
 from baselines.policies.patrol import Laps, Sweep
 from baselines.policies.patrol_path import SweepParameters, cruising_speed
-from baselines.policies.trackers.coordinated import WithMpcc
+from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
 from baselines.safety.filter import Safe, SafetyParameters
 from lissajous_env.parameters.scenario import Scenario

@@ -18,9 +18,10 @@ from rich.text import Text
 
 import baselines
 import lissajous_env
-from baselines.benchmark import report, running
+from baselines.benchmark import playing, report
 from baselines.benchmark.rows import NUMBER_COLUMNS
-from baselines.benchmark.running import Benchmark, measure, run
+from baselines.benchmark.running import measure, run
+from baselines.benchmark.types import Benchmark
 from lissajous_env.storage.files import replacing, write_atomically
 from lissajous_env.storage.folder import LIST
 from lissajous_env.storage.journal import Journal
@@ -32,7 +33,8 @@ SHORT_SCENARIO = lissajous_env.scenario("failure", **SHORT)
 SCRIPT = """
 import sys, time
 from pathlib import Path
-from baselines.benchmark.running import Benchmark, run
+from baselines.benchmark.running import run
+from baselines.benchmark.types import Benchmark
 from baselines.policies.registry import make
 
 class Slow:
@@ -289,9 +291,9 @@ def test_what_is_neither_policy_nor_factory_is_refused(tmp_path):
 
 
 def test_a_score_that_is_no_number_fails_its_policy_and_is_not_kept(tmp_path, monkeypatch):
-    rows = running.episodes
+    rows = playing.episodes
     spoilt = {"return_mean": math.inf}
-    monkeypatch.setattr(running, "episodes", lambda *given: ([row | spoilt for row in batch] for batch in rows(*given)))
+    monkeypatch.setattr(playing, "episodes", lambda *given: ([row | spoilt for row in batch] for batch in rows(*given)))
     outcome = measure(small(tmp_path, policies=("kuramoto",), episodes=1), console=QUIET)
     assert "the score of seed 0 must hold a finite number as return_mean, got 'inf'" in outcome.failures[0].error
     assert lines(tmp_path) == []

@@ -14,7 +14,9 @@ from rich.console import Console
 
 import baselines
 from baselines.benchmark.cluster import _checked, _packed, _play, _Shown
-from baselines.benchmark.running import Benchmark, Cell, measure, play, run
+from baselines.benchmark.playing import play
+from baselines.benchmark.running import measure, run
+from baselines.benchmark.types import Benchmark, Cell
 from lissajous_env import scenario as make_scenario
 
 ray = pytest.importorskip("ray")
@@ -256,7 +258,7 @@ def test_ray_is_loaded_by_its_engine_alone(tmp_path):
     # Oracle: a process that plays locally and lists what it has loaded.
     program = (
         "import sys; from pathlib import Path; from rich.console import Console;"
-        "from baselines.benchmark.running import *;"
+        "from baselines.benchmark.running import run; from baselines.benchmark.types import Benchmark;"
         "run(Benchmark(('failure',), ('still',), 1, out=Path(sys.argv[1]), overrides={'task.duration': 1.0}),"
         "console=Console(quiet=True)); print('ray' in sys.modules)"
     )

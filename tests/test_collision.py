@@ -6,9 +6,9 @@ import reference_motion
 import warp as wp
 
 import lissajous_env
+from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.theory import closed_forms
-from lissajous_env.world.collisions import closest_approach
 
 wp.set_module_options(OPTIONS)
 
@@ -21,11 +21,17 @@ def approach(before: wp.array(dtype=wp.vec3), after: wp.array(dtype=wp.vec3), ou
     out[wp.tid()] = closest_approach(before[wp.tid()], after[wp.tid()])
 
 
+@wp.kernel
+def approach_in_plane(before: wp.array(dtype=wp.vec2), after: wp.array(dtype=wp.vec2), out: wp.array(dtype=float)):
+    out[wp.tid()] = closest_approach(before[wp.tid()], after[wp.tid()])
+
+
 def approaches(before, after):
-    """Distances [m] by the device, of offsets before and after."""
+    """Distances [m] by the device, of offsets before and after, (K, 3) or (K, 2)."""
     out = wp.empty(len(before), dtype=float, device="cpu")
-    inputs = [wp.array(np.array(each, dtype=np.float32), dtype=wp.vec3, device="cpu") for each in (before, after)]
-    wp.launch(approach, dim=len(before), inputs=[*inputs, out], device="cpu")
+    kernel, dtype = (approach, wp.vec3) if np.shape(before)[1] == 3 else (approach_in_plane, wp.vec2)
+    inputs = [wp.array(np.array(each, dtype=np.float32), dtype=dtype, device="cpu") for each in (before, after)]
+    wp.launch(kernel, dim=len(before), inputs=[*inputs, out], device="cpu")
     return np.sqrt(out.numpy())  # the device compares squares
 
 
@@ -51,6 +57,8 @@ def test_closest_approach_by_hand():
     before = [[-1, 0, 0], [-1, 0.5, 0], [-2, 0, 0], [1, 0, 0], [0, 0.3, 0.4]]
     after = [[1, 0, 0], [1, 0.5, 0], [-1, 0, 0], [2, 0, 0], [0, 0.3, 0.4]]
     assert approaches(before, after) == pytest.approx([0, 0.5, 1, 1, 0.5], abs=1e-6)
+    flat = [each[:2] for each in before[:4]], [each[:2] for each in after[:4]]
+    assert approaches(*flat) == pytest.approx([0, 0.5, 1, 1], abs=1e-6)
 
 
 def parked(positions, seed=0, **overrides):

@@ -9,7 +9,8 @@ from rich.console import Console
 
 import baselines
 import lissajous_env
-from baselines.benchmark.running import Benchmark, measure
+from baselines.benchmark.running import measure
+from baselines.benchmark.types import Benchmark
 from baselines.policies import registry
 from lissajous_env.console import cli
 from lissajous_env.episodes.evaluation import InvalidActionError, evaluate

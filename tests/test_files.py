@@ -8,7 +8,8 @@ import sys
 import pytest
 from rich.console import Console
 
-from baselines.benchmark.running import Benchmark, run
+from baselines.benchmark.running import run
+from baselines.benchmark.types import Benchmark
 from baselines.reproduce import reproduce
 from lissajous_env.storage import files
 from lissajous_env.storage.files import check_writable_file, parse_json, read_json, replacing, write_atomically

@@ -157,7 +157,8 @@ def test_a_policy_of_a_folder_is_for_the_scenario_it_was_trained_on(tmp_path):
 
 
 def test_the_commands_take_a_folder_for_a_name(tmp_path):
-    from baselines.benchmark.running import Benchmark, plan
+    from baselines.benchmark.running import plan
+    from baselines.benchmark.types import Benchmark
 
     checkpoint.save(tmp_path, make_network((42, 2)), Card.of(lissajous_env.scenario("intruders")))
     assert isinstance(baselines.make(str(tmp_path), "rough"), Learned)

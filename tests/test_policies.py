@@ -15,7 +15,8 @@ from baselines.policies.coordinators.consensus import Consensus
 from baselines.policies.coordinators.kuramoto import Kuramoto
 from baselines.policies.patrol import Sweep
 from baselines.policies.patrol_path import SweepParameters, corner_radius, fastest_speed, patrol_loop
-from baselines.policies.trackers.coordinated import OnCurve, WithMpcc
+from baselines.policies.trackers.mpcc import WithMpcc
+from baselines.policies.trackers.point import OnCurve
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
 from lissajous_env.theory import closed_forms
 

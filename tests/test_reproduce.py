@@ -67,25 +67,24 @@ def test_every_row_agrees_or_says_why(everything):
 def test_the_numbers_of_the_paper(everything):
     # Oracle: numbers that the paper prints, and those of an independent simulation (56 %, 4.6 to 4.8 s).
     fig3, fig9 = rows(everything, "fig3"), rows(everything, "fig9")
-    number = {claim: float(re.match(r"[\d.]+", row.ours)[0]) for claim, row in fig3.items()}
+    number = {claim: row.numbers["ours"] for claim, row in fig3.items() if "ours" in row.numbers}
     assert number["T_max for N = 15, omega = 0.05 rad/s"] == pytest.approx(8.38, abs=0.005)
     assert 4.4 < number["the last of 10,000 targets is detected at"] < 4.9
     (share,) = (value for claim, value in number.items() if claim.startswith("share in sight"))
     assert share == pytest.approx(56, abs=1.5)
     for paper, claim in ((1.2429, "eta_1: largest"), (0.192, "smallest distance")):
         (row,) = (row for name, row in fig9.items() if name.startswith(claim))
-        low, high = map(float, re.findall(r"\d+\.\d+", row.ours))
-        assert low < paper < high
+        assert row.numbers["low"] < paper == row.numbers["paper"] < row.numbers["high"]
 
 
 def test_the_stories_of_the_paper(everything):
     # Oracle: float64 NumPy, simulated independently: recovery within 1.3 to 2.5 s, N = 10 with p = 3 leaves.
     (recovery,) = (row for name, row in rows(everything, "fig6").items() if name.startswith("(a) Kuramoto"))
-    assert 1.3 <= float(recovery.ours.split()[0]) <= 2.5
+    assert 1.3 <= recovery.numbers["ours"] <= 2.5
     (leaves,) = (row for name, row in rows(everything, "theorem4").items() if name.startswith("N = 10"))
-    assert re.match(r"p = 3 to p = [4-7],", leaves.ours)
+    assert leaves.numbers["before"] == 3 < leaves.numbers["after"] < 8
     (shares,) = (row for name, row in rows(everything, "theorem1").items() if name.startswith("N = 6:"))
-    assert float(re.search(r"p = 3 (\d+)", shares.why)[1]) == pytest.approx(86, abs=8)
+    assert shares.numbers["p = 3 [%]"] == pytest.approx(86, abs=8)
 
 
 def test_table_and_page_hold_the_same_rows(everything):
@@ -98,6 +97,17 @@ def test_table_and_page_hold_the_same_rows(everything):
     assert (out / "table.md").read_text(encoding="utf-8") in page
     assert set(re.findall(r"\]\((\w+\.png)\)", page)) == {path.name for path in out.glob("*.png")}
     assert {path.name for path in out.iterdir() if path.name.startswith(".")} <= {LIST}
+
+
+def test_words_say_the_numbers(everything):
+    # Oracle: every claim of one number or of a count, put into words again.
+    for claim in everything[1]:
+        if {"holds", "of"} <= claim.numbers.keys():
+            assert claim.ours.startswith("{holds} of {of}".format(**claim.numbers))
+        elif {"paper", "ours"} <= claim.numbers.keys():
+            assert float(claim.ours.split()[0]) == pytest.approx(claim.numbers["ours"], rel=1e-2)
+            assert claim.paper.startswith(f"{claim.numbers['paper']:g}")
+        assert all(np.isfinite(float(value)) for value in claim.numbers.values()), claim
 
 
 def test_a_claim_agrees_by_its_tolerance():
@@ -194,9 +204,15 @@ def test_the_page_shows_what_happens(everything):
     assert done.failed == 0
     # Counts and closed forms that the page quotes; what cars do depends on the last digit of the machine.
     page = PAGE.read_text(encoding="utf-8")
-    (inside,) = rows(everything, "theorem3").values()
-    held, *_ = rows(everything, "theorem4").values()
-    for quoted in (inside.ours, inside.why.split("; ")[1], held.ours):
-        assert re.match(r"\d+ of \d+", quoted)[0] in page
-    (body,) = (row for name, row in rows(everything, "bounds").items() if name.startswith("(6): bodies"))
-    assert re.search(r"1\.\d\d to 1\.\d\d", body.why)[0] in page
+    (inside,) = (row.numbers for row in rows(everything, "theorem3").values())
+    held, *_ = (row.numbers for row in rows(everything, "theorem4").values())
+    (body,) = (row.numbers for name, row in rows(everything, "bounds").items() if name.startswith("(6): bodies"))
+    printed, _ = (row.numbers for row in rows(everything, "printed").values())
+    for quoted in (
+        "{holds} of {of}".format(**inside),
+        "{returned outside} of {tried outside}".format(**inside),
+        "{holds} of {of}".format(**held),
+        "{low:.2f} to {high:.2f}".format(**body),
+        "slowest car does {slowest:.1f} m/s, the curve asks for {fastest:.2f} m/s".format(**printed),
+    ):
+        assert quoted in page

@@ -11,11 +11,11 @@ import warp as wp
 
 import lissajous_env
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Robot
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.robots.car import car_step
-from lissajous_env.world.structs import RobotStruct
 
 wp.set_module_options(OPTIONS)
 

@@ -1,4 +1,4 @@
-"""The collision filter: its quadratic programme, what it leaves alone, the meetings it resolves, what it achieves."""
+"""The collision filter: its quadratic program, what it leaves alone, the meetings it resolves, what it achieves."""
 
 import casadi as ca
 import numpy as np
@@ -11,7 +11,7 @@ import baselines
 import lissajous_env
 from baselines.policies.base import Policy
 from baselines.safety.filter import Safe, SafetyParameters, speed_limit
-from baselines.safety.quadratic_program import TOLERANCE, solve_programmes
+from baselines.safety.quadratic_program import TOLERANCE, solve_quadratic_programs
 from lissajous_env.world.observation import layout
 
 QUIET = {"print_iter": False, "print_header": False, "print_info": False, "print_time": False, "error_on_fail": False}
@@ -25,13 +25,13 @@ TWO_CARS = lissajous_env.scenario(
 """Two cars that see as far as those of the experiment."""
 
 
-def programme_by_casadi(rows, top, wanted, slack):
-    """Solve the programme with every row relaxed by `slack`, by CasADi's active-set solver in float64."""
+def program_by_casadi(rows, top, wanted, slack):
+    """Solve the program with every row relaxed by `slack`, by CasADi's active-set solver in float64."""
     u = ca.SX.sym("u", 2)
     scale = 1 / np.linalg.norm(rows[:, :2], axis=1).clip(1e-6)  # the solver likes its rows of length one
     cost = (u[0] - wanted[0]) ** 2 + WEIGHT * (u[1] - wanted[1]) ** 2
     solver = ca.qpsol(
-        "programme", "qrqp", {"x": u, "f": cost, "g": ca.mtimes(ca.DM(scale[:, None] * rows[:, :2]), u)}, QUIET
+        "program", "qrqp", {"x": u, "f": cost, "g": ca.mtimes(ca.DM(scale[:, None] * rows[:, :2]), u)}, QUIET
     )
     low = scale * (rows[:, 2] - slack)
     found = np.array(solver(lbx=[-1, -1], ubx=[1, top], lbg=low, ubg=np.inf)["x"]).ravel()
@@ -49,19 +49,19 @@ def cost_of(u, wanted):
 
 
 def agrees_with_independent_solvers(rows, top, wanted, action):
-    """Whether the programme is feasible, and whether CasADi could judge; fails where an action is not its solution."""
+    """Whether the program is feasible, and whether CasADi could judge; fails where an action is not its solution."""
     rows, wanted, action = (np.asarray(each, dtype=float) for each in (rows, wanted, action))
     least = least_violation_by_linprog(rows, top)
     assert (rows[:, 2] - rows[:, :2] @ action).max() <= least + 2 * float(TOLERANCE)
-    # The filter may leave twice its tolerance missing: its cost lies between those of the two programmes.
-    exact, found = programme_by_casadi(rows, top, wanted, least + 1e-8)
-    looser, also = programme_by_casadi(rows, top, wanted, least + 2 * float(TOLERANCE))
+    # The filter may leave twice its tolerance missing: its cost lies between those of the two programs.
+    exact, found = program_by_casadi(rows, top, wanted, least + 1e-8)
+    looser, also = program_by_casadi(rows, top, wanted, least + 2 * float(TOLERANCE))
     if found and also:
         assert cost_of(looser, wanted) - 1e-3 <= cost_of(action, wanted) <= cost_of(exact, wanted) + 1e-3
     return least < 1e-9, found and also
 
 
-def random_programmes(count, rng):
+def random_programs(count, rng):
     """Rows as margins give them: gradients of centimetres per unit of action, from slack to beyond reach."""
     number = rng.integers(1, 5, count)
     rows = np.zeros((count, 1, 8, 3), dtype=np.float32)
@@ -72,9 +72,9 @@ def random_programmes(count, rng):
     return number, rows, wanted, top
 
 
-def test_the_programme_is_solved_to_the_optimum():
-    """Oracles: CasADi's qrqp where it is feasible, HiGHS for the least violation where not; 1,000 programmes."""
-    number, rows, wanted, top = random_programmes(1000, np.random.default_rng(0))
+def test_the_program_is_solved_to_the_optimum():
+    """Oracles: CasADi's qrqp where it is feasible, HiGHS for the least violation where not; 1,000 programs."""
+    number, rows, wanted, top = random_programs(1000, np.random.default_rng(0))
     solution = wp.zeros((1000, 1), dtype=wp.vec3, device="cpu")
     inputs = [
         WEIGHT,
@@ -83,7 +83,7 @@ def test_the_programme_is_solved_to_the_optimum():
         wp.array(top, dtype=wp.float32, device="cpu"),
         wp.array(wanted, dtype=wp.float32, device="cpu"),
     ]
-    wp.launch(solve_programmes, (1000, 1), inputs, outputs=[solution], device="cpu")
+    wp.launch(solve_quadratic_programs, (1000, 1), inputs, outputs=[solution], device="cpu")
     found = solution.numpy()[:, 0]
     judged = [
         agrees_with_independent_solvers(rows[k, 0, : number[k]], top[k, 0], wanted[k, 0], found[k, :2])
@@ -265,8 +265,8 @@ def played(policy, simulation, steps, on_step=None):
     return observation.numpy()
 
 
-def test_programmes_met_in_episodes_are_solved():
-    """Oracles: as above, on the programmes that the filter itself sets up; limits and what passes unchanged besides."""
+def test_programs_met_in_episodes_are_solved():
+    """Oracles: as above, on the programs that the filter itself sets up; limits and what passes unchanged besides."""
     policy = Safe(baselines.make("random", "rough", num_worlds=16))
     simulation = lissajous_env.Simulation("rough", num_worlds=16, seed=3)
     solved = []

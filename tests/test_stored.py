@@ -7,7 +7,8 @@ import pytest
 from rich.console import Console
 
 from baselines.benchmark import rows
-from baselines.benchmark.running import Benchmark, run
+from baselines.benchmark.running import run
+from baselines.benchmark.types import Benchmark
 from lissajous_env.world.score import COLUMNS
 
 QUIET = Console(quiet=True)

@@ -192,6 +192,7 @@ def test_curve_16_length_curvature_and_speed():
     assert speed.min() == pytest.approx(0.24, abs=5e-3)
     assert speed.max() == pytest.approx(1.69, abs=5e-3)
     assert 0.3 * geometry.largest_speed(CURVE_16) == pytest.approx(speed.max(), rel=1e-8)
+    assert geometry.top_speed(CURVE_16, 0.3) == pytest.approx(speed.max(), rel=1e-5)
     assert speed.mean() == pytest.approx(1.11, abs=5e-3)
 
 

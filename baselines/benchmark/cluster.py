@@ -14,10 +14,11 @@ from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any
 
-from baselines.benchmark import ray_address, results_folder, running
+from baselines.benchmark import ray_address, results_folder
+from baselines.benchmark.playing import failure_of, play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.rows import what_is_wrong
-from baselines.benchmark.running import Benchmark, Cell, Failure
+from baselines.benchmark.types import Benchmark, Cell, Failure
 from lissajous_env.console.terminal import plain
 from lissajous_env.extras import missing
 from lissajous_env.wording import shown
@@ -101,7 +102,7 @@ def play_all(
     shown = _Shown(progress, work)
     failures: dict[str, Failure] = {}
     with connected(settings.address) as ray:
-        play = _remote(ray, settings)
+        hand_out = _remote(ray, settings)
         sent = {_name(cell): ray.put(_packed(ray, cell, settings)) for cell, numbers in work if numbers}
         playing: dict[Any, tuple[Cell, list[int]]] = {}
         while waiting or playing:
@@ -110,7 +111,7 @@ def play_all(
             while waiting and len(playing) < room:
                 cell, numbers = waiting.popleft()
                 if _name(cell) not in failures:
-                    playing[play(sent[_name(cell)], numbers)] = cell, numbers
+                    playing[hand_out(sent[_name(cell)], numbers)] = cell, numbers
             for reference in ray.wait(list(playing), timeout=1.0)[0] if playing else []:
                 cell, numbers = playing.pop(reference)
                 result = _result(ray, reference, cell, settings, numbers)
@@ -177,10 +178,10 @@ def _play(packed: bytes, numbers: list[int], versions: dict[str, str]) -> list[d
         raise ValueError(f"every node must have {versions}, got {here} on {ray.util.get_node_ip_address()}")
     cell, settings = ray.cloudpickle.loads(packed)
     try:
-        return next(running.play(cell, settings, numbers, lambda _: None))
+        return next(play(cell, settings, numbers, lambda _: None))
     except Exception as error:
         # As words: the error itself may be of a class that the driver cannot load.
-        return running.failure(cell, error)
+        return failure_of(cell, error)
 
 
 def _packed(ray: Any, cell: Cell, settings: Benchmark) -> bytes:
@@ -201,7 +202,7 @@ def _result(
     except ray.exceptions.RayTaskError as error:
         raise ValueError(f"a node of the Ray cluster cannot play: {_one_line(error.cause)}") from error
     except ray.exceptions.RayError as error:
-        return running.failure(cell, error)
+        return failure_of(cell, error)
     return result if isinstance(result, Failure) else _checked(result, cell, settings, numbers)
 
 

@@ -11,22 +11,20 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.text import Text
 
 from baselines.benchmark.rows import NUMBER_COLUMNS
 from baselines.benchmark.statistics import Statistics, summarize
+from baselines.benchmark.types import Outcome
 from lissajous_env.console.terminal import Column, plain, print_left_out, print_table
 from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.score import COLUMNS
-
-if TYPE_CHECKING:
-    from baselines.benchmark.running import Outcome
 
 _DASH = "\N{EM DASH}"
 
@@ -97,7 +95,7 @@ def overall(rows: Sequence[dict[str, Any]], scenarios: Mapping[str, Scenario]) -
     return cells
 
 
-def print_tables(console: Console, outcome: "Outcome") -> None:
+def print_tables(console: Console, outcome: Outcome) -> None:
     """Print a table for each scenario, one over all scenarios of a kind of robot, and what failed."""
     cells, scenarios, settings = statistics(outcome.rows), outcome.scenarios, outcome.settings
     left_out: list[str] = []
@@ -161,7 +159,7 @@ NAMES = ("episodes.csv", "summary.json", "detection_time.png", "detection_time_d
 """Files that are made from the episodes."""
 
 
-def write_files(folder: Folder, outcome: "Outcome") -> None:
+def write_files(folder: Folder, outcome: Outcome) -> None:
     """Write episodes.csv, summary.json and the pictures, of all that the folder holds."""
     from baselines.benchmark import pictures
 
@@ -173,7 +171,7 @@ def write_files(folder: Folder, outcome: "Outcome") -> None:
         folder.write(name, data)
 
 
-def summarized(outcome: "Outcome", rows: Sequence[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> dict[str, Any]:
+def summarized(outcome: Outcome, rows: Sequence[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> dict[str, Any]:
     """What is known of some of an outcome's rows, as summary.json has it; the failures are those of this call."""
     held = outcome.held
     return {

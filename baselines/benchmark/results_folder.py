@@ -8,16 +8,14 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from baselines.benchmark.rows import NUMBER_COLUMNS, short, what_is_wrong
+from baselines.benchmark.types import Benchmark, Cell
 from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
-
-if TYPE_CHECKING:
-    from baselines.benchmark.running import Benchmark, Cell
 
 _ENTRIES = {"policies": dict, "episodes": int, "seed": int, "device": str, "versions": dict, "digests": dict,
             "scenarios": dict}  # fmt: skip
@@ -29,7 +27,7 @@ NAMES = ("settings.json", "episodes.jsonl")
 _ADVICE = "take another --out, or delete the folder"
 
 
-def keep_settings(folder: Folder, settings: "Benchmark", cells: Sequence["Cell"]) -> dict[str, Any]:
+def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
     """Write the settings beside the results and return them, those of earlier calls among them.
 
     Other scenarios and policies are added to what is there, and so are more episodes; all else must agree.
@@ -69,7 +67,7 @@ def keep_settings(folder: Folder, settings: "Benchmark", cells: Sequence["Cell"]
     return held
 
 
-def as_settings(settings: "Benchmark", cells: Sequence["Cell"]) -> dict[str, Any]:
+def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
     """Return all that the scores depend on, as plain values."""
     scenarios = {cell.scenario.name: cell.scenario for cell in cells}
     return plain({
@@ -130,7 +128,7 @@ class Episodes:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def missing(self, cell: "Cell", episodes: int) -> list[int]:
+    def missing(self, cell: Cell, episodes: int) -> list[int]:
         """Those of the first so many episodes of a cell that are not there yet, by number."""
         name = cell.scenario.name
         return [k for k in range(episodes) if (name, cell.policy, k) not in self._rows]
@@ -140,7 +138,7 @@ class Episodes:
         self._journal.append(plain(rows))
         self._rows |= {_key(row): row for row in rows}
 
-    def of(self, cells: Iterable["Cell"], episodes: int) -> list[dict[str, Any]]:
+    def of(self, cells: Iterable[Cell], episodes: int) -> list[dict[str, Any]]:
         """Rows of the first so many episodes of some cells, by scenario, policy and episode."""
         keys = [(c.scenario.name, c.policy, k) for c in cells for k in range(episodes)]
         return [self._rows[key] for key in keys if key in self._rows]

@@ -5,126 +5,23 @@ made from it at the end.
 """
 
 import time
-import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from collections.abc import Iterable, Mapping
+from typing import Any
 
-import tyro
 from rich.console import Console
 
-from baselines.benchmark import report, results_folder
+from baselines.benchmark import cluster, report, results_folder
+from baselines.benchmark.playing import failure_of, play
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.rows import what_is_wrong
+from baselines.benchmark.types import Benchmark, Cell, Failure, Outcome
 from baselines.policies import registry
-from baselines.policies.factories import Factory, as_factory, is_ones_own, named, where_raised
+from baselines.policies.factories import Factory, as_factory, is_ones_own, named
 from lissajous_env import scenario as make_scenario
-from lissajous_env.console.terminal import make_console, plain
+from lissajous_env.console.terminal import make_console
 from lissajous_env.device.devices import as_device
-from lissajous_env.episodes.evaluation import ActingPolicy, episodes
+from lissajous_env.episodes.evaluation import ActingPolicy
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder
-
-_MOST_EPISODES = 1_000_000
-_MOST_WORLDS = 65_536
-
-
-@dataclass(frozen=True)
-class Benchmark:
-    """What is played, and where the results go."""
-
-    scenarios: tuple[str, ...] = ("ideal", "failure", "experiment", "intruders", "rough")
-    """Scenarios to play."""
-    policies: tuple[str, ...] = ()
-    """Policies to play, each where it drives the robots; without any, all of them. Your own: a checkpoint's
-    folder, or `module:factory`."""
-    episodes: int = 16
-    """Episodes of each policy on each scenario."""
-    seed: int = 0
-    """Seed of episode 0; episode k has seed + k, for every policy."""
-    batch: int = 16
-    """Episodes that are played, and written, together; changes no result."""
-    device: str = "cpu"
-    """cpu, cuda or cuda:k."""
-    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("results/benchmark")
-    """Folder of the results. A second call goes on there: it adds what it asks for (scenarios, policies, episodes) to
-    what is there, plays nothing twice, and refuses other settings. The files hold all of the folder."""
-    engine: Literal["local", "ray"] = "local"
-    """local plays here; ray plays over a cluster, and needs the extra `cluster`. It changes no result."""
-    address: str | None = None
-    """Address of the Ray cluster: auto, HOST:PORT or ray://HOST:PORT; without one, engine ray starts its own here."""
-    overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
-    """Fields changed in every scenario, as {"task.duration": 30.0}."""
-
-    def check(self) -> None:
-        """Raise ValueError for a value that a rule forbids."""
-        for name, most in (("episodes", _MOST_EPISODES), ("batch", _MOST_WORLDS)):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-            if getattr(self, name) > most:
-                raise ValueError(f"{name} must be at most {most:,}, got {getattr(self, name)}")
-        if not 0 <= self.seed <= 2**31 - self.episodes:
-            raise ValueError(f"seed must be from 0 to 2147483647, that of the last episode too, got {self.seed}")
-        for name in ("scenarios", "policies"):
-            if len(set(getattr(self, name))) < len(getattr(self, name)):
-                raise ValueError(f"{name} must name each one once, got {', '.join(getattr(self, name))}")
-        if not self.scenarios:
-            raise ValueError("scenarios must name at least one")
-        if self.engine not in ("local", "ray"):
-            raise ValueError(f"engine must be local or ray, got {self.engine!r}")
-        if self.address is not None and self.engine != "ray":
-            raise ValueError(f"address must be given with engine ray alone, got {self.address!r}")
-
-    @property
-    def worlds(self) -> int:
-        """Episodes that are played together."""
-        # This never depends on what is left to do: a policy may round otherwise in another batch.
-        return min(self.batch, self.episodes)
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A policy on a scenario."""
-
-    scenario: Scenario
-    policy: str
-    factory: Factory = field(repr=False)
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A policy that raised on a scenario."""
-
-    scenario: str
-    policy: str
-    error: str
-    traceback: str = field(repr=False)
-
-
-@dataclass
-class Outcome:
-    """What a benchmark came to."""
-
-    settings: Benchmark
-    cells: list[Cell]
-    rows: list[dict[str, Any]]
-    """Score rows of what was asked for, by scenario, policy and episode."""
-    failures: list[Failure]
-    kept: int
-    """How many of them were there from an earlier call."""
-    elapsed: float
-    """Time that it took, this call alone [s]."""
-    held: dict[str, Any]
-    """Settings that the folder holds, those of earlier calls among them."""
-    held_scenarios: dict[str, Scenario]
-    held_rows: list[dict[str, Any]]
-    """Score rows that the folder holds."""
-
-    @property
-    def scenarios(self) -> dict[str, Scenario]:
-        """The scenarios that were played, by name."""
-        return {cell.scenario.name: cell.scenario for cell in self.cells}
 
 
 def run(
@@ -207,7 +104,7 @@ def plan(
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
         raise ValueError(f"scenarios must differ in name, got {', '.join(scenario.name for scenario in made)}")
     if settings.engine == "ray":
-        _cluster().check(settings.device, settings.address)
+        cluster.check(settings.device, settings.address)
     else:
         as_device(settings.device)
     return cells
@@ -223,38 +120,11 @@ def _usual(names: Iterable[str], scenario: Scenario) -> list[str]:
     return [name for name in chosen if not registry.unwrapped(name)[1] or name in filtered]
 
 
-def play(
-    cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]
-) -> Iterator[list[dict[str, Any]]]:
-    """Play some episodes of a cell, given by number, and yield the score rows of each batch.
-
-    After each step, `on_step` is called with the number of worlds that took it.
-
-    Raises:
-        ValueError: a score that is none, as one of a return that is infinite.
-    """
-    worlds = settings.worlds
-    policy = cell.factory(cell.scenario, worlds, settings.device)
-    numbers_left = iter(numbers)
-    seeds = [settings.seed + number for number in numbers]
-    for batch in episodes(policy, cell.scenario, seeds, settings.device, lambda _: on_step(worlds)):
-        rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
-        for row in rows:
-            if wrong := what_is_wrong(plain(row)):
-                raise ValueError(f"the score of seed {row['seed']} {wrong}")
-        yield rows
-
-
-def failure(cell: Cell, error: Exception) -> Failure:
-    """Put an error that a policy raised into words."""
-    return Failure(cell.scenario.name, cell.policy, where_raised(error), "".join(traceback.format_exception(error)))
-
-
 def _play_all(settings: Benchmark, cells: list[Cell], kept: results_folder.Episodes, console: Console) -> list[Failure]:
     work = [(cell, kept.missing(cell, settings.episodes)) for cell in cells]
     with Progress(work, console) as progress:
         if settings.engine == "ray":
-            return _cluster().play_all(settings, work, kept, progress)
+            return cluster.play_all(settings, work, kept, progress)
         return _play_here(settings, work, kept, progress)
 
 
@@ -271,7 +141,7 @@ def _play_here(
             try:
                 batch = next(batches, None)
             except Exception as error:
-                failures.append(failure(cell, error))
+                failures.append(failure_of(cell, error))
                 progress.end("failed")
                 break
             if batch is None:
@@ -280,10 +150,3 @@ def _play_here(
             kept.add(batch)
             progress.finished(len(batch))
     return failures
-
-
-def _cluster() -> Any:
-    """Return `baselines.benchmark.cluster`, which needs this module."""
-    from baselines.benchmark import cluster
-
-    return cluster

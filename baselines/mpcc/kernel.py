@@ -40,19 +40,11 @@ from baselines.mpcc.quadratic import (
     times3,
     transposed,
 )
+from lissajous_env.device.compilation import CONTRACTED
 from lissajous_env.device.curve import CurveStruct, lissajous
 from lissajous_env.device.trig import cos_sin
 
-# Fused multiply-adds shorten the chains of dependent operations by a tenth. None asks Warp for the host's instructions.
-_CPU_FLAGS = "-march=native" if wp.config.cpu_compiler_flags is None else wp.config.cpu_compiler_flags
-
-wp.set_module_options(
-    {
-        "enable_backward": False,
-        "max_unroll": 1,
-        "cpu_compiler_flags": f"{_CPU_FLAGS} -ffp-contract=fast".strip(),
-    }
-)
+wp.set_module_options(CONTRACTED)
 
 EARLY, SHIFT, KEEP, CLOSE = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
 """What a start is laid from: along the curve braking early, the last control shifted by a stage, the control as it

@@ -14,13 +14,14 @@ import numpy as np
 import warp as wp
 
 from baselines.mpcc.parameters import MpccParameters
+from lissajous_env.device.compilation import CONTRACTED
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(CONTRACTED)
 
 
 MpccStruct = struct_of(MpccParameters)

@@ -7,8 +7,9 @@
 import warp as wp
 
 from baselines.mpcc.model import Frame, MpccStruct, Stage, vec5
+from lissajous_env.device.compilation import CONTRACTED
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options(CONTRACTED)
 
 
 @wp.struct

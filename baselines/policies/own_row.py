@@ -1,56 +1,86 @@
-"""What a robot reads from its observation row, for the classical policies."""
+"""What a robot reads from its observation row, for the classical policies: the one place that decodes its entries."""
 
 import warp as wp
 
+from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.world.observation import LINK, OWN
+from lissajous_env.world.observation import LINK, OWN, ROBOT
 
 wp.set_module_options(OPTIONS)
+
+# Places of the entries, by the names that `lissajous_env.world.observation.layout` gives them.
+X, Y = wp.constant(0), wp.constant(1)
+COS_HEADING, SIN_HEADING = wp.constant(2), wp.constant(3)
+SPEED = wp.constant(4)
+COS_PHASE, SIN_PHASE = wp.constant(5), wp.constant(6)
+WORKS = wp.constant(7)
+# Within the entries of a ring neighbour.
+HEARD, AGE = wp.constant(0), wp.constant(1)
+COS_LEAD, SIN_LEAD = wp.constant(2), wp.constant(3)
+X_AWAY, Y_AWAY = wp.constant(4), wp.constant(5)
+# Within the entries of a robot in the disc.
+PRESENT = wp.constant(0)
+X_SEEN, Y_SEEN = wp.constant(1), wp.constant(2)
+X_VELOCITY, Y_VELOCITY = wp.constant(3), wp.constant(4)
 
 
 @wp.func
 def own_position(w: int, i: int, curve: CurveStruct, observation: wp.array3d(dtype=float)) -> wp.vec2:
     """Measured x, y [m]."""
-    return wp.vec2(observation[w, i, 0] * curve.half_width, observation[w, i, 1] * curve.half_height)
+    return wp.vec2(observation[w, i, X] * curve.half_width, observation[w, i, Y] * curve.half_height)
 
 
 @wp.func
 def own_heading(w: int, i: int, observation: wp.array3d(dtype=float)) -> float:
     """Measured heading [rad]."""
-    return wp.atan2(observation[w, i, 3], observation[w, i, 2])
+    return wp.atan2(observation[w, i, SIN_HEADING], observation[w, i, COS_HEADING])
+
+
+@wp.func
+def own_speed(w: int, i: int, speed_unit: float, observation: wp.array3d(dtype=float)) -> float:
+    """Measured speed [m/s]; `speed_unit` is the top speed of a car [m/s]."""
+    return observation[w, i, SPEED] * speed_unit
 
 
 @wp.func
 def own_phase(w: int, i: int, observation: wp.array3d(dtype=float)) -> float:
     """Measured phase theta in [-pi, pi] [rad]."""
-    return wp.atan2(observation[w, i, 6], observation[w, i, 5])
+    return wp.atan2(observation[w, i, SIN_PHASE], observation[w, i, COS_PHASE])
 
 
 @wp.func
 def own_works(w: int, i: int, observation: wp.array3d(dtype=float)) -> bool:
     """Whether the robot itself works."""
-    return observation[w, i, 7] > 0.5
+    return observation[w, i, WORKS] > 0.5
+
+
+@wp.func
+def own_key(w: int, i: int, observation: wp.array3d(dtype=float)) -> int:
+    """Key of a robot's random draws, made of where it is: the same in any batch, at any place in it."""
+    x = int(observation[w, i, X] * 1.0e6)
+    y = int(observation[w, i, Y] * 1.0e6)
+    return randomness.step_key(x, y)
 
 
 @wp.func
 def hears(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> bool:
     """Whether a message that a ring neighbour sent within the last second is known."""
     start = OWN + LINK * side
-    return observation[w, i, start] > 0.5 and observation[w, i, start + 1] < 1.0
+    return observation[w, i, start + HEARD] > 0.5 and observation[w, i, start + AGE] < 1.0
 
 
 @wp.func
 def message_age(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> float:
     """Time since a ring neighbour sent its message [s]."""
-    return observation[w, i, OWN + LINK * side + 1]
+    return observation[w, i, OWN + LINK * side + AGE]
 
 
 @wp.func
 def lead(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> float:
     """Phase that a ring neighbour sent less one's own, theta_j - theta_i in [-pi, pi] [rad]."""
     start = OWN + LINK * side
-    return wp.atan2(observation[w, i, start + 3], observation[w, i, start + 2])
+    return wp.atan2(observation[w, i, start + SIN_LEAD], observation[w, i, start + COS_LEAD])
 
 
 @wp.func
@@ -63,4 +93,34 @@ def sine_ahead(w: int, i: int, side: int, rate: float, observation: wp.array3d(d
         return 0.0
     start = OWN + LINK * side
     ahead = rate * message_age(w, i, side, observation)
-    return observation[w, i, start + 3] * wp.cos(ahead) + observation[w, i, start + 2] * wp.sin(ahead)
+    return observation[w, i, start + SIN_LEAD] * wp.cos(ahead) + observation[w, i, start + COS_LEAD] * wp.sin(ahead)
+
+
+@wp.func
+def offset_heard(w: int, i: int, side: int, curve: CurveStruct, observation: wp.array3d(dtype=float)) -> wp.vec2:
+    """Place that a ring neighbour sent less one's own x, y [m]."""
+    start = OWN + LINK * side
+    x = 2.0 * curve.half_width * observation[w, i, start + X_AWAY]
+    y = 2.0 * curve.half_height * observation[w, i, start + Y_AWAY]
+    return wp.vec2(x, y)
+
+
+@wp.func
+def sees(w: int, i: int, k: int, observation: wp.array3d(dtype=float)) -> bool:
+    """Whether there is a k-th nearest robot in the disc."""
+    return observation[w, i, OWN + 2 * LINK + ROBOT * k + PRESENT] > 0.5
+
+
+@wp.func
+def offset_seen(w: int, i: int, k: int, radius: float, observation: wp.array3d(dtype=float)) -> wp.vec2:
+    """Place of the k-th nearest robot in the disc, of `radius` [m], less one's own x, y [m]."""
+    start = OWN + 2 * LINK + ROBOT * k
+    return wp.vec2(radius * observation[w, i, start + X_SEEN], radius * observation[w, i, start + Y_SEEN])
+
+
+@wp.func
+def velocity_seen(w: int, i: int, k: int, speed_unit: float, observation: wp.array3d(dtype=float)) -> wp.vec2:
+    """Velocity of the k-th nearest robot in the disc less one's own [m/s]; `speed_unit` as for `own_speed`."""
+    start = OWN + 2 * LINK + ROBOT * k
+    relative = wp.vec2(observation[w, i, start + X_VELOCITY], observation[w, i, start + Y_VELOCITY])
+    return relative * (2.0 * speed_unit)

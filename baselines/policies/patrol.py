@@ -7,7 +7,9 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
-from baselines.policies.own_row import own_heading, own_phase, own_position
+from baselines.policies.driving import drive_towards, steady_speed
+from baselines.policies.memory import clear_worlds
+from baselines.policies.own_row import own_heading, own_key, own_phase, own_position, own_speed
 from baselines.policies.patrol_path import (
     SweepParameters,
     cruising_speed,
@@ -18,37 +20,12 @@ from baselines.policies.patrol_path import (
 )
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct, curve_struct, point2, wrap
+from lissajous_env.device.curve import CurveStruct, curve_struct, point2
+from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.structs import RobotStruct
 
 wp.set_module_options(OPTIONS)
-
-
-@wp.func
-def drive_towards(
-    robot: RobotStruct, position: wp.vec2, heading: float, speed: float, goal: wp.vec2, wanted_speed: float
-) -> wp.vec2:
-    """Action of a car towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and a proportional speed law."""
-    away = goal - position
-    distance = wp.max(wp.length(away), 2.0 * robot.wheelbase)
-    bearing = wrap(wp.atan2(away[1], away[0]) - heading)
-    steering = wp.atan(2.0 * robot.wheelbase * wp.sin(bearing) / distance)
-    if wp.abs(bearing) > 1.5707963:
-        steering = wp.sign(bearing) * robot.steering_max
-    throttle = (robot.drag * wanted_speed + robot.model_offset + 4.0 * (wanted_speed - speed)) / robot.drive
-    span = robot.throttle_max - robot.throttle_min
-    return wp.vec2(
-        wp.clamp(steering / robot.steering_max, -1.0, 1.0),
-        wp.clamp(2.0 * (throttle - robot.throttle_min) / span - 1.0, -1.0, 1.0),
-    )
-
-
-@wp.func
-def robot_speed_max(robot: RobotStruct) -> float:
-    """Steady speed of a car at full throttle [m/s]."""
-    return (robot.drive * robot.throttle_max - robot.offset) / robot.drag
 
 
 @wp.func
@@ -120,7 +97,7 @@ def follow_loop(
     memory[w, i] = wp.vec2(known[0], known[1] + 1.0)
     goal = loop[((int(wp.floor(place)) % size) + size) % size]
     position = own_position(w, i, curve, observation)
-    speed = observation[w, i, 4] * robot_speed_max(robot)
+    speed = own_speed(w, i, steady_speed(robot), observation)
     # At cruising speed the goal stays `lookahead` away; a car that is further from it speeds up.
     wanted = cruise * wp.length(goal - position) / lookahead
     action = drive_towards(robot, position, own_heading(w, i, observation), speed, goal, wanted)
@@ -159,18 +136,10 @@ def go_around(
                 here = (k + size) % size
     memory[w, i] = here + 1
     goal = loop[(here + ahead) % size]
-    speed = observation[w, i, 4] * robot_speed_max(robot)
+    speed = own_speed(w, i, steady_speed(robot), observation)
     action = drive_towards(robot, position, own_heading(w, i, observation), speed, goal, cruise)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
-
-
-@wp.func
-def row_key(w: int, i: int, observation: wp.array3d(dtype=float)) -> int:
-    """Key of a robot's random draws, made of where it is: the same in any batch, at any place in it."""
-    x = int(observation[w, i, 0] * 1.0e6)
-    y = int(observation[w, i, 1] * 1.0e6)
-    return randomness.step_key(x, y)
 
 
 @wp.kernel
@@ -187,13 +156,13 @@ def wander(
     goal = goals[w, i]
     away = wp.vec2(goal[0], goal[1]) - position
     if goal[2] == 0.0 or wp.length(away) < 4.0 * robot.wheelbase:
-        draw = randomness.stream(row_key(w, i, observation), i, randomness.WANDER)
+        draw = randomness.stream(own_key(w, i, observation), i, randomness.WANDER)
         goal = wp.vec3(
             (2.0 * wp.randf(draw) - 1.0) * curve.half_width, (2.0 * wp.randf(draw) - 1.0) * curve.half_height, 1.0
         )
         goals[w, i] = goal
-    speed_max = robot_speed_max(robot)
-    speed = observation[w, i, 4] * speed_max
+    speed_max = steady_speed(robot)
+    speed = own_speed(w, i, speed_max, observation)
     to = wp.vec2(goal[0], goal[1])
     # A car that would circle around a near goal slows down.
     wanted = speed_max * wp.min(1.0, wp.length(to - position))
@@ -208,7 +177,7 @@ def wander_on_curve(
 ):
     """Go on along the curve at a phase rate drawn anew in each step from [0, 2 rate) [rad/s]."""
     w, i = wp.tid()
-    draw = randomness.uniform(row_key(w, i, observation), i, randomness.WANDER)
+    draw = randomness.uniform(own_key(w, i, observation), i, randomness.WANDER)
     action_out[w, i, 0] = wp.min(2.0 * rate * draw / robot.phase_rate_max, 1.0)
 
 
@@ -237,7 +206,7 @@ class Sweep(Policy):
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
     def _forget(self, mask: np.ndarray) -> None:
-        self._memory.assign(np.where(mask[:, None, None], 0.0, self._memory.numpy()).astype(np.float32))
+        clear_worlds(self._memory, mask)
 
     def _decide(self, observation: wp.array) -> None:
         inputs = [self._curve, self._robot, float(self.scenario.alpha), self._equilibrium, self._loop, self._cruise,
@@ -271,7 +240,7 @@ class Laps(Policy):
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
 
     def _forget(self, mask: np.ndarray) -> None:
-        self._memory.assign(np.where(mask[:, None], 0, self._memory.numpy()).astype(np.int32))
+        clear_worlds(self._memory, mask)
 
     def _decide(self, observation: wp.array) -> None:
         inputs = [self._curve, self._robot, self._loop, self._cruise, self._ahead, self._memory, observation]
@@ -291,7 +260,7 @@ class RandomWaypoint(Policy):
         self._goals = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
 
     def _forget(self, mask: np.ndarray) -> None:
-        self._goals.assign(np.where(mask[:, None, None], 0.0, self._goals.numpy()).astype(np.float32))
+        clear_worlds(self._goals, mask)
 
     def _decide(self, observation: wp.array) -> None:
         if self.scenario.robot.kind == "curve":

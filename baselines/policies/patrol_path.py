@@ -7,7 +7,7 @@ import numpy as np
 
 from lissajous_env.parameters.checks import Checked, number, whole
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.theory import closed_forms
+from lissajous_env.theory.geometry import top_speed, turning_radius
 
 _CRUISE = 0.85
 """Share of the limit at which a patrol goes, so that a car which fell behind can catch up."""
@@ -35,9 +35,7 @@ class SweepParameters(Checked):
 
 def fastest_speed(scenario: Scenario) -> float:
     """The cars' top speed, or the formation's where the curve is fastest, if that is less [m/s]."""
-    lap = np.linspace(0, 2 * math.pi, 4096)
-    formation = scenario.formation.phase_rate * float(closed_forms.curve_speed(scenario.curve, lap).max())
-    return min(scenario.robot.speed_max, formation)
+    return min(scenario.robot.speed_max, top_speed(scenario.curve, scenario.formation.phase_rate))
 
 
 def cruising_speed(scenario: Scenario) -> float:
@@ -48,7 +46,7 @@ def cruising_speed(scenario: Scenario) -> float:
 def corner_radius(scenario: Scenario, cruise: float | None = None) -> float:
     """Radius of the loop's corners [m]: what steering and, at cruising speed, grip allow, with some room."""
     robot = scenario.robot
-    by_steering = robot.wheelbase / math.tan(robot.steering_max)
+    by_steering = turning_radius(robot.wheelbase, robot.steering_max)
     by_grip = (cruise or cruising_speed(scenario)) ** 2 / robot.lateral_acceleration_max
     return _ROOM * max(by_steering, by_grip)
 

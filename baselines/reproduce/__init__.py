@@ -17,9 +17,9 @@ from rich import progress as bars
 from rich.console import Console
 
 from baselines.benchmark.progress import bar
-from baselines.reproduce import bounds as conditions
 from baselines.reproduce import (
     claims,
+    conditions,
     detection,
     equilibria,
     experiment,
@@ -28,9 +28,9 @@ from baselines.reproduce import (
     three_dimensions,
     tracking,
 )
-from baselines.reproduce.claims import Claim
+from baselines.reproduce.claims import Claim, Part
 from baselines.reproduce.drawing import Picture
-from baselines.reproduce.episodes import Part, Player
+from baselines.reproduce.episodes import Player
 from lissajous_env.console.terminal import AS_USUAL, Speech, make_console
 from lissajous_env.device.devices import as_device
 from lissajous_env.storage.folder import Folder

@@ -3,8 +3,8 @@
 import csv
 import dataclasses
 import io
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -34,8 +34,22 @@ class Claim:
     """None where the paper has nothing to compare with."""
     why: str = ""
     """What was chosen where the paper is silent, or why the two differ."""
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    """What `ours` and `why` put into words, by name; the helpers below say which names they give."""
     part: str = ""
     """Where in the paper: the name that `lissajous reproduce` takes, and fills in."""
+
+
+_COLUMNS = tuple(each.name for each in dataclasses.fields(Claim) if each.name != "numbers")
+"""Columns of table.csv, which is made of words."""
+
+
+@dataclass
+class Part:
+    """What is made of one part of the paper."""
+
+    claims: list[Claim]
+    pictures: list[Picture] = field(default_factory=list)
 
 
 def near(
@@ -47,37 +61,48 @@ def near(
     why: str = "",
     digits: str = ".4g",
 ) -> Claim:
-    """Claim a number: ours may be off by the tolerance, in the same unit."""
+    """Claim a number: `ours` may be off `paper` by the tolerance, in the same unit."""
     agrees = abs(ours - paper) <= tolerance
     space = " " if unit else ""
     words = f"\N{PLUS-MINUS SIGN} {tolerance:g}{space}{unit}"
-    return Claim(claim, f"{paper:g}{space}{unit}", f"{ours:{digits}}{space}{unit}", words, agrees, why)
+    numbers = {"paper": float(paper), "ours": float(ours)}
+    return Claim(claim, f"{paper:g}{space}{unit}", f"{ours:{digits}}{space}{unit}", words, bool(agrees), why, numbers)
 
 
 def within_range(
     claim: str, paper: float, ours: np.ndarray, unit: str = "", why: str = "", digits: str = ".3f"
 ) -> Claim:
-    """Claim that the paper's number is one that we see: it must lie between our smallest and our largest."""
+    """Claim that the paper's number is one that we see: it must lie between our `low`est and our `high`est."""
     low, high = float(ours.min()), float(ours.max())
     space = " " if unit else ""
     words = f"{low:{digits}} to {high:{digits}}{space}{unit}"
     rule = f"inside the range of {len(ours)} seeds"
-    return Claim(claim, f"{paper:g}{space}{unit}", words, rule, low <= paper <= high, why)
+    numbers = {"paper": paper, "low": low, "high": high}
+    return Claim(claim, f"{paper:g}{space}{unit}", words, rule, low <= paper <= high, why, numbers)
 
 
-def all_of(claim: str, paper: str, holds: Iterable[Any], what: str, why: str = "") -> Claim:
-    """Claim that something holds every time."""
+def all_of(
+    claim: str,
+    paper: str,
+    holds: Iterable[Any],
+    what: str,
+    why: str = "",
+    numbers: Mapping[str, float] | None = None,
+) -> Claim:
+    """Claim that something holds every time: `holds` times `of` so many; `numbers` are further ones that `why` says."""
     each = [bool(value) for value in holds]
-    return Claim(claim, paper, f"{sum(each)} of {len(each)} {what}", "all", all(each), why)
+    counted = {"holds": sum(each), "of": len(each), **(numbers or {})}
+    return Claim(claim, paper, f"{sum(each)} of {len(each)} {what}", "all", all(each), why, counted)
 
 
 def at_most(
     claim: str, paper: str, ours: float, bound: float, unit: str = "", why: str = "", digits: str = ".3g"
 ) -> Claim:
-    """Claim that a number does not exceed a bound."""
+    """Claim that a number, `ours`, does not exceed a bound."""
     space = " " if unit else ""
     rule = f"at most {bound:g}{space}{unit}"
-    return Claim(claim, paper, f"{ours:{digits}}{space}{unit}", rule, ours <= bound, why)
+    numbers = {"ours": float(ours), "bound": bound}
+    return Claim(claim, paper, f"{ours:{digits}}{space}{unit}", rule, bool(ours <= bound), why, numbers)
 
 
 def reported(claim: str, paper: str, ours: str, why: str = "") -> Claim:
@@ -124,9 +149,9 @@ def summary(claims: Sequence[Claim]) -> str:
 def as_csv(claims: Sequence[Claim]) -> str:
     """Return the table as CSV."""
     file = io.StringIO()
-    writer = csv.DictWriter(file, [field.name for field in dataclasses.fields(Claim)], lineterminator="\n")
+    writer = csv.DictWriter(file, _COLUMNS, lineterminator="\n")
     writer.writeheader()
-    writer.writerows({**dataclasses.asdict(each), "agrees": verdict(each)} for each in claims)
+    writer.writerows({name: getattr(each, name) for name in _COLUMNS} | {"agrees": verdict(each)} for each in claims)
     return file.getvalue()
 
 

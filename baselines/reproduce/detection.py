@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.patches import Circle
 
-from baselines.reproduce.claims import SILENT, all_of, at_most, near
+from baselines.reproduce.claims import SILENT, Part, all_of, at_most, near
 from baselines.reproduce.drawing import (
     BLUE,
     DARK,
@@ -16,7 +16,7 @@ from baselines.reproduce.drawing import (
     mark_time,
     panel_name,
 )
-from baselines.reproduce.episodes import BARE, Part, Player
+from baselines.reproduce.episodes import BARE, Player
 from lissajous_env import scenario
 from lissajous_env.theory import closed_forms
 

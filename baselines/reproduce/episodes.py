@@ -1,35 +1,26 @@
 """Episodes of a batch of worlds, kept as arrays over time; the same one is played once, whoever asks for it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from baselines.policies import registry
 from baselines.policies.base import Policy
-from baselines.reproduce.claims import Claim
-from baselines.reproduce.drawing import Picture
 from lissajous_env import scenario as make_scenario
 from lissajous_env.episodes.evaluation import Referee
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import STUCK
+from lissajous_env.world.tally import RECOVERED
 
-RECOVERED = 0.05
-"""Deviation from the equilibrium below which a formation is said to be in it [rad], as for `recovery_time`."""
+SEEDS = 16
+"""Episodes that a claim about one run of the paper is made of, where it does not say."""
 
 BARE: dict[str, Any] = {"targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None, "faults.schedule": ()}
 """Overrides that leave robots and dynamics (1) alone."""
-
-
-@dataclass
-class Part:
-    """What is made of one part of the paper."""
-
-    claims: list[Claim]
-    pictures: list[Picture] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +38,8 @@ class Played:
     """(F, W, N) [rad]."""
     stuck: np.ndarray
     """(F, W, N) whether a robot stands still."""
+    deviation: np.ndarray
+    """(F, W) largest deviation from the equilibrium of the scenario [rad], the common rotation removed."""
     found_at: np.ndarray
     """(W, T) step in which each target was found."""
 
@@ -67,20 +60,13 @@ class Played:
         return np.rint(self.steps_ahead.sum(axis=-1) / (2 * np.pi)).astype(int)
 
     @property
-    def deviation(self) -> np.ndarray:
-        """(F, W) largest deviation from the equilibrium of the scenario [rad], the common rotation removed."""
-        off = self.phase - self.scenario.equilibrium
-        turn = np.angle(np.exp(1j * off).mean(axis=-1, keepdims=True))
-        return np.abs(np.angle(np.exp(1j * (off - turn)))).max(axis=-1)
-
-    @property
     def largest_cosine(self) -> np.ndarray:
         """(W,) the largest cos(theta_j - theta_i) of ring neighbours ever seen; Theorem 4 asks that it be below 0."""
         return np.cos(self.steps_ahead).max(axis=(0, 2))
 
     @property
     def returned(self) -> np.ndarray:
-        """(W,) whether the formation is in its equilibrium at the end."""
+        """(W,) whether the formation is in its equilibrium at the end, as for `recovery_time`."""
         return self.deviation[-1] < RECOVERED
 
     def distance(self, one: int, other: int) -> np.ndarray:
@@ -107,6 +93,12 @@ class Played:
     def score(self, column: str) -> np.ndarray:
         """(W,) a column of the score."""
         return np.array([row[column] for row in self.scores])
+
+
+def spread_of_cars(scenario: Scenario) -> str:
+    """By how much the cars of a scenario differ in wheelbase and drive, in words."""
+    assert scenario.noise.wheelbase_spread == scenario.noise.drive_spread
+    return f"{100 * scenario.noise.drive_spread:g} %"
 
 
 class Player:
@@ -144,7 +136,7 @@ class Player:
         robots, kept = simulation.robots, []
 
         def keep() -> None:
-            arrays = (robots.phase, robots.position, robots.heading, robots.status)
+            arrays = (robots.phase, robots.position, robots.heading, robots.status, simulation.tally.phase_error)
             kept.append([np.array(array.numpy()) for array in arrays])
 
         keep()
@@ -153,11 +145,11 @@ class Player:
             referee.step()
             if not only_ends or step == made.task.steps:
                 keep()
-        phase, position, heading, status = (np.stack(moments) for moments in zip(*kept, strict=True))
+        phase, position, heading, status, deviation = (np.stack(moments) for moments in zip(*kept, strict=True))
         referee.check()
         found_at = simulation.targets.found_at.numpy().copy()
         scores = simulation.score()
-        played = Played(made, scores, phase, position, heading, status == int(STUCK), found_at)
+        played = Played(made, scores, phase, position, heading, status == int(STUCK), deviation, found_at)
         if prepare is None:
             self._kept[key] = played
         return played

@@ -5,11 +5,12 @@ import math
 import numpy as np
 from matplotlib.patches import Patch
 
-from baselines.reproduce.claims import Claim, all_of
+from baselines.reproduce.claims import Claim, Part, all_of
 from baselines.reproduce.drawing import BLUE, GREEN, Sheet, panel_name
-from baselines.reproduce.episodes import BARE, Part, Played, Player
+from baselines.reproduce.episodes import BARE, Played, Player
 from lissajous_env import scenario
 from lissajous_env.theory import closed_forms
+from lissajous_env.world.tally import RECOVERED
 
 _NUMBERS = (5, 6, 7, 8, 10, 15)
 _STARTS = 300
@@ -42,7 +43,8 @@ def theorem1(player: Player) -> Part:
             axes.grid(False, axis="x")
             panel_name(axes, f"N = {n}")
             inside = np.isin(reached, stable) & settled
-            words = ", ".join(f"p = {p} {100 * share[p]:.2g} %" for p in np.argsort(-share) if share[p] > 0)
+            reached_p = [p for p in np.argsort(-share) if share[p] > 0]
+            words = ", ".join(f"p = {p} {100 * share[p]:.2g} %" for p in reached_p)
             claims.append(
                 all_of(
                     f"N = {n}: random starts converge to p in (N/4, 3N/4) = ({n / 4:g}, {3 * n / 4:g})",
@@ -50,6 +52,7 @@ def theorem1(player: Player) -> Part:
                     inside,
                     "starts",
                     words,
+                    {f"p = {p} [%]": float(100 * share[p]) for p in reached_p},
                 )
             )
         for axes in panels[1]:
@@ -152,7 +155,7 @@ def _settled(played: Played) -> np.ndarray:
     """Whether all steps along the ring are the same (W,): the state is an equilibrium (2), whichever."""
     ahead = played.steps_ahead[-1]
     target = 2 * np.pi * played.winding[-1][:, None] / ahead.shape[-1]
-    return np.abs(np.angle(np.exp(1j * (ahead - target)))).max(axis=-1) < 0.05
+    return np.abs(np.angle(np.exp(1j * (ahead - target)))).max(axis=-1) < RECOVERED
 
 
 def _is_stable(n: int, p: int) -> bool:

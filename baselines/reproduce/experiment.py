@@ -6,23 +6,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from baselines.reproduce.claims import Claim, all_of, at_most, reported
+from baselines.reproduce.claims import Claim, Part, all_of, at_most, reported
 from baselines.reproduce.drawing import BLUE, DARK, ORANGE, PINK, Sheet, draw_plane, draw_ring, mark_time, panel_name
-from baselines.reproduce.episodes import Part, Played, Player
+from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
 
 _SIMULATED = (0, 4)
 """Robots 1 and 5, which were simulated in the paper's experiment and failed."""
 _STILLS = (0.0, 8.0, 16.0, 24.5, 34.4, 35.5, 37.5, 42.0)
 """Times of the stills (a) to (h) [s]: the failure begins at (d) and ends just after (e)."""
-_CHOSEN = (
-    "The paper does not print when the agents fail; 24.5 s to 34.5 s is chosen. K = 1; all five are cars here, which "
-    "differ by 2 % in wheelbase and drive"
-)
 
 
 def fig7(player: Player) -> Part:
     """Fig. 7: stills of the experiment."""
-    played = player.play("kuramoto-mpcc", "experiment", worlds=16)
+    played = player.play("kuramoto-mpcc", "experiment", worlds=SEEDS)
     made, step = played.scenario, played.scenario.task.step
     with Sheet(
         "fig7", "Fig. 7   The experiment: five cars on curve (16), robots 1 and 5 fail at (d)", 9.0, 4.0
@@ -40,7 +36,7 @@ def fig7(player: Player) -> Part:
         picture = sheet.picture(
             "Simulated agents pink, physical ones blue, as in the paper, with the way of the last 1.5 s; a thick "
             "orange rim "
-            f"marks a robot that has failed; edges of the ring orange. {_CHOSEN}."
+            f"marks a robot that has failed; edges of the ring orange. {_chosen(played)}."
         )
     before, during, _ = _spans(played)
     kept = played.deviation[before].max(axis=0)
@@ -49,7 +45,7 @@ def fig7(player: Player) -> Part:
     drift = np.abs(np.angle(np.exp(1j * (played.phase[end] - played.phase[end - 10])))).max(axis=-1)
     claims = [
         at_most(
-            "(a)-(d) the formation is kept: largest deviation of 16 seeds",
+            f"(a)-(d) the formation is kept: largest deviation of {SEEDS} seeds",
             "kept",
             kept.max(),
             0.2,
@@ -62,7 +58,7 @@ def fig7(player: Player) -> Part:
             f"{drift.max():.3f} rad in the last second before the resume",
             "below 0.01 rad",
             bool(drift.max() < 0.01),
-            "the worst car of 16 seeds; (1) asks for no motion, and the cars coast to rest",
+            f"the worst car of {SEEDS} seeds; (1) asks for no motion, and the cars coast to rest",
         ),
         _back(played, "(f)-(h) after the resume the previous equilibrium returns"),
     ]
@@ -71,7 +67,7 @@ def fig7(player: Player) -> Part:
 
 def fig8(player: Player) -> Part:
     """Fig. 8: the phases in the same experiment."""
-    played = player.play("kuramoto-mpcc", "experiment", worlds=16)
+    played = player.play("kuramoto-mpcc", "experiment", worlds=SEEDS)
     first, last = played.scenario.faults.schedule[0][1:]
     with Sheet("fig8", "Fig. 8   States of the agents in the experiment of Fig. 7", 7.2, 4.3) as sheet:
         upper, lower = sheet.figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
@@ -79,7 +75,8 @@ def fig8(player: Player) -> Part:
         for robot in range(played.scenario.num_robots):
             colour = PINK if robot in _SIMULATED else BLUE
             upper.plot(played.time, phase[:, robot], color=colour, lw=1.4)
-            upper.annotate(f"{robot + 1}", (60, phase[-1, robot]), xytext=(3, 0), textcoords="offset points",
+            end = played.time[-1], phase[-1, robot]
+            upper.annotate(f"{robot + 1}", end, xytext=(3, 0), textcoords="offset points",
                            va="center", fontsize=7, color=colour, annotation_clip=False)  # fmt: skip
         upper.plot([], [], color=PINK, label="simulated agents, fail")
         upper.plot([], [], color=BLUE, label="physical agents")
@@ -89,7 +86,7 @@ def fig8(player: Player) -> Part:
         lower.plot(played.time, played.deviation[:, 0], color=BLUE, lw=1.4)
         for axes in (upper, lower):
             axes.axvspan(first, last, color=ORANGE, alpha=0.2, lw=0)
-            axes.set_xlim(0, 60)
+            axes.set_xlim(0, played.time[-1])
         for k, time in enumerate(_STILLS[:5]):
             mark_time(upper, time, f"({'abcde'[k]})", 0.1, "#777777")
         upper.set_ylabel("states $\\theta$ [rad]")
@@ -98,8 +95,7 @@ def fig8(player: Player) -> Part:
         lower.set_ylim(bottom=0)
         picture = sheet.picture(
             f"Above: one run, seed {player.seed}; below: its largest deviation from the equilibrium (blue) and "
-            "that of 15 "
-            f"further seeds (grey). {_CHOSEN}."
+            f"that of {SEEDS - 1} further seeds (grey). {_chosen(played)}."
         )
     collisions = played.score("collisions")
     claims = [
@@ -112,6 +108,17 @@ def fig8(player: Player) -> Part:
         ),
     ]
     return Part(claims, [picture])
+
+
+def _chosen(played: Played) -> str:
+    """What is chosen where the paper is silent."""
+    made = played.scenario
+    first, last = made.faults.schedule[0][1:]
+    return (
+        f"The paper does not print when the agents fail; {first:g} s to {last:g} s is chosen. K = "
+        f"{made.formation.coupling:g}; all {made.num_robots} are cars here, which differ by {spread_of_cars(made)} in "
+        "wheelbase and drive"
+    )
 
 
 def _spans(played: Played) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

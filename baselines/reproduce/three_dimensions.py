@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from baselines.reproduce.claims import Claim, all_of, at_most
+from baselines.reproduce.claims import Claim, Part, all_of, at_most
 from baselines.reproduce.drawing import BLUE, DARK, GREY, ORANGE, RED, SERIES, Sheet, panel_name
-from baselines.reproduce.episodes import Part, Player
+from baselines.reproduce.episodes import SEEDS, Player
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms, geometry
@@ -46,7 +46,7 @@ def branch_radius(curve: Curve) -> float:
 
 def fig5(player: Player) -> Part:
     """Fig. 5: the largest body against c and C."""
-    plane = scenario("failure").curve
+    plane, body = scenario("failure").curve, scenario("experiment").robot.radius
     n = plane.a + plane.b
     depths = np.linspace(0, 1.6, 33)
     formation, branches = {}, {}
@@ -68,7 +68,7 @@ def fig5(player: Player) -> Part:
         left.annotate(f"plane: {flat:.3f} m", (0, flat), xytext=(7, -11), textcoords="offset points", fontsize=8)
         panel_name(left, "in formation, on equilibrium (2)")
         panel_name(right, "between two branches of the curve")
-        right.axhline(0.125, color=DARK, lw=0.9, ls=":", label="body in Section VII, 0.125 m")
+        right.axhline(body, color=DARK, lw=0.9, ls=":", label=f"body in Section VII, {body:g} m")
         for axes in (left, right):
             axes.set_xlabel("C, half of the extent along z [m]")
             axes.set_xlim(0, depths[-1])
@@ -86,13 +86,11 @@ def fig5(player: Player) -> Part:
         left.set_ylabel("$r_{max}$ [m]")
         left.legend(title="c", ncols=3, loc="upper left", handlelength=1.6)
         picture = sheet.picture(
-            "A = 1.8 m, B = 0.8 m, a = 3, b = 2, N = 5 (curve (16)); the paper does not give its curve. Left: "
-            "half of the "
-            "smallest distance that robots of the formation ever have. Right: half of the smallest distance "
-            "between two "
-            "branches of the curve, a bound for transients, in which robots may be anywhere; 0 in the plane, as "
-            "the curve "
-            "crosses itself, and for c = 3 (dashed), which shares a factor with a."
+            f"A = {plane.half_width:g} m, B = {plane.half_height:g} m, a = {plane.a}, b = {plane.b}, N = {n} (curve "
+            "(16)); the paper does not give its curve. Left: half of the smallest distance that robots of the "
+            "formation ever have. Right: half of the smallest distance between two branches of the curve, a bound for "
+            "transients, in which robots may be anywhere; 0 in the plane, as the curve crosses itself, and for c = 3 "
+            "(dashed), which shares a factor with a."
         )
     at_zero = max(abs(formation[c][0] - flat) for c in _SHOWN)
     monotone = [bool(np.all(np.diff(formation[c]) > -1e-9)) for c in _SHOWN]
@@ -113,7 +111,8 @@ def fig5(player: Player) -> Part:
             "curves rise",
             monotone,
             "values of c",
-            f"to {formation[best][-1]:.3f} m at C = 1.6 m, c = {best}. The paper's curve is not given: curve (16)",
+            f"to {formation[best][-1]:.3f} m at C = {depths[-1]:g} m, c = {best}. The paper's curve is not given: "
+            "curve (16)",
         ),
         all_of(
             "co-prime a, b, c: the curve does not cross itself for any C > 0",
@@ -137,8 +136,8 @@ def fig5(player: Player) -> Part:
 def knot(player: Player) -> Part:
     """Section IV-A: a transient that collides in the plane and not on a knot."""
     turned = {"formation.start": "rotated"}
-    flat = player.play("kuramoto", scenario("failure", **turned), worlds=16)
-    deep = player.play("kuramoto", scenario("knot", **turned), worlds=16)
+    flat = player.play("kuramoto", scenario("failure", **turned), worlds=SEEDS)
+    deep = player.play("kuramoto", scenario("knot", **turned), worlds=SEEDS)
     curve, limit = deep.scenario.curve, 2 * deep.scenario.robot.radius
     with Sheet("knot", "Section IV-A   The failure of Fig. 6 in the plane and on a Lissajous knot", 7.2, 3.3) as sheet:
         grid = sheet.figure.add_gridspec(1, 3, width_ratios=(1.25, 1, 1))
@@ -158,9 +157,9 @@ def knot(player: Player) -> Part:
             axis.labelpad = -8
         space.set_yticks([-0.8, 0, 0.8])
         space.set_zticks([-0.8, 0, 0.8])
-        panel_name(space, "the knot, z = 0.8 m sin(7$\\gamma$)")
+        panel_name(space, f"the knot, z = {curve.half_depth:g} m sin({curve.c}$\\gamma$)")
         fault = flat.scenario.faults.schedule[0][1:]
-        for axes, played, name in ((left, flat, "16 starts in the plane"), (middle, deep, "on the knot")):
+        for axes, played, name in ((left, flat, f"{SEEDS} starts in the plane"), (middle, deep, "on the knot")):
             distance = played.smallest_distance()
             axes.plot(played.time, distance, color=GREY, lw=0.35, alpha=0.7)
             axes.plot(played.time, distance.min(axis=1), color=BLUE, lw=1.6)
@@ -171,28 +170,31 @@ def knot(player: Player) -> Part:
             axes.set_xlabel("time t [s]")
             panel_name(axes, f"{name}: {int(played.score('collisions').sum())} collisions")
         left.set_ylabel("smallest distance of two robots [m]")
-        left.annotate("2 r = 0.25 m", (0.4, limit), xytext=(0, -10), textcoords="offset points", fontsize=8, color=RED)
+        left.annotate(
+            f"2 r = {limit:g} m", (0.4, limit), xytext=(0, -10), textcoords="offset points", fontsize=8, color=RED
+        )
         picture = sheet.picture(
-            "Five points, robots 1 and 2 stuck in the shaded time; 16 starts turned by a random angle (grey) and the "
-            "smallest of them (blue), dashed red the distance at which two bodies touch. C = 0.8 m and c = 7 are "
-            "chosen."
+            f"{flat.scenario.num_robots} points, robots 1 and 2 stuck in the shaded time; {SEEDS} starts turned by a "
+            "random angle (grey) and the smallest of them (blue), dashed red the distance at which two bodies touch. "
+            f"C = {curve.half_depth:g} m and c = {curve.c} are chosen."
         )
     hit = int((flat.score("collisions") > 0).sum())
     claims = [
         Claim(
             "in the plane a transient can collide, though Theorem 4 holds",
             "cannot be ensured",
-            f"{hit} of 16 starts collide, down to {flat.score('min_separation').min():.3f} m",
+            f"{hit} of {SEEDS} starts collide, down to {flat.score('min_separation').min():.3f} m",
             "at least one",
             hit > 0,
-            f"bodies of {limit / 2} m, the 16 starts of Fig. 6",
+            f"bodies of {limit / 2} m, the {SEEDS} starts of Fig. 6",
         ),
         all_of(
             "on a knot the same transient does not",
             "avoids collisions",
             deep.score("collisions") == 0,
             "starts",
-            f"smallest distance {deep.score('min_separation').min():.3f} m; C = 0.8 m, c = 7 chosen",
+            f"smallest distance {deep.score('min_separation').min():.3f} m; C = {curve.half_depth:g} m, c = {curve.c} "
+            "chosen",
         ),
     ]
     return Part(claims, [picture])

@@ -4,19 +4,24 @@ from typing import Any
 
 import numpy as np
 
+from baselines.mpcc.parameters import MpccParameters
 from baselines.mpcc.solver import Mpcc
 from baselines.policies.base import Policy
-from baselines.policies.trackers.coordinated import WithMpcc
-from baselines.reproduce.claims import SILENT, Claim, at_most, reported, within_range
-from baselines.reproduce.drawing import BLUE, DARK, GREEN, ORANGE, RED, Sheet
-from baselines.reproduce.episodes import Part, Played, Player
+from baselines.policies.trackers.mpcc import WithMpcc
+from baselines.reproduce.claims import SILENT, Claim, Part, at_most, reported, within_range
+from baselines.reproduce.drawing import BLUE, DARK, GREEN, ORANGE, RED, Picture, Sheet
+from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.theory import geometry
 
-_SEEDS = 16
 _LONG = 90.0
 """Duration over which drift is watched [s]."""
+_SETTLED = 5.0
+"""Time over which a deviation is averaged, in which the cars swing through several turns [s]."""
 _ALIKE = {"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0}
+_ETA, _CLOSEST = 1.2429, 0.192
+"""What the paper reports of its first experiment: eta_1, and the smallest distance [m]."""
 
 
 def _undisturbed(**overrides: Any) -> Scenario:
@@ -25,34 +30,62 @@ def _undisturbed(**overrides: Any) -> Scenario:
 
 def fig9(player: Player) -> Part:
     """Fig. 9: distances and tracking error of robot 3 without faults."""
-    played = player.play("kuramoto-mpcc", _undisturbed(), worlds=_SEEDS)
+    played = player.play("kuramoto-mpcc", _undisturbed(), worlds=SEEDS)
+    made = played.scenario
+    factor, closest = played.score("spacing_factor"), played.score("min_separation")
+    tracking, collisions = played.tracking_error(2).max(axis=0), played.score("collisions")
+    touching = int((closest < 2 * made.robot.radius).sum())
+    tight = geometry.tight_share(made.curve, geometry.turning_radius(made.robot.wheelbase, made.robot.steering_max))
+    why = f"one run of real cars against {SEEDS} seeds of cars that differ by {spread_of_cars(made)}"
+    claims = [
+        within_range("eta_1: largest distance of ring neighbours over 2 r_s of (8)", _ETA, factor, "", why),
+        within_range("smallest distance of two robots", _CLOSEST, closest, "m", why),
+        at_most(
+            f"collisions in {made.task.duration:g} s, the mean of {SEEDS} seeds (the paper: one, d35 at 20.8 s)",
+            "1",
+            collisions.mean(),
+            2,
+            "",
+            f"{touching} of {SEEDS} seeds touch",
+        ),
+        reported(
+            "largest tracking error of robot 3",
+            "d3l in the plot, no number",
+            f"{tracking.min():.2f} to {tracking.max():.2f} m",
+            f"{100 * tight:.1f} % of the curve turns tighter than the car can",
+        ),
+    ]
+    return Part(claims, [_picture_of_distances(played, player.seed)])
+
+
+def _picture_of_distances(played: Played, seed: int) -> Picture:
+    """Draw Fig. 9: the distances of one run, and where the paper's run lies among ours."""
     made = played.scenario
     spacing, body = 2 * made.detection_radius, 2 * made.robot.radius
-    series = {"$d_{34}$": played.distance(2, 3), "$d_{35}$": played.distance(2, 4)}
-    series["$d_{3l}$"] = played.tracking_error(2)
-    factor, closest = played.score("spacing_factor"), played.score("min_separation")
-    tracking = series["$d_{3l}$"].max(axis=0)
-
+    series = (
+        ("$d_{34}$ to robot 4", played.distance(2, 3), BLUE),
+        ("$d_{35}$ to robot 5", played.distance(2, 4), GREEN),
+        ("$d_{3l}$, tracking error", played.tracking_error(2), RED),
+    )
     with Sheet("fig9", "Fig. 9   Robot 3 in the experiment without faults", 7.2, 3.7) as sheet:
         grid = sheet.figure.add_gridspec(2, 2, width_ratios=(2.6, 1), height_ratios=(1, 1))
         axes = sheet.figure.add_subplot(grid[:, 0])
-        words = (" to robot 4", " to robot 5", ", tracking error")
-        for (name, values), word, colour in zip(series.items(), words, (BLUE, GREEN, RED), strict=True):
-            axes.plot(played.time, values[:, 0], color=colour, lw=1.1, label=name + word)
+        for name, values, colour in series:
+            axes.plot(played.time, values[:, 0], color=colour, lw=1.1, label=name)
         axes.axhline(spacing, color=DARK, lw=1, ls="--", label=f"2 $r_s$ of (8), {spacing:.2f} m")
         axes.axhline(body, color=DARK, lw=1, ls=":", label=f"2 $r_i$ = {body:.2f} m: bodies touch")
-        axes.set_xlim(0, 60)
+        axes.set_xlim(0, made.task.duration)
         axes.set_ylim(0, 3.7)
         axes.set_xlabel("time t [s]")
         axes.set_ylabel("distance [m]")
         axes.legend(loc="upper center", ncols=3, handlelength=1.6, columnspacing=1.2, borderaxespad=0.1)
         panels = (
-            (factor, 1.2429, "$\\eta_1$, all pairs on the ring", 1.0, "2 $r_s$"),
-            (closest, 0.192, "smallest distance [m]", body, "2 $r_i$"),
+            (played.score("spacing_factor"), _ETA, "$\\eta_1$, all pairs on the ring", 1.0, "2 $r_s$"),
+            (played.score("min_separation"), _CLOSEST, "smallest distance [m]", body, "2 $r_i$"),
         )
         for row, (values, paper, name, limit, word) in enumerate(panels):
             side = sheet.figure.add_subplot(grid[row, 1])
-            side.plot(np.sort(values), (np.arange(_SEEDS) + 0.5) / _SEEDS, "o", color=BLUE, ms=3.5)
+            side.plot(np.sort(values), (np.arange(SEEDS) + 0.5) / SEEDS, "o", color=BLUE, ms=3.5)
             side.axvline(paper, color=RED, lw=1.2)
             aside = {"ha": "right", "xytext": (-3, 0)} if row == 0 else {"ha": "left", "xytext": (3, 0)}
             side.annotate(f"paper\n{paper:g}", (paper, 0.98), textcoords="offset points", va="top", fontsize=7.5,
@@ -65,40 +98,55 @@ def fig9(player: Player) -> Part:
             side.set_xlabel(name)
             low, high = min(*values, paper, limit), max(*values, paper, limit)
             side.set_xlim(low - 0.1 * (high - low), high + 0.22 * (high - low))
-        picture = sheet.picture(
-            f"Left: seed {player.seed}, {made.task.duration:g} s; right: {_SEEDS} seeds beside the one run of the "
-            "paper. "
-            "K = 1; five cars that differ by 2 % in wheelbase and drive, no other disturbance; the paper's three "
-            "cars and "
-            "two points in a laboratory can only be met in range, not in every digit."
+        return sheet.picture(
+            f"Left: seed {seed}, {made.task.duration:g} s; right: {SEEDS} seeds beside the one run of the paper. "
+            f"K = {made.formation.coupling:g}; {made.num_robots} cars that differ by {spread_of_cars(made)} in "
+            "wheelbase and drive, no other disturbance; the paper's three cars and two points in a laboratory can "
+            "only be met in range, not in every digit."
         )
-    why = "one run of real cars against 16 seeds of cars that differ by 2 %"
-    claims = [
-        within_range("eta_1: largest distance of ring neighbours over 2 r_s of (8)", 1.2429, factor, "", why),
-        within_range("smallest distance of two robots", 0.192, closest, "m", why),
-        at_most(
-            "collisions in 60 s, the mean of 16 seeds (the paper: one, d35 at 20.8 s)",
-            "1",
-            float(played.score("collisions").mean()),
-            2,
-            "",
-            f"{int((closest < body).sum())} of {_SEEDS} seeds touch",
-        ),
-        reported(
-            "largest tracking error of robot 3",
-            "d3l in the plot, no number",
-            f"{tracking.min():.2f} to {tracking.max():.2f} m",
-            "7.6 % of the curve turns tighter than the car can",
-        ),
-    ]
-    return Part(claims, [picture])
 
 
 def experiment1(player: Player) -> Part:
     """First experiment: without feedback the formation is lost."""
-    lost = player.play("open-loop-mpcc", _undisturbed(**{"task.duration": _LONG}), worlds=_SEEDS)
-    kept = player.play("kuramoto-mpcc", _undisturbed(**{"task.duration": _LONG}), worlds=_SEEDS)
-    alike = player.play("open-loop-mpcc", _undisturbed(**_ALIKE | {"task.duration": _LONG}), worlds=_SEEDS)
+    lost = player.play("open-loop-mpcc", _undisturbed(**{"task.duration": _LONG}), worlds=SEEDS)
+    kept = player.play("kuramoto-mpcc", _undisturbed(**{"task.duration": _LONG}), worlds=SEEDS)
+    alike = player.play("open-loop-mpcc", _undisturbed(**_ALIKE | {"task.duration": _LONG}), worlds=SEEDS)
+    body = 2 * lost.scenario.robot.radius
+    touched = lost.time[np.argmax(lost.smallest_distance() < body, axis=0)]
+    free, held, same = (_at_the_end(played) for played in (lost, kept, alike))
+    claims = [
+        Claim(
+            "without feedback the system leaves the equilibrium",
+            "diverges after few seconds",
+            f"{free.min():.2f} to {free.max():.2f} rad off after {_LONG:g} s, with feedback at most {held.max():.2f}",
+            "mean above 3 times that with feedback",
+            bool(free.mean() > 3 * held.mean()),
+            f"it drifts at the rate at which cars differ, {spread_of_cars(lost.scenario)} here; the paper's differ by "
+            "an unknown amount",
+            {"low": free.min(), "high": free.max(), "with feedback": held.max()},
+        ),
+        Claim(
+            "until a collision occurs",
+            "after few seconds",
+            f"first after {touched.min():.1f} to {touched.max():.1f} s",
+            "in every seed",
+            bool((lost.score("min_separation") < body).all()),
+            f"bodies of {body / 2} m touch {_each_minute(lost).mean():.0f} times a minute, with feedback "
+            f"{_each_minute(kept).mean():.1f} times",
+            {"low": touched.min(), "high": touched.max()},
+        ),
+        reported(
+            "the feedback of (1) is what keeps it: identical cars without feedback",
+            SILENT,
+            f"{same.max():.2f} rad off after {_LONG:g} s",
+            f"identical cars keep their phases, but touch {_each_minute(alike).mean():.0f} times a minute",
+        ),
+    ]
+    return Part(claims, [_picture_of_drift(kept, lost, alike)])
+
+
+def _picture_of_drift(kept: Played, lost: Played, alike: Played) -> Picture:
+    """Draw how far cars drift with feedback, without, and without as identical cars; how often they touch."""
     cases = (
         ("time-inverted Kuramoto", kept, BLUE),
         ("no feedback", lost, RED),
@@ -106,14 +154,13 @@ def experiment1(player: Player) -> Part:
     )
     with Sheet("experiment1", "First experiment   The formation without the feedback of (1)", 7.2, 3.3) as sheet:
         left, right = sheet.figure.subplots(1, 2)
-        for name, played, colour in cases:
+        for place, (name, played, colour) in enumerate(cases):
             middle, low, high = _smooth(played, played.deviation)
             on_top = {"lw": 1.2, "zorder": 4} if played is kept else {"lw": 2.6}
             left.plot(played.time, middle, color=colour, label=name, **on_top)
             left.fill_between(played.time, low, high, color=colour, alpha=0.18, lw=0)
             per_minute = _each_minute(played)
-            place = len(right.lines) / 2
-            right.plot(per_minute, np.full(_SEEDS, place), "o", color=colour, ms=4, alpha=0.55, mew=0)
+            right.plot(per_minute, np.full(SEEDS, place), "o", color=colour, ms=4, alpha=0.55, mew=0)
             right.plot([per_minute.mean()], [place], "|", color=colour, ms=16, mew=2)
         left.set_xlabel("time t [s]")
         left.set_ylabel("largest deviation from (2) [rad]")
@@ -125,80 +172,58 @@ def experiment1(player: Player) -> Part:
         right.grid(False, axis="y")
         right.set_xlabel("collisions a minute")
         right.set_xlim(left=-1.5)
-        picture = sheet.picture(
-            f"theta' = omega for each car. Left: median and range of {_SEEDS} seeds, mean over 5 s; right: each "
-            "seed, and "
-            "the mean as a line. Cars differ by 2 % (standard deviation) in wheelbase and drive; identical ones, "
-            "with the "
-            "same errors at the same places, keep the formation's phases without any feedback, but not its distances."
+        return sheet.picture(
+            f"theta' = omega for each car. Left: median and range of {SEEDS} seeds, mean over {_SETTLED:g} s; right: "
+            f"each seed, and the mean as a line. Cars differ by {spread_of_cars(lost.scenario)} (standard deviation) "
+            "in wheelbase and drive; identical ones, with the same errors at the same places, keep the formation's "
+            "phases without any feedback, but not its distances."
         )
-    body = 2 * lost.scenario.robot.radius
-    touched = lost.time[np.argmax(lost.smallest_distance() < body, axis=0)]
-    # The last five seconds, in which the cars have swung through several turns.
-    ends = {name: played.deviation[-50:].mean(axis=0) for name, played, _ in cases}
-    free, held, same = ends["no feedback"], ends["time-inverted Kuramoto"], ends["no feedback, identical cars"]
-    claims = [
-        Claim(
-            "without feedback the system leaves the equilibrium",
-            "diverges after few seconds",
-            f"{free.min():.2f} to {free.max():.2f} rad off after {_LONG:g} s, with feedback at most {held.max():.2f}",
-            "mean above 3 times that with feedback",
-            bool(free.mean() > 3 * held.mean()),
-            "it drifts at the rate at which cars differ, 2 % here; the paper's differ by an unknown amount",
-        ),
-        Claim(
-            "until a collision occurs",
-            "after few seconds",
-            f"first after {touched.min():.1f} to {touched.max():.1f} s",
-            "in every seed",
-            bool((lost.score("min_separation") < body).all()),
-            f"bodies of {body / 2} m touch {_each_minute(lost).mean():.0f} times a minute, with feedback "
-            f"{_each_minute(kept).mean():.1f} times",
-        ),
-        reported(
-            "the feedback of (1) is what keeps it: identical cars without feedback",
-            SILENT,
-            f"{same.max():.2f} rad off after {_LONG:g} s",
-            f"identical cars keep their phases, but touch {_each_minute(alike).mean():.0f} times a minute",
-        ),
-    ]
-    return Part(claims, [picture])
 
 
 def printed(player: Player) -> Part:
     """Section VII as printed: beta = 0.94, and the order of q1 and q2."""
-    ours = player.play("kuramoto-mpcc", _undisturbed(), worlds=_SEEDS)
+    ours = player.play("kuramoto-mpcc", _undisturbed(), worlds=SEEDS)
     beta = player.play("kuramoto-mpcc", scenario("experiment-printed", **{"faults.schedule": ()}), worlds=4)
-    order = player.play("kuramoto-mpcc", _undisturbed(), worlds=_SEEDS, prepare=_reverse_weights)
-    outside = _outside(beta)
-    model = beta.scenario.robot
+    order = player.play("kuramoto-mpcc", _undisturbed(), worlds=SEEDS, prepare=_reverse_weights)
+    outside, allowed = _outside(beta), 0.2
+    made, model = beta.scenario, beta.scenario.robot
     slowest = (model.drive * model.throttle_min - model.offset) / model.drag
+    fastest = geometry.top_speed(made.curve, made.formation.phase_rate)
+    weights, closest = MpccParameters(), order.score("min_separation")
     claims = [
         Claim(
-            "beta = 0.94 in (12): the formation is kept",
+            f"beta = {model.offset:g} in (12): the formation is kept",
             "kept",
             f"cars leave the rectangle by {outside:.1f} m, {beta.deviation.max():.2f} rad off",
-            "at most 0.2 rad",
-            bool(beta.deviation.max() < 0.2),
-            f"the slowest car does {slowest:.1f} m/s at tau = 0.1, the curve asks for 1.69 m/s at most: beta is "
-            "misprinted",
+            f"at most {allowed:g} rad",
+            bool(beta.deviation.max() < allowed),
+            f"the slowest car does {slowest:.1f} m/s at tau = {model.throttle_min:g}, the curve asks for "
+            f"{fastest:.2f} m/s at most: beta is misprinted",
+            {"outside": outside, "ours": float(beta.deviation.max()), "slowest": slowest, "fastest": fastest},
         ),
         Claim(
-            "q1 = 0.01 on the lag, q2 = 0.025 on the lateral error: smallest distance",
-            "0.192 m",
-            _range(order.score("min_separation")) + " m",
+            f"q1 = {weights.weight_lateral:g} on the lag, q2 = {weights.weight_lag:g} on the lateral error: smallest "
+            "distance",
+            f"{_CLOSEST:g} m",
+            _range(closest) + " m",
             f"the range with q1, q2 exchanged: {_range(ours.score('min_separation'))} m",
-            bool(order.score("min_separation").min() <= 0.192 <= order.score("min_separation").max()),
-            f"{order.score('collisions').mean():.0f} collisions in 60 s instead of "
+            bool(closest.min() <= _CLOSEST <= closest.max()),
+            f"{order.score('collisions').mean():.0f} collisions in {order.scenario.task.duration:g} s instead of "
             f"{ours.score('collisions').mean():.1f}: we take q1 as the weight of the lateral error",
+            {"paper": _CLOSEST, "low": closest.min(), "high": closest.max()},
         ),
     ]
     return Part(claims)
 
 
+def _at_the_end(played: Played) -> np.ndarray:
+    """Deviation from the equilibrium at the end of each episode, (W,) [rad]."""
+    return played.deviation[-round(_SETTLED / played.scenario.task.step) :].mean(axis=0)
+
+
 def _smooth(played: Played, values: np.ndarray) -> tuple[np.ndarray, ...]:
     """Median, smallest and largest over the worlds of (F, W) values, each the mean of 5 s."""
-    width = round(5 / played.scenario.task.step)
+    width = round(_SETTLED / played.scenario.task.step)
     padded = np.pad(values, ((width // 2, width - 1 - width // 2), (0, 0)), mode="edge")
     sums = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), padded]), axis=0)
     mean = (sums[width:] - sums[:-width]) / width
@@ -212,7 +237,8 @@ def _each_minute(played: Played) -> np.ndarray:
 
 def _reverse_weights(policy: Policy) -> None:
     assert isinstance(policy, WithMpcc)
-    swapped = policy.mpcc.parameters.replace(weight_lateral=0.025, weight_lag=0.01)
+    given = policy.mpcc.parameters
+    swapped = given.replace(weight_lateral=given.weight_lag, weight_lag=given.weight_lateral)
     policy.mpcc = Mpcc(policy.scenario.curve, swapped, policy.num_worlds * policy.num_robots, policy.device)
 
 

@@ -40,12 +40,13 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
+from baselines.policies.memory import clear_worlds
 from baselines.safety.kernel import MANOEUVRES, NEAREST, SafetyParameters, SafetyStruct, Scales, keep_clear
 from lissajous_env.device.curve import curve_struct
+from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.theory import closed_forms
-from lissajous_env.world.structs import RobotStruct
+from lissajous_env.theory.geometry import top_speed, turning_radius
 
 __all__ = ["Safe", "SafetyParameters", "speed_limit"]
 
@@ -53,8 +54,8 @@ __all__ = ["Safe", "SafetyParameters", "speed_limit"]
 class Safe(Policy):
     """A policy of cars whose actions pass through the filter; it remembers where its ring neighbours were.
 
-    After `act`, the last programme of each robot can be read: `rows` (W, N, 8) of g_0, g_1, c for g.u >= c, `count`
-    (W, N) of how many of them hold (0 where there was no programme), `top` (W, N), and the wanted action in
+    After `act`, the last program of each robot can be read: `rows` (W, N, 8) of g_0, g_1, c for g.u >= c, `count`
+    (W, N) of how many of them hold (0 where there was no program), `top` (W, N), and the wanted action in
     `policy.action`.
     """
 
@@ -71,7 +72,8 @@ class Safe(Policy):
             limit = speed_limit(self.scenario, self.parameters)
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
         self._safety = to_struct(SafetyStruct, self.parameters)
-        self._hears = int(speed_in_sight(self.scenario, self.parameters) < _formation_speed(self.scenario))
+        formation = top_speed(self.scenario.curve, self.scenario.formation.phase_rate)
+        self._listens = int(speed_in_sight(self.scenario, self.parameters) < formation)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._seen = _scales(self.scenario)
         self._curve = curve_struct(self.scenario.curve, self.device)
@@ -85,7 +87,7 @@ class Safe(Policy):
 
     def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
         """Actions for wanted ones (W, N, 2) and observations (W, N, D): Warp arrays, the result the filter's own."""
-        inputs = [self._safety, self._robot, self._curve, self._seen, self._hears, self._memory, observation, wanted]
+        inputs = [self._safety, self._robot, self._curve, self._seen, self._listens, self._memory, observation, wanted]
         inputs += [self._others, self._paths]
         outputs = [self.rows, self.count, self.top, self.action]
         wp.launch(keep_clear, self.shape, inputs, outputs=outputs, device=self.device)
@@ -96,7 +98,7 @@ class Safe(Policy):
 
     def _forget(self, mask: np.ndarray) -> None:
         self.policy.reset(mask)
-        self._memory.assign(np.where(mask[:, None, None, None], 0.0, self._memory.numpy()).astype(np.float32))
+        clear_worlds(self._memory, mask)
 
 
 def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
@@ -104,7 +106,8 @@ def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
 
     Not below what the formation drives, nor above what the car can.
     """
-    limit = max(speed_in_sight(scenario, parameters), _formation_speed(scenario))
+    formation = top_speed(scenario.curve, scenario.formation.phase_rate)
+    limit = max(speed_in_sight(scenario, parameters), formation)
     return float(min(limit, scenario.robot.speed_max))
 
 
@@ -116,21 +119,14 @@ def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
     r_s - 2 s = 2 v step.
     """
     robot = scenario.robot
-    tightest = robot.wheelbase / math.tan(robot.steering_max)
+    tightest = turning_radius(robot.wheelbase, robot.steering_max)
     aside = min(robot.radius + 0.5 * parameters.clearance, tightest)
     reach = math.sqrt(tightest**2 - (tightest - aside) ** 2)
     return (scenario.sensing_radius - 2 * reach) / (2 * scenario.task.step)
 
 
-def _formation_speed(scenario: Scenario) -> float:
-    """Speed of the formation where the curve is fastest [m/s]."""
-    lap = np.linspace(0, 2 * math.pi, 4096)
-    return scenario.formation.phase_rate * float(closed_forms.curve_speed(scenario.curve, lap).max())
-
-
 def _scales(scenario: Scenario) -> Any:
     scales: Any = Scales()
     scales.speed, scales.radius = scenario.robot.speed_max, scenario.sensing_radius
-    scales.step = scenario.task.step
-    scales.robots_seen, scales.targets_seen = scenario.sensing.robots_seen, scenario.sensing.targets_seen
+    scales.step, scales.robots_seen = scenario.task.step, scenario.sensing.robots_seen
     return scales

@@ -4,15 +4,27 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from baselines.policies.own_row import own_heading, own_position, own_works
-from baselines.safety.quadratic_program import TOLERANCE, into_box, solve_programme
+from baselines.policies.own_row import (
+    hears,
+    message_age,
+    offset_heard,
+    offset_seen,
+    own_heading,
+    own_position,
+    own_speed,
+    own_works,
+    sees,
+    velocity_seen,
+)
+from baselines.safety.quadratic_program import TOLERANCE, into_box, solve_quadratic_program
+from lissajous_env.device.approach import closest_approach
+from lissajous_env.device.car_input import car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.checks import Checked, number, whole
-from lissajous_env.world.observation import LINK, OWN, ROBOT
-from lissajous_env.world.structs import RobotStruct
 
 wp.set_module_options(OPTIONS)
 
@@ -47,7 +59,7 @@ class SafetyParameters(Checked):
     throttle_weight: float = number(0.5, 1e-6, 1e6)
     """Weight of a change of the throttle's action against one of the steering's."""
     passes: int = whole(3, 1, 20)
-    """Most linearisations of the margins, each a quadratic programme."""
+    """Most linearisations of the margins, each a quadratic program."""
     speed_max: float | None = number(None, 1e-3, 1e5, "m/s")
     """Speed that the throttle may not lead above [m/s]; None is `baselines.safety.filter.speed_limit`."""
 
@@ -57,22 +69,24 @@ SafetyStruct = struct_of(SafetyParameters)
 
 @wp.struct
 class Scales:
-    """What divides the entries of an observation, and how many robots and targets it lists."""
+    """What divides the entries of an observation, and how many robots it lists.
+
+    `speed` is the top speed of a car [m/s], `radius` that of the disc [m], `step` the control step [s].
+    """
 
     speed: wp.float32
     radius: wp.float32
     step: wp.float32
     robots_seen: wp.int32
-    targets_seen: wp.int32
 
 
 @wp.func
 def drive_on(robot: RobotStruct, speed_max: float, car: wp.vec4, action: wp.vec2, h: float) -> wp.vec4:
     """Car x, y, heading, v after h [s] at a constant action: (12) by the midpoint rule, not driven above speed_max."""
-    steering = cos_sin(action[0] * robot.steering_max)
+    given = steering_and_throttle(robot, action)
+    steering = cos_sin(given[0])
     curvature = steering[1] / (steering[0] * robot.wheelbase)
-    throttle = robot.throttle_min + 0.5 * (action[1] + 1.0) * (robot.throttle_max - robot.throttle_min)
-    push = wp.max(robot.drive * throttle - robot.offset, 0.0)
+    push = wp.max(robot.drive * given[1] - robot.offset, 0.0)
     before = car[3]
     after = before + h * (push - robot.drag * (before + 0.5 * h * (push - robot.drag * before)))
     after = wp.clamp(after, 0.0, wp.max(before, speed_max))
@@ -86,9 +100,7 @@ def drive_on(robot: RobotStruct, speed_max: float, car: wp.vec4, action: wp.vec2
 @wp.func
 def throttle_action(robot: RobotStruct, push: float) -> float:
     """Throttle's action that pushes the car by `push` [m/s^2], in [-1, 1]."""
-    throttle = (push + robot.offset) / robot.drive
-    scaled = 2.0 * (throttle - robot.throttle_min) / (robot.throttle_max - robot.throttle_min) - 1.0
-    return wp.clamp(scaled, -1.0, 1.0)
+    return car_action(robot, 0.0, (push + robot.offset) / robot.drive)[1]
 
 
 @wp.func
@@ -114,14 +126,6 @@ def price(safety: SafetyStruct, k: int) -> float:
 
 
 @wp.func
-def nearest_approach(before: wp.vec2, after: wp.vec2) -> float:
-    """Smallest length of before + t (after - before), t in [0, 1] [m]."""
-    moved = after - before
-    t = wp.clamp(-wp.dot(before, moved) / wp.max(wp.dot(moved, moved), 1.0e-12), 0.0, 1.0)
-    return wp.length(before + t * moved)
-
-
-@wp.func
 def margin(
     safety: SafetyStruct,
     robot: RobotStruct,
@@ -142,11 +146,11 @@ def margin(
         then = drive_on(robot, safety.speed_max, now, wp.where(t == 0, action, way_out), step)
         early = float(t) * step
         late = early + step
-        apart = nearest_approach(
+        square = closest_approach(
             wp.vec2(now[0] - other[0] - early * other[2], now[1] - other[1] - early * other[3]),
             wp.vec2(then[0] - other[0] - late * other[2], then[1] - other[1] - late * other[3]),
         )
-        least = wp.min(least, apart - keep - safety.growth * early)
+        least = wp.min(least, wp.sqrt(square) - keep - safety.growth * early)
         now = then
     return least
 
@@ -215,7 +219,7 @@ def agreed_way_out(
                 before = path[w, i, b, 0] - path[w, i, MANOEUVRES + answer, 0]
                 for t in range(safety.horizon):
                     after = path[w, i, b, t + 1] - path[w, i, MANOEUVRES + answer, t + 1]
-                    apart = nearest_approach(before, after) - keep - safety.growth * float(t) * step
+                    apart = wp.sqrt(closest_approach(before, after)) - keep - safety.growth * float(t) * step
                     least = wp.min(least, apart)
                     before = after
                 worth = wp.min(least, safety.ample)
@@ -274,15 +278,10 @@ def see(
     own = speed * cos_sin(heading)
     n = int(0)
     for k in range(wp.min(scales.robots_seen, NEAREST)):
-        entry = OWN + 2 * LINK + ROBOT * k
-        if observation[w, i, entry] > 0.5:
-            velocity = wp.vec2(observation[w, i, entry + 3], observation[w, i, entry + 4]) * (2.0 * scales.speed) + own
-            others_out[w, i, n] = wp.vec4(
-                scales.radius * observation[w, i, entry + 1],
-                scales.radius * observation[w, i, entry + 2],
-                velocity[0],
-                velocity[1],
-            )
+        if sees(w, i, k, observation):
+            away = offset_seen(w, i, k, scales.radius, observation)
+            velocity = velocity_seen(w, i, k, scales.speed, observation) + own
+            others_out[w, i, n] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
             n += 1
     return n
 
@@ -305,13 +304,10 @@ def hear(
     own = own_position(w, i, curve, observation)
     found = int(n)
     for side in range(2):
-        start = OWN + LINK * side
         before = memory[w, i, side]
         memory[w, i, side] = wp.vec3(0.0, 0.0, 0.0)
-        if observation[w, i, start] > 0.5 and observation[w, i, start + 1] < 0.5 * scales.step:
-            x = 2.0 * curve.half_width * observation[w, i, start + 4]
-            y = 2.0 * curve.half_height * observation[w, i, start + 5]
-            away = wp.vec2(x, y)
+        if hears(w, i, side, observation) and message_age(w, i, side, observation) < 0.5 * scales.step:
+            away = offset_heard(w, i, side, curve, observation)
             place = own + away
             memory[w, i, side] = wp.vec3(place[0], place[1], 1.0)
             if before[2] > 0.0 and wp.length(away) >= scales.radius and found < NEAREST:
@@ -327,7 +323,7 @@ def keep_clear(
     robot: RobotStruct,
     curve: CurveStruct,
     scales: Scales,
-    hears: int,
+    listens: int,
     memory: wp.array3d(dtype=wp.vec3),
     observation: wp.array3d(dtype=float),
     wanted: wp.array3d(dtype=float),
@@ -346,10 +342,10 @@ def keep_clear(
     action_out[w, i, 0] = u[0]
     action_out[w, i, 1] = u[1]
     step = scales.step
-    speed = wp.max(observation[w, i, 4] * scales.speed, 0.0)
+    speed = wp.max(own_speed(w, i, scales.speed, observation), 0.0)
     heading = own_heading(w, i, observation)
     n = see(w, i, scales, heading, speed, observation, others)
-    if hears == 1:
+    if listens == 1:
         n = hear(w, i, n, curve, scales, memory, observation, others)
     if not own_works(w, i, observation) or not wp.isfinite(u[0]) or not wp.isfinite(u[1]):
         return
@@ -372,7 +368,7 @@ def keep_clear(
     nominal = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
     for turn in range(safety.passes):
         linearise(safety, robot, car, w, i, n, others, at, way_out, step, rows_out)
-        found = solve_programme(w, i, n, rows_out, safety.throttle_weight, top, nominal)
+        found = solve_quadratic_program(w, i, n, rows_out, safety.throttle_weight, top, nominal)
         u = wp.vec2(found[0], found[1])
         at = u
         if turn == 0 and found[2] > 0.0:

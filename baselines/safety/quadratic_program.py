@@ -1,4 +1,4 @@
-"""A quadratic programme of two variables: the nearest action in a box that keeps some half-planes, by active sets."""
+"""A quadratic program of two variables: the nearest action in a box that keeps some half-planes, by active sets."""
 
 import warp as wp
 
@@ -7,7 +7,7 @@ from lissajous_env.device.compilation import OPTIONS
 wp.set_module_options(OPTIONS)
 
 TOLERANCE = wp.constant(1.0e-5)
-"""How much of a margin may be missing in a solution of the programme [m]."""
+"""How much of a margin may be missing in a solution of the program [m]."""
 _NONE = wp.constant(1.0e6)
 
 
@@ -49,7 +49,7 @@ def into_box(u: wp.vec2, top: float) -> wp.vec2:
 
 @wp.func
 def least_violation(w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), top: float) -> float:
-    """Smallest s >= 0 for which g.u >= c - s has a solution in the box: the vertices of that linear programme."""
+    """Smallest s >= 0 for which g.u >= c - s has a solution in the box: the vertices of that linear program."""
     least = violation(w, i, n, rows, wp.vec2(-1.0, -1.0))
     for a in range(n):
         first = line(w, i, n, a, rows, top)
@@ -106,7 +106,7 @@ def nearest_action(
     top: float,
     wanted: wp.vec2,
 ) -> wp.vec3:
-    """Solve the programme by trying every active set: none, one line, or two; (steering, throttle, cost)."""
+    """Solve the program by trying every active set: none, one line, or two; (steering, throttle, cost)."""
     best = nearer(w, i, n, rows, allowed, weight, top, wanted, wanted, wp.vec3(0.0, 0.0, _NONE))
     if best[2] == 0.0:
         return best
@@ -129,7 +129,7 @@ def nearest_action(
 
 
 @wp.func
-def solve_programme(
+def solve_quadratic_program(
     w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), weight: float, top: float, wanted: wp.vec2
 ) -> wp.vec3:
     """Minimise (u0 - w0)^2 + weight (u1 - w1)^2 over the box with g.u >= c for n rows; (steering, throttle, s).
@@ -145,7 +145,7 @@ def solve_programme(
 
 
 @wp.kernel
-def solve_programmes(
+def solve_quadratic_programs(
     weight: float,
     rows: wp.array3d(dtype=wp.vec3),
     count: wp.array2d(dtype=int),
@@ -153,7 +153,7 @@ def solve_programmes(
     wanted: wp.array3d(dtype=float),
     solution_out: wp.array2d(dtype=wp.vec3),
 ):
-    """Solve a programme for each (w, i) on its own, as the filter does within its passes."""
+    """Solve a program for each (w, i) on its own, as the filter does within its passes."""
     w, i = wp.tid()
     u = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
-    solution_out[w, i] = solve_programme(w, i, count[w, i], rows, weight, top[w, i], u)
+    solution_out[w, i] = solve_quadratic_program(w, i, count[w, i], rows, weight, top[w, i], u)

@@ -15,7 +15,8 @@ from rich.console import Console
 import baselines
 import lissajous_env
 from attacks import Attack
-from baselines.benchmark.running import Benchmark, measure
+from baselines.benchmark.running import measure
+from baselines.benchmark.types import Benchmark
 from baselines.policies.base import Policy
 from lissajous_env import Simulation
 from lissajous_env.episodes.evaluation import evaluate

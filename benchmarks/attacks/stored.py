@@ -16,7 +16,8 @@ from rich.console import Console
 from attacks import Attack
 from attacks.terminal import pick
 from baselines.benchmark.rows import NUMBER_COLUMNS
-from baselines.benchmark.running import Benchmark, run
+from baselines.benchmark.running import run
+from baselines.benchmark.types import Benchmark
 
 _QUIET = Console(quiet=True)
 

@@ -1,6 +1,7 @@
 """Kernel-side structs, generated from the dataclasses so that each name is declared once."""
 
 import dataclasses
+import functools
 import types
 import typing
 from typing import Any
@@ -10,6 +11,7 @@ import warp as wp
 _KERNEL_TYPE = {float: wp.float32, int: wp.int32, bool: wp.int32}
 
 
+@functools.cache
 def struct_of(dataclass: type) -> Any:
     """Make the `wp.struct` that holds the numbers (float, int, bool, each also `| None`) and choices of a dataclass."""
     fields = {name: _KERNEL_TYPE[kind] for name, kind in _kernel_fields(dataclass)}

@@ -2,11 +2,12 @@
 
 import warp as wp
 
+from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters.parts import Task
 from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Latest, Robots, Tally
-from lissajous_env.world.structs import RobotStruct, TaskStruct
 
 wp.set_module_options(OPTIONS)
 
@@ -15,15 +16,6 @@ PARTED = wp.constant(1.05)
 
 _STOP = wp.constant(place_of(Task, "on_collision", "stop"))
 _REMOVE = wp.constant(place_of(Task, "on_collision", "remove"))
-
-
-@wp.func
-def closest_approach(before: wp.vec3, after: wp.vec3) -> float:
-    """Smallest squared length of before + t (after - before), t in [0, 1] [m^2]: two robots on straight ways."""
-    moved = after - before
-    t = wp.clamp(-wp.dot(before, moved) / wp.max(wp.dot(moved, moved), 1.0e-12), 0.0, 1.0)
-    nearest = before + t * moved
-    return wp.dot(nearest, nearest)
 
 
 @wp.kernel

@@ -5,8 +5,8 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
+from lissajous_env.device.part_structs import NoiseStruct
 from lissajous_env.world.state import Clock, Latest
-from lissajous_env.world.structs import NoiseStruct
 
 wp.set_module_options(MOTION)
 

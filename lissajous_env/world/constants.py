@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from lissajous_env.device import part_structs
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world import structs
 from lissajous_env.world.distance import table_of
 from lissajous_env.world.faults import removal_steps, schedule_steps
 from lissajous_env.world.robots.table import model_of
@@ -24,13 +24,13 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
     schedule = np.array(schedule_steps(scenario.faults, task.step), dtype=np.int32).reshape(-1, 3)
     return {
         "curve": curve_struct(scenario.curve, device),
-        "formation": to_struct(structs.FormationStruct, scenario.formation),
-        "robot": to_struct(structs.RobotStruct, scenario.robot),
-        "sensing": to_struct(structs.SensingStruct, scenario.sensing),
-        "target": to_struct(structs.TargetStruct, scenario.targets),
-        "faults": to_struct(structs.FaultsStruct, scenario.faults),
-        "noise": to_struct(structs.NoiseStruct, scenario.noise),
-        "task": to_struct(structs.TaskStruct, task),
+        "formation": to_struct(part_structs.FormationStruct, scenario.formation),
+        "robot": to_struct(part_structs.RobotStruct, scenario.robot),
+        "sensing": to_struct(part_structs.SensingStruct, scenario.sensing),
+        "target": to_struct(part_structs.TargetStruct, scenario.targets),
+        "faults": to_struct(part_structs.FaultsStruct, scenario.faults),
+        "noise": to_struct(part_structs.NoiseStruct, scenario.noise),
+        "task": to_struct(part_structs.TaskStruct, task),
         "steps": task.steps,
         "cells_total": 0 if task.grid is None else task.grid[0] * task.grid[1],
         "speed_unit": model.speed_unit(scenario.curve, scenario.formation, scenario.robot),

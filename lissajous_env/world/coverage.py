@@ -4,8 +4,8 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.part_structs import SensingStruct
 from lissajous_env.world.state import Cells, Clock, Latest, Robots, Tally
-from lissajous_env.world.structs import SensingStruct
 
 wp.set_module_options(OPTIONS)
 

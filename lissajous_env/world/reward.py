@@ -3,8 +3,8 @@
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.part_structs import TaskStruct
 from lissajous_env.world.state import Clock, Latest, Tally
-from lissajous_env.world.structs import TaskStruct
 
 wp.set_module_options(OPTIONS)
 

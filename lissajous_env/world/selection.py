@@ -19,6 +19,17 @@ def whole_number(name: str, value: Any) -> int:
     return int(value)
 
 
+def world_mask(worlds: Any, num_worlds: int) -> np.ndarray:
+    """(W,) bool mask of the worlds that `chosen_worlds` chooses.
+
+    Raises:
+        ValueError: as `chosen_worlds`.
+    """
+    mask = np.zeros(num_worlds, dtype=bool)
+    mask[chosen_worlds(worlds, num_worlds)] = True
+    return mask
+
+
 def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
     """Indices of the worlds of a (W,) mask, or of indices; None is all of them.
 

@@ -4,10 +4,10 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_parameter, point2, wrap
+from lissajous_env.device.part_structs import FormationStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.distance import DistanceTable, curve_distance
 from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Latest, Robots, Tally
-from lissajous_env.world.structs import FormationStruct
 
 wp.set_module_options(OPTIONS)
 

@@ -27,7 +27,7 @@ wp.set_module_options(OPTIONS)
 
 
 @wp.kernel
-def consensus(
+def consensus_rates(
     rate: float,
     gain: float,
     spacing: float,
@@ -60,4 +60,6 @@ class Consensus:
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
         inputs = [self._rate, self._gain, self._spacing, observation]
-        wp.launch(consensus, self.phase_rate.shape, inputs, outputs=[self.phase_rate], device=self.phase_rate.device)
+        wp.launch(
+            consensus_rates, self.phase_rate.shape, inputs, outputs=[self.phase_rate], device=self.phase_rate.device
+        )

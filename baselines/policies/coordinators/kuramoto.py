@@ -12,7 +12,7 @@ wp.set_module_options(OPTIONS)
 
 
 @wp.kernel
-def kuramoto(
+def kuramoto_rates(
     rate: float, coupling: float, observation: wp.array3d(dtype=float), phase_rate_out: wp.array2d(dtype=float)
 ):
     """theta_i' = omega / alpha - K sum_j sin(theta_j - theta_i), equation (1), for robot i of world w."""
@@ -37,4 +37,6 @@ class Kuramoto:
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
         inputs = [self._rate, self._coupling, observation]
-        wp.launch(kuramoto, self.phase_rate.shape, inputs, outputs=[self.phase_rate], device=self.phase_rate.device)
+        wp.launch(
+            kuramoto_rates, self.phase_rate.shape, inputs, outputs=[self.phase_rate], device=self.phase_rate.device
+        )

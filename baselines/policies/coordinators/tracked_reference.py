@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from baselines.policies.memory import clear_worlds
 from baselines.policies.own_row import own_phase, own_works
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
@@ -76,4 +77,4 @@ class TrackedReference:
 
     def forget(self, mask: np.ndarray) -> None:
         """Forget the references of the worlds in a mask (W,)."""
-        self._memory.assign(np.where(mask[:, None, None], 0.0, self._memory.numpy()).astype(np.float32))
+        clear_worlds(self._memory, mask)

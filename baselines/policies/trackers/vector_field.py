@@ -35,16 +35,18 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.own_row import own_heading, own_phase, own_position, own_works
-from baselines.policies.patrol import robot_speed_max
-from baselines.policies.trackers.coordinated import Coordinated, Coordinator
+from baselines.policies.driving import steady_speed, throttle_for
+from baselines.policies.memory import clear_worlds
+from baselines.policies.own_row import own_heading, own_phase, own_position, own_speed, own_works
+from baselines.policies.trackers.base import Coordinated, Coordinator
+from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, point2, tangent2, wrap
+from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.checks import Checked, number
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import curve_length
-from lissajous_env.world.structs import RobotStruct
 
 wp.set_module_options(OPTIONS)
 
@@ -115,16 +117,15 @@ def follow_field(
     memory[w, i] = wp.vec2(wrap(gamma + field.step * gamma_rate), 1.0)
 
     heading = own_heading(w, i, observation)
-    speed = observation[w, i, 4] * robot_speed_max(robot)
+    speed = own_speed(w, i, steady_speed(robot), observation)
     turn = wrap(wp.atan2(velocity[1], velocity[0]) - heading)
     steering = wp.atan(robot.wheelbase * field.turn * turn / wp.max(speed, 0.1))
     wanted = wp.length(velocity) * wp.max(cos_sin(turn)[0], field.slowest)
     if wp.dot(velocity, tangent) < 0.0:
         wanted = 0.0
-    throttle = (robot.drag * wanted + robot.model_offset + field.speed * (wanted - speed)) / robot.drive
-    span = robot.throttle_max - robot.throttle_min
-    action_out[w, i, 0] = wp.clamp(steering / robot.steering_max, -1.0, 1.0)
-    action_out[w, i, 1] = wp.clamp(2.0 * (throttle - robot.throttle_min) / span - 1.0, -1.0, 1.0)
+    action = car_action(robot, steering, throttle_for(robot, speed, wanted, field.speed))
+    action_out[w, i, 0] = action[0]
+    action_out[w, i, 1] = action[1]
 
 
 class WithVectorField(Coordinated):
@@ -146,7 +147,7 @@ class WithVectorField(Coordinated):
 
     def _forget(self, mask: np.ndarray) -> None:
         super()._forget(mask)
-        self._memory.assign(np.where(mask[:, None, None], 0.0, self._memory.numpy()).astype(np.float32))
+        clear_worlds(self._memory, mask)
 
     def _decide(self, observation: wp.array) -> None:
         self.coordinator.coordinate(observation)

@@ -6,14 +6,15 @@ import math
 import numpy as np
 import warp as wp
 
+from lissajous_env.device.car_input import steering_and_throttle
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, curve_parameter, project, wrap, wrap_phase
+from lissajous_env.device.part_structs import FormationStruct, RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.parts import Curve, Formation, Noise, Robot, Task
 from lissajous_env.world.robots.model import RobotModel
 from lissajous_env.world.state import WORKING, Clock, Robots
-from lissajous_env.world.structs import FormationStruct, RobotStruct, TaskStruct
 
 wp.set_module_options(MOTION)
 
@@ -96,10 +97,10 @@ def move_cars(
             for s in range(substeps):
                 robots.track[w, i, s + 1] = position
         else:
-            throttle = robot.throttle_min + 0.5 * (command[w, i, 1] + 1.0) * (robot.throttle_max - robot.throttle_min)
-            steering = cos_sin(command[w, i, 0] * robot.steering_max)
+            wanted = steering_and_throttle(robot, wp.vec2(command[w, i, 0], command[w, i, 1]))
+            steering = cos_sin(wanted[0])
             curvature = steering[1] / (steering[0] * robots.wheelbase[w, i])
-            push = motor_push(robot, robots.drive[w, i], throttle)
+            push = motor_push(robot, robots.drive[w, i], wanted[1])
             car = wp.vec4(position[0], position[1], robots.heading[w, i], robots.speed[w, i])
             for s in range(substeps):
                 car = car_step(robot, car, curvature, push, task.step / float(substeps))

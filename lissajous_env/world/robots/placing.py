@@ -5,10 +5,10 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, curve_parameter, point, tangent2, wrap_phase
+from lissajous_env.device.part_structs import FormationStruct, NoiseStruct, RobotStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters.parts import Formation
 from lissajous_env.world.state import REMOVED, WORKING, Clock, Robots
-from lissajous_env.world.structs import FormationStruct, NoiseStruct, RobotStruct
 
 wp.set_module_options(MOTION)
 

@@ -1,15 +1,14 @@
 """Points on the curve, as in the paper's simulations; action = phase rate."""
 
-import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, curve_parameter, point, wrap_phase
-from lissajous_env.theory.closed_forms import curve_speed
+from lissajous_env.device.part_structs import FormationStruct, RobotStruct, TaskStruct
+from lissajous_env.theory.geometry import top_speed
 from lissajous_env.world.robots.model import RobotModel
 from lissajous_env.world.robots.placing import place_on_curve
 from lissajous_env.world.state import WORKING, Clock, Robots
-from lissajous_env.world.structs import FormationStruct, RobotStruct, TaskStruct
 
 wp.set_module_options(MOTION)
 
@@ -45,16 +44,11 @@ def move_points(
         robots.track[w, i, substeps] = robots.position[w, i]
 
 
-def _speed_unit(curve, formation, robot) -> float:
-    lap = np.linspace(0, 2 * np.pi, 4096)
-    return formation.phase_rate * float(curve_speed(curve, lap).max())
-
-
 POINT = RobotModel(
     name="curve",
     actions=("phase rate",),
     table=((-1.0,), (-0.5,), (-0.1,), (0.0,), (0.1,), (0.5,), (1.0,)),
     move=move_points,
-    speed_unit=_speed_unit,
+    speed_unit=lambda curve, formation, robot: top_speed(curve, formation.phase_rate),
     keeps_to_curve=True,
 )

@@ -1,0 +1,38 @@
+"""A cell of a benchmark played: its episodes, batch by batch, wherever that happens."""
+
+import traceback
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from baselines.benchmark.rows import what_is_wrong
+from baselines.benchmark.types import Benchmark, Cell, Failure
+from baselines.policies.factories import where_raised
+from lissajous_env.console.terminal import plain
+from lissajous_env.episodes.evaluation import episodes
+
+
+def play(
+    cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]
+) -> Iterator[list[dict[str, Any]]]:
+    """Play some episodes of a cell, given by number, and yield the score rows of each batch.
+
+    After each step, `on_step` is called with the number of worlds that took it.
+
+    Raises:
+        ValueError: a score that is none, as one of a return that is infinite.
+    """
+    worlds = settings.worlds
+    policy = cell.factory(cell.scenario, worlds, settings.device)
+    numbers_left = iter(numbers)
+    seeds = [settings.seed + number for number in numbers]
+    for batch in episodes(policy, cell.scenario, seeds, settings.device, lambda _: on_step(worlds)):
+        rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
+        for row in rows:
+            if wrong := what_is_wrong(plain(row)):
+                raise ValueError(f"the score of seed {row['seed']} {wrong}")
+        yield rows
+
+
+def failure_of(cell: Cell, error: Exception) -> Failure:
+    """Put an error that a policy raised into words."""
+    return Failure(cell.scenario.name, cell.policy, where_raised(error), "".join(traceback.format_exception(error)))

@@ -1,0 +1,39 @@
+"""How a classical car drives: towards a place, at a wanted speed."""
+
+import warp as wp
+
+from lissajous_env.device.car_input import car_action
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import wrap
+from lissajous_env.device.part_structs import RobotStruct
+
+wp.set_module_options(OPTIONS)
+
+EAGERNESS = wp.constant(4.0)
+"""Rate at which a car that drives towards a place makes up for a speed that is not the wanted one [1/s]."""
+
+
+@wp.func
+def steady_speed(robot: RobotStruct) -> float:
+    """Steady speed of a car at full throttle [m/s], the unit of its observed speed."""
+    return (robot.drive * robot.throttle_max - robot.offset) / robot.drag
+
+
+@wp.func
+def throttle_for(robot: RobotStruct, speed: float, wanted_speed: float, rate: float) -> float:
+    """Throttle (c wanted + beta + rate (wanted - v)) / alpha, by (12): a proportional law, `rate` in [1/s]."""
+    return (robot.drag * wanted_speed + robot.model_offset + rate * (wanted_speed - speed)) / robot.drive
+
+
+@wp.func
+def drive_towards(
+    robot: RobotStruct, position: wp.vec2, heading: float, speed: float, goal: wp.vec2, wanted_speed: float
+) -> wp.vec2:
+    """Action of a car towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and a proportional speed law."""
+    away = goal - position
+    distance = wp.max(wp.length(away), 2.0 * robot.wheelbase)
+    bearing = wrap(wp.atan2(away[1], away[0]) - heading)
+    steering = wp.atan(2.0 * robot.wheelbase * wp.sin(bearing) / distance)
+    if wp.abs(bearing) > 1.5707963:
+        steering = wp.sign(bearing) * robot.steering_max
+    return car_action(robot, steering, throttle_for(robot, speed, wanted_speed, EAGERNESS))

@@ -1,0 +1,55 @@
+"""A coordinator over a tracker: who decides the phase rates, and what makes a robot follow them."""
+
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import warp as wp
+
+from baselines.policies.base import Policy
+from lissajous_env.device.curve import curve_struct
+from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.structs import to_struct
+from lissajous_env.parameters.scenario import Scenario
+
+
+class Coordinator(Protocol):
+    """Decides phase rates from observations."""
+
+    phase_rate: wp.array
+    """(W, N) theta' that each robot should go on with [rad/s]."""
+
+    def coordinate(self, observation: wp.array) -> None:
+        """Write `phase_rate`."""
+
+
+@runtime_checkable
+class Remembering(Protocol):
+    """A coordinator that keeps something of the episode."""
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget the worlds in a mask (W,)."""
+
+
+class Coordinated(Policy):
+    """Robots that follow a coordinator, each kind in its own way.
+
+    `coordinator(scenario, num_worlds, device)` makes the coordinator: its class, or a `partial` of it that fixes
+    parameters of its own.
+    """
+
+    def __init__(
+        self,
+        coordinator: Callable[[Scenario, int, Any], Coordinator],
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+    ):
+        super().__init__(scenario, num_worlds, device)
+        self.coordinator = coordinator(self.scenario, num_worlds, self.device)
+        self._curve = curve_struct(self.scenario.curve, self.device)
+        self._robot = to_struct(RobotStruct, self.scenario.robot)
+
+    def _forget(self, mask: np.ndarray) -> None:
+        if isinstance(self.coordinator, Remembering):
+            self.coordinator.forget(mask)

@@ -1,0 +1,86 @@
+"""Cars that follow a coordinator by the paper's model predictive contouring control."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from baselines.mpcc.parameters import MpccParameters
+from baselines.mpcc.solver import Mpcc
+from baselines.policies.own_row import own_heading, own_phase, own_position, own_speed
+from baselines.policies.trackers.base import Coordinated, Coordinator
+from lissajous_env.device.car_input import car_action
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.parameters.scenario import Scenario
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.kernel
+def read_cars(
+    curve: CurveStruct,
+    alpha: float,
+    speed_unit: float,
+    observation: wp.array3d(dtype=float),
+    phase_rate: wp.array2d(dtype=float),
+    state_out: wp.array2d(dtype=float),
+    rate_out: wp.array(dtype=float),
+):
+    """Write the state x, y, heading, speed, gamma of each car and its wanted gamma' = alpha theta'."""
+    w, i = wp.tid()
+    k = w * observation.shape[1] + i
+    position = own_position(w, i, curve, observation)
+    state_out[k, 0] = position[0]
+    state_out[k, 1] = position[1]
+    state_out[k, 2] = own_heading(w, i, observation)
+    state_out[k, 3] = wp.max(own_speed(w, i, speed_unit, observation), 0.0)
+    state_out[k, 4] = alpha * own_phase(w, i, observation)
+    rate_out[k] = alpha * phase_rate[w, i]
+
+
+@wp.kernel
+def scale_controls(robot: RobotStruct, control: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)):
+    """Action of a car: steering and throttle of the first stage, scaled to [-1, 1]."""
+    w, i = wp.tid()
+    k = w * action_out.shape[1] + i
+    action = car_action(robot, control[k, 0, 0], control[k, 0, 1])
+    action_out[w, i, 0] = action[0]
+    action_out[w, i, 1] = action[1]
+
+
+class WithMpcc(Coordinated):
+    """Cars that follow a coordinator by model predictive contouring control.
+
+    `parameters` are the controller's; None is `MpccParameters.of` the scenario's robot.
+    """
+
+    kind = "car"
+
+    def __init__(
+        self,
+        coordinator: Callable[[Scenario, int, Any], Coordinator],
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: MpccParameters | None = None,
+    ):
+        super().__init__(coordinator, scenario, num_worlds, device)
+        self._speed_unit = self.scenario.robot.speed_max
+        parameters = parameters or MpccParameters.of(self.scenario.robot, step=self.scenario.task.step)
+        self.mpcc = Mpcc(self.scenario.curve, parameters, batch=num_worlds * self.num_robots, device=self.device)
+
+    def _forget(self, mask: np.ndarray) -> None:
+        super()._forget(mask)
+        self.mpcc.reset(np.repeat(mask, self.num_robots))
+
+    def _decide(self, observation: wp.array) -> None:
+        self.coordinator.coordinate(observation)
+        alpha = float(self.scenario.alpha)
+        inputs = [self._curve, alpha, self._speed_unit, observation, self.coordinator.phase_rate]
+        wp.launch(read_cars, self.shape, inputs, outputs=[self.mpcc.state, self.mpcc.phase_rate], device=self.device)
+        self.mpcc.launch()
+        inputs = [self._robot, self.mpcc.control]
+        wp.launch(scale_controls, self.shape, inputs, outputs=[self.action], device=self.device)

@@ -1,0 +1,178 @@
+"""Conditions (6), (7) and (8), and T_max: closed forms beside what is measured and simulated."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from baselines.reproduce.claims import Claim, Part, all_of, at_most, near
+from baselines.reproduce.drawing import BLUE, DARK, Picture, Sheet, panel_name
+from baselines.reproduce.episodes import BARE, SEEDS, Player
+from lissajous_env import scenario
+from lissajous_env.parameters.scenario import Curve
+from lissajous_env.theory import closed_forms, geometry
+
+_SHAPES = ((1.8, 0.8), (5.0, 5.0), (5.0, 3.0))
+"""Half width and half height [m] of the rectangles."""
+_FEWEST, _MOST = 3, 21
+"""N of the curves, without those that have no equilibrium with one robot to a place."""
+_LEFT_OUT = [n for n in range(_FEWEST, _MOST + 1) if not closed_forms.has_unclustered_equilibrium(n)]
+_SIMULATED_WITHIN = 0.02
+"""How far, relatively, a simulated body may be from the measured one: a few starts do not meet the closest moment."""
+
+
+@dataclass(frozen=True)
+class _Ratios:
+    """What is measured of some curves over what the closed forms say, each (K,)."""
+
+    curves: list[Curve]
+    bodies: np.ndarray
+    """Half of the smallest distance ever seen in formation, over r_max of (6)."""
+    sensors: np.ndarray
+    """Radius with which one lap covers the rectangle, over that of (7)."""
+    links: np.ndarray
+    """Half of the largest distance of ring neighbours, over r_s of (8)."""
+
+    @property
+    def robots(self) -> np.ndarray:
+        """(K,) N = a + b."""
+        return np.array([curve.a + curve.b for curve in self.curves])
+
+
+def bounds(player: Player) -> Part:
+    """Conditions (6), (7), (8) and T_max against what is measured."""
+    ratios = _measured()
+    body, sensor, links = _on_every_curve(ratios)
+    simulated_body, simulated_sensor, simulated_links = _simulated(player)
+    claims = [_bound_on_time(), body, simulated_body, sensor, simulated_sensor, links, simulated_links]
+    return Part(claims, [_picture(ratios)])
+
+
+def _measured() -> _Ratios:
+    """Measure every curve with a odd, a + b = N and no common factor, in every rectangle."""
+    curves = [
+        Curve(A, B, a, n - a)
+        for A, B in _SHAPES
+        for n in range(_FEWEST, _MOST + 1)
+        for a in range(1, n, 2)
+        if n not in _LEFT_OUT and math.gcd(a, n) == 1
+    ]
+    bodies, sensors, links = [], [], []
+    for curve in curves:
+        n = curve.a + curve.b
+        p = closed_forms.default_p(n)
+        alpha = closed_forms.default_alpha(curve, n, p)
+        bodies.append(geometry.measured_robot_radius(curve, n) / closed_forms.robot_radius_bound(curve, n))
+        sensors.append(geometry.measured_coverage_radius(curve, precision=2e-3) / closed_forms.coverage_radius(curve))
+        reach = geometry.largest_neighbour_distance(curve, n, p, alpha)
+        links.append(reach / 2 / closed_forms.detection_radius(curve, n))
+    return _Ratios(curves, np.array(bodies), np.array(sensors), np.array(links))
+
+
+def _picture(ratios: _Ratios) -> Picture:
+    """Draw the ratios against N."""
+    with Sheet("bounds", "Conditions (6), (7) and (8)   What is measured over what they ask for", 7.2, 2.9) as sheet:
+        panels = sheet.figure.subplots(1, 3)
+        _draw(panels[0], "(6): largest body", ratios.robots, ratios.bodies, "safe", above=True)
+        _draw(panels[1], "(7): sensor that covers", ratios.robots, ratios.sensors, "more than is needed", above=False)
+        _draw(panels[2], "(8): sensor that detects", ratios.robots, ratios.links, "more than is needed", above=False)
+        panels[0].set_ylabel("measured / closed form")
+        shapes = [f"{2 * A:g} m x {2 * B:g} m" for A, B in _SHAPES]
+        return sheet.picture(
+            f"Every curve with a odd, a + b = N, gcd(a, b) = 1, N = {_FEWEST} ... {_MOST} without "
+            f"{' and '.join(map(str, _LEFT_OUT))}, in rectangles of {', '.join(shapes[:-1])} and {shapes[-1]}. (6): "
+            "half of the smallest distance ever seen in formation; (7): the radius with which one lap covers the "
+            "rectangle; (8): half of the largest distance of ring neighbours."
+        )
+
+
+def _draw(axes: Axes, name: str, robots: np.ndarray, ratios: np.ndarray, word: str, above: bool) -> None:
+    """Draw one panel; `word` stands on the side of the line at 1 that a ratio should be on."""
+    axes.plot(robots, ratios, "o", color=BLUE, ms=2.6, alpha=0.6, mew=0)
+    axes.axhline(1, color=DARK, lw=1, ls="--")
+    axes.set_xlabel("N")
+    axes.set_ylim(0, 1.7)
+    panel_name(axes, name)
+    side, shift = ("bottom", 2) if above else ("top", -2)
+    axes.annotate(word, (_MOST, 1.0 if above else 0.98), ha="right", va=side, fontsize=7.5, color=DARK,
+                  xytext=(0, shift), textcoords="offset points")  # fmt: skip
+
+
+def _bound_on_time() -> Claim:
+    made = scenario("experiment")
+    name = f"T_max of the experiment, N = {made.num_robots}, omega = {made.formation.phase_rate:g} rad/s"
+    return near(name, 4.189, made.detection_time_bound, 5e-4, "s", "by the formula")
+
+
+def _on_every_curve(ratios: _Ratios) -> tuple[Claim, Claim, Claim]:
+    """Claim (6), (7) and (8) of the measured curves."""
+    bodies, sensors, links = ratios.bodies, ratios.sensors, ratios.links
+    fewest, odd = ratios.robots == _FEWEST, ratios.robots % 2 == 1
+    larger = bodies[~fewest]
+    count = f"{len(ratios.curves)} curves, N = {_FEWEST} ... {_MOST}"
+    body = all_of(
+        "(6): bodies below r_max never touch in formation",
+        "always",
+        bodies >= 1,
+        "curves",
+        f"conservative: the measured radius is {larger.min():.2f} to {larger.max():.2f} times r_max for N >= "
+        f"{ratios.robots[~fewest].min()}, from {bodies[fewest].min():.2f} times on for N = {_FEWEST}",
+        {"low": larger.min(), "high": larger.max(), "low of fewest": bodies[fewest].min()},
+    )
+    sensor = all_of(
+        "(7): a sensor of that radius covers in one lap",
+        "always",
+        sensors <= 1,
+        "curves",
+        f"the radius that is needed is {sensors.min():.2f} to {sensors.max():.2f} times that of (7); {count}",
+        {"low": sensors.min(), "high": sensors.max()},
+    )
+    link = at_most(
+        "(8): largest distance of ring neighbours / 2 r_s, alpha by the rule",
+        "at most 1",
+        links.max(),
+        1 + 1e-9,
+        digits=".6f",
+        why=f"exactly 1 for odd N (smallest {links[odd].min():.6f}); {count}",
+    )
+    return body, sensor, link
+
+
+def _simulated(player: Player) -> tuple[Claim, Claim, Claim]:
+    """Claim (6), (7) and (8) of episodes on curve (16), a lap long."""
+    made = scenario("failure")
+    curve, n = made.curve, made.num_robots
+    lap = 2 * math.pi / made.formation.phase_rate
+    radius = closed_forms.coverage_radius(curve)
+    covering = {"sensing.radius": radius, "task.grid": (36, 16), "task.duration": lap}
+    swept = player.play("kuramoto", scenario("failure", **BARE | covering), worlds=SEEDS, only_ends=True)
+    bare = scenario("failure", **BARE | {"task.duration": lap})
+    undisturbed = player.play("kuramoto", bare, worlds=SEEDS, only_ends=True)
+    bound, measured = closed_forms.robot_radius_bound(curve, n), geometry.measured_robot_radius(curve, n)
+    simulated, spacing = undisturbed.score("min_separation").min() / 2, undisturbed.score("spacing_factor").max()
+    body = Claim(
+        "(6): r_max of curve (16)",
+        f"{bound:.4f} m by (6)",
+        f"{measured:.4f} m measured, {simulated:.4f} m simulated",
+        f"above (6); simulated within {100 * _SIMULATED_WITHIN:g} %",
+        bool(bound < measured and abs(simulated / measured - 1) < _SIMULATED_WITHIN),
+        f"{measured / bound:.2f} times as large",
+        {"bound": bound, "measured": measured, "simulated": simulated},
+    )
+    sensor = all_of(
+        f"(7) on curve (16): every robot senses every cell within a lap, {lap:.1f} s",
+        "yes",
+        np.isfinite(swept.score("coverage_time_each")),
+        "starts",
+        f"r_s = {radius:.3f} m; {geometry.measured_coverage_radius(curve):.3f} m would do. By (7), not the text above",
+    )
+    link = Claim(
+        "(8) simulated on curve (16)",
+        "1",
+        f"{spacing:.5f}",
+        "\N{PLUS-MINUS SIGN} 0.001",
+        bool(abs(spacing - 1) < 1e-3),
+        numbers={"ours": spacing},
+    )
+    return body, sensor, link

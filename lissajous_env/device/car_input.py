@@ -1,0 +1,25 @@
+"""The input of a car: its action in [-1, 1] as steering angle and throttle, and the way back."""
+
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.part_structs import RobotStruct
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.func
+def steering_and_throttle(robot: RobotStruct, action: wp.vec2) -> wp.vec2:
+    """Steering angle u_0 delta_max [rad] and throttle tau_min + (u_1 + 1) / 2 (tau_max - tau_min) of an action u."""
+    throttle = robot.throttle_min + 0.5 * (action[1] + 1.0) * (robot.throttle_max - robot.throttle_min)
+    return wp.vec2(action[0] * robot.steering_max, throttle)
+
+
+@wp.func
+def car_action(robot: RobotStruct, steering: float, throttle: float) -> wp.vec2:
+    """Action in [-1, 1] of a steering angle [rad] and a throttle; what a car cannot do is clipped to what it can."""
+    span = robot.throttle_max - robot.throttle_min
+    return wp.vec2(
+        wp.clamp(steering / robot.steering_max, -1.0, 1.0),
+        wp.clamp(2.0 * (throttle - robot.throttle_min) / span - 1.0, -1.0, 1.0),
+    )
