@@ -12,7 +12,7 @@ import tyro
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import Benchmark, Cell, measure, plan, play
 from baselines.policies import registry
-from baselines.policies.factories import as_factory, is_imported, told_apart, where_raised
+from baselines.policies.factories import as_factory, is_imported, told_apart
 from lissajous_env.console.commands import check_file
 from lissajous_env.console.terminal import (
     AS_USUAL,
@@ -25,6 +25,7 @@ from lissajous_env.console.terminal import (
     print_table,
 )
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.wording import where_raised
 
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _PolicyName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
