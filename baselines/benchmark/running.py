@@ -18,13 +18,14 @@ from baselines.benchmark import report, results_folder
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.rows import what_is_wrong
 from baselines.policies import registry
-from baselines.policies.factories import Factory, as_factory, is_ones_own, named, where_raised
+from baselines.policies.factories import Factory, as_factory, is_ones_own, named
 from lissajous_env import scenario as make_scenario
 from lissajous_env.console.terminal import make_console, plain
 from lissajous_env.device.devices import as_device
 from lissajous_env.episodes.evaluation import ActingPolicy, episodes
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder
+from lissajous_env.wording import where_raised
 
 _MOST_EPISODES = 1_000_000
 _MOST_WORLDS = 65_536

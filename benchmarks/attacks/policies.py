@@ -89,16 +89,18 @@ def copied(draw: np.random.Generator) -> str | None:
 class Wrecked(Policy):
     """Another policy until a step, in which one number of its action is replaced."""
 
+    arrays = "warp"
+
     def __init__(self, policy: Policy, step: int, place: tuple[int, int, int], value: float):
         super().__init__(policy.scenario, policy.num_worlds)
         self.policy, self.step, self.place, self.value, self.now = policy, step, place, value, 0
         self.name = "wrecked"
 
-    def _forget(self, mask: np.ndarray) -> None:
+    def forget(self, mask: np.ndarray) -> None:
         self.policy.reset(mask)
         self.now = 0
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
         self.now += 1
         action = self.policy.act(observation).numpy().copy()
         if self.now == self.step:

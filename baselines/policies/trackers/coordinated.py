@@ -82,6 +82,8 @@ class Coordinated(Policy):
     parameters of its own.
     """
 
+    arrays = "warp"
+
     def __init__(
         self,
         coordinator: Callable[[Scenario, int, Any], Coordinator],
@@ -94,7 +96,8 @@ class Coordinated(Policy):
         self._curve = to_struct(CurveStruct, self.scenario.curve)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
 
-    def _forget(self, mask: np.ndarray) -> None:
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what the coordinator remembers."""
         if isinstance(self.coordinator, Remembering):
             self.coordinator.forget(mask)
 
@@ -104,7 +107,8 @@ class OnCurve(Coordinated):
 
     kind = "curve"
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
+        """Take the coordinator's phase rates."""
         self.coordinator.coordinate(observation)
         inputs = [self._robot, self.coordinator.phase_rate]
         wp.launch(follow_as_point, self.shape, inputs, outputs=[self.action], device=self.device)
@@ -131,11 +135,13 @@ class WithMpcc(Coordinated):
         parameters = parameters or MpccParameters.of(self.scenario.robot, step=self.scenario.task.step)
         self.mpcc = Mpcc(self.scenario.curve, parameters, batch=num_worlds * self.num_robots, device=self.device)
 
-    def _forget(self, mask: np.ndarray) -> None:
-        super()._forget(mask)
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what the coordinator remembers, and the last solutions."""
+        super().forget(mask)
         self.mpcc.reset(np.repeat(mask, self.num_robots))
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
+        """Solve for the controls that follow the coordinator's phase rates."""
         self.coordinator.coordinate(observation)
         alpha = float(self.scenario.alpha)
         inputs = [self._curve, alpha, self._speed_scale, observation, self.coordinator.phase_rate]

@@ -144,11 +144,13 @@ class WithVectorField(Coordinated):
         self._field = field_of(self.scenario, parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
-    def _forget(self, mask: np.ndarray) -> None:
-        super()._forget(mask)
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what the coordinator remembers, and how far each car has come on the curve."""
+        super().forget(mask)
         self._memory.assign(np.where(mask[:, None, None], 0.0, self._memory.numpy()).astype(np.float32))
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
+        """Steer along the field, as fast as the coordinator's phase rates."""
         self.coordinator.coordinate(observation)
         inputs = [self._curve, self._robot, self._field, float(self.scenario.alpha), self.coordinator.phase_rate,
                   self._memory, observation]  # fmt: skip
