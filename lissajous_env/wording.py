@@ -20,7 +20,7 @@ def shown(value: Any) -> str:
 
 
 def nearest(word: Any, words: Iterable[str]) -> str:
-    """Return "; did you mean ...?" with the one of some words that a word is nearest to; nothing where there are none."""
+    """Return "; did you mean ...?" with the nearest of some words to a word; nothing where there are none."""
     match = difflib.get_close_matches(str(word), list(words), n=1, cutoff=0.0)
     return f"; did you mean {match[0]}?" if match else ""
 

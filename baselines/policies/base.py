@@ -15,6 +15,7 @@ from lissajous_env import scenario as make_scenario
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import shown
 from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import chosen_worlds, whole_number
 
@@ -43,7 +44,8 @@ class Policy(Copyable):
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"):
         if self.arrays not in _ARRAYS:
-            raise ValueError(f"arrays of {type(self).__name__} must be one of {', '.join(_ARRAYS)}, got {self.arrays!r}")
+            rule = f"must be one of {', '.join(_ARRAYS)}"
+            raise ValueError(f"arrays of {type(self).__name__} {rule}, got {shown(self.arrays)}")
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.scenario = make_scenario(scenario).resolve()
         self.num_robots = self.scenario.num_robots

@@ -21,7 +21,7 @@ KINDS = ("car", "curve")
 @dataclass(frozen=True)
 class _Entry:
     kind: str | None
-    factory: Callable[..., Policy]
+    factory: Callable[..., Any]
     made_for: tuple[str, ...]
     about: str
     learned: bool
@@ -70,7 +70,7 @@ def _added(name: str, kind: str | None, made_for: tuple[str, ...], about: str, l
         raise ValueError(f"kind of {name} must be one of {', '.join(KINDS)}, or None, got {shown(kind)}")
     if not callable(factory):
         raise ValueError(f"factory of {name} must be callable, got {shown(factory)}")
-    about = about or (None if isinstance(factory, partial) else factory.__doc__) or ""
+    about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")
     entry = _Entry(kind, factory, tuple(made_for), about.partition("\n")[0], learned)
     plain, suffix = _parted(name)
     if suffix or any(name + each in _REGISTRY for each in _WRAPPERS):

@@ -97,10 +97,12 @@ class Wrecked(Policy):
         self.name = "wrecked"
 
     def forget(self, mask: np.ndarray) -> None:
+        """Begin to count again."""
         self.policy.reset(mask)
         self.now = 0
 
     def decide(self, observation: wp.array) -> None:
+        """Take the other's action, and replace the number."""
         self.now += 1
         action = self.policy.act(observation).numpy().copy()
         if self.now == self.step:

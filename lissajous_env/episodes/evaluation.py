@@ -141,11 +141,12 @@ def evaluate(
         ValueError: what is no policy, no scenario or no seed.
     """
     seeds = list(seeds)
+    if isinstance(policy, type) or not (callable(policy) or hasattr(policy, "act")):
+        raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}")
+    acting: Any = policy
     if not hasattr(policy, "act"):
-        if not callable(policy) or isinstance(policy, type):
-            raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}")
-        policy = OfFunction(policy, max(min(len(seeds), _TOGETHER), 1))
-    return [row for rows in episodes(policy, scenario, seeds, device) for row in rows]
+        acting = OfFunction(acting, max(min(len(seeds), _TOGETHER), 1))
+    return [row for rows in episodes(acting, scenario, seeds, device) for row in rows]
 
 
 def episodes(

@@ -134,7 +134,7 @@ def _imported(reference: str) -> Scenario:
     if callable(made):
         try:
             made = made()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise ValueError(f"{rule}, got {where_raised(error)}") from error
     if not isinstance(made, Scenario):
         raise ValueError(f"{rule}, got {shown(made)}")

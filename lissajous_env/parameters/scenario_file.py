@@ -5,6 +5,8 @@
     half_width = 2.4
     [faults]
     schedule = [[0, 5.0, inf]]
+
+It is named as its file where it does not say otherwise.
 """
 
 import os
