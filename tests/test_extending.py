@@ -15,6 +15,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.policies import registry
+from lissajous_env.console import cli
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.parameters import named
 from lissajous_env.parameters.shipped import SHIPPED
@@ -114,6 +115,22 @@ def test_a_scenario_is_the_same_by_every_door(given, here):
     assert lissajous_env.scenario(given, **{"curve.half_width": 3.0}).curve.half_width == 3.0
     assert lissajous_env.parallel_env(given).scenario.digest() == oracle.resolve().digest()
     assert baselines.names(given) == baselines.names("failure")
+
+
+def test_a_scenario_is_described_by_what_it_sets(here, capsys, monkeypatch):
+    # Oracle: the fields in which it differs from the defaults, told apart by hand.
+    monkeypatch.setenv("COLUMNS", "100")
+    with pytest.raises(SystemExit):
+        cli.main(["scenarios", "corridor.toml"])
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    listed = {line[0] for line in lines if line and "." in line[0] and len(line) > 2}
+    base = {"formation.p", "formation.start", "robot.kind", "targets.arrival_rate"}
+    assert listed == base | {"curve.half_width", "faults.schedule", "task.duration"}
+    assert ["curve.half_width", "2.4", "1.8"] in lines
+    with pytest.raises(SystemExit):
+        cli.main(["scenarios", "corridor.toml", "knot", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert [(each["name"], each["curve"]["half_width"]) for each in found] == [("corridor", 2.4), ("knot", 1.8)]
 
 
 def test_a_function_makes_a_scenario_too(here):
