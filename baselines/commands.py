@@ -12,7 +12,7 @@ import tyro
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import Benchmark, Cell, measure, plan, play
 from baselines.policies import registry
-from baselines.policies.factories import as_factory, is_imported, told_apart, where_raised
+from baselines.policies.factories import as_factory, is_imported, told_apart
 from lissajous_env.console.commands import check_file
 from lissajous_env.console.terminal import (
     AS_USUAL,
@@ -25,6 +25,7 @@ from lissajous_env.console.terminal import (
     print_table,
 )
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.wording import where_raised
 
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _PolicyName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
@@ -77,7 +78,8 @@ def evaluate(
     """Play one policy on scenarios and print statistics of every score.
 
     Args:
-        names: names of the scenarios; then that of the policy, a checkpoint's folder, or module:factory.
+        names: scenarios (names, .toml files, module:attribute); then the policy: a name, a checkpoint's folder, or
+            module:factory.
         episodes: episodes on each scenario.
         seed: seed of episode 0; episode k has seed + k.
         batch: episodes that are played together; changes no result.
@@ -128,7 +130,7 @@ def run(
     """Play one episode: in a window, or to a GIF, PNG or NPZ file.
 
     Args:
-        scenario: name of the scenario.
+        scenario: name of the scenario, .toml file, or module:attribute.
         policy: name of the policy, folder of a checkpoint, or module:factory.
         seed: seed of the episode.
         device: cpu, cuda or cuda:k.
@@ -166,7 +168,7 @@ def policies(scenario: _ScenarioOrNone = None, output: Speech = AS_USUAL) -> Non
     """List the policies, and what each of them is.
 
     Args:
-        scenario: name of a scenario: those that drive its robots alone.
+        scenario: name of a scenario, .toml file, or module:attribute: those that drive its robots alone.
         output: How it speaks.
     """
     listed = [registry.describe(name) for name in registry.names(scenario)]
@@ -183,7 +185,8 @@ def policies(scenario: _ScenarioOrNone = None, output: Speech = AS_USUAL) -> Non
     left_out = print_table(console, columns, rows)
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     words = (
-        "\nA checkpoint's folder is a policy too, and module:factory: factory(scenario, num_worlds, device) makes one."
+        "\nA checkpoint's folder is a policy too, and module:factory: factory(scenario, num_worlds, device) makes one; "
+        "so is module:act, a function act(observation) that returns actions."
     )
     console.print(words, style="dim", highlight=False)
 

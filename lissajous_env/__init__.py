@@ -1,20 +1,17 @@
 """Multi-robot persistent monitoring and target detection on Lissajous curves, for PettingZoo and Gymnasium."""
 
-import gymnasium as _gymnasium
-import pettingzoo as _pettingzoo
-
 from lissajous_env.envs.gymnasium_env import LissajousEnv
 from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
+from lissajous_env.envs.ids import register_ids as _register_ids
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv, env, parallel_env
 from lissajous_env.episodes.evaluation import evaluate
-from lissajous_env.parameters import named as _library
 from lissajous_env.parameters.extensions import observation_entry, reward_term, score_column, target_motion
+from lissajous_env.parameters.named import register_scenario, scenario, scenarios
 from lissajous_env.parameters.scenario import Curve, Faults, Formation, Noise, Robot, Scenario, Sensing, Targets, Task
+from lissajous_env.parameters.shipped import SHIPPED as _SHIPPED
 from lissajous_env.world.robots.model import RobotModel
 from lissajous_env.world.robots.table import register_robot_model
 from lissajous_env.world.simulation import Simulation
-
-scenario, scenarios = _library.scenario, _library.scenarios
 
 __all__ = [
     "Curve",
@@ -36,6 +33,7 @@ __all__ = [
     "observation_entry",
     "parallel_env",
     "register_robot_model",
+    "register_scenario",
     "reward_term",
     "scenario",
     "scenarios",
@@ -44,13 +42,5 @@ __all__ = [
     "vector_env",
 ]
 
-for _name in scenarios():
-    _id, _settings = f"lissajous/{_name}-v0", {"scenario": _name}
-    _gymnasium.register(
-        id=_id,
-        entry_point="lissajous_env.envs.gymnasium_env:LissajousEnv",
-        vector_entry_point="lissajous_env.envs.gymnasium_vector:LissajousVectorEnv",
-        kwargs=_settings,
-    )
-    _pettingzoo.register("parallel", _id, "lissajous_env.envs.pettingzoo_env:parallel_env", kwargs=_settings)
-    _pettingzoo.register("aec", _id, "lissajous_env.envs.pettingzoo_env:env", kwargs=_settings)
+for _each in _SHIPPED:
+    _register_ids(_each.name)

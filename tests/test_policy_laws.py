@@ -107,11 +107,13 @@ def test_a_policy_sees_the_observation_and_nothing_else(name, scenario):
 class Peeking(Policy):
     """Looks at the world itself, or at a generator that others draw from too."""
 
+    arrays = "warp"
+
     def __init__(self, simulation, looks_at):
         super().__init__(simulation.scenario, simulation.num_worlds)
         self.simulation, self.looks_at = simulation, looks_at
 
-    def _decide(self, observation):
+    def decide(self, observation):
         found = {
             "places": lambda: self.simulation.robots.position.numpy()[:, :, :2],
             "returns": lambda: np.repeat(self.simulation.tally.returns.numpy()[:, :, None], 2, axis=2),
@@ -131,6 +133,7 @@ class Remembering(Policy):
     """A user's policy with memory of every kind: numbers, lists, arrays of NumPy and Warp, a part, a generator."""
 
     kind = "curve"
+    arrays = "warp"
 
     def __init__(self, scenario, num_worlds=1, device="cpu", *, gain):
         super().__init__(scenario, num_worlds, device)
@@ -140,7 +143,7 @@ class Remembering(Policy):
         self.part = Kuramoto(self.scenario, num_worlds, self.device)
         self.squash = lambda x: np.clip(x, -1, 1)
 
-    def _decide(self, observation):
+    def decide(self, observation):
         self.part.coordinate(observation)
         self.steps += 1
         self.seen.append(float(observation.numpy()[0, 0, 0]))

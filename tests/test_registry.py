@@ -9,6 +9,7 @@ import baselines
 import training
 from baselines.policies import registry
 from baselines.policies.patrol import Laps, Still
+from lissajous_env import plugins
 from training.learned.policy import register_shipped
 
 
@@ -17,7 +18,7 @@ def _own_registry(monkeypatch):
     baselines.names()
     for name in ("_REGISTRY", "_WRAPPERS"):
         monkeypatch.setattr(registry, name, dict(getattr(registry, name)))
-    monkeypatch.setattr(registry, "_BROKEN", [])
+    monkeypatch.setattr(registry._BROUGHT, "broken", [])
 
 
 def test_a_name_that_is_taken_is_refused():
@@ -74,12 +75,12 @@ def takes_a_name():
 
 
 def test_entry_points_that_cannot_be_loaded_are_named_and_do_no_harm(monkeypatch):
-    group = registry.GROUP
+    group = registry._BROUGHT.group
     broken = EntryPoint("broken", "no_such_module:register", group)
     thief = EntryPoint("thief", f"{__name__}:takes_a_name", group)
     entries = [broken, thief, EntryPoint("good", f"{__name__}:adds_one", group)]
-    monkeypatch.setattr(registry, "entry_points", lambda group: entries)
-    monkeypatch.setattr(registry, "_asked", False)
+    monkeypatch.setattr(plugins, "entry_points", lambda group: entries)
+    monkeypatch.setattr(registry._BROUGHT, "_asked", False)
     with pytest.warns(RuntimeWarning) as warned:
         names = baselines.names()
     words = [str(each.message) for each in warned]

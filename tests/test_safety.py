@@ -100,12 +100,13 @@ class Wanting(Policy):
     """Wants the same action of each robot at all times."""
 
     kind = "car"
+    arrays = "warp"
 
     def want(self, action):
         self.action.assign(np.broadcast_to(np.asarray(action, dtype=np.float32), self.action.shape).copy())
         return self
 
-    def _decide(self, observation):
+    def decide(self, observation):
         pass
 
 

@@ -6,9 +6,9 @@ from typing import Any
 
 from baselines.benchmark.rows import what_is_wrong
 from baselines.benchmark.types import Benchmark, Cell, Failure
-from baselines.policies.factories import where_raised
 from lissajous_env.console.terminal import plain
 from lissajous_env.episodes.evaluation import episodes
+from lissajous_env.wording import where_raised
 
 
 def play(

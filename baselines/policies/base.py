@@ -15,25 +15,37 @@ from lissajous_env import scenario as make_scenario
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import shown
 from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import chosen_worlds, whole_number
 
+_ARRAYS = ("numpy", "torch", "warp")
+
 
 class Policy(Copyable):
-    """Base of the classical policies: a batch of W worlds of N robots of one scenario, on one device.
+    """Base of policies: a batch of W worlds of N robots of one scenario, on one device.
 
-    A subclass writes `self.action` (W, N, action_size) in `_decide`, which is called with the observation as a Warp
-    array, and forgets its memory of some worlds in `_forget`. What it keeps in attributes that `__init__` makes, Warp
-    arrays among them, goes with every copy and pickle of it.
+    A subclass writes one method, `decide`, and `forget` if it remembers anything:
+
+        class Slower(baselines.Policy):
+            def decide(self, observation):  # NumPy (W, N, D)
+                return np.full(self.action.shape, 0.1)
+
+    What it keeps in attributes that `__init__` makes, Warp arrays among them, goes with every copy and pickle of it.
 
     Raises:
         ValueError: a number of worlds below 1, or a device that is not there.
     """
 
+    arrays: str = "numpy"
+    """What `decide` is given: "numpy", an array on the host; "torch" or "warp", one on the policy's device."""
     kind: str | None = None
     """Kind of robot that the policy drives; None drives any."""
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"):
+        if self.arrays not in _ARRAYS:
+            rule = f"must be one of {', '.join(_ARRAYS)}"
+            raise ValueError(f"arrays of {type(self).__name__} {rule}, got {shown(self.arrays)}")
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.scenario = make_scenario(scenario).resolve()
         self.num_robots = self.scenario.num_robots
@@ -56,7 +68,23 @@ class Policy(Copyable):
         """
         mask = np.zeros(self.num_worlds, dtype=bool)
         mask[chosen_worlds(worlds, self.num_worlds)] = True
-        self._forget(mask)
+        self.forget(mask)
+
+    def decide(self, observation: Any) -> Any:
+        """Actions (W, N, action_size) in [-1, 1] for observations (W, N, D): what a subclass writes.
+
+        Args:
+            observation: float32, of the type that `arrays` says. A NumPy array or a torch tensor is the policy's own;
+                a Warp array may be the simulation's, and must be left as it is.
+
+        Returns:
+            An array of any type, or nested lists, of numbers. With `arrays = "warp"` a policy may write `self.action`
+            instead, and return None.
+        """
+        raise NotImplementedError(f"{type(self).__name__} must have a method decide(observation) that returns actions")
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what is remembered of the worlds in a mask (W,), whose episodes begin anew."""
 
     def act(self, observation: Any) -> Any:
         """Actions (W, N, action_size) in [-1, 1] for observations (W, N, D).
@@ -75,17 +103,17 @@ class Policy(Copyable):
 
         Raises:
             ValueError: the observation has another shape, an unknown agent, or (looked for where it lies on the host)
-                a number that is not finite.
+                a number that is not finite; or the actions that were decided on have another shape, or are no numbers.
         """
         if isinstance(observation, Mapping):
             return self._act_by_agent(observation)
         with self._on_torch_stream(observation):
             given = self._taken(observation)
             if self._compiled:
-                self._decide(given)
+                self._let_decide(given)
             else:
                 with compile_quietly():
-                    self._decide(given)
+                    self._let_decide(given)
                 self._compiled = True
             if isinstance(observation, wp.array):
                 return self.action
@@ -139,20 +167,25 @@ class Policy(Copyable):
             name = layout(self.scenario).names[k]
             raise ValueError(f"observation must be finite, got {rows[w, i, k]} for {name} of robot_{i} in world {w}")
 
+    def _let_decide(self, given: wp.array) -> None:
+        """Let the subclass decide on an array of its type, and keep in `action` what it returns."""
+        observation: Any = given
+        if self.arrays == "numpy":
+            observation = np.array(given.numpy())
+        elif self.arrays == "torch":
+            observation = wp.to_torch(given).clone()
+        decided = self.decide(observation)
+        if decided is not self.action and not (decided is None and self.arrays == "warp"):
+            copy_in(f"actions of {self.name}", decided, self.action)
+
     def _on_torch_stream(self, observation: Any) -> AbstractContextManager:
-        """On a GPU, queue what Warp launches for a torch tensor on torch's own stream."""
-        if self.device.is_cpu or not is_torch(observation):
+        """On a GPU, queue what Warp launches for torch, and for a policy in torch, on torch's own stream."""
+        if self.device.is_cpu or not (is_torch(observation) or self.arrays == "torch"):
             return nullcontext()
         import torch
 
         stream = wp.stream_from_torch(torch.cuda.current_stream(wp.device_to_torch(self.device)))
         return wp.ScopedStream(stream, sync_enter=True, sync_exit=True)
-
-    def _decide(self, observation: wp.array) -> None:
-        raise NotImplementedError
-
-    def _forget(self, mask: np.ndarray) -> None:
-        """Forget the memory of the worlds in a mask (W,)."""
 
 
 def _copy(values: np.ndarray, rows_out: np.ndarray) -> None:

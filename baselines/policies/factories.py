@@ -1,19 +1,17 @@
 """Policies by what a person gives for one: a name, a folder, `module:factory`, or an object of Python."""
 
-import difflib
 import functools
-import importlib
-import os
-import sys
-import traceback
+import inspect
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from baselines.policies import registry
 from lissajous_env import scenarios
-from lissajous_env.episodes.evaluation import ActingPolicy
+from lissajous_env.episodes.evaluation import ActingPolicy, OfFunction
+from lissajous_env.parameters.named import is_scenario_file
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown
+from lissajous_env.plugins import import_attribute
+from lissajous_env.wording import nearest, shown
 
 Factory = Callable[[Scenario, int, Any], ActingPolicy]
 """Makes a policy: `factory(scenario, num_worlds, device)`."""
@@ -22,34 +20,39 @@ Factory = Callable[[Scenario, int, Any], ActingPolicy]
 def told_apart(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
     """Scenarios and the one policy among some names, whatever their order; what names a scenario is one.
 
+    `module:attribute` can be either: where nothing else is the policy, the last of these is.
+
     Raises:
         ValueError: there is no policy among them, more than one, no scenario, or a name that is neither.
     """
-    others = [name for name in names if name not in scenarios()]
-    unknown = [name for name in others if not _may_be_policy(name)]
-    if len(others) > 1 and unknown:
+    either = [name for name in names if is_imported(name)]
+    policies = [name for name in names if name in registry.names() or registry.is_folder(name)]
+    policies = [name for name in policies if not _is_scenario(name)] or either[-1:]
+    asked = [name for name in names if name not in policies and (name in either or _is_scenario(name))]
+    unknown = [name for name in names if name not in policies and name not in asked]
+    if unknown and len(policies) + len(unknown) > 1:
         # One of them may be the policy; of the others none is.
-        wrong = unknown[0]
         known = [*scenarios(), *registry.names()]
-        nearest = difflib.get_close_matches(wrong, known, n=1, cutoff=0.0)[0]
         raise ValueError(
-            f"scenario must be one of {', '.join(scenarios())}, got {wrong!r}; did you mean {nearest}?\n"
+            f"scenario must be one of {', '.join(scenarios())}, got {unknown[0]!r}{nearest(unknown[0], known)}\n"
             "(nor is it a policy: a name that `lissajous policies` lists, a checkpoint's folder, or module:factory)"
         )
-    if len(others) > 1:
-        raise ValueError(f"policy must be one alone, got {', '.join(others)}")
-    if not others:
+    if len(policies) > 1:
+        raise ValueError(f"policy must be one alone, got {', '.join(policies)}")
+    if not policies and not unknown:
         raise ValueError(f"policy must be given beside the scenario, got {', '.join(names)}")
-    if len(names) == 1:
+    if not asked:
         raise ValueError(f"scenario must be given beside the policy, one of {', '.join(scenarios())}; got {names[0]!r}")
-    return tuple(name for name in names if name in scenarios()), others[0]
+    return tuple(asked), (policies or unknown)[0]
 
 
 def as_factory(policy: Any, name: str) -> Factory:
     """Return what makes a policy, of a factory (class, function, partial) or of a policy that was made already.
 
+    A function of one argument is the policy itself: `act(observation)` on NumPy arrays (W, N, D).
+
     Raises:
-        ValueError: it is neither.
+        ValueError: it is none of these.
     """
     if not isinstance(policy, type) and _acts(policy):
         made_already = cast(ActingPolicy, policy)
@@ -58,6 +61,8 @@ def as_factory(policy: Any, name: str) -> Factory:
         raise ValueError(
             f"policy {name} must be a policy or factory(scenario, num_worlds, device), got {shown(policy)}"
         )
+    if inspect.isfunction(policy) and _takes_one(policy):
+        return lambda scenario, num_worlds, device: OfFunction(policy, num_worlds)
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
         made: Any = policy(scenario, num_worlds, device)
@@ -74,12 +79,14 @@ def named(name: str) -> Factory:
     Raises:
         ValueError: a module or a factory that cannot be loaded.
     """
-    return as_factory(_imported(name), name) if is_imported(name) else functools.partial(_registered, name)
+    if is_imported(name):
+        return as_factory(import_attribute(name, "policy must be module:factory"), name)
+    return functools.partial(_registered, name, registry.sent(name))
 
 
 def is_imported(name: str) -> bool:
     """Whether a name is `module:factory`."""
-    return ":" in name and name not in registry.names() and not registry.is_folder(name)
+    return ":" in name and not _is_scenario(name) and name not in registry.names() and not registry.is_folder(name)
 
 
 def is_ones_own(name: str) -> bool:
@@ -87,50 +94,27 @@ def is_ones_own(name: str) -> bool:
     return is_imported(name) or registry.is_folder(name)
 
 
-def where_raised(error: BaseException) -> str:
-    """Put an error into one line, with the place in which it was raised."""
-    words = str(error).strip().partition("\n")[0]
-    frames = traceback.extract_tb(error.__traceback__)
-    place = f" ({os.path.basename(frames[-1].filename)}, line {frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}{f': {words}' if words else ''}{place}"
-
-
-def _may_be_policy(name: str) -> bool:
-    return name in registry.names() or is_ones_own(name)
+def _is_scenario(name: str) -> bool:
+    return name in scenarios() or is_scenario_file(name)
 
 
 def _acts(policy: Any) -> bool:
     return all(hasattr(policy, part) for part in ("act", "reset", "num_worlds"))
 
 
-def _registered(name: str, scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
+def _takes_one(function: Callable[..., Any]) -> bool:
+    """Whether a function can be called with one argument by its place, and not with three."""
+
+    def takes(count: int) -> bool:
+        try:
+            inspect.signature(function).bind(*range(count))
+        except TypeError:
+            return False
+        return True
+
+    return takes(1) and not takes(3)
+
+
+def _registered(name: str, sent: Any, scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
+    registry.remember(name, sent)
     return registry.make(name, scenario, num_worlds, device)
-
-
-def _imported(name: str) -> Any:
-    module, _, attribute = name.partition(":")
-    try:
-        if not module or not attribute or module.startswith("."):
-            raise ValueError("both must be names")
-        found = _import_from_here(module)
-        return functools.reduce(getattr, attribute.split("."), found)
-    except (Exception, SystemExit) as error:
-        raise ValueError(
-            f"policy must be module:factory that can be loaded, got {name!r}: {where_raised(error)}"
-        ) from error
-
-
-def _import_from_here(module: str) -> Any:
-    """Import a module, of the current folder too; what it imports later is looked for there last."""
-    try:
-        here = os.getcwd()
-    except OSError:  # the folder was removed
-        return importlib.import_module(module)
-    if here in sys.path or "" in sys.path:
-        return importlib.import_module(module)
-    sys.path.insert(0, here)
-    try:
-        return importlib.import_module(module)
-    finally:
-        sys.path.remove(here)
-        sys.path.append(here)

@@ -185,6 +185,7 @@ class Sweep(Policy):
     """Cars in file, evenly spaced, around a loop: along the boundary if targets enter there, else up and down lanes."""
 
     kind = "car"
+    arrays = "warp"
 
     def __init__(
         self,
@@ -205,10 +206,12 @@ class Sweep(Policy):
         self._lookahead = lookahead(self.scenario, self._cruise, self.parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
-    def _forget(self, mask: np.ndarray) -> None:
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what is kept of these worlds."""
         clear_worlds(self._memory, mask)
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
         inputs = [self._curve, self._robot, float(self.scenario.alpha), self._equilibrium, self._loop, self._cruise,
                   self._spacing, self._lookahead, self.scenario.task.step, self._memory, observation]  # fmt: skip
         wp.launch(follow_loop, self.shape, inputs, outputs=[self.action], device=self.device)
@@ -221,6 +224,7 @@ class Laps(Policy):
     """
 
     kind = "car"
+    arrays = "warp"
 
     def __init__(
         self,
@@ -239,10 +243,12 @@ class Laps(Policy):
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
 
-    def _forget(self, mask: np.ndarray) -> None:
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what is kept of these worlds."""
         clear_worlds(self._memory, mask)
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
         inputs = [self._curve, self._robot, self._loop, self._cruise, self._ahead, self._memory, observation]
         wp.launch(go_around, self.shape, inputs, outputs=[self.action], device=self.device)
 
@@ -253,16 +259,20 @@ class RandomWaypoint(Policy):
     The rates of points are omega / alpha in the mean, so that chance does not win by speed.
     """
 
+    arrays = "warp"
+
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         super().__init__(scenario, num_worlds, device)
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._goals = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
 
-    def _forget(self, mask: np.ndarray) -> None:
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what is kept of these worlds."""
         clear_worlds(self._goals, mask)
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
         if self.scenario.robot.kind == "curve":
             rate = self.scenario.formation.phase_rate / self.scenario.alpha
             inputs = [self._robot, rate, observation]
@@ -275,10 +285,12 @@ class RandomWaypoint(Policy):
 class Still(Policy):
     """Robots that stand still; cars coast to rest at the least throttle."""
 
+    arrays = "warp"
+
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         super().__init__(scenario, num_worlds, device)
         rest = [0.0] if self.scenario.robot.kind == "curve" else [0.0, -1.0]
         self.action.assign(np.tile(np.float32(rest), (*self.shape, 1)))
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
         """Leave the action as it is."""

@@ -1,32 +1,27 @@
 """The registry of policies: what there is by name, what it drives, and what other packages add."""
 
-import difflib
 import os
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from baselines.policies.base import Policy
 from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown
+from lissajous_env.plugins import EntryPoints
+from lissajous_env.wording import nearest, shown
 from lissajous_env.world.selection import whole_number
 
 KINDS = ("car", "curve")
 """Kinds of robots."""
 
-GROUP = "lissajous_env.policies"
-"""Entry points of this group name functions that `register` further policies, those of other packages."""
-
 
 @dataclass(frozen=True)
 class _Entry:
     kind: str | None
-    factory: Callable[..., Policy]
+    factory: Callable[..., Any]
     made_for: tuple[str, ...]
     about: str
     learned: bool
@@ -34,39 +29,48 @@ class _Entry:
 
 _REGISTRY: dict[str, _Entry] = {}
 _WRAPPERS: dict[str, tuple[str, Callable[[Policy], Policy]]] = {}
-_BROKEN: list[str] = []
+_BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
 _opener: Callable[..., Policy] | None = None
-_asked = False
 
 
 def register(
     name: str,
-    kind: str | None,
-    factory: Callable[..., Policy],
+    kind: str | None = None,
+    factory: Callable[..., Policy] | None = None,
     made_for: tuple[str, ...] = (),
     about: str = "",
     learned: bool = False,
-) -> None:
-    """Add a policy.
+) -> Any:
+    """Add a policy. Without a factory, this is a decorator of one: `@register("mine", kind="car")`.
 
     Args:
         name: Its name.
-        kind: Kind of robots that it drives; None: any.
+        kind: Kind of robots that it drives; by default the factory's `kind`, and any where it has none.
         factory: `factory(scenario, num_worlds, device)` makes it.
         made_for: Names of the scenarios on which a benchmark plays it without being asked to; all by default.
         about: What it is, in one line; the first line of the factory's docstring by default.
         learned: Whether it is a learned one, which no other is added to.
 
+    Returns:
+        The factory.
+
     Raises:
         ValueError: a name that another policy has; the same policy may be registered again.
     """
+    if factory is None:
+        return partial(_added, name, kind, made_for, about, learned)
+    return _added(name, kind, made_for, about, learned, factory)
+
+
+def _added(name: str, kind: str | None, made_for: tuple[str, ...], about: str, learned: bool, factory: Any) -> Any:
     if not isinstance(name, str) or not name:
         raise ValueError(f"name of a policy must be a word, got {name!r}")
+    kind = getattr(factory, "kind", None) if kind is None else kind
     if kind not in (None, *KINDS):
         raise ValueError(f"kind of {name} must be one of {', '.join(KINDS)}, or None, got {shown(kind)}")
     if not callable(factory):
         raise ValueError(f"factory of {name} must be callable, got {shown(factory)}")
-    about = about or (factory.__doc__ if isinstance(factory, type) else None) or ""
+    about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")
     entry = _Entry(kind, factory, tuple(made_for), about.partition("\n")[0], learned)
     plain, suffix = _parted(name)
     if suffix or any(name + each in _REGISTRY for each in _WRAPPERS):
@@ -74,6 +78,7 @@ def register(
     if name in _REGISTRY and not _alike(_REGISTRY[name], entry):
         raise ValueError(f"name of a policy must be new, got {name}, which {_REGISTRY[name].factory!r} has")
     _REGISTRY[name] = entry
+    return factory
 
 
 def _alike(one: _Entry, other: _Entry) -> bool:
@@ -142,23 +147,19 @@ def is_classical(name: str) -> bool:
     return entry is not None and name in _kinds() and not entry.learned
 
 
-def _load_entry_points() -> None:
-    """Let other packages register theirs; one that cannot is named, and the others are there all the same."""
-    global _asked
-    if _asked:
-        return
-    _asked = True  # at once: what is loaded may ask for names itself
-    for entry in entry_points(group=GROUP):
-        try:
-            entry.load()()
-        except Exception as error:
-            words = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
-            _BROKEN.append(f"the policies of the entry point {entry.name} ({entry.value}) cannot be loaded: {words}")
-            warnings.warn(_BROKEN[-1], RuntimeWarning, stacklevel=2)
+def sent(name: str) -> _Entry | None:
+    """What a process that only knows what ships needs to make a policy of this name; `remember` takes it."""
+    return _registry().get(unwrapped(name)[0])
+
+
+def remember(name: str, entry: _Entry | None) -> None:
+    """Take what `sent` returned in another process, where this one does not know the name."""
+    if entry is not None:
+        _registry().setdefault(unwrapped(name)[0], entry)
 
 
 def _registry() -> dict[str, _Entry]:
-    _load_entry_points()
+    _BROUGHT.load()
     return _REGISTRY
 
 
@@ -173,7 +174,7 @@ def _kinds() -> dict[str, str | None]:
 
 def unwrapped(name: str) -> tuple[str, str]:
     """Name of the policy inside, and the suffix of what wraps it ("" for nothing)."""
-    _load_entry_points()
+    _BROUGHT.load()
     return _parted(name)
 
 
@@ -225,9 +226,8 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
 def check(name: str, made: Scenario) -> None:
     """Raise ValueError where `make` would: an unknown name, or a policy for another kind of robot."""
     if name not in (known := _kinds()):
-        nearest = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
-        words = f"policy must be one of {', '.join(known)}, got {name!r}; did you mean {nearest}?"
-        raise ValueError("; ".join([words, *_BROKEN]))
+        words = f"policy must be one of {', '.join(known)}, got {name!r}{nearest(name, known)}"
+        raise ValueError("; ".join([words, *_BROUGHT.broken]))
     if name not in names(made):
         raise ValueError(
             f"policy for {made.name} must drive robots of kind {made.robot.kind} ({', '.join(names(made))}), got {name}"

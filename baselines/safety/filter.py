@@ -60,6 +60,7 @@ class Safe(Policy):
     """
 
     kind = "car"
+    arrays = "warp"
 
     def __init__(self, policy: Policy, parameters: SafetyParameters | None = None):
         super().__init__(policy.scenario, policy.num_worlds, policy.device)
@@ -93,10 +94,12 @@ class Safe(Policy):
         wp.launch(keep_clear, self.shape, inputs, outputs=outputs, device=self.device)
         return self.action
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
+        """Let the policy act, and filter its actions."""
         self.filter(observation, self.policy.act(observation))
 
-    def _forget(self, mask: np.ndarray) -> None:
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what the policy remembers, and where its ring neighbours were."""
         self.policy.reset(mask)
         clear_worlds(self._memory, mask)
 

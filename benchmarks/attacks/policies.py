@@ -90,16 +90,20 @@ def copied(draw: np.random.Generator) -> str | None:
 class Wrecked(Policy):
     """Another policy until a step, in which one number of its action is replaced."""
 
+    arrays = "warp"
+
     def __init__(self, policy: Policy, step: int, place: tuple[int, int, int], value: float):
         super().__init__(policy.scenario, policy.num_worlds)
         self.policy, self.step, self.place, self.value, self.now = policy, step, place, value, 0
         self.name = "wrecked"
 
-    def _forget(self, mask: np.ndarray) -> None:
+    def forget(self, mask: np.ndarray) -> None:
+        """Begin to count again."""
         self.policy.reset(mask)
         self.now = 0
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
+        """Take the other's action, and replace the number."""
         self.now += 1
         action = self.policy.act(observation).numpy().copy()
         if self.now == self.step:

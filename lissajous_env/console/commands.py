@@ -1,5 +1,6 @@
 """Commands about the world itself: which scenarios there are, and recordings of episodes."""
 
+import dataclasses
 import math
 import os
 import sys
@@ -7,30 +8,49 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
+from rich.text import Text
 
 from lissajous_env.console.terminal import AS_USUAL, Column, Output, Speech, make_console, print_left_out, print_table
+from lissajous_env.parameters.scenario import PARTS
 from lissajous_env.storage.files import check_writable_file
 
 if TYPE_CHECKING:
-    from lissajous_env.episodes.recording import Recording
+    from rich.console import Console
 
+    from lissajous_env.episodes.recording import Recording
+    from lissajous_env.parameters.scenario import Scenario
+
+_Scenarios = Annotated[
+    tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")
+]
 _File = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _MOST_PICTURES = 20_000
 """Of a GIF."""
 
 
-def scenarios(output: Speech = AS_USUAL) -> None:
-    """List the scenarios, with the numbers that describe their designs.
+def scenarios(names: _Scenarios = (), output: Speech = AS_USUAL) -> None:
+    """List the scenarios, with the numbers that describe their designs; of those that are named, all that is set.
 
     Args:
+        names: names of scenarios, .toml files, or module:attribute; without any, all that have a name.
         output: How it speaks.
     """
     from lissajous_env.parameters import named
 
     console = output.console()
+    given = [named.scenario(name) for name in names or named.scenarios()]
+    made = [each.resolve() for each in given]
+    _print_designs(console, made)
+    if names:
+        for each in given:
+            _print_settings(console, each)
+    derived = ("num_robots", "detection_time_bound")
+    output.give([each.to_dict() | {name: getattr(each, name) for name in derived} for each in made])
+
+
+def _print_designs(console: "Console", made: "list[Scenario]") -> None:
     narrow = console.width < 110
-    made = [named.scenario(name).resolve() for name in named.scenarios()]
     columns = [Column("name", left=True, style="bold cyan"), Column("N"), Column("robots", left=True)]
     columns += map(Column, ("rectangle\n[m]", "curve\na:b", "r_s\n[m]", "T_max\n[s]"))
     rows = []
@@ -53,14 +73,27 @@ def scenarios(output: Speech = AS_USUAL) -> None:
     console.print()
     if narrow:
         for each in made:
-            console.print(f"[bold cyan]{each.name}[/]: {each.description}", highlight=False)
+            console.print(Text.assemble((each.name, "bold cyan"), f": {each.description}"), highlight=False)
         console.print()
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     words = "N robots; r_s sensing radius; T_max = (2 pi / omega) / (N / kappa), by which a target is detected."
     console.print(words, style="dim", highlight=False)
-    bounds = {each.name: each.detection_time_bound for each in made}
-    output.give([{**each.to_dict(), "num_robots": each.num_robots, "detection_time_bound": bounds[each.name]}
-                 for each in made])  # fmt: skip
+
+
+def _print_settings(console: "Console", given: "Scenario") -> None:
+    """Print the fields in which a scenario differs from what its parts are by default."""
+    rows = []
+    for part in PARTS:
+        values = getattr(given, part)
+        for field in dataclasses.fields(values):
+            value = getattr(values, field.name)
+            if value != field.default:
+                rows.append([f"{part}.{field.name}", str(value), str(field.default)])
+    console.print()
+    columns = [Column("field", left=True), Column(given.name, prose=True), Column("default", left=True, rank=1)]
+    left_out = print_table(console, columns, rows)
+    print_left_out(console, left_out, "--json has all fields.")
+    console.print(f"{given.name}: what differs from the defaults; digest {given.digest()}.", style="dim", markup=False)
 
 
 def replay(file: _File, out: _Out = None, speed: float = 1.0, fps: float = 10.0, output: Speech = AS_USUAL) -> None:

@@ -8,11 +8,16 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Protocol
 
 import numpy as np
+import warp as wp
 
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import shown
 from lissajous_env.world.score import columns_of
 from lissajous_env.world.simulation import Simulation
+
+_TOGETHER = 16
+"""Episodes that a function is asked for together."""
 
 
 class ActingPolicy(Protocol):
@@ -25,6 +30,27 @@ class ActingPolicy(Protocol):
 
     def act(self, observation: Any) -> Any:
         """Actions (num_worlds, N, action_size) for observations (num_worlds, N, D)."""
+
+
+class OfFunction:
+    """A function `act(observation) -> action` on NumPy arrays (W, N, D), (W, N, action_size) as a policy.
+
+    Args:
+        function: What decides; nothing tells it when an episode begins, so it should remember nothing.
+        num_worlds: W.
+    """
+
+    def __init__(self, function: Callable[[np.ndarray], Any], num_worlds: int):
+        self.num_worlds, self._function = num_worlds, function
+        self.name = getattr(function, "__name__", type(function).__name__)
+
+    def reset(self, worlds: Any = None) -> None:
+        """Forget nothing."""
+
+    def act(self, observation: Any) -> Any:
+        """Return what the function returns for the observation as an array of its own."""
+        rows = observation.numpy() if isinstance(observation, wp.array) else observation
+        return self._function(np.array(rows))
 
 
 class InvalidActionError(ValueError):
@@ -93,17 +119,34 @@ def name_of(policy: ActingPolicy) -> str:
 
 
 def evaluate(
-    policy: ActingPolicy, scenario: str | Scenario, seeds: Iterable[int] = range(16), device: Any = "cpu"
+    policy: ActingPolicy | Callable[[np.ndarray], Any],
+    scenario: str | Scenario,
+    seeds: Iterable[int] = range(16),
+    device: Any = "cpu",
 ) -> list[dict[str, Any]]:
     """Play one episode for each seed, `policy.num_worlds` at a time.
+
+    Args:
+        policy: What acts; or a function alone, `act(observation) -> action` on NumPy arrays (W, N, D), which is asked
+            for 16 worlds together.
+        scenario: What it is played on.
+        seeds: Seed of each episode.
+        device: Warp device of the simulation.
 
     Returns:
         A score row for each seed, in their order, with the columns of `lissajous_env.world.score.COLUMNS`.
 
     Raises:
         InvalidActionError: the policy returned actions that are misshapen or not finite (a ValueError).
+        ValueError: what is no policy, no scenario or no seed.
     """
-    return [row for rows in episodes(policy, scenario, seeds, device) for row in rows]
+    seeds = list(seeds)
+    if isinstance(policy, type) or not (callable(policy) or hasattr(policy, "act")):
+        raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}")
+    acting: Any = policy
+    if not hasattr(policy, "act"):
+        acting = OfFunction(acting, max(min(len(seeds), _TOGETHER), 1))
+    return [row for rows in episodes(acting, scenario, seeds, device) for row in rows]
 
 
 def episodes(

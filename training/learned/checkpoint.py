@@ -186,9 +186,15 @@ def to_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def home_scenario(card: Card) -> Scenario:
-    """Make the scenario that a policy was trained on, with the overrides it was trained with."""
+    """Make the scenario that a policy was trained on, with the overrides it was trained with.
+
+    What a card names is looked up and never loaded: a folder may come from anyone.
+
+    Raises:
+        ValueError: a scenario that is not registered, or overrides that it does not have.
+    """
     try:
-        return named.scenario(card.scenario, **card.overrides)
+        return named.scenario(named.registered_scenario(card.scenario), **card.overrides)
     except TypeError as error:
         raise ValueError(f"overrides must be fields of {card.scenario}, got {dict(card.overrides)}") from error
 

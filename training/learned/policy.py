@@ -34,6 +34,8 @@ class Learned(Policy):
             robots or observation do not fit the policy.
     """
 
+    arrays = "warp"
+
     def __init__(
         self, network: Network, card: Card, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"
     ):
@@ -45,11 +47,13 @@ class Learned(Policy):
         added_to = None if self.base is None else self.base.action
         self._forward = Forward(network, columns, self._observation, added_to, card.residual, self.action)
 
-    def _forget(self, mask: np.ndarray) -> None:
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what the base remembers."""
         if self.base is not None:
             self.base.reset(mask)
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
+        """Run the network, on top of the base's action where there is one."""
         base = None if self.base is None else self.base.act(observation)
         self._forward.launch(observation, base)
 

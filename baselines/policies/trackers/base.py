@@ -38,6 +38,8 @@ class Coordinated(Policy):
     parameters of its own.
     """
 
+    arrays = "warp"
+
     def __init__(
         self,
         coordinator: Callable[[Scenario, int, Any], Coordinator],
@@ -50,6 +52,7 @@ class Coordinated(Policy):
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
 
-    def _forget(self, mask: np.ndarray) -> None:
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what is kept of these worlds."""
         if isinstance(self.coordinator, Remembering):
             self.coordinator.forget(mask)

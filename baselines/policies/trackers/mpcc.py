@@ -72,11 +72,13 @@ class WithMpcc(Coordinated):
         parameters = parameters or MpccParameters.of(self.scenario.robot, step=self.scenario.task.step)
         self.mpcc = Mpcc(self.scenario.curve, parameters, batch=num_worlds * self.num_robots, device=self.device)
 
-    def _forget(self, mask: np.ndarray) -> None:
-        super()._forget(mask)
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what is kept of these worlds."""
+        super().forget(mask)
         self.mpcc.reset(np.repeat(mask, self.num_robots))
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
         self.coordinator.coordinate(observation)
         alpha = float(self.scenario.alpha)
         inputs = [self._curve, alpha, self._speed_unit, observation, self.coordinator.phase_rate]

@@ -21,7 +21,8 @@ class OnCurve(Coordinated):
 
     kind = "curve"
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
         self.coordinator.coordinate(observation)
         inputs = [self._robot, self.coordinator.phase_rate]
         wp.launch(follow_as_point, self.shape, inputs, outputs=[self.action], device=self.device)

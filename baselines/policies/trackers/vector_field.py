@@ -145,11 +145,13 @@ class WithVectorField(Coordinated):
         self._field = field_of(self.scenario, parameters)
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
-    def _forget(self, mask: np.ndarray) -> None:
-        super()._forget(mask)
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what is kept of these worlds."""
+        super().forget(mask)
         clear_worlds(self._memory, mask)
 
-    def _decide(self, observation: wp.array) -> None:
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
         self.coordinator.coordinate(observation)
         inputs = [self._curve, self._robot, self._field, float(self.scenario.alpha), self.coordinator.phase_rate,
                   self._memory, observation]  # fmt: skip

@@ -1,0 +1,17 @@
+"""The ids by which Gymnasium and PettingZoo make environments of a scenario."""
+
+import gymnasium
+import pettingzoo
+
+
+def register_ids(name: str) -> None:
+    """Let Gymnasium and PettingZoo make `lissajous/NAME-v0`, of the scenario that has this name when one is made."""
+    of_ours, settings = f"lissajous/{name}-v0", {"scenario": name}
+    gymnasium.register(
+        id=of_ours,
+        entry_point="lissajous_env.envs.gymnasium_env:LissajousEnv",
+        vector_entry_point="lissajous_env.envs.gymnasium_vector:LissajousVectorEnv",
+        kwargs=settings,
+    )
+    pettingzoo.register("parallel", of_ours, "lissajous_env.envs.pettingzoo_env:parallel_env", kwargs=settings)
+    pettingzoo.register("aec", of_ours, "lissajous_env.envs.pettingzoo_env:env", kwargs=settings)

@@ -1,0 +1,56 @@
+"""Scenarios as TOML files: a name, a description, a scenario to begin with, and a table for each part that differs.
+
+    base = "failure"
+    [curve]
+    half_width = 2.4
+    [faults]
+    schedule = [[0, 5.0, inf]]
+
+It is named as its file where it does not say otherwise.
+"""
+
+import os
+import tomllib
+from typing import Any
+
+from lissajous_env.parameters.scenario import PARTS
+from lissajous_env.storage.files import read_bytes
+from lissajous_env.wording import nearest
+
+SUFFIX = ".toml"
+WORDS = ("name", "description", "base")
+"""Keys beside the parts."""
+_LARGEST = 1 << 16
+"""Size of a file [bytes]."""
+_MOST_DOTS = 500
+"""Dots in a line: what the reader of TOML needs for a dotted key grows with the square of their number."""
+
+
+def read_scenario_file(path: str) -> dict[str, Any]:
+    """Read the keys of a scenario's file; a link is followed. What the parts hold is not checked yet.
+
+    Raises:
+        ValueError: it is missing, no plain file, above 64 KiB, no TOML, or has an unknown key; the message names it.
+    """
+    try:
+        text = read_bytes(os.path.realpath(path), _LARGEST).decode()
+        _check_dots(text)
+        given = tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(f"scenario {path} must nest fewer levels") from None
+    except ValueError as error:
+        raise ValueError(f"scenario {path} must be a TOML file that can be read: {error}") from error
+    for key, value in given.items():
+        if key not in (*WORDS, *PARTS):
+            known = ", ".join((*WORDS, *PARTS))
+            raise ValueError(f"scenario {path} must hold {known}, got {key!r}{nearest(key, (*WORDS, *PARTS))}")
+        kind, rule = (str, "text") if key in WORDS else (dict, "a table")
+        if not isinstance(value, kind):
+            raise ValueError(f"scenario {path} must hold {key} as {rule}, got {type(value).__name__}")
+    return given
+
+
+def _check_dots(text: str) -> None:
+    for number, line in enumerate(text.split("\n"), start=1):
+        if (dots := line.count(".")) > _MOST_DOTS:
+            raise ValueError(f"line {number} must hold at most {_MOST_DOTS} dots, got {dots}; break it")

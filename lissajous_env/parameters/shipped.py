@@ -1,0 +1,121 @@
+"""The scenarios that ship with the package: the paper's, and ours."""
+
+import dataclasses
+
+from lissajous_env.parameters.scenario import Curve, Faults, Formation, Noise, Robot, Scenario, Sensing, Targets, Task
+
+# Section VII prints robots 1 to 5 with R_1 = {2, 4}, R_2 = {1, 5}, R_3 = {4, 5}, R_4 = {1, 3}, R_5 = {2, 3}.
+_EXPERIMENT_RING = (0, 1, 4, 2, 3)
+
+# With all targets there from the start, most would be detected before a fault could tell.
+_ARRIVING = Targets(count=20, arrival_rate=0.5)
+
+_EXPERIMENT = Scenario(
+    name="experiment",
+    description="Section VII: five cars on curve (16); robots 1 and 5 stop from 24.5 s to 34.5 s (Fig. 7 and 8).",
+    curve=Curve(half_width=1.8, half_height=0.8, a=3, b=2),
+    formation=Formation(phase_rate=0.3, coupling=1.0, p=2, ring=_EXPERIMENT_RING, start_noise=0.02),
+    robot=Robot(kind="car", radius=0.125, model_offset=3.804),
+    faults=Faults(schedule=((0, 24.5, 34.5), (4, 24.5, 34.5))),
+    targets=_ARRIVING,
+    # Cars that are alike to the last digit would keep the formation without any feedback; real ones do not.
+    noise=Noise(wheelbase_spread=0.02, drive_spread=0.02),
+    task=Task(duration=60.0),
+)
+
+_INTRUDERS = Scenario(
+    name="intruders",
+    description="Five cars in 10.8 m x 4.8 m with a 0.5 m sensor; rogues enter at the boundary, half of them flee.",
+    curve=Curve(half_width=5.4, half_height=2.4, a=3, b=2),
+    # omega = 2 m/s / max ||r'||: the fastest stretch of the curve takes the car's top speed.
+    formation=Formation(phase_rate=0.118, start="rotated", start_noise=0.02),
+    # The throttle limit makes the steady top speed 2 m/s: (36.81 tau - 3.681) / 0.945 = 2.
+    robot=Robot(kind="car", radius=0.125, throttle_max=0.151345, lateral_acceleration_max=4.0, model_offset=3.804),
+    sensing=Sensing(radius=0.5),
+    targets=Targets(
+        count=0,
+        arrival_rate=0.5,
+        entry="boundary",
+        wandering=0.5,
+        fleeing=0.5,
+        speed=0.15,
+        flee_radius=0.9,
+        flee_speed=0.6,
+    ),
+    task=Task(duration=60.0),
+)
+
+SHIPPED = (
+    Scenario(
+        name="ideal",
+        description="Fig. 2 and 3: 15 points on the curve in equilibrium, 10,000 moving targets from the start.",
+        curve=Curve(half_width=5.0, half_height=5.0, a=7, b=8),
+        formation=Formation(phase_rate=0.05, p=7),
+        robot=Robot(kind="curve", radius=0.09),
+        sensing=Sensing(targets_seen=0),
+        targets=Targets(count=10_000, wandering=1.0, speed=0.2),
+        task=Task(duration=10.0),
+    ),
+    Scenario(
+        name="perturbation",
+        description="Fig. 4: ten points on the curve, robot 1 displaced along it by 0.25 rad.",
+        curve=Curve(half_width=5.0, half_height=5.0, a=7, b=3),
+        formation=Formation(phase_rate=0.3, p=3, displaced=((0, 0.25),)),
+        robot=Robot(kind="curve", radius=0.125),
+        task=Task(duration=30.0),
+    ),
+    Scenario(
+        name="failure",
+        description="Fig. 6: five points on curve (16), robots 1 and 2 stuck from 9.6 s to 19.5 s.",
+        curve=Curve(half_width=1.8, half_height=0.8, a=3, b=2),
+        formation=Formation(phase_rate=0.3, p=2, start="rotated"),
+        robot=Robot(kind="curve", radius=0.125),
+        targets=_ARRIVING,
+        faults=Faults(schedule=((0, 9.6, 19.5), (1, 9.6, 19.5))),
+        task=Task(duration=30.0),
+    ),
+    _EXPERIMENT,
+    dataclasses.replace(
+        _EXPERIMENT,
+        name="experiment-printed",
+        description="Section VII with the constants as printed (beta = 0.94): infeasible, cars leave the rectangle.",
+        robot=Robot(kind="car", radius=0.125, drag=0.94, drive=36.8, offset=0.94, dead_zone=0.0),
+    ),
+    _INTRUDERS,
+    dataclasses.replace(
+        _EXPERIMENT,
+        name="rough",
+        description="The experiment with noise, uneven cars, lost and late messages, random faults, one robot lost.",
+        formation=dataclasses.replace(_EXPERIMENT.formation, start="rotated", start_noise=0.1),
+        faults=Faults(rate=0.01, mean_duration=5.0, lost=1),
+        noise=Noise(
+            actuator=0.05,
+            position=0.01,
+            heading=0.02,
+            speed=0.02,
+            wheelbase_spread=0.05,
+            drive_spread=0.02,
+            message_loss=0.1,
+            message_delay=0.1,
+        ),
+    ),
+    Scenario(
+        name="knot",
+        description="Section IV-A: the failure of Fig. 6 on the knot (10) with z = 0.8 sin(7 gamma), points in space.",
+        curve=Curve(half_width=1.8, half_height=0.8, a=3, b=2, half_depth=0.8, c=7),
+        formation=Formation(phase_rate=0.3, p=2, start="rotated"),
+        robot=Robot(kind="curve", radius=0.125),
+        targets=_ARRIVING,
+        faults=Faults(schedule=((0, 9.6, 19.5), (1, 9.6, 19.5))),
+        task=Task(duration=30.0),
+    ),
+    Scenario(
+        name="swarm",
+        description="101 points on the curve in 40 m x 25 m, 2,000 targets.",
+        curve=Curve(half_width=20.0, half_height=12.5, a=51, b=50),
+        formation=Formation(phase_rate=0.02, start="rotated"),
+        robot=Robot(kind="curve", radius=0.006),
+        targets=Targets(count=2000),
+        task=Task(duration=30.0, grid=(80, 50)),
+    ),
+)
