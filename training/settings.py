@@ -168,7 +168,7 @@ class Train:
             return None if self.teacher == "none" else self.teacher
         if self.start is not None or self.base is not None:
             return None
-        return "kuramoto" if self.make_scenario().robot.kind == "curve" else "kuramoto-arc-mpcc"
+        return {"car": "kuramoto-arc-mpcc", "curve": "kuramoto"}.get(self.make_scenario().robot.kind)
 
     @property
     def imitated_until(self) -> int:

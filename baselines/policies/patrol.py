@@ -24,6 +24,7 @@ from lissajous_env.device.curve import CurveStruct, curve_struct, point2
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.robots.table import model_of
 
 wp.set_module_options(OPTIONS)
 
@@ -181,6 +182,16 @@ def wander_on_curve(
     action_out[w, i, 0] = wp.min(2.0 * rate * draw / robot.phase_rate_max, 1.0)
 
 
+@wp.kernel
+def act_at_random(observation: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)):
+    """Draw each component of the action anew in each step."""
+    w, i = wp.tid()
+    key = own_key(w, i, observation)
+    for k in range(action_out.shape[2]):
+        draw = randomness.uniform(key, i * action_out.shape[2] + k, randomness.WANDER)
+        action_out[w, i, k] = 2.0 * draw - 1.0
+
+
 class Sweep(Policy):
     """Cars in file, evenly spaced, around a loop: along the boundary if targets enter there, else up and down lanes."""
 
@@ -256,7 +267,8 @@ class Laps(Policy):
 class RandomWaypoint(Policy):
     """Cars that drive to one random place after another; points that take a random phase rate in each step.
 
-    The rates of points are omega / alpha in the mean, so that chance does not win by speed.
+    The rates of points are omega / alpha in the mean, so that chance does not win by speed. Robots of a model that is
+    neither take any action in each step.
     """
 
     arrays = "warp"
@@ -273,13 +285,12 @@ class RandomWaypoint(Policy):
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        if self.scenario.robot.kind == "curve":
-            rate = self.scenario.formation.phase_rate / self.scenario.alpha
-            inputs = [self._robot, rate, observation]
-            wp.launch(wander_on_curve, self.shape, inputs, outputs=[self.action], device=self.device)
-            return
-        inputs = [self._curve, self._robot, self._goals, observation]
-        wp.launch(wander, self.shape, inputs, outputs=[self.action], device=self.device)
+        rate = self.scenario.formation.phase_rate / self.scenario.alpha
+        kernel, inputs = {
+            "car": (wander, [self._curve, self._robot, self._goals, observation]),
+            "curve": (wander_on_curve, [self._robot, rate, observation]),
+        }.get(self.scenario.robot.kind, (act_at_random, [observation]))
+        wp.launch(kernel, self.shape, inputs, outputs=[self.action], device=self.device)
 
 
 class Still(Policy):
@@ -289,7 +300,7 @@ class Still(Policy):
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         super().__init__(scenario, num_worlds, device)
-        rest = [0.0] if self.scenario.robot.kind == "curve" else [0.0, -1.0]
+        rest = model_of(self.scenario.robot.kind).rest or (0.0,) * self.scenario.action_size
         self.action.assign(np.tile(np.float32(rest), (*self.shape, 1)))
 
     def decide(self, observation: wp.array) -> None:

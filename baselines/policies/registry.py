@@ -12,10 +12,8 @@ from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import EntryPoints
 from lissajous_env.wording import nearest, shown
+from lissajous_env.world.robots.table import robot_kinds
 from lissajous_env.world.selection import whole_number
-
-KINDS = ("car", "curve")
-"""Kinds of robots."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +64,8 @@ def _added(name: str, kind: str | None, made_for: tuple[str, ...], about: str, l
     if not isinstance(name, str) or not name:
         raise ValueError(f"name of a policy must be a word, got {name!r}")
     kind = getattr(factory, "kind", None) if kind is None else kind
-    if kind not in (None, *KINDS):
-        raise ValueError(f"kind of {name} must be one of {', '.join(KINDS)}, or None, got {shown(kind)}")
+    if kind not in (None, *robot_kinds()):
+        raise ValueError(f"kind of {name} must be one of {', '.join(robot_kinds())}, or None, got {shown(kind)}")
     if not callable(factory):
         raise ValueError(f"factory of {name} must be callable, got {shown(factory)}")
     about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")

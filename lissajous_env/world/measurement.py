@@ -6,7 +6,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, curve_parameter, project, wrap_phase
 from lissajous_env.device.part_structs import FormationStruct, NoiseStruct
-from lissajous_env.world.robots.car import LARGEST_CORRECTION
+from lissajous_env.world.robots.placing import LARGEST_CORRECTION
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Robots
 
 wp.set_module_options(MOTION)

@@ -18,7 +18,7 @@ from lissajous_env.world.measurement import measure
 from lissajous_env.world.messages import hear, reset_messages, send
 from lissajous_env.world.observation import keep_final, observe
 from lissajous_env.world.reward import give_reward
-from lissajous_env.world.robots.placing import reset_robots
+from lissajous_env.world.robots.placing import follow_curve, reset_robots
 from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.tally import keep_score, reset_tally
 from lissajous_env.world.targets import detect_targets, move_targets, reset_arrivals, reset_targets
@@ -26,12 +26,14 @@ from lissajous_env.world.targets import detect_targets, move_targets, reset_arri
 
 def step_stages(scenario: Scenario) -> list[Stage]:
     """What happens in a control step."""
+    model = model_of(scenario.robot.kind)
     return [
         Stage("clock", advance_clock, WORLD),
         Stage("events", clear_events, ROBOT),
         Stage("faults", update_status, ROBOT),
         Stage("commands", take_commands, ROBOT),
-        Stage("motion", model_of(scenario.robot.kind).move, ROBOT),
+        Stage("motion", model.move, ROBOT),
+        Stage("phase", follow_curve, ROBOT, when=not model.keeps_to_curve),
         Stage("measurement", measure, ROBOT),
         Stage("sending", send, ROBOT),
         Stage("collisions", find_collisions, ROBOT),

@@ -8,8 +8,8 @@ import warp as wp
 
 from lissajous_env.device.car_input import steering_and_throttle
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import CurveStruct, curve_parameter, project, wrap, wrap_phase
-from lissajous_env.device.part_structs import FormationStruct, RobotStruct, TaskStruct
+from lissajous_env.device.curve import CurveStruct, wrap
+from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.parts import Curve, Formation, Noise, Robot, Task
@@ -17,9 +17,6 @@ from lissajous_env.world.robots.model import RobotModel
 from lissajous_env.world.state import WORKING, Clock, Robots
 
 wp.set_module_options(MOTION)
-
-LARGEST_CORRECTION = wp.constant(0.1)
-"""Limit of a correction of a car's parameter on the curve [rad]: it may slide along its branch, not jump."""
 
 WALL = wp.constant(place_of(Task, "boundary", "wall"))
 
@@ -75,19 +72,17 @@ def move_cars(
     first: int,
     lanes: int,
     curve: CurveStruct,
-    formation: FormationStruct,
     robot: RobotStruct,
     task: TaskStruct,
     command: wp.array3d(dtype=float),
     clock: Clock,
     robots: Robots,
 ):
-    """Move cars: steering and throttle are held over the step; the phase follows the car along its branch."""
+    """Move cars: steering and throttle are held over the step."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
         return
-    alpha = float(formation.alpha)
     substeps = robots.track.shape[2] - 1
     for i in range(lane, robots.status.shape[1], lanes):
         position = robots.position[w, i]
@@ -110,9 +105,6 @@ def move_cars(
             robots.position[w, i] = wp.vec3(car[0], car[1], 0.0)
             robots.heading[w, i] = wrap(car[2])
             robots.speed[w, i] = car[3]
-            start = curve_parameter(alpha, robots.phase[w, i])
-            gamma = project(curve, wp.vec2(car[0], car[1]), start, LARGEST_CORRECTION)
-            robots.phase[w, i] = wrap_phase(robots.phase[w, i] + wp.float64((gamma - start) / alpha))
 
 
 def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:
@@ -173,6 +165,7 @@ CAR = RobotModel(
     actions=("steering", "throttle"),
     table=tuple(itertools.product((-1.0, -0.5, 0.0, 0.5, 1.0), (-1.0, 0.0, 1.0))),
     move=move_cars,
+    rest=(0.0, -1.0),
     speed_unit=lambda curve, formation, robot: robot.speed_max,
     check=check,
     shape=shape,

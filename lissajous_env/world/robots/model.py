@@ -26,19 +26,21 @@ class RobotModel:
     move: Any
     """Kernel that moves the robots over a step; its parameters are found by name, as `lissajous_env.world.stages` says.
 
-    `command` (W, N, len(actions)) is the action, limited, with its noise. It writes what has changed of position,
-    heading, speed and phase of `robots`, and the track through the step, `robots.track` (W, N, S + 1), from the old
-    position to the new one. A robot that is not WORKING stands still.
+    `command` (W, N, len(actions)) is the action, limited, with its noise. It writes position, heading and speed of
+    `robots`, and the track through the step, `robots.track` (W, N, S + 1), from the old position to the new one. A
+    robot that is not WORKING stands still.
     """
     speed_unit: Callable[[Curve, Formation, Robot], float]
     """Unit of observed speeds [m/s], such as the top speed."""
+    rest: tuple[float, ...] | None = None
+    """The action that brings a robot to rest; None is all zero."""
     check: Callable[[Curve, Formation, Robot, Noise, Task], None] = _nothing_to_check
     """Raises a ValueError with the name of a field that this model does not take."""
     shape: Callable[[Robot], list[tuple[np.ndarray, str | None]]] | None = None
     """Outlines (K, 2) of its parts for a radius of 1, heading right, the lowest first, each with the name of a colour
     in `lissajous_env.render.palette`, or None for the robot's own; without it, a disc with a tip ahead."""
     keeps_to_curve: bool = False
-    """Whether a robot is always on the curve."""
+    """Whether a robot is always on the curve; `move` then writes its phase, which else follows its place by itself."""
 
     @property
     def action_size(self) -> int:

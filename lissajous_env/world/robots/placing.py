@@ -1,16 +1,19 @@
-"""Robots at the beginning of an episode."""
+"""Where robots are along the curve: at the beginning of an episode, and as they move beside it."""
 
 import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import CurveStruct, curve_parameter, point, tangent2, wrap_phase
+from lissajous_env.device.curve import CurveStruct, curve_parameter, point, project, tangent2, wrap_phase
 from lissajous_env.device.part_structs import FormationStruct, NoiseStruct, RobotStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters.parts import Formation
 from lissajous_env.world.state import REMOVED, WORKING, Clock, Robots
 
 wp.set_module_options(MOTION)
+
+LARGEST_CORRECTION = wp.constant(0.1)
+"""Limit of a correction of a robot's parameter on the curve [rad]: it may slide along its branch, not jump."""
 
 ROTATED = wp.constant(place_of(Formation, "start", "rotated"))
 RANDOM = wp.constant(place_of(Formation, "start", "random"))
@@ -25,6 +28,22 @@ def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float
     robots.speed[w, i] = wp.length(tangent)
     if rate != 0.0:
         robots.heading[w, i] = wp.atan2(tangent[1], tangent[0])
+
+
+@wp.kernel
+def follow_curve(first: int, lanes: int, curve: CurveStruct, formation: FormationStruct, clock: Clock, robots: Robots):
+    """Let the phase of a robot that is not bound to the curve follow it along its branch."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    alpha = float(formation.alpha)
+    for i in range(lane, robots.status.shape[1], lanes):
+        if robots.status[w, i] == WORKING:
+            place = robots.position[w, i]
+            start = curve_parameter(alpha, robots.phase[w, i])
+            gamma = project(curve, wp.vec2(place[0], place[1]), start, LARGEST_CORRECTION)
+            robots.phase[w, i] = wrap_phase(robots.phase[w, i] + wp.float64((gamma - start) / alpha))
 
 
 @wp.kernel
