@@ -12,7 +12,7 @@ import training
 from lissajous_env import Simulation
 from tests.test_network import make_network
 from training.learned import checkpoint
-from training.learned.checkpoint import Card
+from training.learned.card import Card
 from training.learned.network import Network
 from training.learned.policy import Learned
 

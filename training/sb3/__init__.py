@@ -1,5 +1,5 @@
 """Stable-Baselines3: the batch of worlds as its `VecEnv`, and PPO on it."""
 
-from training.sb3.ppo import RobotVecEnv
+from training.sb3.vec_env import RobotVecEnv
 
 __all__ = ["RobotVecEnv"]
