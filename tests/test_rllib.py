@@ -121,6 +121,24 @@ def test_fresh_environments_without_a_seed_begin_differently():
     assert len({env.reset()[0]["robot_0"].tobytes() for env in drawn}) == 1  # drawn from the seed before
 
 
+@pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        (np.zeros(2), r"action of robot_2 must be numbers of shape \(1,\), got"),
+        (np.array([np.nan]), r"action of robot_2 must be finite, got \[nan\]"),
+    ],
+)
+def test_a_wrong_action_is_refused_by_name_on_top_of_a_base_too(action, words):
+    card = Card.of(lissajous_env.scenario("failure"), base="kuramoto", residual=0.3)
+    env = LissajousMultiAgentEnv({**SHORT, "card": card})
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match=words):
+        env.step(dict.fromkeys(env.agents, np.zeros(1)) | {"robot_2": action})
+    with pytest.raises(ValueError, match=r"unknown or not live \['robot_9'\]"):
+        env.step(dict.fromkeys([*env.agents, "robot_9"], np.zeros(1)))
+    env.step(dict.fromkeys(env.agents, np.zeros(1)))
+
+
 def in_rllib(env, seed):
     """The episode as RLlib's environment runner records it."""
     episode = MultiAgentEpisode(
