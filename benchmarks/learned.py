@@ -112,7 +112,7 @@ def times_per_row(name: str, worlds: int, steps: int = 2000) -> tuple[float, flo
 
 def throughput(console: Console, steps: int) -> None:
     """Print robot steps per second of `lissajous train` with the default network, and the environment's share."""
-    from training.sb3 import ppo
+    from training.sb3 import RobotVecEnv
     from training.sb3.trainer import train
     from training.settings import TrainingSettings
 
@@ -127,7 +127,7 @@ def throughput(console: Console, steps: int) -> None:
 
         return call
 
-    ppo.RobotVecEnv.step_wait = timed(ppo.RobotVecEnv.step_wait)
+    RobotVecEnv.step_wait = timed(RobotVecEnv.step_wait)
     with tempfile.TemporaryDirectory() as folder:
         settings = TrainingSettings("intruders", steps=steps, teacher="none", rivals=(), evaluate_every=10 * steps,
                          evaluation_episodes=1, out=Path(folder))  # fmt: skip
