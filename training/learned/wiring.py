@@ -66,7 +66,9 @@ class Wiring:
         return outputs if self.base is None else self._adder(self._base_action, outputs)
 
     def penalty(self, outputs: np.ndarray) -> np.ndarray:
-        """Reward (W, N) that outputs in [-1, 1] cost; 0 where there is no base."""
+        """Reward (W, N) that outputs in [-1, 1] cost, where there is a base."""
+        if self._penalty == 0:
+            return np.zeros(outputs.shape[:2], dtype=np.float32)
         return self._penalty * np.square(outputs).mean(axis=2)
 
     def save_state(self) -> dict[str, np.ndarray]:

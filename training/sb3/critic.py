@@ -31,7 +31,8 @@ class WorldView:
     def __init__(self, simulation: Simulation):
         self.simulation = simulation
         ring = np.array(simulation.scenario.ring)
-        self._order = np.array([np.roll(ring, -int(np.flatnonzero(ring == i)[0])) for i in range(len(ring))])
+        order = np.array([np.roll(ring, -int(np.flatnonzero(ring == i)[0])) for i in range(len(ring))])
+        self._order = order[:, :, None]
         self._zones = _ZONES if simulation.scenario.target_capacity else (0, 0)
         self.size = len(_SEEN) * len(ring) + 2 + self._zones[0] * self._zones[1]
 
@@ -39,7 +40,7 @@ class WorldView:
         """(W N, size) what the critic sees of the worlds as they are."""
         state = true_state(self.simulation)
         worlds, n, _ = state.robots.shape
-        team = state.robots[:, :, _SEEN][:, self._order].reshape(worlds, n, -1)
+        team = state.robots[:, self._order, _SEEN].reshape(worlds, n, -1)
         waiting = self._waiting(state.targets) if self._zones[0] else np.zeros((worlds, 1), dtype=np.float32)
         world = np.concatenate([state.elapsed, waiting], axis=1, dtype=np.float32)
         shared = np.broadcast_to(world[:, None], (worlds, n, world.shape[1]))
