@@ -22,7 +22,7 @@ import numpy as np
 from rich.console import Console
 
 QUIET = Console(quiet=True)
-_LOADED = ["torch._dynamo", "torch.utils.tensorboard", "matplotlib.backends.backend_agg", "training.sb3.learning"]
+_LOADED = ["torch._dynamo", "torch.utils.tensorboard", "matplotlib.backends.backend_agg", "training.sb3.trainer"]
 _LOADED += ["training.learned.policy", "baselines.benchmark.pictures", "baselines.reproduce"]
 _ADDS = ("open", "os.mkdir", "os.rename", "write", "fsync")
 """What a full disk refuses."""
@@ -130,11 +130,11 @@ def train(folder: Path) -> None:
     """Train for three rollouts with an evaluation after each, of which the second is the best."""
     import torch
 
-    from training.sb3.learning import train
-    from training.settings import Train
+    from training.sb3.trainer import train
+    from training.settings import TrainingSettings
 
     torch.set_num_threads(1)
-    settings = Train(
+    settings = TrainingSettings(
         "failure", steps=240, worlds=2, rollout=8, batch_size=40, layers=(4,), teacher="none", threads=1, rivals=(),
         evaluation_episodes=1, evaluate_every=80, epochs=1, learning_rate=0.3, noise_steps=4, averaging=0.3, out=folder,
         overrides={"task.duration": 0.5, "task.reward_effort": -1.0, "robot.count": 5},

@@ -112,9 +112,9 @@ def times_per_row(name: str, worlds: int, steps: int = 2000) -> tuple[float, flo
 
 def throughput(console: Console, steps: int) -> None:
     """Print robot steps per second of `lissajous train` with the default network, and the environment's share."""
-    from training.sb3 import ppo
-    from training.sb3.learning import train
-    from training.settings import Train
+    from training.sb3 import RobotVecEnv
+    from training.sb3.trainer import train
+    from training.settings import TrainingSettings
 
     in_env = [0.0]
 
@@ -127,12 +127,12 @@ def throughput(console: Console, steps: int) -> None:
 
         return call
 
-    ppo.RobotVecEnv.step_wait = timed(ppo.RobotVecEnv.step_wait)
+    RobotVecEnv.step_wait = timed(RobotVecEnv.step_wait)
     with tempfile.TemporaryDirectory() as folder:
-        settings = Train("intruders", steps=steps, teacher="none", rivals=(), evaluate_every=10 * steps,
+        settings = TrainingSettings("intruders", steps=steps, teacher="none", rivals=(), evaluate_every=10 * steps,
                          evaluation_episodes=1, out=Path(folder))  # fmt: skip
-        course = train(settings, Console(quiet=True))
-    rate, share = course.steps / course.seconds, in_env[0] / course.seconds
+        history = train(settings, Console(quiet=True))
+    rate, share = history.steps / history.seconds, in_env[0] / history.seconds
     console.print(f"training: {rate:,.0f} robot steps per second, {100 * share:.1f} % of the time in the environment")
 
 

@@ -387,12 +387,12 @@ class World:
 
 def world_like(simulation, world: int = 0) -> World:
     """The reference of one world of a simulation, begun with the phases and targets of its episode."""
-    rogues = simulation.targets
+    targets = simulation.targets
     targets = zip(
-        rogues.position.numpy()[world].astype(float),
-        rogues.heading.numpy()[world].astype(float),
-        rogues.motion.numpy()[world].tolist(),
-        rogues.appears_at.numpy()[world].tolist(),
+        targets.position.numpy()[world].astype(float),
+        targets.heading.numpy()[world].astype(float),
+        targets.motion.numpy()[world].tolist(),
+        targets.appears_at.numpy()[world].tolist(),
         strict=True,
     )
     robots = simulation.robots

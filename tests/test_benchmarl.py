@@ -10,8 +10,10 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("benchmarl")
 
 from tensordict import TensorDict  # noqa: E402
+from torchrl.envs.utils import ExplorationType, set_exploration_type  # noqa: E402
 
 import lissajous_env  # noqa: E402
+from training.torchrl import LissajousTorchEnv, ModelPolicy  # noqa: E402
 from training.torchrl.benchmarl import LissajousTask, LissajousTaskClass  # noqa: E402
 from training.torchrl.env import SCORES  # noqa: E402
 from training.torchrl.mappo_example import Settings, experiment  # noqa: E402
@@ -67,6 +69,34 @@ def test_training(algorithm, iterations, overrides, tmp_path):
         assert curves[name].shape == (iterations,)
     for name, values in curves.items():
         assert np.isfinite(values).all(), name
+
+
+@pytest.mark.filterwarnings("ignore:SyncDataCollector has been deprecated.*:DeprecationWarning")
+@pytest.mark.parametrize("algorithm", ["mappo", "qmix"])
+def test_what_was_trained_is_a_policy(algorithm, tmp_path):
+    # Oracle: TorchRL's own rollout of the same module in the environment that it was trained on, on the same seeds.
+    run = experiment(Settings("intruders", algorithm, 1, worlds=2, out=tmp_path, overrides=SHORT))
+    run.run()
+    scenario = lissajous_env.scenario("intruders", **SHORT)
+    env = LissajousTorchEnv(scenario, 3, seed=6, discrete_actions=algorithm == "qmix")
+    with set_exploration_type(ExplorationType.DETERMINISTIC), torch.no_grad():
+        last = env.rollout(20, run.policy)["next", "score"][:, -1]
+    policy = ModelPolicy(run.policy, scenario, num_worlds=3)
+    rows = lissajous_env.evaluate(policy, scenario, range(6, 9))
+    for name in SCORES:
+        scores = np.array([row[name] for row in rows], dtype=np.float32)
+        np.testing.assert_array_equal(last[name][:, 0], scores, err_msg=name)
+
+
+def test_a_module_of_another_shape_is_refused():
+    def pointless(data):
+        return data.set(("robot", "action"), data["robot", "observation"])
+
+    seen = np.zeros((2, 5, 42), dtype=np.float32)
+    with pytest.raises(ValueError, match=r"action of function must be of shape \(2, 5, 2\), or whole numbers of shape"):
+        ModelPolicy(pointless, "intruders", 2).act(seen)
+    with pytest.raises(ValueError, match=r"module must be callable with a TensorDict, got 'policy.pt'"):
+        ModelPolicy("policy.pt", "intruders", 2)
 
 
 def test_the_example_as_a_program(tmp_path):

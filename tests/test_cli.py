@@ -391,7 +391,7 @@ def test_a_policy_that_raises_is_one_line_with_its_place(tmp_path, monkeypatch, 
 
 
 def test_a_missing_extra_says_what_works_from_a_checkout_too(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "training.sb3.learning", None)
+    monkeypatch.setitem(sys.modules, "training.sb3.trainer", None)
     code, _, error = called(capsys, "train")
     assert (code, len(error.splitlines())) == (2, 1)
     assert 'pip install ".[train]" in a checkout, pip install "lissajous-env[train]" elsewhere' in error

@@ -29,10 +29,10 @@ def benchmark(out):
 
 def train(out):
     pytest.importorskip("stable_baselines3")
-    from training.sb3.learning import train
-    from training.settings import Train
+    from training.sb3.trainer import train
+    from training.settings import TrainingSettings
 
-    settings = Train(
+    settings = TrainingSettings(
         "failure", steps=20, worlds=1, rollout=4, batch_size=20, layers=(4,), teacher="none", threads=1, rivals=(),
         evaluation_episodes=1, out=out, overrides={"task.duration": 0.2},
     )  # fmt: skip

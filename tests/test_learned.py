@@ -12,9 +12,10 @@ import training
 from lissajous_env import Simulation
 from tests.test_network import make_network
 from training.learned import checkpoint
-from training.learned.checkpoint import Card
+from training.learned.card import Card
 from training.learned.network import Network
 from training.learned.policy import Learned
+from training.learned.wiring import Wiring
 
 
 def played(policy, simulation, steps):
@@ -109,6 +110,30 @@ def test_a_base_carries_the_network():
     observation = simulation.observation.numpy().copy()
     wanted = np.clip(base.act(observation) + 0.25 * np.array([1.0, -0.4], np.float32), -1, 1)
     assert policy.act(observation) == pytest.approx(wanted, abs=1e-6)
+
+
+def test_a_policy_is_played_as_it_was_trained_to_the_last_bit():
+    # Oracle: what training makes of a network's outputs, and what playing does, over an episode of one network.
+    scenario, bias = lissajous_env.scenario("intruders"), np.array([0.3141592, -0.2718281], np.float32)
+    card = Card.of(scenario, ("x", "speed"), base="sweep", residual=0.3)
+    policy = Learned(Network((np.zeros((2, 4)),), (bias,), "relu"), card, scenario, 3)
+    wiring, simulation = Wiring(card, scenario, 3), Simulation(scenario, 3)
+    for _ in range(40):
+        observation = simulation.observation.numpy().copy()
+        rows = wiring.read(observation)
+        assert (rows[:, :, :2] == observation[:, :, [0, 4]]).all()
+        action = wiring.actions(np.broadcast_to(bias, (3, 5, 2)))
+        assert (action == policy.act(observation)).all()
+        assert (np.abs(action - np.clip(rows[:, :, 2:] + 0.3 * bias, -1, 1)) < 1e-6).all()
+        simulation.step(action)
+
+
+def test_a_penalty_is_of_what_is_added_alone():
+    # Oracle: by hand.
+    scenario, outputs = lissajous_env.scenario("intruders"), np.full((1, 5, 2), [0.5, -1.0], np.float32)
+    based = Wiring(Card.of(scenario, base="sweep"), scenario, residual_penalty=0.2)
+    assert based.penalty(outputs) == pytest.approx(np.full((1, 5), 0.2 * 0.625))
+    assert (Wiring(Card.of(scenario), scenario, residual_penalty=0.2).penalty(outputs) == 0).all()
 
 
 def test_shipped_policies_are_played_like_the_classical_ones():

@@ -234,7 +234,7 @@ def test_stable_baselines_normalises_the_rows_of_a_batch():
     sb3 = pytest.importorskip("stable_baselines3")
     from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor, VecNormalize
 
-    from training.sb3.ppo import RobotVecEnv
+    from training.sb3 import RobotVecEnv
 
     scenario = lissajous_env.scenario("experiment", **{"task.duration": 0.8})
     env = VecNormalize(VecMonitor(VecCheckNan(RobotVecEnv(scenario, 2), raise_exception=True)))

@@ -10,7 +10,7 @@ import warp as wp
 import lissajous_env
 from lissajous_env.storage.folder import Folder
 from training.learned import checkpoint
-from training.learned.checkpoint import Card
+from training.learned.card import Card
 from training.learned.forward import Forward
 from training.learned.network import Network
 

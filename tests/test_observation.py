@@ -243,8 +243,8 @@ def test_the_lists_are_of_the_nearest_in_the_disc_nearest_first(robots_seen, tar
     robots, targets = lists_of(simulation)
     places = simulation.robots.position.numpy()[..., :2].astype(float)
     others = np.broadcast_to(places[:, None], (6, 5, 5, 2)) - places[:, :, None]
-    rogues = simulation.targets.position.numpy()[:, None] - places[:, :, None]
-    for listed, offsets, room, first in [(robots, others, robots_seen, 1), (targets, rogues, targets_seen, 0)]:
+    places_seen = simulation.targets.position.numpy()[:, None] - places[:, :, None]
+    for listed, offsets, room, first in [(robots, others, robots_seen, 1), (targets, places_seen, targets_seen, 0)]:
         for w in range(6):
             for i in range(5):
                 distance = np.linalg.norm(offsets[w, i], axis=-1)

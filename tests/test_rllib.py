@@ -29,11 +29,11 @@ from test_network import outputs  # noqa: E402
 
 import training  # noqa: E402
 from training.learned import checkpoint  # noqa: E402
-from training.learned.checkpoint import Card  # noqa: E402
+from training.learned.card import Card  # noqa: E402
 from training.learned.network import Network  # noqa: E402
-from training.rllib import learning, ppo  # noqa: E402
-from training.rllib.env import LissajousMultiAgentEnv  # noqa: E402
-from training.settings import Train  # noqa: E402
+from training.rllib import LissajousMultiAgentEnv, ppo  # noqa: E402
+from training.rllib.trainer import RllibTrainer, train  # noqa: E402
+from training.settings import TrainingSettings  # noqa: E402
 
 QUIET = Console(quiet=True)
 SHORT = {"scenario": "failure", "task.duration": 3.0}
@@ -49,7 +49,7 @@ def settings(out, **changes):
         "steps": 12 * ROWS, "worlds": 8, "workers": 2, "rollout": 8, "batch_size": 64, "epochs": 1, "layers": (16, 8),
         "evaluate_every": ROWS, "evaluation_episodes": 2, "rivals": (), "threads": 1,
     }  # fmt: skip
-    return Train(**given | changes)
+    return TrainingSettings(**given | changes)
 
 
 def play(env, seed, steps=300):
@@ -119,6 +119,24 @@ def test_fresh_environments_without_a_seed_begin_differently():
     assert len({env.reset()[0]["robot_0"].tobytes() for env in drawn}) == 4
     assert len({env.reset(seed=3)[0]["robot_0"].tobytes() for env in drawn}) == 1
     assert len({env.reset()[0]["robot_0"].tobytes() for env in drawn}) == 1  # drawn from the seed before
+
+
+@pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        (np.zeros(2), r"action of robot_2 must be numbers of shape \(1,\), got"),
+        (np.array([np.nan]), r"action of robot_2 must be finite, got \[nan\]"),
+    ],
+)
+def test_a_wrong_action_is_refused_by_name_on_top_of_a_base_too(action, words):
+    card = Card.of(lissajous_env.scenario("failure"), base="kuramoto", residual=0.3)
+    env = LissajousMultiAgentEnv({**SHORT, "card": card})
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match=words):
+        env.step(dict.fromkeys(env.agents, np.zeros(1)) | {"robot_2": action})
+    with pytest.raises(ValueError, match=r"unknown or not live \['robot_9'\]"):
+        env.step(dict.fromkeys([*env.agents, "robot_9"], np.zeros(1)))
+    env.step(dict.fromkeys(env.agents, np.zeros(1)))
 
 
 def in_rllib(env, seed):
@@ -237,8 +255,8 @@ def test_the_network_that_comes_out_acts_as_the_module(activation, layers):
 def run_command(out, steps):
     made = settings(out, steps=steps)
     program = (
-        "import pickle, sys; from rich.console import Console; from training import rllib;"
-        "rllib.train(pickle.loads(bytes.fromhex(sys.argv[1])), Console(width=200))"
+        "import pickle, sys; from rich.console import Console; from training.rllib.trainer import train;"
+        "train(pickle.loads(bytes.fromhex(sys.argv[1])), Console(width=200))"
     )
     command = [sys.executable, "-c", program, pickle.dumps(made).hex()]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
@@ -277,7 +295,7 @@ def test_a_node_is_killed_and_the_training_goes_on(tmp_path, monkeypatch):
     other = cluster.add_node(num_cpus=1, object_store_memory=STORE)
     ray.init(cluster.address, log_to_driver=False, logging_level="ERROR")
     held = checkpoint.hold(tmp_path)
-    trainer = learning.ClusterTrainer(settings(tmp_path, steps=20 * ROWS, evaluate_every=1000 * ROWS), QUIET, held)
+    trainer = RllibTrainer(settings(tmp_path, steps=20 * ROWS, evaluate_every=1000 * ROWS), QUIET, held)
     healthy, stop = [], trainer.stop_if_asked
 
     def watch():
@@ -291,15 +309,15 @@ def test_a_node_is_killed_and_the_training_goes_on(tmp_path, monkeypatch):
 
     monkeypatch.setattr(trainer, "stop_if_asked", watch)
     try:
-        course = trainer.run()
+        history = trainer.run()
     finally:
         held.close()
         ray.shutdown()
         cluster.shutdown()
-    assert course.steps >= 20 * ROWS
+    assert history.steps >= 20 * ROWS
     assert healthy[:3] == [2, 2, 2]
     assert 1 in healthy[3:]
-    assert math.isfinite(course.curve[-1]["return"])
+    assert math.isfinite(history.curve[-1]["return"])
     assert training.load(tmp_path).card.scenario == "failure"
 
 
@@ -315,7 +333,7 @@ def test_a_node_is_killed_and_the_training_goes_on(tmp_path, monkeypatch):
 )
 def test_settings_that_rllib_cannot_train_with_are_refused(tmp_path, changes, words):
     with pytest.raises(ValueError, match=words):
-        learning.train(settings(tmp_path / "out", **changes), QUIET)
+        train(settings(tmp_path / "out", **changes), QUIET)
     assert not (tmp_path / "out").exists()
 
 
@@ -324,8 +342,8 @@ def test_the_results_of_others_are_refused(tmp_path):
     network = Network((np.zeros((1, 42), np.float32),), (np.zeros(1, np.float32),), "relu")
     checkpoint.save(tmp_path / "sb3", network, Card.of(scenario))
     with pytest.raises(ValueError, match=r"engine = None there, 'ray' here"):
-        learning.train(settings(tmp_path / "sb3"), QUIET)
+        train(settings(tmp_path / "sb3"), QUIET)
     other = Card.of(scenario, settings=settings(tmp_path, gamma=0.5).to_dict())
     checkpoint.save(tmp_path / "other", network, other)
     with pytest.raises(ValueError, match=r"gamma = 0\.5 there, 0\.99 here"):
-        learning.train(settings(tmp_path / "other"), QUIET)
+        train(settings(tmp_path / "other"), QUIET)

@@ -16,8 +16,9 @@ from test_rllib import QUIET, ROWS, counted, settings  # noqa: E402
 import lissajous_env  # noqa: E402
 from baselines.benchmark import cluster  # noqa: E402
 from training.learned import checkpoint  # noqa: E402
-from training.learned.checkpoint import Card  # noqa: E402
-from training.rllib import learning, ppo, state  # noqa: E402
+from training.learned.card import Card  # noqa: E402
+from training.rllib import ppo, state  # noqa: E402
+from training.rllib.trainer import train  # noqa: E402
 from training.trainer import Trainer  # noqa: E402
 
 
@@ -34,7 +35,7 @@ def test_a_training_goes_on_from_data_alone(tmp_path):
         settings(tmp_path / "run", steps=ROWS, workers=1, worlds=4, evaluation_episodes=1),
         tmp_path / "opened",
     )
-    learning.train(made, QUIET)
+    train(made, QUIET)
     assert not list(made.out.rglob("*.pkl"))
     more, forms = dataclasses.replace(made, steps=ROWS), payloads(marker)
     needed = [path for path in made.out.iterdir() if path.suffix in (".json", ".safetensors")]
@@ -45,13 +46,13 @@ def test_a_training_goes_on_from_data_alone(tmp_path):
             shutil.copytree(made.out, attacked.out)
             plant(attacked.out / path.name, data)
             with pytest.raises(ValueError, match=r"damaged|decode"):
-                learning.train(attacked, QUIET)
+                train(attacked, QUIET)
             shutil.rmtree(attacked.out)
     for path in [path for path in made.out.rglob("[!.]*") if path.is_file() and path not in needed]:
         plant(path, forms["plain"])
     course = {"steps": ROWS // 2, "updates": 1, "seconds": 1.0, "curve": [], "rivals": {}}
     plant_rllib(made.out, forms["plain"], {"settings": made.to_dict(), "course": course})
-    learning.train(more, QUIET)
+    train(more, QUIET)
     assert counted(made.out)[0] == ROWS
     assert not opened(marker)
 

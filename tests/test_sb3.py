@@ -14,9 +14,10 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecCheckNan, VecEnv, VecMonitor, VecNormalize
 
-from training.learned.checkpoint import Card
-from training.sb3.ppo import RobotVecEnv, make_ppo, to_network
-from training.settings import Train
+from training.learned.card import Card
+from training.sb3 import RobotVecEnv
+from training.sb3.ppo import make_ppo, to_network
+from training.settings import TrainingSettings
 
 
 def make_env(name="intruders", worlds=3, card=None, **overrides):
@@ -205,7 +206,7 @@ def test_a_central_critic_sees_the_world():
 
 
 def test_a_policy_with_a_central_critic_acts_on_its_own_inputs(tmp_path):
-    settings = Train(critic="world", layers=(8, 8), worlds=3, rollout=4, out=tmp_path)
+    settings = TrainingSettings(critic="world", layers=(8, 8), worlds=3, rollout=4, out=tmp_path)
     scenario = settings.make_scenario()
     card = Card.of(scenario)
     env = RobotVecEnv(scenario, 3, card, central=True)

@@ -18,10 +18,10 @@ from lissajous_env import Simulation
 from lissajous_env.storage.folder import LIST, Folder
 from training.events import open_rows
 from training.learned import checkpoint
-from training.learned.publish import publish
+from training.publish import publish
 from training.sb3 import ppo
-from training.sb3.learning import Sb3Trainer, train
-from training.settings import Train
+from training.sb3.trainer import Sb3Trainer, train
+from training.settings import TrainingSettings
 
 QUIET = Console(quiet=True)
 SMALL = {
@@ -41,7 +41,7 @@ SMALL = {
 
 
 def small(tmp_path, **changes):
-    return Train(**SMALL | {"out": tmp_path / "run"} | changes)
+    return TrainingSettings(**SMALL | {"out": tmp_path / "run"} | changes)
 
 
 def weights_of(folder):
@@ -53,7 +53,7 @@ def test_ppo_learns_a_two_line_problem(tmp_path):
     # One robot on the curve, no target: the reward is minus the square of its action. The best is to stand still.
     alone = {"robot.count": 1, "targets.count": 0, "targets.arrival_rate": 0.0, "faults.schedule": ()}
     effort = {"task.reward_effort": -1.0, "task.duration": 2.0}
-    settings = Train(
+    settings = TrainingSettings(
         "failure", steps=60_000, worlds=64, rollout=20, batch_size=320, layers=(8,), teacher="none", log_std=-0.5,
         learning_rate=1e-2, gamma=0.0, threads=1, rivals=(), evaluation_episodes=2, evaluate_every=60_000,
         out=tmp_path / "run", overrides=alone | effort,
@@ -84,7 +84,7 @@ def test_imitation_comes_close_to_its_teacher(tmp_path):
 
 
 def trained(changes, out):
-    train(Train(**SMALL | changes | {"out": out}), QUIET)
+    train(TrainingSettings(**SMALL | changes | {"out": out}), QUIET)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="where a process writes is asked of Linux")
@@ -117,7 +117,7 @@ def test_ctrl_c_keeps_what_was_learned(tmp_path, monkeypatch):
     seen, observe = [], Sb3Trainer.observe_rollout
 
     def pressed(trainer, extra=None):
-        seen.append(trainer.course.steps)
+        seen.append(trainer.history.steps)
         if len(seen) == 3:
             os.kill(os.getpid(), signal.SIGINT)
         observe(trainer, extra)
@@ -158,8 +158,8 @@ def test_a_finished_training_is_left_alone_and_more_steps_extend_it(tmp_path):
     written = (settings.out / checkpoint.FILE).stat().st_mtime_ns
     train(settings, QUIET)
     assert (settings.out / checkpoint.FILE).stat().st_mtime_ns == written
-    course = train(dataclasses.replace(settings, steps=2560), QUIET)
-    assert course.steps == 2560
+    history = train(dataclasses.replace(settings, steps=2560), QUIET)
+    assert history.steps == 2560
     assert not (weights_of(settings.out) == kept).all()
 
 
@@ -244,9 +244,9 @@ def test_the_result_may_be_an_average(tmp_path, monkeypatch):
 
 def test_what_a_training_leaves(tmp_path):
     settings = small(tmp_path, rivals=("sweep",))
-    course = train(settings, QUIET)
-    assert [point["steps"] for point in course.curve] == [1280, 2560, 3840, 5120, 6400]
-    assert course.rivals["sweep"]["detection_time"] is not None
+    history = train(settings, QUIET)
+    assert [point["steps"] for point in history.curve] == [1280, 2560, 3840, 5120, 6400]
+    assert history.rivals["sweep"]["detection_time"] is not None
     assert {path.name.partition("-")[0] for path in settings.out.iterdir()} == {
         "checkpoint.json", "weights", "state", "best", "curve.png", "tensorboard", LIST,
     }  # fmt: skip

@@ -8,10 +8,12 @@ import tyro
 from lissajous_env.console.terminal import AS_USUAL, Speech, make_console
 from lissajous_env.extras import missing
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
-from training.settings import Train
+from training.settings import TrainingSettings
 
 
-def train(settings: tyro.conf.OmitArgPrefixes[Train], output: Speech = AS_USUAL, overrides: Overrides = ()) -> None:
+def train(
+    settings: tyro.conf.OmitArgPrefixes[TrainingSettings], output: Speech = AS_USUAL, overrides: Overrides = ()
+) -> None:
     """Train a policy; it can be stopped or killed at any moment, the same command goes on.
 
     Args:
@@ -23,11 +25,11 @@ def train(settings: tyro.conf.OmitArgPrefixes[Train], output: Speech = AS_USUAL,
     extra = "cluster" if settings.engine == "ray" else "train"
     try:
         engine = importlib.import_module(
-            "training.rllib.learning" if settings.engine == "ray" else "training.sb3.learning"
+            "training.rllib.trainer" if settings.engine == "ray" else "training.sb3.trainer"
         )
     except ImportError as error:
         raise missing("train", extra, error) from error
     # Its lines tell how it goes: where stdout is for the result alone, they go to stderr.
     console = make_console(stderr=output.json, quiet=output.quiet)
-    course = engine.train(settings, console)
-    output.give({"out": settings.out, **dataclasses.asdict(course)})
+    history = engine.train(settings, console)
+    output.give({"out": settings.out, **dataclasses.asdict(history)})

@@ -2,34 +2,34 @@
 
 import time
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich import progress as bars
 from rich.console import Console
 from rich.markup import escape
 
 from baselines.benchmark.progress import bar, in_words
-from training.settings import Train
-
-if TYPE_CHECKING:
-    from training.course import Course
+from training.learned.history import History
+from training.settings import TrainingSettings
 
 
 class Display:
     """Bar with return, detection time, collisions and steps per second; lines for evaluations."""
 
-    def __init__(self, settings: Train, console: Console, course: "Course"):
-        self._settings, self._console, self._course = settings, console, course
-        self._from, self._since = course.steps, time.monotonic()
+    def __init__(self, settings: TrainingSettings, console: Console, history: History):
+        self._settings, self._console, self._history = settings, console, history
+        self._from, self._since = history.steps, time.monotonic()
         self._bar = bar(console, None, bars.TextColumn("{task.description}"), bars.TextColumn("{task.fields[words]}"))
-        self._task = self._bar.add_task("", total=settings.steps, completed=course.steps, before=course.steps, words="")
+        self._task = self._bar.add_task(
+            "", total=settings.steps, completed=history.steps, before=history.steps, words=""
+        )
 
     def __enter__(self) -> "Display":
-        settings, course = self._settings, self._course
+        settings, history = self._settings, self._history
         title = f"[b]{escape(settings.scenario)}[/b], {settings.algorithm}, {settings.worlds} worlds"
-        went_on = f", from {course.steps / 1e6:.1f} M steps" if course.steps else ""
+        went_on = f", from {history.steps / 1e6:.1f} M steps" if history.steps else ""
         self.say(f"{title}, {settings.steps / 1e6:.1f} M steps{went_on}, to {escape(str(settings.out))}")
-        for name, scores in course.rivals.items():
+        for name, scores in history.rivals.items():
             self.say(f"{escape(name)}: {_words(scores)}")
         self._bar.__enter__()
         return self
@@ -43,13 +43,13 @@ class Display:
 
     def update(self, recent: Mapping[str, float | None]) -> None:
         """Show the scores of the latest episodes."""
-        course, now = self._course, time.monotonic()
-        pace = (course.steps - self._from) / max(now - self._since, 1e-9)
+        history, now = self._history, time.monotonic()
+        pace = (history.steps - self._from) / max(now - self._since, 1e-9)
         # A narrow terminal has room for the pace alone: a number is never cut.
         wide = self._console.width >= 110
         words = f"{pace / 1e3:.0f} k/s" + (f", {_words(recent)}" if recent and wide else "")
         self._bar.update(
-            self._task, description=f"{course.steps / 1e6:.1f} M steps", completed=course.steps, words=words
+            self._task, description=f"{history.steps / 1e6:.1f} M steps", completed=history.steps, words=words
         )
 
     def evaluated(self, point: Mapping[str, float | None]) -> None:

@@ -3,9 +3,9 @@
 from itertools import groupby
 from pathlib import Path
 
-from training.course import Course
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.history import History
 
 _PANELS = (
     ("detection_time", "detection time, interquartile mean [s]"),
@@ -29,8 +29,8 @@ def draw_curve(folder: str | Path, path: str | Path) -> None:
     from matplotlib.figure import Figure
 
     text = checkpoint.read_text(folder)
-    course = Course.read(text)
-    curve, rivals = course.curve, course.rivals
+    history = History.read(text)
+    curve, rivals = history.curve, history.rivals
     if not curve:
         raise ValueError(f"{folder} must hold the curve of a training, got a checkpoint without evaluations")
     # Stages have settings of their own, so that what is earned in one does not compare with the next.

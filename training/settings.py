@@ -33,7 +33,7 @@ _POSITIVE = ("residual", "clip_range", "gradient_max", "short_time")
 
 
 @dataclass(frozen=True)
-class Train:
+class TrainingSettings:
     """What is trained, how, and where it goes. The defaults are for two cores of a laptop."""
 
     scenario: str = "intruders"

@@ -1,36 +1,32 @@
 """What every training does, whichever library learns: count, evaluate, keep, stop gently and go on."""
 
 import contextlib
-import math
 import signal
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rich.console import Console
 
 import baselines
-from baselines.benchmark.statistics import interquartile_mean
 from lissajous_env import evaluate
 from lissajous_env.storage.folder import Folder
-from training.course import SCORES, Course
 from training.display import Display
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.history import SCORES, History, summarize_scores
 from training.learned.network import Network
 from training.learned.policy import Learned, find
 from training.pictures import draw_curve
-from training.settings import Train
+from training.settings import TrainingSettings
 
 FIRST_EVALUATION_SEED = 20_000
-RECENT = ("detection_time_mean", "collisions", "return_mean", "detected_fraction")
-"""Columns of a score row that a training is watched by."""
 
 
 class Trainer:
     """One training in the folder that it holds. A subclass says what learns: `network`, `save`, `log` and `_learn`."""
 
-    def __init__(self, settings: Train, console: Console, folder: Folder):
+    def __init__(self, settings: TrainingSettings, console: Console, folder: Folder):
         self.settings, self.console, self.folder = settings, console, folder
         self.scenario = settings.make_scenario()
         self.card = Card.of(
@@ -40,7 +36,7 @@ class Trainer:
             residual=settings.residual if settings.base else 1.0,
             settings=settings.to_dict(),
         )
-        self.course, self.stopping = Course(), False
+        self.history, self.stopping = History(), False
 
     def network(self) -> Network:
         """Copy the policy that has been learned so far."""
@@ -58,32 +54,32 @@ class Trainer:
         """Learn to the end of the steps; `evaluate_and_save` where it is `due`, and at the end; `stop_if_asked`."""
         raise NotImplementedError
 
-    def run(self) -> Course:
+    def run(self) -> History:
         """Train to the end."""
-        course, settings = self.course, self.settings
-        if course.steps >= settings.steps:
-            self.console.print(f"{settings.out} is trained: {course.steps:,} steps of {settings.steps:,}")
+        history, settings = self.history, self.settings
+        if history.steps >= settings.steps:
+            self.console.print(f"{settings.out} is trained: {history.steps:,} steps of {settings.steps:,}")
             self._draw_curve()
-            return course
+            return history
         self._meet_rivals()
-        with Display(settings, self.console, course) as self.display, self._stopping_gently():
+        with Display(settings, self.console, history) as self.display, self._stopping_gently():
             self._learn()
         self._draw_curve()
-        return course
+        return history
 
     def due(self) -> bool:
         """Whether an evaluation is due."""
-        every, done = self.settings.evaluate_every, self.course.curve[-1]["steps"] if self.course.curve else 0
-        return self.course.steps // every > done // every
+        every, done = self.settings.evaluate_every, self.history.curve[-1]["steps"] if self.history.curve else 0
+        return self.history.steps // every > done // every
 
     def evaluate_and_save(self) -> None:
         """Evaluate the policy and write a checkpoint; of the best one so far, one more under `best`."""
-        network, settings, course = self.network(), self.settings, self.course
+        network, settings, history = self.network(), self.settings, self.history
         policy = Learned(network, self.card, self.scenario, settings.evaluation_episodes, settings.device)
-        point: dict[str, Any] = {"steps": course.steps, "seconds": round(course.seconds, 1)}
+        point: dict[str, Any] = {"steps": history.steps, "seconds": round(history.seconds, 1)}
         point |= self._evaluated(policy)
-        if course.add(point):
-            course.best = checkpoint.best_of(network, course.counters, point)
+        if history.add(point):
+            history.best = checkpoint.best_of(network, history.counters, point)
         self.log({f"evaluation/{name}": point[name] for name in SCORES})
         self.save()
         self.display.evaluated(point)
@@ -93,15 +89,15 @@ class Trainer:
         if self.stopping:
             self.save()
             raise KeyboardInterrupt(
-                f"{self.course.steps:,} steps are kept in {self.settings.out}, the same command goes on from there"
+                f"{self.history.steps:,} steps are kept in {self.settings.out}, the same command goes on from there"
             )
 
     def _meet_rivals(self) -> None:
         for name in self.settings.rivals:
-            if name not in self.course.rivals:
+            if name not in self.history.rivals:
                 episodes = self.settings.evaluation_episodes
                 rival = baselines.make(name, self.scenario, episodes, self.settings.device)
-                self.course.rivals[name] = self._evaluated(rival)
+                self.history.rivals[name] = self._evaluated(rival)
 
     def _evaluated(self, policy: Any) -> dict[str, float | None]:
         seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + self.settings.evaluation_episodes)
@@ -154,19 +150,3 @@ class Trainer:
             yield
         finally:
             signal.signal(signal.SIGINT, before)
-
-
-def summarize_scores(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:
-    """Interquartile mean of the detection time [s], and means of what else a training is watched for."""
-    times = [row["detection_time_mean"] for row in rows if math.isfinite(row["detection_time_mean"])]
-
-    def mean(column: str) -> float | None:
-        values = [row[column] for row in rows if math.isfinite(row[column])]
-        return sum(values) / len(values) if values else None
-
-    return {
-        "detection_time": interquartile_mean(times) if times else None,
-        "collisions": mean("collisions"),
-        "return": mean("return_mean"),
-        "detected_fraction": mean("detected_fraction"),
-    }

@@ -113,9 +113,9 @@ def out_of_range(simulation: Any) -> str | None:
         names = np.array(simulation.layout.names)
         bad = ~np.isfinite(rows) | (rows < simulation.layout.low) | (rows > simulation.layout.high)
         return f"observation of {', '.join(sorted(set(names[np.nonzero(bad)[2]])))}: {rows[bad][:3]}"
-    robots, rogues = simulation.robots, simulation.targets
+    robots, targets = simulation.robots, simulation.targets
     arrays = {"reward": simulation.reward, "terms": simulation.reward_terms, "position": robots.position}
-    arrays |= {"heading": robots.heading, "speed": robots.speed, "phase": robots.phase, "rogues": rogues.position}
+    arrays |= {"heading": robots.heading, "speed": robots.speed, "phase": robots.phase, "targets": targets.position}
     for name, array in arrays.items():
         if not np.isfinite(array.numpy()).all():
             return f"{name} is not finite"

@@ -21,7 +21,7 @@ from baselines.policies.base import Policy
 from lissajous_env import Simulation
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.recording import record
-from training.learned.checkpoint import Card
+from training.learned.card import Card
 from training.learned.network import Network
 from training.learned.policy import Learned
 

@@ -11,6 +11,7 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec, wrappers
 
 from lissajous_env.envs.actions import LARGE, ActionReader, action_space
+from lissajous_env.envs.true_state import state_names, state_rows
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
@@ -148,23 +149,8 @@ class LissajousParallelEnv(ParallelEnv):
         return self.simulation.score()[0]
 
     def state(self) -> np.ndarray:
-        """Return the true state of the world, for critics that may see it.
-
-        Per robot x / A, y / B, cos and sin of heading, speed, cos and sin of phase, works; per target slot
-        present and undetected, x / A, y / B; then the share of the episode that is over.
-        """
-        sim, curve = self.simulation, self.scenario.curve
-        size = np.array([curve.half_width, curve.half_height], dtype=np.float32)
-        robots, rogues = sim.robots, sim.targets
-        heading, phase = robots.heading.numpy()[0], robots.phase.numpy()[0]
-        speed = robots.speed.numpy()[0] / sim.speed_unit
-        works = (robots.status.numpy()[0] == 0).astype(np.float32)
-        columns = [np.cos(heading), np.sin(heading), speed, np.cos(phase), np.sin(phase), works]
-        of_robots = np.column_stack([robots.position.numpy()[0, :, :2] / size, *columns])
-        waiting = (rogues.stage.numpy()[0] == 1).astype(np.float32)[:, None]
-        of_targets = np.hstack([waiting, waiting * rogues.position.numpy()[0] / size])
-        elapsed = sim.clock.step.numpy()[:1] / self.scenario.task.steps
-        return np.concatenate([of_robots.ravel(), of_targets.ravel(), elapsed]).astype(np.float32)
+        """Return the true state of the world, for critics that may see it, as `lissajous_env.envs.true_state`."""
+        return state_rows(self.simulation)[0]
 
     def render(self) -> np.ndarray | None:
         """Draw the world: returns (H, W, 3) uint8 for `rgb_array`, shows it and returns None for `human`."""
@@ -188,7 +174,7 @@ class LissajousParallelEnv(ParallelEnv):
             self._renderer = None
 
     def _state_size(self) -> int:
-        return 8 * self.scenario.num_robots + 3 * self.scenario.target_capacity + 1
+        return len(state_names(self.scenario))
 
     def _bind(self) -> None:
         """Keep what a step needs at hand: on the CPU, views of the simulation's own memory."""

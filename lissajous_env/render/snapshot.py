@@ -53,7 +53,7 @@ class Snapshot:
             world: Which of its worlds.
             most_cells: Rows and columns of the grid at most, evenly chosen; None takes all.
         """
-        clock, robots, rogues = simulation.clock, simulation.robots, simulation.targets
+        clock, robots, targets = simulation.clock, simulation.robots, simulation.targets
         status = _of(robots.status, world)
         # A pair of which one was removed never parts; it is in contact no longer all the same.
         there = status != int(REMOVED)
@@ -64,10 +64,10 @@ class Snapshot:
             position=_of(robots.position, world),
             heading=_of(robots.heading, world),
             status=status,
-            target_position=_of(rogues.position, world),
-            motion=_of(rogues.motion, world),
-            appears_at=_of(rogues.appears_at, world),
-            found_at=_of(rogues.found_at, world),
+            target_position=_of(targets.position, world),
+            motion=_of(targets.motion, world),
+            appears_at=_of(targets.appears_at, world),
+            found_at=_of(targets.found_at, world),
             sensed_at=_of(simulation.cells.sensed_at, world, most_cells),
             contact=np.argwhere(_of(simulation.tally.contact, world) * np.outer(there, there)),
             collisions=int(_of(simulation.tally.collisions, world)),

@@ -24,11 +24,9 @@ from lissajous_env import Scenario
 from lissajous_env.parameters import named
 from lissajous_env.storage.files import read_bytes, read_json
 from lissajous_env.storage.folder import Folder
-from training.course import check_notes
 from training.learned.card import Card, require
+from training.learned.history import check_notes
 from training.learned.network import ACTIVATIONS, Network
-
-__all__ = ["Card", "best_of", "hold", "home_scenario", "read", "read_state", "read_text", "save", "settle"]
 
 FILE = "checkpoint.json"
 FORMAT = 1

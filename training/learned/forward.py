@@ -20,11 +20,9 @@ import warp as wp
 
 from lissajous_env.device.devices import compile_quietly, side_by_side
 from training.learned.network import ACTIVATIONS, Network
+from training.learned.residual import OPTIONS, added, limited
 
-# A multiplication and the addition after it are one instruction; a whole vector register is used where there is one.
-_CPU_FLAGS = "-march=native -ffp-contract=fast -mprefer-vector-width=512"
-
-wp.set_module_options({"enable_backward": False, "max_unroll": 1, "cpu_compiler_flags": _CPU_FLAGS})
+wp.set_module_options(OPTIONS)
 
 WIDTH = wp.constant(32)
 """Outputs that are computed together."""
@@ -71,12 +69,6 @@ def smooth(x: float) -> float:
     t = 2.0 * t / (1.0 + t * t)
     t = 2.0 * t / (1.0 + t * t)
     return 2.0 * t / (1.0 + t * t)
-
-
-@wp.func
-def limited(x: float, bound: float) -> float:
-    """X held to [-bound, bound]; NaN stays NaN, which a simulation tells of."""
-    return wp.where(x > bound, bound, wp.where(x < -bound, -bound, x))
 
 
 @wp.func
@@ -160,10 +152,11 @@ def act_by_network(
     for r in range(row, end):
         w, i = r // robots, r % robots
         for k in range(action_out.shape[2]):
-            own = limited(values[(last + 1) % 2, r, k], 1.0)
+            own = values[(last + 1) % 2, r, k]
             if size > 0:
-                own = limited(base[w, i, k] + residual * own, 1.0)
-            action_out[w, i, k] = own
+                action_out[w, i, k] = added(base[w, i, k], residual, own)
+            else:
+                action_out[w, i, k] = limited(own, 1.0)
 
 
 _FIRST_INPUT = 4

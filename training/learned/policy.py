@@ -12,7 +12,7 @@ import baselines
 from baselines.policies.base import Policy
 from lissajous_env import Scenario
 from training.learned import checkpoint
-from training.learned.checkpoint import Card
+from training.learned.card import Card
 from training.learned.forward import Forward
 from training.learned.network import Network
 

@@ -7,9 +7,9 @@ import gymnasium
 import numpy as np
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 
-import baselines
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
-from training.learned.checkpoint import Card
+from training.learned.card import Card
+from training.learned.wiring import Wiring
 
 _APART = 100_000
 """Distance of the seeds of two processes that collect episodes."""
@@ -41,7 +41,7 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
     def __init__(self, config: Mapping[str, Any] | None = None):
         given = dict(config or {})
         card: Card | None = given.pop("card", None)
-        self._penalty = float(given.pop("residual_penalty", 0.0))
+        penalty = float(given.pop("residual_penalty", 0.0))
         self.parallel = LissajousParallelEnv(
             given.pop("scenario", "experiment"), given.pop("render_mode", None), **given
         )
@@ -52,31 +52,27 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         self.metadata = dict(self.parallel.metadata)  # RLlib writes into it
         self.observation_spaces = self.parallel.observation_spaces
         self.action_spaces = self.parallel.action_spaces
-        self._card, self._base = card, None
+        self._wiring = None
         if card is not None:
-            self._read(card)
+            self._wiring = Wiring(card, self.scenario, 1, self.parallel.simulation.device, penalty)
+            low, high = self._wiring.low, self._wiring.high
+            self.observation_spaces = {agent: gymnasium.spaces.Box(low, high) for agent in self.possible_agents}
         self._seeds_from = _APART * int(getattr(config, "worker_index", 0))
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         """Begin an episode: with the given seed, or with the next that the world draws from its last."""
         observations, _ = self.parallel.reset(None if seed is None else seed + self._seeds_from, options)
         self.agents = list(self.parallel.agents)
-        if self._base is not None:
-            self._base.reset()
+        if self._wiring is not None:
+            self._wiring.reset()
         return self._observed(observations), {}
 
     def step(self, action_dict: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
         """Take one control step with an action for each robot that is there."""
-        given = action_dict
-        if self._card is not None and self._base is not None:
-            given = {agent: np.clip(action, -1.0, 1.0) for agent, action in action_dict.items()}
-            action_dict = {
-                agent: np.clip(self._base_action[agent] + self._card.residual * action, -1.0, 1.0)
-                for agent, action in given.items()
-            }
+        action_dict, penalties = self._wired(action_dict)
         observations, rewards, terminated, truncated, _ = self.parallel.step(action_dict)
-        if self._base is not None and self._penalty > 0:
-            rewards = {a: reward - self._penalty * float(np.square(given[a]).mean()) for a, reward in rewards.items()}
+        if penalties:
+            rewards = {agent: reward - penalties[agent] for agent, reward in rewards.items()}
         self.agents = list(self.parallel.agents)
         timed_out = any(truncated[agent] and not terminated[agent] for agent in truncated)
         gone = not self.agents and not timed_out
@@ -94,23 +90,20 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         """Close the window, if there is one."""
         self.parallel.close()
 
-    def _read(self, card: Card) -> None:
-        """Let the agents observe, and act, as a card says."""
-        self._columns = card.columns(self.scenario)
-        ends = np.ones(0, dtype=np.float32)
-        if card.base is not None:
-            self._base = baselines.make(card.base, self.scenario, 1, self.parallel.simulation.device)
-            ends = np.ones(card.action_size, dtype=np.float32)
-        layout = self.parallel.simulation.layout
-        low, high = np.append(layout.low[self._columns], -ends), np.append(layout.high[self._columns], ends)
-        self.observation_spaces = {agent: gymnasium.spaces.Box(low, high) for agent in self.possible_agents}
+    def _wired(self, outputs: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float]]:
+        """What the agents' outputs become, and the reward that each costs; misshapen ones are left to be refused."""
+        wiring, agents, size = self._wiring, self.parallel.possible_agents, self.scenario.action_size
+        if wiring is None or wiring.base is None or any(np.shape(each) != (size,) for each in outputs.values()):
+            return outputs, {}
+        given = np.array([[np.clip(outputs.get(agent, np.zeros(size)), -1.0, 1.0) for agent in agents]], np.float32)
+        actions = dict(zip(agents, wiring.actions(given)[0], strict=True))
+        penalties = dict(zip(agents, wiring.penalty(given)[0].tolist(), strict=True))
+        return {agent: actions.get(agent, output) for agent, output in outputs.items()}, penalties
 
     def _observed(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        if self._card is None:
+        if self._wiring is None:
             return observations
-        rows = {agent: row[self._columns] for agent, row in observations.items()}
-        if self._base is not None:
-            actions = self._base.act(self.parallel.simulation.observation.numpy())[0]
-            self._base_action = dict(zip(self.possible_agents, actions, strict=True))
-            rows = {agent: np.append(row, self._base_action[agent]) for agent, row in rows.items()}
-        return rows
+        rows = self._wiring.read(self.parallel.simulation.observation.numpy())[0].copy()
+        return {
+            agent: row for agent, row in zip(self.parallel.possible_agents, rows, strict=True) if agent in observations
+        }

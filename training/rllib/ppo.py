@@ -21,17 +21,16 @@ from torch import nn
 
 from lissajous_env import Scenario
 from lissajous_env.device.devices import silent_stderr
-from training.learned.checkpoint import Card
+from training.learned.card import Card
+from training.learned.history import SCORES
 from training.learned.network import Network
 from training.rllib.env import LissajousMultiAgentEnv
-from training.settings import Train
+from training.settings import TrainingSettings
 
 MODULE = "robot"
 """Name of the module that all robots share."""
-SCORES = ("detection_time_mean", "collisions", "return_mean", "detected_fraction")
-"""Columns of the score that are averaged over the latest episodes."""
 _RECENT = 256
-"""Episodes over which they are."""
+"""Episodes over which scores are averaged."""
 
 
 class RobotModule(TorchRLModule, ValueFunctionAPI):
@@ -71,18 +70,18 @@ def _perceptron(inputs: int, layers: tuple[int, ...], outputs: int, activation: 
 
 
 class Scores(RLlibCallback):
-    """Keeps the means of `SCORES` over the latest episodes, among RLlib's metrics under `score`."""
+    """Keeps the means of the columns of `SCORES` over the latest episodes, among RLlib's metrics under `score`."""
 
     def on_episode_end(self, *, metrics_logger: Any = None, env: Any = None, env_index: int, **kwargs: Any) -> None:
         """Note the score of an episode that has ended."""
         score = env.envs[env_index].unwrapped.score()
-        for name in SCORES:
+        for name in SCORES.values():
             if math.isfinite(score[name]):
                 metrics_logger.log_value(("score", name), score[name], window=_RECENT)
 
 
 def make_ppo(
-    settings: Train, scenario: Scenario, card: Card, start: Network | None = None, iteration: int = 0
+    settings: TrainingSettings, scenario: Scenario, card: Card, start: Network | None = None, iteration: int = 0
 ) -> Algorithm:
     """Make RLlib's PPO with the settings, on the Ray cluster that this process is connected to.
 

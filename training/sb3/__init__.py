@@ -1,5 +1,6 @@
-"""Stable-Baselines3: the batch of worlds as its `VecEnv`, and PPO on it."""
+"""Stable-Baselines3: the batch of worlds as its `VecEnv`, its models as policies, and PPO."""
 
-from training.sb3.ppo import RobotVecEnv
+from training.sb3.model_policy import ModelPolicy
+from training.sb3.vec_env import RobotVecEnv
 
-__all__ = ["RobotVecEnv"]
+__all__ = ["ModelPolicy", "RobotVecEnv"]

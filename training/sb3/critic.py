@@ -11,10 +11,12 @@ from stable_baselines3.common.torch_layers import create_mlp
 from torch import nn
 
 from lissajous_env import Simulation
-from lissajous_env.world.state import PRESENT, WORKING
+from lissajous_env.envs.true_state import OF_ROBOT, true_state
 
 _ZONES = (12, 6)
 """Columns and rows in which undetected targets are counted."""
+_SEEN = [OF_ROBOT.index(name) for name in ("x", "y", "cos_heading", "sin_heading", "speed", "works")]
+"""Columns of a robot that are shown."""
 _MANY = 8.0
 """Targets that count as one."""
 
@@ -28,41 +30,30 @@ class WorldView:
 
     def __init__(self, simulation: Simulation):
         self.simulation = simulation
-        scenario = simulation.scenario
-        ring = np.array(scenario.ring)
-        self._order = np.array([np.roll(ring, -int(np.flatnonzero(ring == i)[0])) for i in range(len(ring))])
-        self._half = np.array([scenario.curve.half_width, scenario.curve.half_height], dtype=np.float32)
-        self._zones = _ZONES if scenario.target_capacity else (0, 0)
-        self.size = 6 * len(ring) + 2 + self._zones[0] * self._zones[1]
+        ring = np.array(simulation.scenario.ring)
+        order = np.array([np.roll(ring, -int(np.flatnonzero(ring == i)[0])) for i in range(len(ring))])
+        self._order = order[:, :, None]
+        self._zones = _ZONES if simulation.scenario.target_capacity else (0, 0)
+        self.size = len(_SEEN) * len(ring) + 2 + self._zones[0] * self._zones[1]
 
     def rows(self) -> np.ndarray:
         """(W N, size) what the critic sees of the worlds as they are."""
-        simulation = self.simulation
-        robots, scenario = simulation.robots, simulation.scenario
-        worlds, n = simulation.num_worlds, simulation.num_robots
-        heading = robots.heading.numpy()
-        own = np.empty((worlds, n, 6), dtype=np.float32)
-        own[:, :, :2] = robots.position.numpy()[:, :, :2] / self._half
-        own[:, :, 2], own[:, :, 3] = np.cos(heading), np.sin(heading)
-        own[:, :, 4] = robots.speed.numpy() / simulation.speed_unit
-        own[:, :, 5] = robots.status.numpy() == WORKING
-        world = np.zeros((worlds, self.size - 6 * n), dtype=np.float32)
-        world[:, 0] = simulation.clock.step.numpy() / scenario.task.steps
-        if self._zones[0]:
-            world[:, 1:] = self._waiting()
-        team = own[:, self._order].reshape(worlds, n, 6 * n)
+        state = true_state(self.simulation)
+        worlds, n, _ = state.robots.shape
+        team = state.robots[:, self._order, _SEEN].reshape(worlds, n, -1)
+        waiting = self._waiting(state.targets) if self._zones[0] else np.zeros((worlds, 1), dtype=np.float32)
+        world = np.concatenate([state.elapsed, waiting], axis=1, dtype=np.float32)
         shared = np.broadcast_to(world[:, None], (worlds, n, world.shape[1]))
         return np.concatenate([team, shared], axis=2).reshape(worlds * n, self.size)
 
-    def _waiting(self) -> np.ndarray:
+    def _waiting(self, targets: np.ndarray) -> np.ndarray:
         """(W, 1 + zones) undetected targets, of all and in each zone."""
-        rogues, worlds = self.simulation.targets, self.simulation.num_worlds
         columns, rows = self._zones
-        w, t = np.nonzero(rogues.stage.numpy() == PRESENT)
-        place = 0.5 * (rogues.position.numpy()[w, t] / self._half + 1.0) * (columns, rows)
+        w, t = np.nonzero(targets[:, :, 0])
+        place = 0.5 * (targets[w, t, 1:] + 1.0) * (columns, rows)
         zone = np.clip(place.astype(np.int64), 0, (columns - 1, rows - 1))
         index = (w * columns + zone[:, 0]) * rows + zone[:, 1]
-        counts = np.bincount(index, minlength=worlds * columns * rows).reshape(worlds, columns * rows)
+        counts = np.bincount(index, minlength=len(targets) * columns * rows).reshape(len(targets), columns * rows)
         return np.concatenate([counts.sum(axis=1, keepdims=True), counts], axis=1) / _MANY
 
 

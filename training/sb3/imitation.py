@@ -8,57 +8,41 @@ Differs from the paper: states are not aggregated over rounds. A round of the ba
 fresh ones alone, and nothing but the worlds has to be kept to go on.
 """
 
-import time
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import torch
+from stable_baselines3 import PPO
 
 import baselines
-from training.sb3 import ppo
-
-if TYPE_CHECKING:
-    from training.sb3.learning import Sb3Trainer
+from training.sb3.vec_env import RobotVecEnv
+from training.settings import TrainingSettings
 
 
-def imitate(trainer: "Sb3Trainer", teacher: baselines.Policy) -> None:
-    """Let the model of a trainer learn the teacher's action, by least squares, as long as the settings say."""
-    settings, env, model, course = trainer.settings, trainer.env, trainer.model, trainer.course
-    if model._last_obs is None:
-        model._last_obs = np.asarray(env.reset())
-        model._last_episode_starts = np.ones(env.num_envs, dtype=bool)
-    while course.steps < (until := settings.imitated_until):
-        if trainer.due():
-            trainer.evaluate_and_save()
-        trainer.stop_if_asked()
-        began = time.monotonic()
-        model._update_current_progress_remaining(course.steps, until)
-        model._update_learning_rate(model.policy.optimizer)
-        taught_share = max(0.0, 1.0 - 2.0 * course.steps / until) if settings.student_drives else 1.0
-        try:
-            rows, wanted = _collect(trainer, teacher, taught_share)
-            loss = _fit(trainer, rows, wanted)
-        except ValueError as error:
-            ppo.require_finite(model, settings, course.steps, error)
-            raise
-        ppo.require_finite(model, settings, course.steps)
-        course.steps += settings.rollout * env.num_envs
-        course.updates += settings.epochs
-        course.seconds += time.monotonic() - began
-        model.num_timesteps, model._n_updates = course.steps, course.updates
-        trainer.observe_rollout({"imitation/error": loss})
-        model.logger.dump(course.steps)
+def taught_share(settings: TrainingSettings, steps: int) -> float:
+    """Share of the worlds that the teacher drives after some steps of a robot."""
+    return max(0.0, 1.0 - 2.0 * steps / settings.imitated_until) if settings.student_drives else 1.0
 
 
-def _collect(
-    trainer: "Sb3Trainer", teacher: baselines.Policy, taught_share: float
+def collect(
+    env: RobotVecEnv, model: PPO, teacher: baselines.Policy, share: float, steps: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Play a rollout; return the rows that were met (K, inputs) and the teacher's action in each (K, action_size)."""
-    env, model = trainer.env, trainer.model
+    """Play on from the model's latest rows.
+
+    Args:
+        env: Worlds.
+        model: Student, which drives where the teacher does not.
+        teacher: Policy for as many worlds.
+        share: Share of the worlds, the first ones, that the teacher drives.
+        steps: How long.
+
+    Returns:
+        Rows that were met (K, inputs), and the teacher's action in each (K, action_size).
+    """
     worlds, n, _ = env.simulation.action_shape
-    taught = np.repeat(np.arange(worlds) < taught_share * worlds, n)[:, None]
+    taught = np.repeat(np.arange(worlds) < share * worlds, n)[:, None]
     rows, wanted = [], []
-    for _ in range(trainer.settings.rollout):
+    for _ in range(steps):
         shown = teacher.act(env.simulation.observation.numpy()).reshape(env.num_envs, -1)
         met = np.asarray(model._last_obs)
         rows.append(torch.from_numpy(met))
@@ -71,9 +55,8 @@ def _collect(
     return torch.cat(rows), torch.cat(wanted)
 
 
-def _fit(trainer: "Sb3Trainer", rows: torch.Tensor, wanted: torch.Tensor) -> float:
+def fit(policy: Any, settings: TrainingSettings, rows: torch.Tensor, wanted: torch.Tensor) -> float:
     """Pass over the rows in minibatches; returns the mean squared error of the last pass."""
-    settings, policy = trainer.settings, trainer.model.policy
     policy.set_training_mode(True)
     rows, wanted = rows.to(policy.device), wanted.to(policy.device)
     losses = []

@@ -33,10 +33,11 @@ from torchrl.envs import EnvBase
 
 from lissajous_env import Scenario, Simulation
 from lissajous_env.envs.actions import action_table
+from lissajous_env.envs.true_state import state_names, state_rows
 from lissajous_env.parameters import named
 from lissajous_env.world.seeding import drawn_seeds
 from lissajous_env.world.simulation import fold_seed
-from lissajous_env.world.state import ENDED, PRESENT, WORKING
+from lissajous_env.world.state import ENDED
 
 GROUP = "robot"
 
@@ -69,7 +70,7 @@ class LissajousTorchEnv(EnvBase):
         seed: World k begins with seed + k; without one, and without a call of `set_seed`, seeds are drawn from the
             system, so that environments in many processes differ.
         discrete_actions: Whether actions are rows of `lissajous_env.envs.actions.action_table` instead of numbers.
-        state: Whether to return the true state, S = 8 N + 3 target slots + 1 numbers.
+        state: Whether to return the true state, `lissajous_env.envs.true_state.state_names`.
         threads: CPU threads of the simulation; all cores by default.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
 
@@ -96,7 +97,6 @@ class LissajousTorchEnv(EnvBase):
         self.group_map = {GROUP: [f"{GROUP}_{i}" for i in range(self.scenario.num_robots)]}
         self._table = torch.as_tensor(action_table(self.scenario), device=self.device) if discrete_actions else None
         self._with_state = state
-        self._size = torch.tensor([made.curve.half_width, made.curve.half_height], device=self.device)
         self._renderers: dict[Any, Any] = {}
         self._declare()
         self._set_seed(seed)
@@ -121,8 +121,7 @@ class LissajousTorchEnv(EnvBase):
         scores = each(world, **{name: Unbounded(torch.Size((*world, 1)), device) for name in SCORES})
         state = {}
         if self._with_state:
-            size = 8 * sim.num_robots + 3 * self.scenario.target_capacity + 1
-            state["state"] = Unbounded(torch.Size((*world, size)), device)
+            state["state"] = Unbounded(torch.Size((*world, len(state_names(self.scenario)))), device)
         if self._table is None:
             action = Bounded(-1.0, 1.0, torch.Size(sim.action_shape), device, torch.float32)
         else:
@@ -191,7 +190,7 @@ class LissajousTorchEnv(EnvBase):
             **_flags(terminated.all(1), truncated.any(1)),
         }
         if self._with_state:
-            world["state"] = self._state()
+            world["state"] = state_rows(self.simulation, torch)
         return self._batched(world, 1)
 
     def _scores(self) -> dict[str, torch.Tensor]:
@@ -203,21 +202,6 @@ class LissajousTorchEnv(EnvBase):
             columns = torch.tensor([[row[name] for row in rows] for name in SCORES], device=self.device)
             scores[:, ended, 0] = columns.float()
         return dict(zip(SCORES, scores, strict=True))
-
-    def _state(self) -> torch.Tensor:
-        """(W, S) the true state, laid out as `lissajous_env.LissajousParallelEnv.state` says."""
-        sim = self.simulation
-        robots, rogues = sim.robots, sim.targets
-        heading, phase = wp.to_torch(robots.heading), wp.to_torch(robots.phase).float()
-        speed = wp.to_torch(robots.speed) / sim.speed_unit
-        works = wp.to_torch(robots.status) == int(WORKING)
-        place = wp.to_torch(robots.position)[..., :2] / self._size
-        columns = [heading.cos(), heading.sin(), speed, phase.cos(), phase.sin(), works]
-        of_robots = torch.cat([place, torch.stack(columns, dim=-1)], dim=-1)
-        waiting = (wp.to_torch(rogues.stage) == int(PRESENT)).float().unsqueeze(-1)
-        of_targets = torch.cat([waiting, waiting * wp.to_torch(rogues.position) / self._size], dim=-1)
-        elapsed = wp.to_torch(sim.clock.step).float().unsqueeze(-1) / self.scenario.task.steps
-        return torch.cat([of_robots.flatten(1), of_targets.flatten(1), elapsed], dim=-1)
 
     def _batched(self, entries: dict[str, Any], dimensions: int) -> TensorDict:
         shape = (*self.batch_size, self.scenario.num_robots)[:dimensions]

@@ -1,7 +1,4 @@
-"""`lissajous train --engine ray`: RLlib's PPO over a cluster; a kill costs what was learned since the last checkpoint.
-
-`LissajousMultiAgentEnv` is the environment, for trainings of one's own.
-"""
+"""`lissajous train` by RLlib, over a cluster: a kill costs what was learned since the last checkpoint."""
 
 import logging
 import time
@@ -15,20 +12,17 @@ from rich.console import Console
 from baselines.benchmark import cluster
 from lissajous_env.console.terminal import make_console
 from lissajous_env.storage.folder import Folder
-from training.course import Course
 from training.events import open_rows
 from training.learned import checkpoint
+from training.learned.history import SCORES, History
 from training.learned.network import Network
 from training.rllib import ppo
 from training.rllib import state as kept
-from training.rllib.env import LissajousMultiAgentEnv
-from training.settings import Train
+from training.settings import TrainingSettings
 from training.trainer import Trainer
 
-__all__ = ["LissajousMultiAgentEnv", "train"]
 
-
-def train(settings: Train, console: Console | None = None) -> Course:
+def train(settings: TrainingSettings, console: Console | None = None) -> History:
     """Train to the end, from the last checkpoint where `settings.out` has one.
 
     `out` then holds the policy and the state, as every training writes them, the best policy under `best`, and what
@@ -52,13 +46,13 @@ def train(settings: Train, console: Console | None = None) -> Course:
     if settings.imitated is not None:
         console.print("engine ray does not imitate first; --start takes the network of a training that did")
     with checkpoint.hold(settings.out) as folder:
-        return ClusterTrainer(settings, console, folder).run()
+        return RllibTrainer(settings, console, folder).run()
 
 
-class ClusterTrainer(Trainer):
+class RllibTrainer(Trainer):
     """One training in its folder; RLlib's algorithm takes the place of model and worlds."""
 
-    def __init__(self, settings: Train, console: Console, folder: Folder):
+    def __init__(self, settings: TrainingSettings, console: Console, folder: Folder):
         super().__init__(settings, console, folder)
         if settings.threads:
             torch.set_num_threads(settings.threads)
@@ -69,17 +63,17 @@ class ClusterTrainer(Trainer):
         else:
             self._start = self._network_to_start_from()
 
-    def run(self) -> Course:
+    def run(self) -> History:
         """Train to the end."""
-        settings, course = self.settings, self.course
-        if course.steps >= settings.steps:
+        settings, history = self.settings, self.history
+        if history.steps >= settings.steps:
             return super().run()
         logging.getLogger("ray.rllib").setLevel(logging.ERROR)
         with cluster.connected(settings.address) as ray:
             cores = int(ray.cluster_resources().get("CPU", 0))
             if settings.workers > cores:
                 raise ValueError(f"workers must be at most the {cores} CPUs of the Ray cluster, got {settings.workers}")
-            self.algorithm = ppo.make_ppo(settings, self.scenario, self.card, self._start, course.updates)
+            self.algorithm = ppo.make_ppo(settings, self.scenario, self.card, self._start, history.updates)
             try:
                 if self._state is not None:
                     self._load(self._state)
@@ -97,22 +91,22 @@ class ClusterTrainer(Trainer):
     def save(self) -> None:
         """Write a checkpoint: what was learned and how far, and a run that goes on from it plays other worlds."""
         state = kept.save_ppo(self.algorithm)
-        checkpoint.save(self.folder, self.network(), self.card, state=state, notes=self.course.notes)
+        checkpoint.save(self.folder, self.network(), self.card, state=state, notes=self.history.notes)
 
     def _learn(self) -> None:
-        course, robots = self.course, self.scenario.num_robots
+        history, robots = self.history, self.scenario.num_robots
         # What an earlier process logged after its last checkpoint is taken back.
         log = self.folder.make_folder("tensorboard")
-        with open_rows(log, course.steps) as self._writer:
-            while course.steps < self.settings.steps:
+        with open_rows(log, history.steps) as self._writer:
+            while history.steps < self.settings.steps:
                 began = time.monotonic()
                 result = self.algorithm.train()
-                course.seconds += time.monotonic() - began
-                course.steps = kept.steps_sampled(self.algorithm) * robots
-                course.updates = self.algorithm.iteration
+                history.seconds += time.monotonic() - began
+                history.steps = kept.steps_sampled(self.algorithm) * robots
+                history.updates = self.algorithm.iteration
                 self.network()  # raises where the training has diverged
                 self._show(result)
-                if self.due() and course.steps < self.settings.steps:
+                if self.due() and history.steps < self.settings.steps:
                     self.evaluate_and_save()
                 self.stop_if_asked()
             self.evaluate_and_save()
@@ -121,14 +115,12 @@ class ClusterTrainer(Trainer):
         """Write values to TensorBoard."""
         for name, value in values.items():
             if value is not None:
-                self._writer.add_scalar(name, value, self.course.steps)
+                self._writer.add_scalar(name, value, self.history.steps)
         self._writer.flush()
 
     def _show(self, result: dict[str, Any]) -> None:
         score = result.get("env_runners", {}).get("score", {})
-        recent = {"detection_time": "detection_time_mean", "return": "return_mean"}
-        recent |= {name: name for name in ("collisions", "detected_fraction")}
-        shown = {name: float(score[column]) for name, column in recent.items() if column in score}
+        shown = {name: float(score[column]) for name, column in SCORES.items() if column in score}
         learned = result.get("learners", {}).get(ppo.MODULE, {})
         losses = {name: float(learned[name]) for name in ("policy_loss", "vf_loss", "entropy") if name in learned}
         for folder, values in {"rollout": shown, "train": losses}.items():
@@ -140,10 +132,10 @@ class ClusterTrainer(Trainer):
         self._check_same(card.settings)
         self._state = checkpoint.read_state(self.settings.out, text)
         self._state_file = self.settings.out / text["files"]["state"]["name"]
-        self.course = Course.read(text)
+        self.history = History.read(text)
 
     def _load(self, state: dict[str, np.ndarray]) -> None:
         try:
-            kept.load_ppo(self.algorithm, state, self.course.updates)
+            kept.load_ppo(self.algorithm, state, self.history.updates)
         except ValueError as error:
             raise ValueError(f"{self._state_file} is no state of this training: {error}") from error

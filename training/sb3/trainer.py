@@ -1,4 +1,4 @@
-"""`lissajous train`: trains a policy, shows how it does, and can be stopped at any moment and called again."""
+"""`lissajous train` by Stable-Baselines3: it can be stopped at any moment and called again."""
 
 import contextlib
 import threading
@@ -17,16 +17,18 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 import baselines
 from lissajous_env.console.terminal import make_console
 from lissajous_env.storage.folder import Folder
-from training.course import Course
 from training.events import open_rows
 from training.learned import checkpoint
+from training.learned.history import SCORES, History, summarize_scores
+from training.learned.named_arrays import prefixed, within
 from training.learned.network import Network
 from training.sb3 import imitation, ppo
-from training.settings import Train
-from training.trainer import RECENT, Trainer, summarize_scores
+from training.sb3.vec_env import RobotVecEnv
+from training.settings import TrainingSettings
+from training.trainer import Trainer
 
 
-def train(settings: Train, console: Console | None = None) -> Course:
+def train(settings: TrainingSettings, console: Console | None = None) -> History:
     """Train to the end, from the last checkpoint where `settings.out` has one.
 
     Raises:
@@ -42,12 +44,12 @@ def train(settings: Train, console: Console | None = None) -> Course:
 class Sb3Trainer(Trainer):
     """A training by Stable-Baselines3: model and worlds, made anew or as the last checkpoint has them."""
 
-    def __init__(self, settings: Train, console: Console, folder: Folder):
+    def __init__(self, settings: TrainingSettings, console: Console, folder: Folder):
         super().__init__(settings, console, folder)
         threads = settings.threads or torch.get_num_threads()
         torch.set_num_threads(threads)
         penalty = settings.residual_penalty if settings.base else 0.0
-        self.env = ppo.RobotVecEnv(
+        self.env = RobotVecEnv(
             self.scenario,
             settings.worlds,
             self.card,
@@ -86,17 +88,18 @@ class Sb3Trainer(Trainer):
         """Write a checkpoint; a run that goes on from it does bit for bit what this one does."""
         state = ppo.save_model(self.model) | self.env.save_state()
         if self.teacher is not None:
-            state |= {f"teacher.{name}": array for name, array in self.teacher.save_state().items()}
-        state |= {f"average.{name}": array for name, array in (self.average or {}).items()}
-        state["scores"] = np.array([[row[name] for name in RECENT] for row in self.env.scores]).reshape(-1, len(RECENT))
-        checkpoint.save(self.folder, self.network(), self.card, state=state, notes=self.course.notes)
+            state |= prefixed("teacher", self.teacher.save_state())
+        state |= prefixed("average", self.average or {})
+        watched = [[row[column] for column in SCORES.values()] for row in self.env.scores]
+        state["scores"] = np.array(watched).reshape(-1, len(SCORES))
+        checkpoint.save(self.folder, self.network(), self.card, state=state, notes=self.history.notes)
 
     def log(self, values: Mapping[str, float | None]) -> None:
         """Write values, and what the model has recorded of its update, to TensorBoard."""
         for name, value in values.items():
             if value is not None:
                 self.model.logger.record(name, value)
-        self.model.logger.dump(self.course.steps)
+        self.model.logger.dump(self.history.steps)
 
     def observe_rollout(self, extra: dict[str, float] | None = None) -> None:
         """Show and log how the latest episodes went."""
@@ -108,34 +111,62 @@ class Sb3Trainer(Trainer):
         self.display.update(recent)
 
     def _learn(self) -> None:
-        with _logging_to(self.folder.make_folder("tensorboard"), self.course.steps) as logger:
+        with _logging_to(self.folder.make_folder("tensorboard"), self.history.steps) as logger:
             self.model.set_logger(logger)
             if self.teacher is not None:
-                imitation.imitate(self, self.teacher)
-            left = self.settings.steps - self.course.steps
+                self._imitate(self.teacher)
+            left = self.settings.steps - self.history.steps
             if left > 0:
                 # The model counts on from the steps that it has.
                 first = self.model._last_obs is None
                 try:
                     self.model.learn(left, callback=_Watch(self), reset_num_timesteps=first)
                 except ValueError as error:
-                    ppo.require_finite(self.model, self.settings, self.course.steps, error)
+                    ppo.require_finite(self.model, self.settings, self.history.steps, error)
                     raise
-                ppo.require_finite(self.model, self.settings, self.course.steps)
+                ppo.require_finite(self.model, self.settings, self.history.steps)
             self.evaluate_and_save()
+
+    def _imitate(self, teacher: baselines.Policy) -> None:
+        """Let the model learn the teacher's action, by least squares, as long as the settings say."""
+        settings, env, model, history = self.settings, self.env, self.model, self.history
+        if model._last_obs is None:
+            model._last_obs = np.asarray(env.reset())
+            model._last_episode_starts = np.ones(env.num_envs, dtype=bool)
+        while history.steps < settings.imitated_until:
+            if self.due():
+                self.evaluate_and_save()
+            self.stop_if_asked()
+            began = time.monotonic()
+            model._update_current_progress_remaining(history.steps, settings.imitated_until)
+            model._update_learning_rate(model.policy.optimizer)
+            share = imitation.taught_share(settings, history.steps)
+            try:
+                rows, wanted = imitation.collect(env, model, teacher, share, settings.rollout)
+                loss = imitation.fit(model.policy, settings, rows, wanted)
+            except ValueError as error:
+                ppo.require_finite(model, settings, history.steps, error)
+                raise
+            ppo.require_finite(model, settings, history.steps)
+            history.steps += settings.rollout * env.num_envs
+            history.updates += settings.epochs
+            history.seconds += time.monotonic() - began
+            model.num_timesteps, model._n_updates = history.steps, history.updates
+            self.observe_rollout({"imitation/error": loss})
+            model.logger.dump(history.steps)
 
     def _go_on(self) -> None:
         _, card, text = checkpoint.read(self.settings.out)
         self._check_same(card.settings)
         arrays = checkpoint.read_state(self.settings.out, text)
-        self.course = Course.read(text)
+        self.history = History.read(text)
         try:
             self.env.load_state(arrays)
             if self.teacher is not None:
-                self.teacher.load_state(ppo.named("teacher.", arrays))
-            self.average = ppo.named("average.", arrays) or None
-            self.env.scores.extend(dict(zip(RECENT, row, strict=True)) for row in arrays["scores"].tolist())
-            ppo.load_model(self.model, arrays, self.course.steps, self.course.updates)
+                self.teacher.load_state(within("teacher", arrays))
+            self.average = within("average", arrays) or None
+            self.env.scores.extend(dict(zip(SCORES.values(), row, strict=True)) for row in arrays["scores"].tolist())
+            ppo.load_model(self.model, arrays, self.history.steps, self.history.updates)
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
             path = self.settings.out / text["files"]["state"]["name"]
             words = f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
@@ -143,7 +174,7 @@ class Sb3Trainer(Trainer):
 
 
 class _Watch(BaseCallback):
-    """Keeps the course while Stable-Baselines3 learns: counts, shows, evaluates, stops."""
+    """Keeps the history while Stable-Baselines3 learns: counts, shows, evaluates, stops."""
 
     def __init__(self, trainer: Sb3Trainer):
         super().__init__()
@@ -153,11 +184,11 @@ class _Watch(BaseCallback):
     def _on_rollout_start(self) -> None:
         # The one moment between an update and the next step: what is saved here is all there is.
         trainer = self.trainer
-        ppo.require_finite(self.model, trainer.settings, trainer.course.steps)
-        if self.model._n_updates > trainer.course.updates:
+        ppo.require_finite(self.model, trainer.settings, trainer.history.steps)
+        if self.model._n_updates > trainer.history.updates:
             trainer.average_in()
             trainer.log({})
-        trainer.course.updates = self.model._n_updates
+        trainer.history.updates = self.model._n_updates
         if trainer.due():
             self._count_time()
             trainer.evaluate_and_save()
@@ -165,7 +196,7 @@ class _Watch(BaseCallback):
         trainer.stop_if_asked()
         if self.model.use_sde:
             # The noise has been drawn before this moment: draw it anew, from what a run that goes on knows too.
-            torch.manual_seed(trainer.settings.seed << 40 | trainer.course.steps)
+            torch.manual_seed(trainer.settings.seed << 40 | trainer.history.steps)
             cast(ActorCriticPolicy, self.model.policy).reset_noise(trainer.env.num_envs)
 
     def _on_step(self) -> bool:
@@ -176,20 +207,20 @@ class _Watch(BaseCallback):
         self._count_time()
         settings, policy = trainer.settings, self.model.policy
         # An update follows: of the critic alone, as long as the settings say.
-        both = trainer.course.steps >= settings.imitated_until + settings.critic_steps
+        both = trainer.history.steps >= settings.imitated_until + settings.critic_steps
         for name, parameter in policy.named_parameters():
             parameter.requires_grad_(both or name in ppo.critic_parameters(policy))
-        trainer.course.steps = self.model.num_timesteps
+        trainer.history.steps = self.model.num_timesteps
         trainer.observe_rollout()
 
     def _on_training_end(self) -> None:
         self._count_time()
         self.trainer.average_in()
-        self.trainer.course.updates = self.model._n_updates
+        self.trainer.history.updates = self.model._n_updates
 
     def _count_time(self) -> None:
         now = time.monotonic()
-        self.trainer.course.seconds += now - self._since
+        self.trainer.history.seconds += now - self._since
         self._since = now
 
 

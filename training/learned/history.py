@@ -1,18 +1,36 @@
 """How a training has gone so far: written into each checkpoint, and read again to go on."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from baselines.benchmark.statistics import interquartile_mean
 from training.learned.card import require
 
-SCORES = ("detection_time", "collisions", "return", "detected_fraction")
-"""What an evaluation says; each a number, or None where there was none."""
+SCORES = {
+    "detection_time": "detection_time_mean",
+    "collisions": "collisions",
+    "return": "return_mean",
+    "detected_fraction": "detected_fraction",
+}
+"""What an evaluation says, each a number or None where there was none; and the column of a score row that it is of."""
+
+
+def summarize_scores(rows: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
+    """Interquartile mean of the detection time [s], and means of the rest of `SCORES`, over score rows."""
+    summary: dict[str, float | None] = {}
+    for name, column in SCORES.items():
+        values = [row[column] for row in rows if math.isfinite(row[column])]
+        if not values:
+            summary[name] = None
+        else:
+            summary[name] = interquartile_mean(values) if name == "detection_time" else sum(values) / len(values)
+    return summary
 
 
 @dataclass
-class Course:
+class History:
     """Counters, evaluations and the best policy of a training."""
 
     steps: int = 0
@@ -29,8 +47,8 @@ class Course:
     """The policy whose return was the highest, as `checkpoint.best_of` describes it."""
 
     @classmethod
-    def read(cls, text: Mapping[str, Any]) -> "Course":
-        """Take up the course that a checkpoint holds; `text` is what `checkpoint.read_text` returned."""
+    def read(cls, text: Mapping[str, Any]) -> "History":
+        """Take up the history that a checkpoint holds; `text` is what `checkpoint.read_text` returned."""
         counters = text.get("counters") or {}
         return cls(
             **{name: counters.get(name, 0) for name in ("steps", "updates", "seconds")},
@@ -59,7 +77,7 @@ class Course:
 
 
 def check_notes(text: Mapping[str, Any]) -> None:
-    """Check what a checkpoint says about its course, as far as it says it.
+    """Check what a checkpoint says about its history, as far as it says it.
 
     Raises:
         ValueError: a value of another type; the message says which.

@@ -1,4 +1,4 @@
-"""Copy a trained policy to where shipped ones live: `python -m training.learned.publish runs/x learned-x`."""
+"""Copy a trained policy to where shipped ones live: `python -m training.publish runs/x learned-x`."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,7 +21,7 @@ def publish(
     name: Annotated[str, tyro.conf.Positional],
     made_for: tuple[str, ...] = (),
     before: tuple[Path, ...] = (),
-    folder: Path = Path(__file__).parent.parent / "policies",
+    folder: Path = Path(__file__).parent / "policies",
     command: str = "",
 ) -> None:
     """Copy a policy without what training goes on from, with its curve and its scores on the held-out seeds.

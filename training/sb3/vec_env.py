@@ -1,0 +1,171 @@
+"""The batch of worlds as a `VecEnv` of Stable-Baselines3: one row for each robot of each world."""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
+
+from lissajous_env import Scenario, Simulation
+from lissajous_env.world.seeding import drawn_seeds
+from training.learned.card import Card
+from training.learned.named_arrays import prefixed, within
+from training.learned.wiring import Wiring
+from training.sb3.critic import WorldView
+
+_RECENT = 256
+"""Episodes whose scores are kept."""
+
+
+class RobotVecEnv(VecEnv):
+    """`Simulation` as a `VecEnv` with shared parameters: row k N + i is robot i of world k.
+
+    A world whose robots are all done begins anew in the same step. A robot that ran out of time has its last
+    observation in its info as `terminal_observation`, with `TimeLimit.truncated`; one that was removed ends as a
+    termination does, and its row stands still until its world begins anew.
+
+    Args:
+        scenario: What is simulated.
+        num_worlds: W; there are W N rows.
+        card: Which entries of the observation a row holds, and what its action is added to; by default the whole
+            observation, and nothing.
+        residual_penalty: Reward that an action costs per step and mean square, where it is added to a base's.
+        device: Warp device.
+        seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without one and a call of
+            `seed`, the first reset draws seeds from the system.
+        threads: CPU threads; all cores by default.
+        central: Whether a row ends in what `WorldView` shows of the world, for a critic.
+        short: Share of the worlds, the first ones, that begin anew after `short_time`.
+        short_time: Time after which they do [s].
+    """
+
+    def __init__(
+        self,
+        scenario: str | Scenario,
+        num_worlds: int = 1,
+        card: Card | None = None,
+        residual_penalty: float = 0.0,
+        device: Any = "cpu",
+        seed: int | None = None,
+        threads: int | None = None,
+        central: bool = False,
+        short: float = 0.0,
+        short_time: float = 3.0,
+    ):
+        self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads)
+        self._seeded = seed is not None
+        self.scenario = self.simulation.scenario
+        self.card = card or Card.of(self.scenario)
+        self._wiring = Wiring(self.card, self.scenario, num_worlds, device, residual_penalty)
+        self.scores: deque[dict[str, Any]] = deque(maxlen=_RECENT)
+        self.render_mode = None
+        self._view = WorldView(self.simulation) if central else None
+        last_step = np.full(num_worlds, self.scenario.task.steps)
+        last_step[: round(short * num_worlds)] = max(round(short_time / self.scenario.task.step), 1)
+        self._last_step = np.minimum(last_step, self.scenario.task.steps)
+        more = np.full(0 if self._view is None else self._view.size, np.inf, dtype=np.float32)
+        low, high = np.concatenate([self._wiring.low, -more]), np.concatenate([self._wiring.high, more])
+        actions = gymnasium.spaces.Box(-1.0, 1.0, (self.scenario.action_size,), np.float32)
+        super().__init__(num_worlds * self.simulation.num_robots, gymnasium.spaces.Box(low, high), actions)
+
+    def reset(self) -> np.ndarray:
+        """Begin an episode in every world; returns the rows (W N, inputs)."""
+        n, seeds = self.simulation.num_robots, None
+        if self._seeds[0] is not None:
+            seeds = np.array(self._seeds[::n], dtype=np.int64) % 2**31
+        elif not self._seeded:
+            seeds = drawn_seeds(self.simulation.num_worlds)
+        self._seeded = True
+        self.simulation.reset(seeds=seeds)
+        self._reset_seeds()
+        self._reset_options()
+        self._done = np.zeros(self.num_envs, dtype=bool)
+        self._wiring.reset()
+        return self._rows(self._wiring.read(self.simulation.observation.numpy()))
+
+    def save_state(self) -> dict[str, np.ndarray]:
+        """Copy everything that changes while the worlds go on, by name."""
+        return prefixed("world", self.simulation.save_state()) | self._wiring.save_state()
+
+    def load_state(self, saved: dict[str, np.ndarray]) -> None:
+        """Go on from what `save_state` returned."""
+        self.simulation.load_state(within("world", saved))
+        self._seeded = True
+        self._done = self.simulation.terminated.numpy().astype(bool).reshape(-1)
+        self._wiring.load_state(saved)
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Take the actions (W N, action_size) of the next step; numbers outside [-1, 1] are clipped.
+
+        Raises:
+            ValueError: actions of another shape, or that are not finite.
+        """
+        worlds, robots, size = self.simulation.action_shape
+        given = np.asarray(actions)
+        if given.shape != (worlds * robots, size) or given.dtype.kind not in "fiu":
+            got = f"{given.shape} of {given.dtype}"
+            raise ValueError(f"actions must be numbers of shape {(worlds * robots, size)}, got {got}")
+        finite = np.isfinite(given)
+        if not finite.all():
+            row = int(np.flatnonzero(~finite.all(axis=1))[0])
+            where = f"robot_{row % robots} in world {row // robots}"
+            raise ValueError(f"action of {where} must be finite, got {given[row].tolist()}")
+        clipped = np.clip(given, -1.0, 1.0).astype(np.float32, copy=False)
+        self._actions = clipped.reshape(worlds, robots, size)
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Take the step: rows, rewards, dones, infos."""
+        simulation, wiring = self.simulation, self._wiring
+        simulation.step(wiring.actions(self._actions))
+        rewards = (simulation.reward.numpy() - wiring.penalty(self._actions)).reshape(-1)
+        terminated = simulation.terminated.numpy().astype(bool).reshape(-1)
+        over = simulation.over | (simulation.clock.step.numpy() >= self._last_step)
+        ended = terminated | np.repeat(over, simulation.num_robots)
+        dones = ended & ~self._done | np.repeat(over, simulation.num_robots)
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if dones.any():
+            # The base's action is the one of the step before: of a last observation only its value is asked for.
+            last = self._rows(wiring.rows(simulation.observation.numpy()))
+            for k in np.flatnonzero(dones):
+                infos[k]["terminal_observation"] = last[k]
+                infos[k]["TimeLimit.truncated"] = not terminated[k]
+        if over.any():
+            self.scores.extend(simulation.score(simulation.over))
+            simulation.reset(over)
+            wiring.reset(over)
+            ended = simulation.terminated.numpy().astype(bool).reshape(-1)
+        self._done = ended
+        return self._rows(wiring.read(simulation.observation.numpy())), rewards, dones, infos
+
+    def _rows(self, rows: np.ndarray) -> np.ndarray:
+        """(W N, inputs) copy of the rows (W, N, ...), with what a central critic sees."""
+        flat = rows.reshape(self.num_envs, -1)
+        return flat.copy() if self._view is None else np.concatenate([flat, self._view.rows()], axis=1)
+
+    def close(self) -> None:
+        """Nothing is held that needs closing."""
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute of the batch, once for each of the rows that are asked for."""
+        return [getattr(self, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute of the whole batch; rows do not have their own."""
+        if indices is not None and len(list(self._get_indices(indices))) != self.num_envs:
+            raise ValueError(f"{attr_name} must be set for all rows at once, got indices {indices!r}")
+        setattr(self, attr_name, value)
+
+    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+        """Call a method of the batch once; its result is repeated for each of the rows that are asked for."""
+        result = getattr(self, method_name)(*method_args, **method_kwargs)
+        return [result for _ in self._get_indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """Rows are not wrapped one by one."""
+        return [False for _ in self._get_indices(indices)]
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Give world k the seed + k N at the next reset (N rows share a world, and the seed of the first)."""
+        return super().seed(seed)
