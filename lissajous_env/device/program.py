@@ -109,7 +109,7 @@ class Program:
         widths = [max(len(row[k]) for row in rows) for k in range(3)]
         return "\n".join("  ".join([*map(str.ljust, row[:3], widths), row[3]]).rstrip() for row in rows)
 
-    def _launch(self, stage: Stage, low: int, high: int) -> wp.Launch:
+    def _launch(self, stage: Stage, low: int, high: int) -> Any:
         lanes = 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
         values = {**self._values, **stage.own, "first": low, "lanes": lanes}
         names = [argument.label for argument in stage.run.adj.args]
@@ -125,7 +125,7 @@ class Program:
 class _Calls:
     """Launches on a CPU whose arguments are laid out once, where Warp does so at each launch."""
 
-    def __init__(self, device: Any, launches: Sequence[wp.Launch]):
+    def __init__(self, device: Any, launches: Sequence[Any]):
         self._device, self._launches = device, launches
         self._arguments = [_laid_out(launch.params[1:]) for launch in launches]
         self._calls = [
@@ -151,11 +151,11 @@ def _laid_out(values: Sequence[Any]) -> ctypes.Structure:
 class _Graph:
     """Launches on a GPU that are replayed together."""
 
-    def __init__(self, device: Any, launches: Sequence[wp.Launch]):
+    def __init__(self, device: Any, launches: Sequence[Any]):
         self._device, self._launches = device, launches
         with wp.ScopedCapture(device) as capture:
             self._launch_all()
-        self._graph = capture.graph
+        self._graph: Any = capture.graph
 
     def __call__(self) -> None:
         if self._device.is_capturing:

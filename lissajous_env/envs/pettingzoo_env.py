@@ -232,7 +232,7 @@ class LissajousParallelEnv(ParallelEnv):
         if self.render_mode == "human":
             self.render()
 
-    def _refuse_agents(self, actions: dict[str, Any]) -> None:
+    def _refuse_agents(self, actions: Mapping[str, Any]) -> None:
         missing = [agent for agent in self.agents if agent not in actions]
         unknown = [agent for agent in actions if agent not in self.agents]
         raise ValueError(f"actions must name each live agent once: missing {missing}, unknown or not live {unknown}")

@@ -6,95 +6,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.program import ROBOT, TARGET, WORLD, Stage
 from lissajous_env.parameters.extensions import Extension, ObservationEntry, RewardTerm, ScoreColumn, TargetMotion
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
+from lissajous_env.world.extension_kernels import keep_column, take_entries, take_places, take_term
 from lissajous_env.world.reward import TERMS
-from lissajous_env.world.state import GONE, HIDDEN, Clock, Latest, Targets
-from lissajous_env.world.targets import CUSTOM
 from lissajous_env.world.view import WorldView
-
-wp.set_module_options(OPTIONS)
-
-
-@wp.kernel
-def take_term(
-    first: int, lanes: int, term: int, weight: float, value: wp.array2d(dtype=float), clock: Clock, latest: Latest
-):
-    """Enter a term of one's own among those of the reward."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for i in range(lane, value.shape[1], lanes):
-        latest.terms[w, i, term] = weight * value[w, i]
-
-
-@wp.kernel
-def take_entries(
-    first: int,
-    lanes: int,
-    start: int,
-    low: float,
-    high: float,
-    value: wp.array3d(dtype=float),
-    clock: Clock,
-    observation_out: wp.array3d(dtype=float),
-):
-    """Enter entries of one's own at the end of the rows."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for i in range(lane, value.shape[1], lanes):
-        for k in range(value.shape[2]):
-            observation_out[w, i, start + k] = wp.clamp(value[w, i, k], low, high)
-
-
-@wp.kernel
-def keep_column(first: int, value: wp.array(dtype=wp.float64), clock: Clock, kept_out: wp.array2d(dtype=wp.float64)):
-    """Keep sum, largest, least and last of a column of one's own."""
-    w = first + wp.tid()
-    if clock.active[w] == 0:
-        return
-    if clock.step[w] == 0:
-        kept_out[w, 0] = wp.float64(0.0)
-        kept_out[w, 1] = wp.float64(-wp.inf)
-        kept_out[w, 2] = wp.float64(wp.inf)
-        kept_out[w, 3] = wp.float64(wp.nan)
-    else:
-        kept_out[w, 0] += value[w]
-        kept_out[w, 1] = wp.max(kept_out[w, 1], value[w])
-        kept_out[w, 2] = wp.min(kept_out[w, 2], value[w])
-        kept_out[w, 3] = value[w]
-
-
-@wp.kernel
-def take_places(
-    first: int,
-    lanes: int,
-    curve: CurveStruct,
-    value: wp.array2d(dtype=wp.vec2),
-    clock: Clock,
-    targets: Targets,
-):
-    """Move the targets of one's own to their new places."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for t in range(lane, value.shape[1], lanes):
-        stage = targets.stage[w, t]
-        if targets.motion[w, t] == CUSTOM and stage != HIDDEN and stage != GONE:
-            x = wp.clamp(value[w, t][0], -curve.half_width, curve.half_width)
-            y = wp.clamp(value[w, t][1], -curve.half_height, curve.half_height)
-            moved = wp.vec2(x, y) - targets.position[w, t]
-            if wp.length_sq(moved) > 0.0:
-                targets.heading[w, t] = wp.atan2(moved[1], moved[0])
-            targets.position[w, t] = wp.vec2(x, y)
 
 
 class Extended:
