@@ -237,8 +237,8 @@ def test_the_network_that_comes_out_acts_as_the_module(activation, layers):
 def run_command(out, steps):
     made = settings(out, steps=steps)
     program = (
-        "import pickle, sys; from rich.console import Console; from training import rllib;"
-        "rllib.train(pickle.loads(bytes.fromhex(sys.argv[1])), Console(width=200))"
+        "import pickle, sys; from rich.console import Console; from training.rllib import learning;"
+        "learning.train(pickle.loads(bytes.fromhex(sys.argv[1])), Console(width=200))"
     )
     command = [sys.executable, "-c", program, pickle.dumps(made).hex()]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)

@@ -112,6 +112,7 @@ def test_a_killed_training_ends_with_the_same_weights(tmp_path, changes, share):
         assert cut[name] == value, name
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_keeps_what_was_learned(tmp_path, monkeypatch):
     # Pressed in the third rollout, far from any evaluation.
     seen, observe = [], Sb3Trainer.observe_rollout
