@@ -25,6 +25,7 @@ from ray.rllib.core.columns import Columns  # noqa: E402
 from ray.rllib.env.env_context import EnvContext  # noqa: E402
 from ray.rllib.env.multi_agent_episode import MultiAgentEpisode  # noqa: E402
 from ray.rllib.utils.pre_checks.env import check_multiagent_environments  # noqa: E402
+from test_cluster import HEAD, STORE  # noqa: E402
 from test_network import outputs  # noqa: E402
 
 import training  # noqa: E402
@@ -38,7 +39,6 @@ from training.settings import Train  # noqa: E402
 QUIET = Console(quiet=True)
 SHORT = {"scenario": "failure", "task.duration": 3.0}
 CRASHING = {**SHORT, "task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}
-STORE = 80_000_000
 ROWS = 5 * 2 * 4 * 8
 """Steps of a robot in an iteration of the trainings below: robots, workers, worlds of each, steps."""
 
@@ -272,8 +272,7 @@ def test_killed_and_called_again_it_goes_on_with_equal_counters(tmp_path):
 
 def test_a_node_is_killed_and_the_training_goes_on(tmp_path, monkeypatch):
     # Story: one worker is lost with its node; the other samples alone, and the lost one comes back on a third node.
-    arguments = {"num_cpus": 1, "object_store_memory": STORE, "include_dashboard": False}
-    cluster = Cluster(initialize_head=True, head_node_args=arguments)
+    cluster = Cluster(initialize_head=True, head_node_args=HEAD)
     other = cluster.add_node(num_cpus=1, object_store_memory=STORE)
     ray.init(cluster.address, log_to_driver=False, logging_level="ERROR")
     held = checkpoint.hold(tmp_path)
