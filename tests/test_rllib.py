@@ -234,8 +234,8 @@ def test_the_network_that_comes_out_acts_as_the_module(activation, layers):
 # The training.
 
 
-def run_command(out, steps):
-    made = settings(out, steps=steps)
+def run_command(out, steps, workers):
+    made = settings(out, steps=steps, workers=workers)
     program = (
         "import pickle, sys; from rich.console import Console; from training.rllib import learning;"
         "learning.train(pickle.loads(bytes.fromhex(sys.argv[1])), Console(width=200))"
@@ -245,8 +245,9 @@ def run_command(out, steps):
 
 
 def test_killed_and_called_again_it_goes_on_with_equal_counters(tmp_path):
-    # Oracle: steps = iterations x rows, before and after; nothing is lost, nothing counted twice.
-    process = run_command(tmp_path, 1000 * ROWS)
+    # Oracle: steps = iterations x rows, before and after, with two workers and with one that has all the worlds;
+    # nothing is lost, nothing counted twice.
+    process = run_command(tmp_path, 1000 * ROWS, workers=2)
     deadline = time.monotonic() + 300
     while time.monotonic() < deadline and process.poll() is None:
         if (tmp_path / checkpoint.FILE).exists() and counted(tmp_path)[1] >= 2:
@@ -258,7 +259,7 @@ def test_killed_and_called_again_it_goes_on_with_equal_counters(tmp_path):
     steps, iterations = counted(tmp_path)
     assert steps == iterations * ROWS > 0
 
-    process = run_command(tmp_path, steps + 3 * ROWS)
+    process = run_command(tmp_path, steps + 3 * ROWS, workers=1)
     said = process.communicate(timeout=300)[0]
     assert process.returncode == 0, said
     assert counted(tmp_path) == (steps + 3 * ROWS, iterations + 3)

@@ -2,16 +2,17 @@
 
 import numpy as np
 import pytest
-from test_learned import home, played
-from test_mpcc import CURVE, P, load_benchmark
-from test_policy_laws import CASES, episode
-
-import baselines
-import training
-from baselines.mpcc.solver import Mpcc
-from lissajous_env import Simulation
 
 torch = pytest.importorskip("torch")
+
+from test_learned import home, played  # noqa: E402
+from test_mpcc import CURVE, P, load_benchmark  # noqa: E402
+from test_policy_laws import CASES, episode  # noqa: E402
+
+import baselines  # noqa: E402
+import training  # noqa: E402
+from baselines.mpcc.solver import Mpcc  # noqa: E402
+from lissajous_env import Simulation  # noqa: E402
 
 
 @pytest.mark.parametrize(("name", "scenario"), CASES)
