@@ -155,7 +155,7 @@ def reproduce(folder: Path) -> None:
     """Make two parts of the paper, one with a picture."""
     from baselines import reproduce
 
-    reproduce.reproduce(("theorem2", "fig8"), out=folder)
+    reproduce.reproduce(("theorem2", "knot"), out=folder)
 
 
 def result_of_train(folder: Path) -> dict[str, Any]:

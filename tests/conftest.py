@@ -2,6 +2,7 @@
 
 import os
 import random
+import signal
 import sys
 
 import numpy as np
@@ -18,6 +19,17 @@ def _same_draws():
     np.random.seed(0)
     if "torch" in sys.modules:
         sys.modules["torch"].manual_seed(0)
+
+
+@pytest.fixture
+def ctrl_c():
+    """Ctrl-C, SIGINT, ends this process and those that it starts, as in a terminal.
+
+    Tests that a shell without job control runs in the background ignore it, and so would their children.
+    """
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -220,26 +220,3 @@ def test_weights_must_be_a_plain_file_of_the_folder(folder):
     weights.mkdir()
     with pytest.raises(ValueError, match=rf"{weights.name} must be a plain file"):
         checkpoint.read(folder)
-
-
-def test_a_state_that_does_not_fit_is_refused_by_its_file(tmp_path):
-    pytest.importorskip("stable_baselines3")
-    from benchmarks import killing
-    from lissajous_env.storage.folder import LIST
-
-    killing.train(tmp_path)
-    text = json.loads((tmp_path / checkpoint.FILE).read_text())
-    whole = checkpoint.read_state(tmp_path, text)
-    text["counters"]["steps"] = 160
-    for name, array in (("rows", None), ("random.torch", np.arange(3)), ("scores", np.ones((2, 2))), ("x", np.ones(1))):
-        arrays = {key: value for key, value in whole.items() if key != name} | ({} if array is None else {name: array})
-        data = to_safetensors(arrays)
-        digest = hashlib.sha256(data).hexdigest()
-        entry = {"name": f"state-{digest[:12]}.safetensors", "sha256": digest}
-        (tmp_path / entry["name"]).write_bytes(data)
-        with open(tmp_path / LIST, "a") as file:
-            file.write(json.dumps({"wrote": entry["name"]}) + "\n")
-        write(tmp_path, text | {"files": text["files"] | {"state": entry}})
-        if name != "x":
-            with pytest.raises(ValueError, match=rf"{entry['name']} must hold the state of this training"):
-                killing.train(tmp_path)

@@ -198,14 +198,14 @@ def test_evaluate_prints_statistics_and_writes_the_rows(tmp_path):
     assert [(row["policy"], row["seed"], row["targets"]) for row in rows] == [("still", str(k), "7") for k in range(3)]
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_ends_with_130_and_says_how_to_go_on(tmp_path):
     arguments = ["benchmark", "--scenarios", "failure", "--policies", "still", "--episodes", "100000", "--batch", "1"]
     command = [sys.executable, "-m", "lissajous_env", *arguments, "--out", str(tmp_path)]
     episodes = tmp_path / "episodes.jsonl"
     deadline = time.monotonic() + 60
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    # Tests that a shell runs in the background ignore Ctrl-C, and so would their children.
-    with subprocess.Popen(command, **pipes, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)) as process:
+    with subprocess.Popen(command, **pipes) as process:
         try:
             while time.monotonic() < deadline and not (episodes.exists() and episodes.stat().st_size):
                 time.sleep(0.02)

@@ -25,6 +25,11 @@ from ray.cluster_utils import Cluster  # noqa: E402
 QUIET = Console(quiet=True)
 SHORT = {"task.duration": 2.0}
 STORE = 80_000_000
+HEAD = {
+    "num_cpus": 1, "object_store_memory": STORE, "include_dashboard": False,
+    "_system_config": {"health_check_initial_delay_ms": 0, "health_check_period_ms": 200},
+}  # fmt: skip
+"""Of a cluster that knows in a second that a node is gone, not in fifteen: five times nobody answers."""
 SCRIPT = """
 import sys
 from pathlib import Path
@@ -52,10 +57,13 @@ def nodes_that_began(notes):
 
 
 class Slow:
-    """The policy `kuramoto`, a second an episode; where notes are kept, each batch enters its node there.
+    """The policy `kuramoto`, half a second a batch; where notes are kept, each batch enters its node there.
 
     It then waits for a batch on another node: one of them is killed while both play.
     """
+
+    pause = 0.03
+    """Time that a step takes longer [s]."""
 
     def __init__(self, scenario, num_worlds, device):
         self.policy, self.num_worlds = baselines.make("kuramoto", scenario, num_worlds, device), num_worlds
@@ -70,8 +78,12 @@ class Slow:
         self.policy.reset(worlds)
 
     def act(self, observation):
-        time.sleep(0.05)
+        time.sleep(self.pause)
         return self.policy.act(observation)
+
+
+class Quick(Slow):
+    pause = 0.0
 
 
 class Deadly(Slow):
@@ -101,7 +113,7 @@ class Blind(Slow):
 def whole(tmp_path_factory):
     """Results of the engine `local`."""
     folder = tmp_path_factory.mktemp("whole")
-    run(small(folder, episodes=12), {"slow": Slow}, console=QUIET)
+    run(small(folder, episodes=12), {"slow": Quick}, console=QUIET)
     return folder
 
 
@@ -114,8 +126,7 @@ def _workers_find_this_file(monkeypatch):
 def two_nodes(tmp_path, monkeypatch):
     """A cluster of two nodes of one CPU each, the node that is not its head, and the notes of `Slow`."""
     monkeypatch.setenv("LISSAJOUS_TEST_NOTES", str(tmp_path / "notes"))
-    arguments = {"num_cpus": 1, "object_store_memory": STORE, "include_dashboard": False}
-    cluster = Cluster(initialize_head=True, head_node_args=arguments)
+    cluster = Cluster(initialize_head=True, head_node_args=HEAD)
     other = cluster.add_node(num_cpus=1, object_store_memory=STORE)
     ray.init(cluster.address, log_to_driver=False, logging_level="ERROR")
     yield cluster, other, tmp_path / "notes"
@@ -139,7 +150,7 @@ def test_a_node_is_killed_and_every_episode_is_there_once(whole, two_nodes, tmp_
         deadline = time.monotonic() + 60
         while time.monotonic() < deadline and other.node_id not in nodes_that_began(notes):
             time.sleep(0.02)
-        time.sleep(0.3)
+        time.sleep(0.2)
         cluster.remove_node(other, allow_graceful=False)
 
     killer = threading.Thread(target=kill_while_it_plays)
@@ -164,7 +175,7 @@ def test_a_killed_driver_is_gone_on_from_by_the_other_engine(whole, tmp_path):
     process.send_signal(signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
     assert 4 <= len(numbered(out)) < 36
-    run(small(out, episodes=12), {"slow": Slow}, console=QUIET)
+    run(small(out, episodes=12), {"slow": Quick}, console=QUIET)
     assert len(numbered(out)) == 36
     assert (out / "episodes.csv").read_bytes() == (whole / "episodes.csv").read_bytes()
 
@@ -182,7 +193,7 @@ def test_policies_that_fail_are_reported_and_the_others_go_on(one_node, tmp_path
     assert "1 / 0" in raising.traceback
     assert deadly.policy == "deadly"
     assert "WorkerCrashedError" in deadly.error
-    own["raising"] = own["deadly"] = Slow
+    own["raising"] = own["deadly"] = Quick
     healed = measure(settings, own, console=QUIET)
     assert (healed.failures, healed.kept, len(healed.rows)) == ([], 8, 16)
 

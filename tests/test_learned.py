@@ -4,7 +4,6 @@ import sys
 
 import numpy as np
 import pytest
-import warp as wp
 
 import baselines
 import lissajous_env
@@ -43,34 +42,6 @@ def test_shipped_policies_are_small_and_say_where_they_come_from(name):
     assert (folder / "curve.png").stat().st_size > 10_000
     assert text["curve"][-1]["steps"] > 0
     assert set(text["held_out_scores"]) == set(text["made_for"])
-
-
-@pytest.mark.parametrize("name", training.names())
-def test_the_kernel_computes_what_torch_does(name):
-    # Oracle: torch, on the observations of an episode.
-    torch = pytest.importorskip("torch")
-    policy = training.load(name, num_worlds=4)
-    observations, actions = played(policy, Simulation(home(name), 4, seed=5), 60)
-    base = None if policy.card.base is None else baselines.make(policy.card.base, policy.scenario, 4)
-    network = policy.network.to_torch("cpu")
-    for observation, action in zip(observations, actions, strict=True):
-        rows, added_to = observation[:, :, policy.card.columns(policy.scenario)], 0.0
-        if base is not None:
-            added_to = base.act(observation)
-            rows = np.concatenate([rows, added_to], axis=2)
-        by_torch = network(torch.from_numpy(rows)).clamp(-1, 1).numpy()
-        share = 1.0 if base is None else policy.card.residual
-        assert np.clip(added_to + share * by_torch, -1, 1) == pytest.approx(action, abs=2e-6)
-
-
-def test_torch_tensors_come_back_as_torch_tensors():
-    torch = pytest.importorskip("torch")
-    policy = training.load("learned-rough", num_worlds=2)
-    simulation = Simulation("rough", 2, seed=3)
-    got = policy.act(wp.to_torch(simulation.observation))
-    assert isinstance(got, torch.Tensor)
-    assert got.shape == (2, 5, 2)
-    assert (got.numpy() == policy.act(simulation.observation.numpy())).all()
 
 
 @pytest.mark.parametrize("name", training.names())

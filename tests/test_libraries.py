@@ -278,3 +278,38 @@ def test_tianshou_collects_and_learns():
     policy.is_within_training_step = True
     learner.update(buffer=collector.buffer, batch_size=16, repeat=1)
     assert any((old != new).any() for old, new in zip(before, actor.parameters(), strict=True))
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("settings", [{}, {"scenario": "failure", "discrete_actions": True}], ids=["cars", "points"])
+def test_agilerl_steps_worlds_in_processes_and_learns(settings):
+    """Install it in an environment of its own that has this package with its tests; each line after the one before.
+
+    `pip install agilerl==2.58.0 peft==0.21.0`: that release imports `peft` and does not ask for it.
+    `pip install pettingzoo==1.27.0`: AgileRL asks for an older one, and works with this one.
+    Then `pytest --long tests/test_libraries.py -k agilerl`. Oracle: the environments themselves, with the same seeds.
+    """
+    pytest.importorskip("agilerl")
+    from agilerl.algorithms import IPPO
+    from agilerl.training.train_multi_agent_on_policy import train_multi_agent_on_policy
+    from agilerl.vector.pz_async_vec_env import AsyncPettingZooVecEnv
+
+    def make():
+        return lissajous_env.parallel_env(max_cycles=8, **settings)
+
+    envs = AsyncPettingZooVecEnv([make, make])
+    observations, _ = envs.reset(seed=1)
+    for row, env in enumerate((make(), make())):
+        for agent, observation in env.reset(seed=1 + row)[0].items():
+            np.testing.assert_array_equal(observations[agent][row], observation)
+    spaces = [[space(agent) for agent in envs.agents] for space in (make().observation_space, make().action_space)]
+    ippo = IPPO(*spaces, agent_ids=envs.agents, batch_size=16, learn_step=32)
+    # The robots share a network, for their names differ in the number alone.
+    before = [parameter.clone() for parameter in ippo.actors["robot"].parameters()]
+    trained, fitness = train_multi_agent_on_policy(
+        envs, "lissajous", "IPPO", [ippo], max_steps=64, evo_steps=64, eval_loop=1, sum_scores=False, verbose=False
+    )
+    assert np.isfinite(fitness[0]["robot"])
+    after = trained[0].actors["robot"].parameters()
+    assert any((old != new).any() for old, new in zip(before, after, strict=True))

@@ -236,13 +236,6 @@ def test_arrays_of_the_device_come_back_without_a_copy(near):
     np.testing.assert_array_equal(mpcc.control.numpy(), expected.control)
 
 
-def test_torch_goes_in_as_numpy_does(near):
-    torch = pytest.importorskip("torch")
-    expected = Mpcc(CURVE, P, 64).solve(near.state, near.phase_rate)
-    solution = Mpcc(CURVE, P, 64).solve(torch.from_numpy(near.state), torch.from_numpy(near.phase_rate))
-    np.testing.assert_array_equal(solution.control.numpy(), expected.control)
-
-
 def test_parameters_of_a_robot():
     """The model's offset is the robot's own, or what the designer measured; the rest is the robot's."""
     assert MpccParameters.of(Robot()).offset == 3.681

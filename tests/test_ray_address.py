@@ -120,6 +120,7 @@ def test_what_ray_says_of_a_cluster_that_cannot_be_joined_is_one_line(monkeypatc
         pass
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_while_it_connects_ends_it_cleanly(tmp_path):
     command = [sys.executable, "-m", "lissajous_env", "benchmark", "--scenarios", "failure", "--policies", "still"]
     with server() as (address, asked):

@@ -25,6 +25,7 @@ from ray.rllib.core.columns import Columns  # noqa: E402
 from ray.rllib.env.env_context import EnvContext  # noqa: E402
 from ray.rllib.env.multi_agent_episode import MultiAgentEpisode  # noqa: E402
 from ray.rllib.utils.pre_checks.env import check_multiagent_environments  # noqa: E402
+from test_cluster import HEAD, STORE  # noqa: E402
 from test_network import outputs  # noqa: E402
 
 import training  # noqa: E402
@@ -38,7 +39,6 @@ from training.settings import TrainingSettings  # noqa: E402
 QUIET = Console(quiet=True)
 SHORT = {"scenario": "failure", "task.duration": 3.0}
 CRASHING = {**SHORT, "task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}
-STORE = 80_000_000
 ROWS = 5 * 2 * 4 * 8
 """Steps of a robot in an iteration of the trainings below: robots, workers, worlds of each, steps."""
 
@@ -252,8 +252,8 @@ def test_the_network_that_comes_out_acts_as_the_module(activation, layers):
 # The training.
 
 
-def run_command(out, steps):
-    made = settings(out, steps=steps)
+def run_command(out, steps, workers):
+    made = settings(out, steps=steps, workers=workers)
     program = (
         "import pickle, sys; from rich.console import Console; from training.rllib.trainer import train;"
         "train(pickle.loads(bytes.fromhex(sys.argv[1])), Console(width=200))"
@@ -263,8 +263,9 @@ def run_command(out, steps):
 
 
 def test_killed_and_called_again_it_goes_on_with_equal_counters(tmp_path):
-    # Oracle: steps = iterations x rows, before and after; nothing is lost, nothing counted twice.
-    process = run_command(tmp_path, 1000 * ROWS)
+    # Oracle: steps = iterations x rows, before and after, with two workers and with one that has all the worlds;
+    # nothing is lost, nothing counted twice.
+    process = run_command(tmp_path, 1000 * ROWS, workers=2)
     deadline = time.monotonic() + 300
     while time.monotonic() < deadline and process.poll() is None:
         if (tmp_path / checkpoint.FILE).exists() and counted(tmp_path)[1] >= 2:
@@ -276,7 +277,7 @@ def test_killed_and_called_again_it_goes_on_with_equal_counters(tmp_path):
     steps, iterations = counted(tmp_path)
     assert steps == iterations * ROWS > 0
 
-    process = run_command(tmp_path, steps + 3 * ROWS)
+    process = run_command(tmp_path, steps + 3 * ROWS, workers=1)
     said = process.communicate(timeout=300)[0]
     assert process.returncode == 0, said
     assert counted(tmp_path) == (steps + 3 * ROWS, iterations + 3)
@@ -290,8 +291,7 @@ def test_killed_and_called_again_it_goes_on_with_equal_counters(tmp_path):
 
 def test_a_node_is_killed_and_the_training_goes_on(tmp_path, monkeypatch):
     # Story: one worker is lost with its node; the other samples alone, and the lost one comes back on a third node.
-    arguments = {"num_cpus": 1, "object_store_memory": STORE, "include_dashboard": False}
-    cluster = Cluster(initialize_head=True, head_node_args=arguments)
+    cluster = Cluster(initialize_head=True, head_node_args=HEAD)
     other = cluster.add_node(num_cpus=1, object_store_memory=STORE)
     ray.init(cluster.address, log_to_driver=False, logging_level="ERROR")
     held = checkpoint.hold(tmp_path)

@@ -5,7 +5,6 @@ import shutil
 
 import numpy as np
 import pytest
-from planted import opened, payloads, plant, plant_rllib
 
 ray = pytest.importorskip("ray")
 pytest.importorskip("ray.rllib")
@@ -15,6 +14,7 @@ from test_rllib import QUIET, ROWS, counted, settings  # noqa: E402
 
 import lissajous_env  # noqa: E402
 from baselines.benchmark import cluster  # noqa: E402
+from benchmarks.planted import opened, payloads, plant, plant_rllib  # noqa: E402
 from training.learned import checkpoint  # noqa: E402
 from training.learned.card import Card  # noqa: E402
 from training.rllib import ppo, state  # noqa: E402

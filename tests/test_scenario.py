@@ -84,6 +84,8 @@ def bad_values(name, rule):
         )
     if "one of" in rule:
         return ["", rule.split()[-1].upper(), 1, ["car"], True]
+    if "name of" in rule:
+        return ["", " car", 1, ["car"], True]
     if "True or False" in rule:
         return [0, 1, "True", np.array([True, False])]
     raise AssertionError(f"a rule that this test does not know: {rule}")
@@ -133,7 +135,7 @@ def test_every_field_says_its_unit_where_it_has_one(part, field):
             lambda: Robot(drive=1.0),
             "robot.throttle_max must lead to a top speed, (drive throttle_max - offset) / drag, from",
         ),
-        (lambda: Targets(wandering=0.6, fleeing=0.5), "targets.fleeing must leave drifting + wandering + fleeing at 1"),
+        (lambda: Targets(wandering=0.6, fleeing=0.5), "targets.fleeing must leave drifting + wandering + fleeing + custom at 1"),
         (lambda: Task(duration=0.05), "task.duration must be at least one step of 0.1 s, got 0.05"),
         (lambda: Task(duration=1e8, step=1e-3), "task.duration must be at most 1048576 steps, got 100000000.0"),
         (lambda: Scenario(formation=Formation(ring=(0, 1, 2))), "formation.ring must hold each of the 5 robots once"),

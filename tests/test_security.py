@@ -5,8 +5,8 @@ import pickle
 import shutil
 
 import pytest
-from planted import opened, payloads, plant, plant_rllib
 
+from benchmarks.planted import opened, payloads, plant, plant_rllib
 from lissajous_env.console.cli import main
 from training.learned import policy
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 
 import pytest
 from rich.console import Console
@@ -23,6 +24,20 @@ def lines(folder):
     return (folder / "episodes.jsonl").read_text().splitlines()
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Results of one episode of each policy."""
+    folder = tmp_path_factory.mktemp("made")
+    run(small(folder, episodes=1), console=QUIET)
+    return folder
+
+
+@pytest.fixture
+def out(made, tmp_path):
+    """A copy of them."""
+    return shutil.copytree(made, tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     ("column", "value", "words"),
     [
@@ -36,30 +51,25 @@ def lines(folder):
         ("scenario", "null", "a word as scenario"),
     ],
 )  # fmt: skip
-def test_a_value_that_no_score_has_is_refused_by_file_line_rule_and_value(tmp_path, column, value, words):
-    run(small(tmp_path, episodes=1), console=QUIET)
-    row, other = lines(tmp_path)
+def test_a_value_that_no_score_has_is_refused_by_file_line_rule_and_value(out, column, value, words):
+    row, other = lines(out)
     given = json.dumps(json.loads(row)[column])
-    (tmp_path / "episodes.jsonl").write_text(
-        row.replace(f'"{column}": {given}', f'"{column}": {value}') + f"\n{other}\n"
-    )
+    (out / "episodes.jsonl").write_text(row.replace(f'"{column}": {given}', f'"{column}": {value}') + f"\n{other}\n")
     with pytest.raises(ValueError, match=rf"episodes\.jsonl, line 1 .*({words}|it must hold|damaged)"):
-        run(small(tmp_path, episodes=1), console=QUIET)
+        run(small(out, episodes=1), console=QUIET)
 
 
 @pytest.mark.parametrize("empty", ["recovery_time", "coverage_time", "coverage_time_each", "detection_time_mean"])
-def test_a_time_that_never_came_is_null(tmp_path, empty):
-    run(small(tmp_path, episodes=1), console=QUIET)
-    rows = [json.loads(line) | {empty: None} for line in lines(tmp_path)]
-    (tmp_path / "episodes.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-    assert all(math.isnan(row[empty]) for row in run(small(tmp_path, episodes=1), console=QUIET))
+def test_a_time_that_never_came_is_null(out, empty):
+    rows = [json.loads(line) | {empty: None} for line in lines(out)]
+    (out / "episodes.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert all(math.isnan(row[empty]) for row in run(small(out, episodes=1), console=QUIET))
 
 
-def test_lists_in_each_other_are_damage_and_no_crash(tmp_path):
-    run(small(tmp_path, episodes=1), console=QUIET)
-    (tmp_path / "episodes.jsonl").write_text("\n".join(["[" * 100_000, *lines(tmp_path)]) + "\n")
+def test_lists_in_each_other_are_damage_and_no_crash(out):
+    (out / "episodes.jsonl").write_text("\n".join(["[" * 100_000, *lines(out)]) + "\n")
     with pytest.raises(ValueError, match=r"episodes\.jsonl, line 1 "):
-        run(small(tmp_path, episodes=1), console=QUIET)
+        run(small(out, episodes=1), console=QUIET)
 
 
 @pytest.mark.parametrize(
@@ -69,12 +79,11 @@ def test_lists_in_each_other_are_damage_and_no_crash(tmp_path):
         ("scenarios", {"failure": 3}), ("digests", {"failure": "0"}), ("versions", None), ("new", 1), ("seed", None),
     ],
 )  # fmt: skip
-def test_damaged_settings_are_refused_by_name(tmp_path, name, value):
-    run(small(tmp_path, episodes=1), console=QUIET)
-    path = tmp_path / "settings.json"
+def test_damaged_settings_are_refused_by_name(out, name, value):
+    path = out / "settings.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
     with pytest.raises(ValueError, match=r"settings\.json is damaged: "):
-        run(small(tmp_path, episodes=1), console=QUIET)
+        run(small(out, episodes=1), console=QUIET)
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ def test_smallest_distance_against_brute_force(curve, num_robots):
 def test_common_factor_of_a_and_b_collides():
     # Oracle: position itself; robots 0 and 2 of (3, 6) meet. Curve refuses it, so a stand-in carries the numbers.
     class Unchecked:
-        half_width, half_height, a, b, half_depth, c = 5.0, 5.0, 3, 6, 0.0, 1
+        half_width, half_height, a, b, half_depth, c, harmonics = 5.0, 5.0, 3, 6, 0.0, 1, ()
 
     assert geometry.smallest_distance(Unchecked(), 9) == pytest.approx(0, abs=1e-6)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="must share no factor with a = 3, got 6"):

@@ -2,6 +2,8 @@
 
 import dataclasses
 import functools
+import hashlib
+import json
 import os
 import signal
 import sys
@@ -9,6 +11,7 @@ import sys
 import numpy as np
 import pytest
 from rich.console import Console
+from safetensors.numpy import save as to_safetensors
 
 pytest.importorskip("stable_baselines3")
 
@@ -112,6 +115,27 @@ def test_a_killed_training_ends_with_the_same_weights(tmp_path, changes, share):
         assert cut[name] == value, name
 
 
+def test_a_state_that_does_not_fit_is_refused_by_its_file(tmp_path):
+    from benchmarks import killing
+
+    killing.train(tmp_path)
+    text = checkpoint.read_text(tmp_path)
+    whole = checkpoint.read_state(tmp_path, text)
+    text["counters"]["steps"] = 160
+    for name, array in (("rows", None), ("random.torch", np.arange(3)), ("scores", np.ones((2, 2)))):
+        arrays = {key: value for key, value in whole.items() if key != name} | ({} if array is None else {name: array})
+        data = to_safetensors(arrays)
+        digest = hashlib.sha256(data).hexdigest()
+        entry = {"name": f"state-{digest[:12]}.safetensors", "sha256": digest}
+        (tmp_path / entry["name"]).write_bytes(data)
+        with open(tmp_path / LIST, "a") as file:
+            file.write(json.dumps({"wrote": entry["name"]}) + "\n")
+        (tmp_path / checkpoint.FILE).write_text(json.dumps(text | {"files": text["files"] | {"state": entry}}))
+        with pytest.raises(ValueError, match=rf"{entry['name']} must hold the state of this training"):
+            killing.train(tmp_path)
+
+
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_keeps_what_was_learned(tmp_path, monkeypatch):
     # Pressed in the third rollout, far from any evaluation.
     seen, observe = [], Sb3Trainer.observe_rollout

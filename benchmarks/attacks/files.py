@@ -32,7 +32,7 @@ _STEMS = (
 _ENDS = (".tmpl", ".safetensors", ".tmp", ".tmp.json", ".json", ".png", ".jsonl", "", ".123.tmp.csv")
 _RESULTS = (
     "settings.json", "episodes.jsonl", "episodes.csv", "summary.json", "collisions.png", "README.md", "table.csv",
-    "checkpoint.json", "curve.png", "best", "tensorboard", LIST, ".lock", "theorem2.png", "fig8.png",
+    "checkpoint.json", "curve.png", "best", "tensorboard", LIST, ".lock", "theorem2.png", "knot.png",
 )  # fmt: skip
 _HOSTILE = (
     None, True, -1, 3, 0.5, 10**400, 1e300, 1e-300, "", "x", "../x", "/etc/passwd", "a\0b", "\ud800", "sweep", ".", [],

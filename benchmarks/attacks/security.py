@@ -1,10 +1,7 @@
 """Strangers' folders with pickles in them, and addresses at which no Ray cluster is."""
 
 import contextlib
-import hashlib
 import io
-import os
-import pickle
 import shutil
 import socket
 import subprocess
@@ -12,12 +9,12 @@ import sys
 import tempfile
 import threading
 import time
-import zipfile
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+import planted
 
 from attacks import Attack
 from lissajous_env.console.cli import main
@@ -28,43 +25,12 @@ _TRAIN = (
     "--evaluate-every", "80", "--evaluation-episodes", "1", "--threads", "1", "--teacher", "none", "--rivals", *_SHORT,
 )  # fmt: skip
 _RAY = ("--engine", "ray", "--workers", "1")
-_RLLIB = ("algorithm_state.pkl", "class_and_ctor_args.pkl", "learner_group/state.pkl", "env_runner/state.pkl")
 _SLOWEST = 30.0
 """Time in which an address must be known to be none [s]: ten of patience, and what a process takes."""
 
 
 _PLACE = tempfile.TemporaryDirectory(prefix="attacked-")
 """Where the folders are that are attacked, until this process ends."""
-
-
-class _Planted:
-    def __init__(self, marker: Path):
-        self.marker = str(marker)
-
-    def __reduce__(self) -> tuple:
-        return os.makedirs, (self.marker,)
-
-
-def _pickled(marker: Path, form: str) -> bytes:
-    """A pickle that makes a folder when it is opened: plain, as torch packs it, or as NumPy does."""
-    plain, data = pickle.dumps(_Planted(marker)), io.BytesIO()
-    if form == "archive":
-        with zipfile.ZipFile(data, "w") as packed:
-            packed.writestr("archive/data.pkl", plain)
-    elif form == "arrays":
-        np.savez(data, about=np.array([_Planted(marker)], dtype=object))
-    return data.getvalue() or plain
-
-
-def _plant(path: Path, data: bytes) -> None:
-    """Put bytes in place of a file, and their SHA-256 in place of its own where a manifest has that."""
-    before = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(data)
-    for manifest in (path.parent / "checkpoint.json", *(each / "manifest.json" for each in list(path.parents)[:6])):
-        with contextlib.suppress(OSError, UnicodeDecodeError):
-            if before is not None and before in (text := manifest.read_text(encoding="utf-8")):
-                manifest.write_text(text.replace(before, hashlib.sha256(data).hexdigest()), encoding="utf-8")
 
 
 def _run(arguments: tuple) -> tuple[int | str | None, str]:
@@ -129,16 +95,16 @@ def _with_pickles(kind: str) -> Callable[[np.random.Generator], str | None]:
             folder, marker = Path(place) / "folder", Path(place) / "opened"
             shutil.copytree(_made(kind), folder)
             files = sorted(path for path in folder.rglob("*") if path.is_file())
-            files += [folder / inner / name for inner in (".", "rllib/000001") for name in _RLLIB]
+            files += [folder / inner / name for inner in (".", "rllib/000001") for name in planted.RLLIB_FILES]
             chosen = [files[k] for k in draw.choice(len(files), draw.integers(1, 4), replace=False)]
-            form = draw.choice(["plain", "archive", "arrays"])
+            form = draw.choice(["plain", "archive", "npz"])
             if kind == "ray":  # few tries: all at once, and what would end it sooner is left as it is
                 chosen, form = [path for path in files if path.suffix in (".pkl", "")], "plain"
             for path in chosen:
-                _plant(path, _pickled(marker, form))
+                planted.plant(path, planted.payloads(marker)[form])
             code, said = _run(_again(kind, folder, draw))
             names = ", ".join(str(path.relative_to(folder)) for path in chosen)
-            if marker.exists():
+            if planted.opened(marker):
                 return f"{names}: unpickled"
             if code not in (0, 1, 2) or "Traceback" in said:
                 return f"{names}: exit code {code}, {said[-200:]!r}"

@@ -8,6 +8,9 @@ import os
 import pickle
 import shutil
 import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,14 +18,14 @@ import numpy as np
 class Planted:
     """Unpickled, it makes a folder."""
 
-    def __init__(self, marker):
+    def __init__(self, marker: Path):
         self.marker = str(marker)
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Callable[[str], None], tuple[str]]:
         return os.makedirs, (self.marker,)
 
 
-def payloads(marker):
+def payloads(marker: Path) -> dict[str, bytes]:
     """The pickle as it is, as torch and Stable-Baselines3 pack it, and as NumPy does, alone and among others."""
     planted = Planted(marker)
     plain = pickle.dumps(planted)
@@ -36,14 +39,14 @@ def payloads(marker):
     return {"plain": plain, "archive": archive.getvalue(), "npy": array.getvalue(), "npz": arrays.getvalue()}
 
 
-def opened(marker):
+def opened(marker: Path) -> bool:
     """Whether the pickle was opened; forgets it."""
     there = os.path.isdir(marker)
     shutil.rmtree(marker, ignore_errors=True)
     return there
 
 
-def plant(path, data):
+def plant(path: Path, data: bytes) -> None:
     """Put bytes in place of a file, and their SHA-256 in place of its own where a manifest has that."""
     before = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -61,7 +64,7 @@ RLLIB_FILES = (
 """Files of a checkpoint that RLlib writes."""
 
 
-def plant_rllib(folder, data, notes=None):
+def plant_rllib(folder: Path, data: bytes, notes: dict[str, Any] | None = None) -> None:
     """Make folders that look like checkpoints of RLlib's, each file of theirs the pickle, its SHA-256 beside it."""
     for inner in ("rllib/000001", "rllib/000099", "."):
         for name in RLLIB_FILES:

@@ -1,0 +1,50 @@
+"""Tensors of torch go in and come out with the numbers of NumPy's arrays; and a network is what torch makes of it."""
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from test_learned import home, played  # noqa: E402
+from test_mpcc import CURVE, P, load_benchmark  # noqa: E402
+from test_policy_laws import CASES, episode  # noqa: E402
+
+import baselines  # noqa: E402
+import training  # noqa: E402
+from baselines.mpcc.solver import Mpcc  # noqa: E402
+from lissajous_env import Simulation  # noqa: E402
+
+
+@pytest.mark.parametrize(("name", "scenario"), CASES)
+def test_actions_for_tensors_are_those_for_arrays(name, scenario):
+    # Oracle: the policy that was given the same observations as arrays.
+    seen, taken = episode(baselines.make(name, scenario, 16), scenario, 16, seed=40)
+    policy = baselines.make(name, scenario, 16)
+    for rows, action in zip(seen, taken, strict=True):
+        got = policy.act(torch.from_numpy(rows))
+        assert isinstance(got, torch.Tensor)
+        np.testing.assert_array_equal(got.numpy(), action)
+
+
+@pytest.mark.parametrize("name", training.names())
+def test_the_kernel_computes_what_torch_does(name):
+    # Oracle: torch, on the observations of an episode.
+    policy = training.load(name, num_worlds=4)
+    observations, actions = played(policy, Simulation(home(name), 4, seed=5), 60)
+    base = None if policy.card.base is None else baselines.make(policy.card.base, policy.scenario, 4)
+    network = policy.network.to_torch("cpu")
+    for observation, action in zip(observations, actions, strict=True):
+        rows, added_to = observation[:, :, policy.card.columns(policy.scenario)], 0.0
+        if base is not None:
+            added_to = base.act(observation)
+            rows = np.concatenate([rows, added_to], axis=2)
+        by_torch = network(torch.from_numpy(rows)).clamp(-1, 1).numpy()
+        share = 1.0 if base is None else policy.card.residual
+        assert np.clip(added_to + share * by_torch, -1, 1) == pytest.approx(action, abs=2e-6)
+
+
+def test_the_solver_takes_tensors_as_arrays():
+    near = load_benchmark().random_problems(64, CURVE, P, np.random.default_rng(3))
+    expected = Mpcc(CURVE, P, 64).solve(near.state, near.phase_rate)
+    solution = Mpcc(CURVE, P, 64).solve(torch.from_numpy(near.state), torch.from_numpy(near.phase_rate))
+    np.testing.assert_array_equal(solution.control.numpy(), expected.control)
