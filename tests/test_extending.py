@@ -70,7 +70,7 @@ def here(home, monkeypatch):
 
 def test_the_docs_keep_what_they_promise():
     # Oracle: one short file for each door, and a command for each that is no package's.
-    assert len(FILES) == sum(language != "bash" for language, _ in BLOCKS) == 8
+    assert len(FILES) == sum(language != "bash" for language, _ in BLOCKS) == 14
     assert {name: len(body.splitlines()) for name, body in FILES.items() if len(body.splitlines()) > 30} == {}
     for name in set(FILES) - {"pyproject.toml", "use_corridor.py"}:
         assert any(name in line or f"{name.removesuffix('.py')}:" in line for line in COMMANDS), name
@@ -202,7 +202,7 @@ def test_a_model_plays_as_in_the_environment_that_it_was_trained_in(here):
     if not Path("my_model.zip").exists():
         assert call("python my_model.py", here).returncode == 0
     short = lissajous_env.scenario("failure", **{"task.duration": 10.0})
-    policy = brought("my_model:MyModel")(short, 2)
+    policy = brought("my_model:my_policy")(short, 2, "cpu")
     (row, _) = lissajous_env.evaluate(policy, short, seeds=range(2))
     worlds = RobotVecEnv(short)
     worlds.seed(0)

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import math
 import os
 import platform
 import shlex
@@ -16,7 +17,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.text import Text
 
-from baselines.benchmark.rows import NUMBER_COLUMNS
+from baselines.benchmark.rows import numbers_of
 from baselines.benchmark.statistics import Statistics, summarize
 from baselines.benchmark.types import Outcome
 from lissajous_env.console.terminal import Column, plain, print_left_out, print_table
@@ -24,7 +25,7 @@ from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
-from lissajous_env.world.score import COLUMNS
+from lissajous_env.world.score import COLUMNS, columns_of
 
 _DASH = "\N{EM DASH}"
 
@@ -68,7 +69,7 @@ def statistics(rows: Iterable[dict[str, Any]]) -> Cells:
         episodes.setdefault(row["scenario"], {}).setdefault(row["policy"], []).append(row)
     return {
         scenario: {
-            policy: {column: summarize([row[column] for row in played]) for column in NUMBER_COLUMNS}
+            policy: {column: summarize([row[column] for row in played]) for column in numbers_of(played[0])}
             for policy, played in policies.items()
         }
         for scenario, policies in episodes.items()
@@ -106,6 +107,7 @@ def print_tables(console: Console, outcome: Outcome) -> None:
         failed = {failure.policy for failure in outcome.failures if failure.scenario == name}
         # Without a fault there is nothing to recover from.
         shown = [each for each in SHOWN if each.column != "recovery_time" or scenario.faults != Faults()]
+        shown += [Shown(column, column.replace("_", "\n", 1), 0) for column in columns_of(scenario)[len(COLUMNS) :]]
         left_out += _print_policies(console, title, cells.get(name, {}), shown, failed)
     for names, policies in overall(outcome.rows, scenarios).items():
         left_out += _print_policies(console, Text(f"over {names}", "bold"), policies, _OVERALL)
@@ -151,7 +153,7 @@ def print_row(console: Console, row: dict[str, Any]) -> None:
     _print_title(
         console, Text.assemble((row["policy"], "bold"), " on ", (row["scenario"], "bold"), f", seed {row['seed']}")
     )
-    rows = [[name, number(row[name])] for name in NUMBER_COLUMNS]
+    rows = [[name, number(row[name])] for name in numbers_of(row)]
     print_table(console, [Column("score", left=True, style="cyan"), Column("value")], rows)
 
 
@@ -199,12 +201,14 @@ def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
 
 
 def as_csv(rows: Iterable[dict[str, Any]]) -> str:
-    """Score rows with the columns of `lissajous_env.world.score.COLUMNS`; NaN is empty."""
-    text = io.StringIO()
+    """Score rows with the columns of `lissajous_env.world.score.COLUMNS`, then those of scenarios; NaN is empty."""
+    rows, text = list(rows), io.StringIO()
+    columns = dict.fromkeys((*COLUMNS, *(name for row in rows for name in row)))
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    writer.writerow(columns)
     for row in rows:
-        writer.writerow(["" if row[name] != row[name] else row[name] for name in COLUMNS])
+        values = [row.get(name, math.nan) for name in columns]
+        writer.writerow(["" if value != value else value for value in values])
     return text.getvalue()
 
 

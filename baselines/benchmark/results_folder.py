@@ -10,10 +10,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from baselines.benchmark.rows import NUMBER_COLUMNS, short, what_is_wrong
+from baselines.benchmark.rows import numbers_of, short, what_is_wrong
 from baselines.benchmark.types import Benchmark, Cell
 from lissajous_env.console.terminal import plain
-from lissajous_env.parameters.scenario import PARTS, Scenario
+from lissajous_env.parameters.scenario import PARTS, Scenario, digest_of
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
 
@@ -95,9 +95,11 @@ def scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:
                 part: kind(**{f: _number(v) for f, v in fields[part].items()}) for part, kind in PARTS.items()
             }
             made[name] = Scenario(name=fields["name"], description=fields["description"], **parts)
+            # What a scenario brings is told apart by what stands here; it is not imported.
+            digest = digest_of(made[name].to_dict() | {"extensions": fields["extensions"]})
         except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
             raise _damaged(folder / "settings.json", f"scenarios.{name}: {error}") from error
-        if made[name].name != name or made[name].digest() != held["digests"][name]:
+        if made[name].name != name or digest != held["digests"][name]:
             raise _damaged(folder / "settings.json", f"scenarios.{name} is not what its digest was made of")
     return made
 
@@ -115,12 +117,12 @@ class Episodes:
         self._journal = folder.journal("episodes.jsonl")
         try:
             for line, row in enumerate(self._journal.entries, start=1):
-                wrong = what_is_wrong(row) or self._what_does_not_belong(row)
+                wrong = what_is_wrong(row, self._brought(row)) or self._what_does_not_belong(row)
                 if wrong:
                     raise ValueError(
                         f"{self._journal.path}, line {line} {wrong}; delete that line to have its episode played again"
                     )
-                self._rows[_key(row)] = row | {c: math.nan for c in NUMBER_COLUMNS if row[c] is None}
+                self._rows[_key(row)] = row | {c: math.nan for c in numbers_of(row) if row[c] is None}
         except ValueError:
             self._journal.close()
             raise
@@ -148,6 +150,12 @@ class Episodes:
         places = [(s, p) for s, policies in self._held["policies"].items() for p in policies]
         order = {place: k for k, place in enumerate(places)}
         return [self._rows[key] for key in sorted(self._rows, key=lambda key: (order[key[:2]], key[2]))]
+
+    def _brought(self, row: Any) -> list[str]:
+        """Columns that the scenario of a row brings."""
+        name = row.get("scenario") if isinstance(row, dict) else None
+        held = self._held["scenarios"].get(name, {}) if isinstance(name, str) else {}
+        return [each["name"] for each in held.get("extensions", ()) if each["kind"] == "score column"]
 
     def _what_does_not_belong(self, row: dict[str, Any]) -> str | None:
         held = self._held

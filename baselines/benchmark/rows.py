@@ -1,6 +1,6 @@
 """What a score row must be, column by column: what is read from a file is held to it as what is written."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,7 +8,7 @@ from lissajous_env.world.score import COLUMNS
 
 TEXT_COLUMNS = ("scenario", "policy")
 NUMBER_COLUMNS = tuple(name for name in COLUMNS if name not in (*TEXT_COLUMNS, "episode", "seed"))
-"""Columns of a score row that statistics are made of."""
+"""Columns of every score row that statistics are made of."""
 
 
 @dataclass(frozen=True)
@@ -60,16 +60,26 @@ _RULES = {
     "return_mean": _Rule("a finite number", _is_finite),
 }
 
+_BROUGHT = _Rule("a finite number", _is_finite, "none")
 
-def what_is_wrong(row: Mapping[str, Any]) -> str | None:
-    """Say by which rule something is no score row, as JSON holds one; None where it is."""
-    if tuple(row) != COLUMNS:
+
+def numbers_of(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """Columns of a score row that statistics are made of, with those that its scenario brings."""
+    return NUMBER_COLUMNS + tuple(name for name in row if name not in COLUMNS)
+
+
+def what_is_wrong(row: Mapping[str, Any], brought: Sequence[str] = ()) -> str | None:
+    """Say by which rule something is no score row, as JSON holds one; None where it is.
+
+    `brought` names the columns that the scenario brings, after ours.
+    """
+    if tuple(row) != (*COLUMNS, *brought):
         return "must have the columns of a score row"
     for name in TEXT_COLUMNS:
         if not isinstance(row[name], str):
             return f"must hold a word as {name}, got {row[name]!r}"
-    for name in (*NUMBER_COLUMNS, "episode", "seed"):
-        rule, given = _RULES[name], row[name]
+    for name in ("episode", "seed", *NUMBER_COLUMNS, *brought):
+        rule, given = _RULES.get(name, _BROUGHT), row[name]
         if not (given is None and rule.empty) and not rule.holds(given):
             empty = f" or null ({rule.empty})" if rule.empty else ""
             number = "" if rule.words.startswith("a ") else "a number "

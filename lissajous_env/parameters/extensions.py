@@ -155,12 +155,12 @@ def load_extension(place: str) -> Extension:
 
 
 def as_extensions(given: Any) -> tuple[Extension, ...]:
-    """Make a tuple of extensions of objects and of `module:name`, given as a sequence or as one alone.
+    """Make a tuple of extensions of objects and of `module:name`, given as a sequence, or as text with commas between.
 
     Raises:
         ValueError: one of another kind, or two of the same name.
     """
-    each = (given,) if isinstance(given, (str, Extension)) else given
+    each = given.split(",") if isinstance(given, str) else (given,) if isinstance(given, Extension) else given
     if not isinstance(each, Iterable):
         raise ValueError(f"extensions must be objects or module:name, got {shown(given)}")
     made = tuple(load_extension(one) if isinstance(one, str) else one for one in each)

@@ -34,7 +34,7 @@ def parse_overrides(groups: Iterable[Iterable[str]]) -> dict[str, Any]:
 
 
 def _value(name: str, text: str) -> Any:
-    if re.fullmatch(r"[A-Za-z][\w-]*", text) and text not in ("None", "True", "False", "inf", "nan"):
+    if re.fullmatch(r"[A-Za-z][\w.:,-]*", text) and text not in ("None", "True", "False", "inf", "nan"):
         return text
     try:
         return _literal(ast.parse(text, mode="eval").body)

@@ -7,8 +7,10 @@ import dataclasses
 import hashlib
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -188,6 +190,11 @@ class Scenario:
 
     def digest(self) -> str:
         """Hash of all that makes the scenario, name and description left out."""
-        made_of = (*PARTS, "extensions") if self.extensions else PARTS
-        numbers = {name: value for name, value in self.to_dict().items() if name in made_of}
-        return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]
+        return digest_of(self.to_dict())
+
+
+def digest_of(plain: Mapping[str, Any]) -> str:
+    """`Scenario.digest` of what `Scenario.to_dict` returned."""
+    made_of = (*PARTS, "extensions") if plain["extensions"] else PARTS
+    numbers = {name: value for name, value in plain.items() if name in made_of}
+    return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]

@@ -1,6 +1,7 @@
 """The stages that a scenario's extensions bring, and the places among ours where they run."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,9 @@ from lissajous_env.parameters.extensions import Extension, ObservationEntry, Rew
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.extension_kernels import keep_column, take_entries, take_places, take_term
+from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import TERMS
+from lissajous_env.world.score import COLUMNS
 from lissajous_env.world.view import WorldView
 
 
@@ -29,6 +32,7 @@ class Extended:
 
     def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: wp.array):
         self.scenario, self.device = scenario, observation.device
+        _check_names(scenario)
         self.kept: dict[str, wp.array] = {}
         self._view = WorldView(scenario, structs, observation)
         self._after: dict[str, list[Stage]] = {}
@@ -97,6 +101,15 @@ class Extended:
 
         call.__doc__ = each.about
         return Stage(each.name, call)
+
+
+def _check_names(scenario: Scenario) -> None:
+    """Refuse a name that one of ours has."""
+    entries = layout(replace(scenario, extensions=())).names
+    taken = {RewardTerm: TERMS, ScoreColumn: COLUMNS, ObservationEntry: entries}
+    for each in scenario.extensions:
+        if each.name in taken.get(type(each), ()):
+            raise ValueError(f"name of an extension must be new, got {each.name}")
 
 
 def _among(stages: Sequence[Stage], after: Mapping[str, Sequence[Stage]]) -> list[Stage]:

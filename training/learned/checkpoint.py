@@ -189,8 +189,11 @@ def home_scenario(card: Card) -> Scenario:
     What a card names is looked up and never loaded: a folder may come from anyone.
 
     Raises:
-        ValueError: a scenario that is not registered, or overrides that it does not have.
+        ValueError: a scenario that is not registered, overrides that it does not have, or what would be imported.
     """
+    if "extensions" in card.overrides:
+        rule = f"must be given with the extensions that the policy was trained with, {card.overrides['extensions']}"
+        raise ValueError(f"scenario {rule}: none is imported because a folder says so")
     try:
         return named.scenario(named.registered_scenario(card.scenario), **card.overrides)
     except TypeError as error:

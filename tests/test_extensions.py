@@ -1,0 +1,294 @@
+"""What a scenario brings of its own: reward terms, score columns, observation entries, motions, models and curves."""
+
+import pickle
+
+import numpy as np
+import pytest
+import warp as wp
+
+import baselines
+import lissajous_env
+from lissajous_env.parameters.extensions import load_extension
+from lissajous_env.world.robots import table
+from lissajous_env.world.state import Clock, Robots
+
+SHORT = {"task.duration": 4.0}
+
+
+@lissajous_env.reward_term(weight=-2.0)
+def near_wall(world):
+    """1 for each robot within 0.2 m of the left or the right wall."""
+    return abs(world.robots.position[..., 0]) > world.scenario.curve.half_width - 0.2
+
+
+@lissajous_env.reward_term(weight=-2.0)
+@wp.kernel
+def near_wall_kernel(first: int, lanes: int, robots: Robots, value_out: wp.array2d(dtype=float)):
+    """The same."""
+    tid, lane = wp.tid()
+    w = first + tid
+    for i in range(lane, robots.status.shape[1], lanes):
+        value_out[w, i] = wp.where(wp.abs(robots.position[w, i][0]) > 1.6, 1.0, 0.0)
+
+
+@lissajous_env.score_column("mean")
+def mean_speed(world):
+    """Mean speed of the team [m/s]."""
+    return world.robots.speed.mean(axis=1)
+
+
+@lissajous_env.score_column("max")
+@wp.kernel
+def steps_max(first: int, clock: Clock, value_out: wp.array(dtype=wp.float64)):
+    """Largest number of steps."""
+    w = first + wp.tid()
+    value_out[w] = wp.float64(clock.step[w])
+
+
+@lissajous_env.observation_entry(size=2, low=-0.5, high=0.5)
+def place(world):
+    """The place of a robot [m], clipped to half a metre."""
+    return world.robots.position[..., :2]
+
+
+@lissajous_env.target_motion
+def march(world):
+    """Half a metre a second to the right."""
+    return world.targets.position + np.float32([0.5 * world.scenario.task.step, 0.0])
+
+
+CUSTOM = {"targets.custom": 0.5, "targets.wandering": 0.5, "targets.leave": False, "targets.arrival_rate": 0.0}
+
+
+def made(*extensions, name="experiment", **overrides):
+    return lissajous_env.scenario(name, extensions=extensions, **SHORT | overrides)
+
+
+def played(scenario, worlds=2, steps=30):
+    simulation = lissajous_env.Simulation(scenario, worlds, seed=3)
+    rng = np.random.default_rng(0)
+    rewards = []
+    for _ in range(steps):
+        simulation.step(rng.uniform(-1, 1, simulation.action_shape).astype(np.float32))
+        rewards.append(simulation.reward.numpy().copy())
+    return simulation, np.array(rewards)
+
+
+@pytest.mark.parametrize("term", [near_wall, near_wall_kernel], ids=["function", "kernel"])
+def test_a_term_adds_to_the_reward_and_nothing_else_changes(term):
+    # Oracle: the same episode without it, plus -2 wherever a robot is near a wall.
+    plain, without = played(made())
+    simulation, rewards = played(made(term))
+    np.testing.assert_array_equal(simulation.robots.position.numpy(), plain.robots.position.numpy())
+    assert simulation.reward_term_names[-1] == term.name
+    near = np.abs(simulation.robots.position.numpy()[..., 0]) > 1.6
+    np.testing.assert_array_equal(simulation.reward_terms.numpy()[..., -1], np.where(near, -2.0, 0.0))
+    added = rewards - without
+    assert set(np.round(added, 4).ravel()) == {0.0, -2.0}
+    assert simulation.score()[0]["return_mean"] == pytest.approx(rewards[:, 0].sum(axis=0).mean(), abs=1e-4)
+
+
+def test_a_robot_that_was_removed_earns_no_term():
+    crashing = {"robot.radius": 0.5, "task.on_collision": "remove"}
+    simulation, _ = played(made(near_wall, **crashing))
+    gone = simulation.terminated.numpy()
+    assert gone.any()
+    assert (simulation.reward_terms.numpy()[gone][:, -1] == 0).all()
+
+
+def test_a_column_is_reduced_over_the_episode_and_starts_anew_with_it():
+    # Oracle: the speeds of each step.
+    scenario = made(mean_speed, steps_max)
+    simulation, speeds = lissajous_env.Simulation(scenario, 2, seed=3), []
+    assert np.isnan(simulation.score()[0]["mean_speed"])
+    for _ in range(5):
+        simulation.step(np.full(simulation.action_shape, 0.2, np.float32))
+        speeds.append(simulation.robots.speed.numpy().mean(axis=1))
+    rows = simulation.score()
+    assert [row["mean_speed"] for row in rows] == pytest.approx(np.mean(speeds, axis=0), abs=1e-6)
+    assert [row["steps_max"] for row in rows] == [5, 5]
+    simulation.reset([1])
+    assert simulation.score()[0]["steps_max"] == 5
+    assert np.isnan(simulation.score()[1]["steps_max"])
+
+
+def test_entries_stand_at_the_end_of_the_row_from_the_reset_on():
+    # Oracle: the places themselves, clipped.
+    simulation, _ = played(made(place), steps=7)
+    assert simulation.layout.names[-2:] == ("place_0", "place_1")
+    assert (simulation.layout.low[-2:], simulation.layout.high[-2:]) == (pytest.approx(-0.5), pytest.approx(0.5))
+    for _ in range(2):
+        where = np.clip(simulation.robots.position.numpy()[..., :2], -0.5, 0.5)
+        np.testing.assert_array_equal(simulation.observation.numpy()[..., -2:], where)
+        simulation.reset(seeds=[5, 6])
+    assert np.abs(simulation.final_observation.numpy()[..., -2:]).max() <= 0.5
+
+
+def test_targets_move_as_they_are_told_and_stay_in_the_rectangle():
+    # Oracle: 0.05 m to the right in each step, up to the edge; the others wander as before.
+    simulation = lissajous_env.Simulation(made(march, **CUSTOM), 2, seed=3)
+    for _ in range(60):
+        before, motion = simulation.targets.position.numpy().copy(), simulation.targets.motion.numpy()
+        simulation.step(np.zeros(simulation.action_shape, np.float32))
+        moved = simulation.targets.position.numpy() - before
+        expected = np.minimum(before[..., 0] + 0.05, 1.8) - before[..., 0]
+        np.testing.assert_allclose(moved[..., 0][motion == 4], expected[motion == 4], atol=1e-5)
+        assert (moved[..., 1][motion == 4] == 0).all()
+        if simulation.over.all():
+            break
+    assert (motion == 4).any()
+    assert (np.abs(moved[motion == 2]).sum(axis=-1) > 0).all()
+
+
+def test_every_adapter_and_score_row_has_them():
+    scenario = made(near_wall, mean_speed, place)
+    env = lissajous_env.parallel_env(scenario)
+    observations, infos = env.reset(seed=1)
+    assert observations["robot_0"].shape == env.observation_space("robot_0").shape == (44,)
+    assert infos["robot_0"]["reward_terms"].shape == (8,)
+    vector = lissajous_env.vector_env(scenario, 3)
+    assert vector.reset(seed=1)[0].shape == (3, 5, 44)
+    rows = lissajous_env.evaluate(baselines.make("sweep", scenario, 2), scenario, seeds=range(3))
+    assert [list(row)[-1] for row in rows] == ["mean_speed"] * 3
+    copied = pickle.loads(pickle.dumps(env.simulation))
+    assert copied.scenario == env.simulation.scenario
+    assert load_extension(near_wall.place) == near_wall
+
+
+def test_a_scenario_with_extensions_is_another_one():
+    digests = {made(*each).digest() for each in ((), (near_wall,), (near_wall_kernel,), (near_wall, mean_speed))}
+    assert len(digests) == 4
+    assert made(near_wall).to_dict()["extensions"][0]["place"] == "test_extensions:near_wall"
+
+
+def returning(value):
+    def wrong(world):
+        return value
+
+    return wrong
+
+
+@pytest.mark.parametrize(
+    ("door", "value", "message"),
+    [
+        (
+            lissajous_env.reward_term(),
+            np.zeros((2, 4)),
+            r"term wrong must return numbers of shape \(2, 5\), got",
+        ),
+        (lissajous_env.reward_term(), "text", "reward term wrong must return numbers"),
+        (lissajous_env.reward_term(), np.full((2, 5), np.nan), "reward term wrong must return finite numbers"),
+        (lissajous_env.score_column(), 1.0, r"score column wrong must return numbers of shape \(2,\), got"),
+        (lissajous_env.observation_entry(3), np.zeros((2, 5)), r"of shape \(2, 5, 3\), got float64 of shape \(2, 5\)"),
+        (lissajous_env.target_motion, np.zeros((2, 1, 2)), "target motion wrong must return numbers of shape"),
+    ],
+)
+def test_what_a_function_returns_is_checked(door, value, message):
+    extension = door(returning(value))
+    with pytest.raises(ValueError, match=message):
+        played(made(extension, **CUSTOM))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: made("no_module:x"), "extension must be module:name that can be loaded, got 'no_module:x'"),
+        (lambda: made("os:getcwd"), "extension os:getcwd must be made by reward_term, score_column"),
+        (lambda: made(near_wall, near_wall), "extensions must have names of their own, got near_wall, near_wall"),
+        (lambda: made(5), "extensions must be objects or module:name, got 5"),
+        (lambda: lissajous_env.score_column("median")(returning(1)), "reduce of wrong must be one of mean, sum, max"),
+        (lambda: lissajous_env.observation_entry(0)(returning(1)), "size of wrong must be from 1 to 1024, got 0"),
+        (lambda: lissajous_env.observation_entry(low=2)(returning(1)), "high of wrong must be above low = 2"),
+        (lambda: lissajous_env.reward_term()(5), "reward term must be a function or a Warp kernel, got 5"),
+    ],
+)
+def test_what_is_no_extension_is_refused_by_name(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.parametrize("name", ["detection", "collisions", "x"])
+def test_names_of_ours_are_taken(name):
+    def function(world):
+        return np.zeros(1)
+
+    function.__name__ = name
+    doors = {"detection": lissajous_env.reward_term(), "collisions": lissajous_env.score_column(),
+             "x": lissajous_env.observation_entry()}  # fmt: skip
+    with pytest.raises(ValueError, match=f"name of an extension must be new, got {name}"):
+        lissajous_env.Simulation(made(doors[name](function)))
+
+
+# Models of robots.
+
+
+@wp.kernel
+def slide(first: int, lanes: int, command: wp.array3d(dtype=float), clock: Clock, robots: Robots):
+    """Move by a tenth of the action [m]."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 1:
+        for i in range(lane, robots.status.shape[1], lanes):
+            old = robots.position[w, i]
+            new = old + 0.1 * wp.vec3(command[w, i, 0], command[w, i, 1], 0.0)
+            for s in range(robots.track.shape[2]):
+                robots.track[w, i, s] = wp.lerp(old, new, float(s) / float(robots.track.shape[2] - 1))
+            robots.position[w, i] = new
+
+
+@pytest.fixture
+def slider(monkeypatch):
+    monkeypatch.setattr(table, "_MODELS", dict(table._MODELS))
+    rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    model = lissajous_env.RobotModel("slider", ("x", "y", "none"), rows, slide, lambda *parts: 2.0)
+    return lissajous_env.register_robot_model(model)
+
+
+def test_a_model_of_robots_drives_everywhere(slider):
+    # Oracle: what its kernel says, and the nearest point of the curve.
+    scenario = lissajous_env.scenario("experiment", **{"robot.kind": "slider"}, **SHORT)
+    env = lissajous_env.parallel_env(scenario, discrete_actions=True)
+    env.reset(seed=1)
+    assert env.action_space("robot_0").n == 2
+    simulation = env.simulation
+    before, phase = simulation.robots.position.numpy().copy(), simulation.robots.phase.numpy().copy()
+    env.step(dict.fromkeys(env.agents, 1))
+    moved = simulation.robots.position.numpy() - before
+    np.testing.assert_allclose(moved, np.broadcast_to([0, 0.1, 0], moved.shape), atol=1e-6)
+    assert (simulation.robots.phase.numpy() != phase).all()
+    assert simulation.speed_unit == 2.0
+    assert set(baselines.names(scenario)) >= {"random", "still"}
+    for name in ("random", "still"):
+        row = lissajous_env.evaluate(baselines.make(name, scenario, 2), scenario, seeds=[0, 1])[0]
+        assert (row["lateral_error_max"] > 0.05) == (name == "random")
+
+
+def test_a_model_is_drawn_as_a_disc_with_a_tip_or_in_its_own_shape(slider, monkeypatch):
+    scenario = lissajous_env.scenario("experiment", **{"robot.kind": "slider"})
+
+    def picture():
+        env = lissajous_env.parallel_env(scenario, render_mode="rgb_array")
+        env.reset(seed=1)
+        return env.render()
+
+    plain = picture()
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.7
+    shaped = lissajous_env.RobotModel(
+        "slider", slider.actions, slider.table, slide, slider.speed_unit, shape=lambda robot: [(square, None)]
+    )
+    monkeypatch.setitem(table._MODELS, "slider", shaped)
+    assert (picture() != plain).any()
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (("car", ("a",), ((1.0,),), slide), "name of a robot model must be new, got 'car'"),
+        (("m", (), ((1.0,),), slide), "robot model m must have an action of at least one component"),
+        (("m", ("a",), ((1.0, 2.0),), slide), "robot model m must have a table of rows of 1"),
+        (("m", ("a",), ((1.0,),), print), "robot model m must move by a Warp kernel"),
+    ],
+)
+def test_what_is_no_model_is_refused(fields, message):
+    with pytest.raises(ValueError, match=message):
+        lissajous_env.register_robot_model(lissajous_env.RobotModel(*fields, lambda *parts: 1.0))

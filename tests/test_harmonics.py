@@ -1,0 +1,127 @@
+"""Any closed curve as a Fourier series: it is the function that it was made of, and the world goes along it."""
+
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+from baselines.mpcc import Mpcc
+from lissajous_env.parameters.overrides import parse_overrides
+from lissajous_env.theory import closed_forms, geometry
+
+LAP = np.linspace(0, 2 * np.pi, 777)
+CIRCLE = lissajous_env.Curve(harmonics=((0.7, 0, 0, 0.7),))
+LISSAJOUS = ((0, 0, 0, 0), (0, 0, 0, 0.8), (1.8, 0, 0, 0))
+"""x = 1.8 cos 3 gamma, y = 0.8 sin 2 gamma."""
+GIVEN = {"robot.count": 5, "sensing.radius": 0.6, "formation.p": 1, "formation.alpha": 1}
+
+
+def bean(gamma):
+    return 1.4 * np.cos(gamma), 0.55 * np.sin(gamma) + 0.15 * np.cos(2 * gamma)
+
+
+def on(curve, name="failure", **overrides):
+    return lissajous_env.scenario(name, curve=curve, **GIVEN | overrides)
+
+
+def test_the_series_is_the_function():
+    curve = lissajous_env.Curve.through(bean, half_width=1.8, half_height=0.8)
+    np.testing.assert_allclose(closed_forms.curve_point(curve, LAP), np.stack(bean(LAP), axis=-1), atol=1e-9)
+    assert len(curve.harmonics) == 2
+
+
+def test_length_speed_and_curvature_of_a_circle():
+    # Oracle: a circle of radius 0.7 m.
+    np.testing.assert_allclose(np.linalg.norm(closed_forms.curve_point(CIRCLE, LAP), axis=-1), 0.7)
+    np.testing.assert_allclose(closed_forms.curve_speed(CIRCLE, LAP), 0.7)
+    assert geometry.curve_length(CIRCLE) == pytest.approx(2 * np.pi * 0.7)
+    assert geometry.smallest_curvature_radius(CIRCLE) == pytest.approx(0.7)
+    assert geometry.top_speed(CIRCLE, 0.3) == pytest.approx(0.21)
+
+
+@pytest.mark.parametrize("kind", ["curve", "car"])
+def test_the_lissajous_curve_as_harmonics_is_the_lissajous_curve(kind):
+    # Oracle: the closed form, stepped with the same actions.
+    series = lissajous_env.Curve(half_width=1.8, half_height=0.8, harmonics=LISSAJOUS)
+    plain = lissajous_env.Curve(half_width=1.8, half_height=0.8, a=3, b=2)
+    rng, rows = np.random.default_rng(0), []
+    scenarios = [on(curve, "experiment", **{"robot.kind": kind}) for curve in (series, plain)]
+    both = [lissajous_env.Simulation(scenario, 3, seed=4) for scenario in scenarios]
+    for _ in range(25):
+        action = rng.uniform(-0.5, 0.5, both[0].action_shape).astype(np.float32)
+        for each in both:
+            each.step(action)
+    for name in ("position", "heading", "phase", "measured"):
+        one, other = (getattr(each.robots, name).numpy() for each in both)
+        np.testing.assert_allclose(one, other, atol=2e-3, err_msg=name)
+    rows = [each.score()[0] for each in both]
+    assert rows[0]["lateral_error_max"] == pytest.approx(rows[1]["lateral_error_max"], abs=5e-3)
+    assert np.isnan(rows[0]["spacing_factor"]), "known of Lissajous curves alone"
+
+
+def test_points_go_around_a_circle_in_formation():
+    # Oracle: the radius, and a fifth of the circle between neighbours.
+    scenario = on(CIRCLE, **{"formation.start": "equilibrium", "faults.schedule": (), "task.duration": 20.0})
+    simulation = lissajous_env.Simulation(scenario, 1, seed=0)
+    policy = baselines.make("kuramoto", scenario)
+    for _ in range(100):
+        simulation.step(policy.act(simulation.observation))
+    place = simulation.robots.position.numpy()[0, :, :2]
+    np.testing.assert_allclose(np.linalg.norm(place, axis=-1), 0.7, atol=1e-5)
+    turns = np.diff(np.sort(np.arctan2(place[:, 1], place[:, 0])))
+    np.testing.assert_allclose(turns, 2 * np.pi / 5, atol=1e-2)
+    row = simulation.score()[0]
+    assert row["phase_error"] < 0.01
+    assert row["detected_fraction"] > 0.5
+
+
+def test_the_distance_of_cars_is_that_from_the_circle():
+    # Oracle: the radius.
+    scenario = on(CIRCLE, "experiment")
+    simulation = lissajous_env.Simulation(scenario, 1, seed=0)
+    places = np.random.default_rng(1).uniform(-1.5, 1.5, (1, 5, 3)).astype(np.float32) * [1, 0.5, 0]
+    simulation.robots.position.assign(places)
+    simulation.robots.status.fill_(1)
+    simulation.clock.stage.fill_(0)
+    simulation.robots.stuck_until.fill_(100)
+    simulation.step(np.zeros(simulation.action_shape, np.float32))
+    expected = np.abs(np.linalg.norm(places[0, :, :2], axis=-1) - 0.7).max()
+    assert simulation.score()[0]["lateral_error_max"] == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["sweep", "laps", "random", "consensus-gvf", "still"])
+def test_policies_of_cars_drive_on_any_curve(name):
+    scenario = on(lissajous_env.Curve.through(bean), "experiment", **{"task.duration": 3.0})
+    row = lissajous_env.evaluate(baselines.make(name, scenario, 2), scenario, seeds=[0, 1])[0]
+    assert np.isfinite(row["return_mean"])
+
+
+def test_it_is_data_on_the_command_line_and_in_pictures():
+    overrides = parse_overrides([["curve.harmonics=((0.7,0,0,0.7),)", "robot.count=5", "sensing.radius=0.6"]])
+    scenario = lissajous_env.scenario("failure", **overrides, **{"formation.p": 1})
+    assert scenario.curve.harmonics == CIRCLE.harmonics
+    pictures = []
+    for made in (scenario, lissajous_env.scenario("failure")):
+        env = lissajous_env.parallel_env(made, render_mode="rgb_array")
+        env.reset(seed=1)
+        pictures.append(env.render())
+    assert (pictures[0] != pictures[1]).any()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: on(CIRCLE, **{"robot.count": None}), "robot.count must be given for a curve of harmonics"),
+        (lambda: on(CIRCLE, **{"sensing.radius": None}), "sensing.radius must be given for a curve of harmonics"),
+        (lambda: lissajous_env.Curve(harmonics=((1, 0, 0),)), "curve.harmonics must hold at most 64 rows of four"),
+        (lambda: lissajous_env.Curve(harmonics=((0, 0, 0, 0),)), "curve.harmonics must hold a number that is not 0"),
+        (lambda: lissajous_env.Curve(harmonics=((1, 0, 0, 1),) * 65), "curve.harmonics must hold at most 64 rows"),
+        (lambda: lissajous_env.Curve(harmonics=((1, 0, 0, 1),), half_depth=1.0), "curve.half_depth must be 0 beside"),
+        (lambda: lissajous_env.Curve.through(lambda gamma: gamma), "position must return finite x and y"),
+        (lambda: lissajous_env.Curve.through(lambda gamma: (gamma, gamma)), "position must be smooth and around the"),
+        (lambda: Mpcc(CIRCLE), "curve of the contouring controller must be a Lissajous curve"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_refused_by_name(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

@@ -1,0 +1,144 @@
+"""The stages of a step and of a reset: what they are, how they are bound, that they run as they would one by one."""
+
+import inspect
+import threading
+
+import numpy as np
+import pytest
+import warp as wp
+
+import lissajous_env
+from lissajous_env.device.program import ROBOT, WORLD, Program, Stage
+from lissajous_env.world import stages
+from lissajous_env.world.state import Clock
+
+
+def actions_of(simulation, steps, seed=0):
+    return np.random.default_rng(seed).uniform(-1, 1, (steps, *simulation.action_shape)).astype(np.float32)
+
+
+def same_state(one, other):
+    before, after = one.save_state(), other.save_state()
+    return [name for name in before if not np.array_equal(before[name], after[name], equal_nan=True)]
+
+
+@pytest.mark.parametrize("make", [stages.step_stages, stages.reset_stages])
+def test_the_list_is_on_one_screen_and_every_stage_says_what_it_does(make):
+    # Oracle: the source, and the docstrings of the kernels.
+    lines = inspect.getsource(make).splitlines()
+    assert len(lines) <= 30
+    for stage in make(lissajous_env.scenario("experiment")):
+        assert stage.about.endswith("."), stage.name
+        assert stage.is_kernel
+        assert len(inspect.getsource(stage.run.func).splitlines()) <= 60, stage.name
+
+
+def test_the_stages_print_in_their_order():
+    simulation = lissajous_env.Simulation("experiment")
+    printed = str(simulation.stages).splitlines()
+    assert [line.split()[0] for line in printed] == [
+        "clock", "events", "faults", "commands", "motion", "phase", "measurement", "sending", "collisions", "targets",
+        "detection", "coverage", "boundary", "score", "end", "reward", "hearing", "observation",
+    ]  # fmt: skip
+    assert printed[4].split()[1] == "robot"
+    assert "Move cars" in printed[4]
+    assert printed[4].endswith("curve, robot, task, command, clock, robots")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "there", "gone"),
+    [
+        ({"task.grid": None}, {"motion"}, {"coverage"}),
+        ({"task.on_collision": "stop"}, {"consequences"}, set()),
+        ({"robot.kind": "curve"}, {"motion"}, {"phase"}),
+        ({"targets.count": 0, "targets.arrival_rate": 0.0}, {"motion"}, {"targets", "detection"}),
+    ],
+)
+def test_a_stage_that_has_nothing_to_do_is_left_out(overrides, there, gone):
+    made = lissajous_env.Simulation(lissajous_env.scenario("experiment", **overrides))
+    names = {stage.name for stage in made.stages.stages}
+    assert there <= names
+    assert not gone & names
+
+
+@pytest.mark.parametrize("name", ["experiment", "rough", "failure", "intruders"])
+def test_a_step_is_its_launches_one_after_the_other(name):
+    # Oracle: Warp's own launch of each stage. What a program lays out once must be what Warp does each time.
+    scenario = lissajous_env.scenario(name, **{"task.on_collision": "stop"})
+    together, apart = (lissajous_env.Simulation(scenario, 3, seed=2) for _ in range(2))
+    for action in actions_of(together, 40):
+        together.step(action)
+        apart.action.assign(action)
+        for call in apart.stages._calls:
+            for launch in call._launches:
+                launch.launch()
+    assert same_state(together, apart) == []
+
+
+def test_a_user_may_capture_steps_in_a_graph_of_their_own():
+    # Oracle: as many steps. Capturing on a CPU takes one itself.
+    captured, stepped = (lissajous_env.Simulation("experiment", 2, seed=1) for _ in range(2))
+    for each in (captured, stepped):
+        each.action.assign(actions_of(each, 1)[0])
+    with wp.ScopedCapture("cpu") as capture:
+        captured.advance()
+    for _ in range(4):
+        wp.capture_launch(capture.graph)
+    for _ in range(captured.clock.step.numpy()[0]):
+        stepped.advance()
+    assert captured.clock.step.numpy()[0] >= 4
+    assert same_state(captured, stepped) == []
+
+
+def test_simulations_are_made_and_stepped_in_many_threads():
+    # Oracle: the same in this thread alone.
+    scenario = lissajous_env.scenario("rough", **{"task.duration": 5.0})
+
+    def play(seed):
+        simulation = lissajous_env.Simulation(scenario, 2, seed=seed)
+        for action in actions_of(simulation, 30, seed):
+            simulation.step(action)
+        return simulation
+
+    alone, found = [play(seed) for seed in range(4)], {}
+    threads = [threading.Thread(target=lambda seed=seed: found.setdefault(seed, play(seed))) for seed in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [same_state(alone[seed], found[seed]) for seed in range(4)] == [[]] * 4
+
+
+@wp.kernel
+def ask_for_nonsense(first: int, lanes: int, clock: Clock, nonsense: float):
+    tid, lane = wp.tid()
+    clock.active[first + tid] = lane
+
+
+@wp.kernel
+def count(first: int, clock: Clock, count_out: wp.array(dtype=int)):
+    w = first + wp.tid()
+    count_out[w] += clock.step[w]
+
+
+def test_a_kernel_that_asks_for_what_is_not_there_is_refused_by_name():
+    clock = lissajous_env.Simulation("experiment").clock
+    with pytest.raises(ValueError, match="parameters of stage mine must be of clock, first, lanes; got nonsense"):
+        Program([Stage("mine", ask_for_nonsense, ROBOT)], {"clock": clock}, {ROBOT: 5}, 1, wp.get_device("cpu"), 1)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_function_runs_between_the_kernels_and_every_world_is_reached_once(threads):
+    # Oracle: what the kernel counts, of 1,000 worlds that a batch splits among threads.
+    simulation = lissajous_env.Simulation("failure", 1000, threads=threads)
+    counted, seen = wp.zeros(1000, dtype=wp.int32, device="cpu"), []
+    twice = [
+        Stage("count", count, WORLD, own={"count_out": counted}),
+        Stage("look", lambda: seen.append(counted.numpy().copy())),
+        Stage("again", count, WORLD, own={"count_out": counted}),
+        Stage("never", count, WORLD, when=False),
+    ]
+    simulation.clock.step.fill_(3)
+    Program(twice, {"clock": simulation.clock}, {}, 1000, wp.get_device("cpu"), threads)()
+    assert (seen[0] == 3).all()
+    assert (counted.numpy() == 6).all()
