@@ -54,7 +54,7 @@ _RULES = {
         ("lateral_error_mean", "lateral_error_max", "tracking_error_mean", "tracking_error_max"),
         _Rule("at least 0 [m]", _is_positive),
     ),
-    "spacing_factor": _Rule("at least 0", _is_positive),
+    "spacing_factor": _Rule("at least 0", _is_positive, "no Lissajous curve"),
     "phase_error": _Rule("at least 0 [rad]", _is_positive),
     "recovery_time": _Rule("at least 0 [s]", _is_positive, "never"),
     "return_mean": _Rule("a finite number", _is_finite),

@@ -14,6 +14,7 @@ import warp as wp
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
+from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.observation import layout
@@ -56,6 +57,8 @@ class Policy(Copyable):
         self._observation = wp.zeros(self.observation_shape, dtype=wp.float32, device=self.device)
         self.action = wp.zeros((*self.shape, self.scenario.action_size), dtype=wp.float32, device=self.device)
         self._compiled = False
+        self.launch = launcher(self.device)
+        """Launches a kernel, `launch(kernel, dim, inputs, outputs)`; with the same arguments again at little cost."""
 
     def reset(self, worlds: Any = None) -> None:
         """Forget what was kept of some worlds, or of all.

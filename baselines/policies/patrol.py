@@ -210,6 +210,7 @@ class Sweep(Policy):
         loop = patrol_loop(self.scenario, parameters=self.parameters)
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._alpha = float(self.scenario.alpha)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._cruise = self.parameters.cruise or cruising_speed(self.scenario)
@@ -223,9 +224,9 @@ class Sweep(Policy):
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._robot, float(self.scenario.alpha), self._equilibrium, self._loop, self._cruise,
+        inputs = [self._curve, self._robot, self._alpha, self._equilibrium, self._loop, self._cruise,
                   self._spacing, self._lookahead, self.scenario.task.step, self._memory, observation]  # fmt: skip
-        wp.launch(follow_loop, self.shape, inputs, outputs=[self.action], device=self.device)
+        self.launch(follow_loop, self.shape, inputs, [self.action])
 
 
 class Laps(Policy):
@@ -261,7 +262,7 @@ class Laps(Policy):
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         inputs = [self._curve, self._robot, self._loop, self._cruise, self._ahead, self._memory, observation]
-        wp.launch(go_around, self.shape, inputs, outputs=[self.action], device=self.device)
+        self.launch(go_around, self.shape, inputs, [self.action])
 
 
 class RandomWaypoint(Policy):
@@ -277,6 +278,7 @@ class RandomWaypoint(Policy):
         super().__init__(scenario, num_worlds, device)
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._rate = self.scenario.formation.phase_rate / self.scenario.alpha
         self._goals = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
 
     def forget(self, mask: np.ndarray) -> None:
@@ -285,12 +287,11 @@ class RandomWaypoint(Policy):
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        rate = self.scenario.formation.phase_rate / self.scenario.alpha
         kernel, inputs = {
             "car": (wander, [self._curve, self._robot, self._goals, observation]),
-            "curve": (wander_on_curve, [self._robot, rate, observation]),
+            "curve": (wander_on_curve, [self._robot, self._rate, observation]),
         }.get(self.scenario.robot.kind, (act_at_random, [observation]))
-        wp.launch(kernel, self.shape, inputs, outputs=[self.action], device=self.device)
+        self.launch(kernel, self.shape, inputs, [self.action])
 
 
 class Still(Policy):

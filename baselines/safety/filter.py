@@ -91,7 +91,7 @@ class Safe(Policy):
         inputs = [self._safety, self._robot, self._curve, self._seen, self._listens, self._memory, observation, wanted]
         inputs += [self._others, self._paths]
         outputs = [self.rows, self.count, self.top, self.action]
-        wp.launch(keep_clear, self.shape, inputs, outputs=outputs, device=self.device)
+        self.launch(keep_clear, self.shape, inputs, outputs)
         return self.action
 
     def decide(self, observation: wp.array) -> None:

@@ -41,6 +41,7 @@ from baselines.policies.own_row import hears, lead, message_age, own_phase
 from baselines.policies.patrol_path import cruising_speed
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import TWO_PI
+from lissajous_env.device.program import launcher
 from lissajous_env.parameters.checks import Checked, number
 from lissajous_env.parameters.scenario import Curve, Scenario
 from lissajous_env.theory import closed_forms
@@ -111,12 +112,12 @@ class KuramotoByArc:
         self._rate = 2 * math.pi * speed / (curve_length(scenario.curve) * scenario.alpha)
         self._tables = [wp.array(table, dtype=wp.float32, device=device) for table in arc_tables(scenario.curve)]
         self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
+        self._launch = launcher(device)
 
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
         inputs = [self._alpha, self._rate, self._coupling, self._parameters.preview, *self._tables, observation]
-        outputs = [self.phase_rate]
-        wp.launch(kuramoto_by_arc, self.phase_rate.shape, inputs, outputs=outputs, device=self.phase_rate.device)
+        self._launch(kuramoto_by_arc, self.phase_rate.shape, inputs, [self.phase_rate])
 
 
 def arc_tables(curve: Curve) -> tuple[np.ndarray, np.ndarray]:

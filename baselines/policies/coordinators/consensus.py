@@ -21,6 +21,7 @@ import warp as wp
 from baselines.policies.own_row import hears, lead, message_age
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
+from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
@@ -56,10 +57,9 @@ class Consensus:
         self._rate, self._gain = formation.phase_rate / scenario.alpha, formation.coupling
         self._spacing = 2 * math.pi * scenario.p / scenario.num_robots
         self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
+        self._launch = launcher(device)
 
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
         inputs = [self._rate, self._gain, self._spacing, observation]
-        wp.launch(
-            consensus_rates, self.phase_rate.shape, inputs, outputs=[self.phase_rate], device=self.phase_rate.device
-        )
+        self._launch(consensus_rates, self.phase_rate.shape, inputs, [self.phase_rate])

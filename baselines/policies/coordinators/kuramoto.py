@@ -6,6 +6,7 @@ import warp as wp
 
 from baselines.policies.own_row import sine_ahead
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
@@ -33,10 +34,9 @@ class Kuramoto:
         shape = (num_worlds, scenario.num_robots)
         self._rate, self._coupling = formation.phase_rate / scenario.alpha, formation.coupling
         self.phase_rate = wp.zeros(shape, dtype=wp.float32, device=device)
+        self._launch = launcher(device)
 
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
         inputs = [self._rate, self._coupling, observation]
-        wp.launch(
-            kuramoto_rates, self.phase_rate.shape, inputs, outputs=[self.phase_rate], device=self.phase_rate.device
-        )
+        self._launch(kuramoto_rates, self.phase_rate.shape, inputs, [self.phase_rate])

@@ -27,6 +27,7 @@ from baselines.policies.memory import clear_worlds
 from baselines.policies.own_row import own_phase, own_works
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
+from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
@@ -68,12 +69,12 @@ class TrackedReference:
         self._rate, self._step = scenario.formation.phase_rate / scenario.alpha, scenario.task.step
         self._memory = wp.zeros(shape, dtype=wp.vec2, device=device)
         self.phase_rate = wp.zeros(shape, dtype=wp.float32, device=device)
+        self._launch = launcher(device)
 
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
         inputs = [self._rate, self._step, TRACKING, self._memory, observation]
-        outputs = [self.phase_rate]
-        wp.launch(track_reference, self.phase_rate.shape, inputs, outputs=outputs, device=self.phase_rate.device)
+        self._launch(track_reference, self.phase_rate.shape, inputs, [self.phase_rate])
 
     def forget(self, mask: np.ndarray) -> None:
         """Forget the references of the worlds in a mask (W,)."""

@@ -51,6 +51,7 @@ class Coordinated(Policy):
         self.coordinator = coordinator(self.scenario, num_worlds, self.device)
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._alpha = float(self.scenario.alpha)
 
     def forget(self, mask: np.ndarray) -> None:
         """Forget what is kept of these worlds."""

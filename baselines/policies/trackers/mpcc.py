@@ -80,9 +80,8 @@ class WithMpcc(Coordinated):
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         self.coordinator.coordinate(observation)
-        alpha = float(self.scenario.alpha)
-        inputs = [self._curve, alpha, self._speed_unit, observation, self.coordinator.phase_rate]
-        wp.launch(read_cars, self.shape, inputs, outputs=[self.mpcc.state, self.mpcc.phase_rate], device=self.device)
+        inputs = [self._curve, self._alpha, self._speed_unit, observation, self.coordinator.phase_rate]
+        self.launch(read_cars, self.shape, inputs, [self.mpcc.state, self.mpcc.phase_rate])
         self.mpcc.launch()
         inputs = [self._robot, self.mpcc.control]
-        wp.launch(scale_controls, self.shape, inputs, outputs=[self.action], device=self.device)
+        self.launch(scale_controls, self.shape, inputs, [self.action])

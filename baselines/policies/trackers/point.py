@@ -25,4 +25,4 @@ class OnCurve(Coordinated):
         """Write `action`."""
         self.coordinator.coordinate(observation)
         inputs = [self._robot, self.coordinator.phase_rate]
-        wp.launch(follow_as_point, self.shape, inputs, outputs=[self.action], device=self.device)
+        self.launch(follow_as_point, self.shape, inputs, [self.action])

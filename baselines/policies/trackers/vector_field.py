@@ -153,9 +153,9 @@ class WithVectorField(Coordinated):
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         self.coordinator.coordinate(observation)
-        inputs = [self._curve, self._robot, self._field, float(self.scenario.alpha), self.coordinator.phase_rate,
+        inputs = [self._curve, self._robot, self._field, self._alpha, self.coordinator.phase_rate,
                   self._memory, observation]  # fmt: skip
-        wp.launch(follow_field, self.shape, inputs, outputs=[self.action], device=self.device)
+        self.launch(follow_field, self.shape, inputs, [self.action])
 
 
 def field_of(scenario: Scenario, parameters: FieldParameters | None = None) -> Any:
