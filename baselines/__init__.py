@@ -1,7 +1,10 @@
 """Policies to compare against: the paper's method, its rivals, and what a person would try first."""
 
+import importlib
+import pkgutil
 from functools import partial
 
+from baselines import policies
 from baselines.policies.base import Policy
 from baselines.policies.coordinators.arc_length import KuramotoByArc
 from baselines.policies.coordinators.consensus import Consensus
@@ -44,3 +47,7 @@ register("laps", "car", Laps, about="The loop of the patrol, each car for itself
 register("random", None, RandomWaypoint, about="Random waypoints; for points random phase rates.")
 register("still", None, Still, about="No motion.")
 register_wrapper("-safe", "car", Safe)
+
+# A policy in a file of its own there registers itself.
+for _module in sorted(each.name for each in pkgutil.walk_packages(policies.__path__, f"{policies.__name__}.")):
+    importlib.import_module(_module)

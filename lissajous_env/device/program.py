@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.devices import side_by_side
+from lissajous_env.device.devices import as_device, side_by_side
 
 WORLD, ROBOT, TARGET, ROW = "world", "robot", "target", "row"
 
@@ -131,6 +131,7 @@ def launcher(device: Any) -> Callable[..., None]:
     What is launched with the very same arguments once more is called at once, in a tenth of the time. Structs must not
     be changed meanwhile, and numbers that are made anew for each launch make it as slow as Warp's own.
     """
+    device = as_device(device)
     ready: dict[tuple, tuple] = {}
 
     def launch(kernel: Any, dim: Any, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:

@@ -1,0 +1,113 @@
+"""How many files of the package one more thing of a kind takes, tried in a copy of it."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("lissajous_env", "baselines", "training")
+
+POLICY = """
+import numpy as np
+from baselines.policies.base import Policy
+from baselines.policies.registry import register
+
+
+@register("half", kind="curve")
+class Half(Policy):
+    def decide(self, observation):
+        return np.full((*self.shape, 1), 0.5)
+"""
+
+ROBOT = """
+import warp as wp
+from lissajous_env.world.robots.model import RobotModel
+from lissajous_env.world.state import Clock, Robots
+
+
+@wp.kernel
+def stay(first: int, lanes: int, clock: Clock, robots: Robots):
+    tid, lane = wp.tid()
+    for i in range(lane, robots.status.shape[1], lanes):
+        robots.speed[first + tid, i] = 0.0
+
+
+POST = RobotModel("post", ("nothing",), ((0.0,),), stay, lambda curve, formation, robot: 1.0)
+"""
+
+EXTRA = """
+import lissajous_env
+
+
+@lissajous_env.{door}
+def mine(world):
+    return {value}
+"""
+
+EXTENDED = """
+made = lissajous_env.scenario("failure", extensions=["lissajous_env.mine:mine"], **{"targets.custom": 0.0})
+simulation = lissajous_env.Simulation(made)
+simulation.advance()
+assert "mine" in (*simulation.reward_term_names, *simulation.score()[0], "mine" * ("TargetMotion" in str(made)))
+"""
+
+
+def evaluated(policy, kind="curve"):
+    return f"""
+made = lissajous_env.scenario("failure", **{{"robot.kind": "{kind}", "task.duration": 1.0}})
+assert len(lissajous_env.evaluate(baselines.make("{policy}", made, 2), made, seeds=range(2))) == 2
+"""
+
+
+@pytest.mark.parametrize(
+    ("files", "lines", "program"),
+    [
+        ({"baselines/policies/half.py": POLICY}, {}, evaluated("half")),
+        (
+            {"lissajous_env/world/robots/post.py": ROBOT},
+            {
+                "lissajous_env/world/robots/table.py": [
+                    ("(CAR, POINT)}", "(CAR, POINT, POST)}"),
+                    ("import warp as wp\n", "import warp as wp\nfrom lissajous_env.world.robots.post import POST\n"),
+                ]
+            },
+            evaluated("still", "post"),
+        ),
+        (
+            {},
+            {"lissajous_env/parameters/shipped.py": [('name="ideal"', 'name="mine"')]},
+            'assert lissajous_env.parallel_env("mine").reset(seed=1)',
+        ),
+        *(
+            ({"lissajous_env/mine.py": EXTRA.format(door=door, value=value)}, {}, EXTENDED)
+            for door, value in [
+                ("reward_term()", "world.robots.speed"),
+                ("score_column()", "world.robots.speed.mean(axis=1)"),
+                ("target_motion", "world.targets.position"),
+            ]
+        ),
+    ],
+    ids=["policy", "robot model", "scenario", "reward term", "score column", "target motion"],
+)
+def test_files_to_touch(files, lines, program, tmp_path):
+    # Oracle: three at most for a model of robots, one for each of the others.
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    for name, changes in lines.items():
+        text = (tmp_path / name).read_text()
+        for old, new in changes:
+            assert text.count(old) == 1, old
+            text = text.replace(old, new)
+        (tmp_path / name).write_text(text)
+    assert len(files) + len(lines) <= (3 if any("robots" in name for name in files) else 1)
+    here = f"import lissajous_env, baselines\nassert {str(tmp_path)!r} in baselines.__file__\n"
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    command = [sys.executable, "-c", here + program]
+    ended = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment)
+    assert ended.returncode == 0, ended.stderr
