@@ -38,7 +38,7 @@ def test_the_stages_print_in_their_order():
     printed = str(simulation.stages).splitlines()
     assert [line.split()[0] for line in printed] == [
         "clock", "events", "faults", "commands", "motion", "phase", "measurement", "sending", "collisions", "targets",
-        "detection", "coverage", "boundary", "score", "end", "reward", "hearing", "observation",
+        "coverage", "boundary", "score", "end", "reward", "hearing", "observation",
     ]  # fmt: skip
     assert printed[4].split()[1] == "robot"
     assert "Move cars" in printed[4]
@@ -51,7 +51,7 @@ def test_the_stages_print_in_their_order():
         ({"task.grid": None}, {"motion"}, {"coverage"}),
         ({"task.on_collision": "stop"}, {"consequences"}, set()),
         ({"robot.kind": "curve"}, {"motion"}, {"phase"}),
-        ({"targets.count": 0, "targets.arrival_rate": 0.0}, {"motion"}, {"targets", "detection"}),
+        ({"targets.count": 0, "targets.arrival_rate": 0.0}, {"motion"}, {"targets"}),
     ],
 )
 def test_a_stage_that_has_nothing_to_do_is_left_out(overrides, there, gone):

@@ -28,6 +28,8 @@ def find_collisions(
     if clock.active[w] == 0:
         return
     touch = 2.0 * robot.radius
+    # A pair this far apart cannot touch, nor be the nearest of the episode.
+    beyond = wp.max(tally.min_separation[w], PARTED * touch)
     nearest = float(1.0e30)
     for i in range(lane, robots.status.shape[1], lanes):
         if robots.status[w, i] != REMOVED:
@@ -37,7 +39,10 @@ def find_collisions(
                     before = robots.track[w, i, 0] - robots.track[w, j, 0]
                     for s in range(1, robots.track.shape[2]):
                         after = robots.track[w, i, s] - robots.track[w, j, s]
-                        least = wp.min(least, closest_approach(before, after))
+                        moved = after - before
+                        ends = wp.min(wp.dot(before, before), wp.dot(after, after))
+                        if ends < 2.0 * (beyond * beyond + wp.dot(moved, moved)):
+                            least = wp.min(least, closest_approach(before, after))
                         before = after
                     nearest = wp.min(nearest, least)
                     if least < touch * touch:

@@ -6,7 +6,7 @@ takes is found by the names of its parameters, among the state (`lissajous_env.w
 """
 
 from lissajous_env.device.program import ROBOT, ROW, TARGET, WORLD, Stage
-from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.world.boundary import watch_boundary
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
 from lissajous_env.world.collisions import find_collisions, take_consequences
@@ -21,7 +21,7 @@ from lissajous_env.world.reward import give_reward
 from lissajous_env.world.robots.placing import follow_curve, reset_robots
 from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.tally import keep_score, reset_tally
-from lissajous_env.world.targets import detect_targets, move_targets, reset_arrivals, reset_targets
+from lissajous_env.world.targets import move_and_detect, reset_arrivals, reset_targets
 
 
 def step_stages(scenario: Scenario) -> list[Stage]:
@@ -30,15 +30,14 @@ def step_stages(scenario: Scenario) -> list[Stage]:
     return [
         Stage("clock", advance_clock, WORLD),
         Stage("events", clear_events, ROBOT),
-        Stage("faults", update_status, ROBOT),
+        Stage("faults", update_status, ROBOT, when=scenario.faults != Faults()),
         Stage("commands", take_commands, ROBOT),
         Stage("motion", model.move, ROBOT),
         Stage("phase", follow_curve, ROBOT, when=not model.keeps_to_curve),
         Stage("measurement", measure, ROBOT),
         Stage("sending", send, ROBOT),
         Stage("collisions", find_collisions, ROBOT),
-        Stage("targets", move_targets, TARGET),
-        Stage("detection", detect_targets, TARGET),
+        Stage("targets", move_and_detect, TARGET),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
         Stage("consequences", take_consequences, ROBOT, when=scenario.task.on_collision != "count"),
         Stage("boundary", watch_boundary, ROBOT),
@@ -63,7 +62,7 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("sending", send, ROBOT),
         Stage("targets", reset_targets, TARGET),
         Stage("arrivals", reset_arrivals, WORLD, when=scenario.targets.arrival_rate > 0),
-        Stage("detection", detect_targets, TARGET),
+        Stage("detection", move_and_detect, TARGET),
         Stage("cells", reset_cells, ROW),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
         Stage("boundary", watch_boundary, ROBOT),

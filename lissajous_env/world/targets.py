@@ -94,18 +94,8 @@ def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Cl
 
 
 @wp.func
-def square_to_sensor(w: int, place: wp.vec2, robots: Robots) -> float:
-    """Squared distance of a place from the nearest working robot [m^2]."""
-    least = float(1.0e30)
-    for i in range(robots.sensor.shape[1]):
-        away = robots.sensor[w, i] - place
-        least = wp.min(least, wp.dot(away, away))
-    return least
-
-
-@wp.func
-def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> int:
-    """Index of the working robot nearest to a place; the first of those that are equally near."""
+def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> wp.vec2:
+    """Return (index, squared distance [m^2]) of the working robot nearest to a place."""
     nearest = int(0)
     least = float(1.0e30)
     for i in range(robots.sensor.shape[1]):
@@ -114,7 +104,7 @@ def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> int:
         if square < least:
             least = square
             nearest = i
-    return nearest
+    return wp.vec2(float(nearest), least)
 
 
 @wp.func
@@ -133,94 +123,91 @@ def bounce(place: wp.vec2, heading: float, curve: CurveStruct) -> wp.vec3:
 
 
 @wp.func
-def flee(w: int, t: int, away: wp.vec2, step: float, curve: CurveStruct, target: TargetStruct, targets: Targets):
-    """Run along `away`; a wall turns the flight along itself, it does not send the target back to the robot."""
-    fled = targets.position[w, t] + target.flee_speed * step * wp.normalize(away)
-    targets.position[w, t] = wp.vec2(
-        wp.clamp(fled[0], -curve.half_width, curve.half_width),
-        wp.clamp(fled[1], -curve.half_height, curve.half_height),
-    )
-    targets.heading[w, t] = wp.atan2(away[1], away[0])
-
-
-@wp.func
-def wander(w: int, t: int, turn: float, step: float, curve: CurveStruct, target: TargetStruct, targets: Targets):
-    """Turn by an angle [rad] and go straight on, off the boundary."""
-    heading = targets.heading[w, t] + turn
-    moved = bounce(targets.position[w, t] + target.speed * step * cos_sin(heading), heading, curve)
-    targets.position[w, t] = wp.vec2(moved[0], moved[1])
+def move_target(
+    w: int,
+    t: int,
+    key: int,
+    motion: int,
+    place: wp.vec2,
+    nearest: wp.vec2,
+    step: float,
+    curve: CurveStruct,
+    target: TargetStruct,
+    robots: Robots,
+    targets: Targets,
+) -> wp.vec2:
+    """Move one target over a step [s] and return its new place [m]; `nearest` is of `nearest_sensor`."""
+    heading = targets.heading[w, t]
+    if motion == FLEEING and nearest[1] < target.flee_radius * target.flee_radius:
+        away = place - robots.sensor[w, int(nearest[0])]
+        # A wall turns the flight along itself; it does not send the target back to the robot.
+        fled = place + target.flee_speed * step * wp.normalize(away)
+        fled = wp.vec2(
+            wp.clamp(fled[0], -curve.half_width, curve.half_width),
+            wp.clamp(fled[1], -curve.half_height, curve.half_height),
+        )
+        targets.position[w, t] = fled
+        targets.heading[w, t] = wp.atan2(away[1], away[0])
+        return fled
+    if motion != DRIFTING:
+        # A uniform draw of this deviation: its sum over a second is normal, at a third of the cost.
+        heading += target.turn_rate * wp.sqrt(3.0 * step) * (2.0 * randomness.uniform(key, t, randomness.WANDER) - 1.0)
+    moved = bounce(place + target.speed * step * cos_sin(heading), heading, curve)
     targets.heading[w, t] = moved[2]
+    targets.position[w, t] = wp.vec2(moved[0], moved[1])
+    return wp.vec2(moved[0], moved[1])
 
 
 @wp.kernel
-def move_targets(
+def move_and_detect(
     first: int,
     lanes: int,
     curve: CurveStruct,
     target: TargetStruct,
+    sensing: SensingStruct,
     task: TaskStruct,
     clock: Clock,
     robots: Robots,
     targets: Targets,
+    latest: Latest,
 ):
-    """Let targets that were detected leave, and the others move; one that appears in this step does not move yet."""
+    """Let targets leave that were detected, the others appear or move, and the nearest working robot detect them.
+
+    The two are one stage because what is far from every sensor before it moves need not be looked at again.
+    """
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
         return
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    # A uniform draw of the wanted deviation: its sum over a second is normal, at a third of the cost.
-    widest = target.turn_rate * wp.sqrt(3.0 * task.step)
-    for t in range(lane, targets.stage.shape[1], lanes):
-        if targets.appears_at[w, t] > now:
-            break  # the slots are in the order of their times
-        stage = targets.stage[w, t]
-        motion = targets.motion[w, t]
-        if stage == FOUND and target.leave == 1:
-            targets.stage[w, t] = GONE
-            targets.in_sight[w, t] = 0
-        elif stage != GONE and stage != HIDDEN and motion != STILL and motion != CUSTOM:
-            place = targets.position[w, t]
-            runs = bool(False)
-            if motion == FLEEING:
-                runs = square_to_sensor(w, place, robots) < target.flee_radius * target.flee_radius
-            if runs:
-                from_robot = place - robots.sensor[w, nearest_sensor(w, place, robots)]
-                flee(w, t, from_robot, task.step, curve, target, targets)
-            else:
-                turn = float(0.0)
-                if motion != DRIFTING:
-                    turn = widest * (2.0 * randomness.uniform(key, t, randomness.WANDER) - 1.0)
-                wander(w, t, turn, task.step, curve, target, targets)
-
-
-@wp.kernel
-def detect_targets(
-    first: int, lanes: int, sensing: SensingStruct, clock: Clock, robots: Robots, targets: Targets, latest: Latest
-):
-    """Let the nearest working robot detect a target that is in its disc; what is in none waits."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    now = clock.step[w]
+    reach = sensing.radius + task.step * wp.max(target.speed, target.flee_speed)
     waiting = int(0)
     sighted = int(0)
     for t in range(lane, targets.stage.shape[1], lanes):
         if targets.appears_at[w, t] > now:
-            break
+            break  # the slots are in the order of their times
         stage = targets.stage[w, t]
-        if stage != GONE:
+        if stage == FOUND and target.leave == 1:
+            targets.stage[w, t] = GONE
+            targets.in_sight[w, t] = 0
+        elif stage != GONE:
             place = targets.position[w, t]
-            seen = wp.where(square_to_sensor(w, place, robots) < sensing.radius * sensing.radius, 1, 0)
+            motion = targets.motion[w, t]
+            nearest = nearest_sensor(w, place, robots)
+            if stage != HIDDEN and motion != STILL and motion != CUSTOM:
+                place = move_target(w, t, key, motion, place, nearest, task.step, curve, target, robots, targets)
+                # A target that was far from every sensor cannot have come into one's reach in this step.
+                if nearest[1] < reach * reach:
+                    nearest = nearest_sensor(w, place, robots)
+            seen = wp.where(nearest[1] < sensing.radius * sensing.radius, 1, 0)
             sighted += seen
             targets.in_sight[w, t] = seen
             if stage != FOUND:
                 if seen == 1:
                     targets.stage[w, t] = FOUND
                     targets.found_at[w, t] = now
-                    wp.atomic_add(latest.detections, w, nearest_sensor(w, place, robots), 1)
+                    wp.atomic_add(latest.detections, w, int(nearest[0]), 1)
                 else:
                     targets.stage[w, t] = PRESENT
                     waiting += 1
