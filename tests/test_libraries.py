@@ -282,7 +282,11 @@ def test_tianshou_collects_and_learns():
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("settings", [{}, {"scenario": "failure", "discrete_actions": True}], ids=["cars", "points"])
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"scenario": "failure"}, {"scenario": "failure", "discrete_actions": True}],
+    ids=["cars", "points", "points of a table"],
+)
 def test_agilerl_steps_worlds_in_processes_and_learns(settings):
     """Install it in an environment of its own that has this package with its tests; each line after the one before.
 

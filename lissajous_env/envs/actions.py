@@ -54,7 +54,9 @@ class ActionReader:
             row_out[:] = self._table[index]
             return
         values = np.asarray(action)
-        if values.shape != self._shape or values.dtype.kind not in "fiu":
+        # A number alone stands for an action of one: some libraries squeeze it.
+        fits = values.shape == self._shape or (values.shape == () and self._shape == (1,))
+        if not fits or values.dtype.kind not in "fiu":
             raise ValueError(f"action of {agent} must be numbers of shape {self._shape}, got {shown(action)}")
         row_out[:] = values
 
