@@ -155,7 +155,7 @@ print("ran with", sorted(name for name in {late!r} if name in sys.modules))
 
 def test_the_core_runs_with_no_extra_installed():
     # Oracle: a process in which the extras cannot be imported; and what is only for pictures is not loaded before use.
-    late = ("matplotlib", "pygame", "tyro", "rich")
+    late = ("matplotlib", "pygame", "tyro", "rich", "scipy")
     program = PROGRAM.format(blocked=HEAVY, late=late)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=300, cwd=ROOT)
     assert done.returncode == 0, done.stderr

@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from lissajous_env.parameters.parts import Curve
 from lissajous_env.theory import closed_forms
@@ -132,6 +131,8 @@ def measured_coverage_radius(curve: Curve, precision: float = 1e-4) -> float:
     # A chord of length s hides s^2 / 8 d of the distance d; d is about the width of a mesh of the curve.
     mesh = math.hypot(curve.half_width / curve.b, curve.half_height / curve.a)
     gamma = np.linspace(0, 2 * np.pi, int(4 * curve_length(curve) / math.sqrt(tolerance * mesh)))
+    from scipy.spatial import KDTree  # which takes longer to import than all of ours
+
     tree = KDTree(closed_forms.curve_point(curve, gamma))
     cells = np.ceil(half_extent / half_extent.min()).astype(int)  # about square, or long cells are never decided
     half_cell = half_extent / cells

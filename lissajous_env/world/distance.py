@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from scipy.spatial import KDTree
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, point2, project
@@ -137,6 +136,8 @@ def _on_device(half_width: float, half_height: float, a: int, b: int, device: st
 
 
 def _of_harmonics(curve: Curve, device: Any) -> DistanceTable:
+    from scipy.spatial import KDTree  # which takes longer to import than all of ours
+
     filled = _on_device(0.0, 0.0, 0, 0, str(device))
     seeded = DistanceTable()
     seeded.nodes, seeded.arcs = filled.nodes, filled.arcs
