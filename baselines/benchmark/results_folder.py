@@ -218,6 +218,10 @@ def _differences(there: Any, now: Any, name: str = "") -> list[tuple[str, str, s
         names = [*there, *(key for key in now if key not in there)]
         inside = [(there.get(key, "-"), now.get(key, "-"), key) for key in names if key != "description"]
         return [found for a, b, key in inside for found in _differences(a, b, f"{name}.{key}".lstrip("."))]
+    alike = isinstance(there, list) and isinstance(now, list) and len(there) == len(now)
+    if alike and all(isinstance(each, dict) for each in (*there, *now)):
+        pairs = zip(there, now, strict=True)
+        return [found for k, (a, b) in enumerate(pairs) for found in _differences(a, b, f"{name}.{k}")]
     return [] if there == now else [(name, _in_words(there), _in_words(now))]
 
 
