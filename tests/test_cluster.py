@@ -18,6 +18,7 @@ from baselines.benchmark.playing import play
 from baselines.benchmark.running import measure, run
 from baselines.benchmark.types import Benchmark, Cell
 from lissajous_env import scenario as make_scenario
+from lissajous_env import score_column
 
 ray = pytest.importorskip("ray")
 from ray.cluster_utils import Cluster  # noqa: E402
@@ -229,6 +230,26 @@ def test_what_a_node_returns_is_checked(tmp_path, spoil):
     assert _checked(rows, cell, settings, [3, 4]) is rows
     with pytest.raises(ValueError, match="a node of the Ray cluster must return"):
         _checked(spoil(rows), cell, settings, [3, 4])
+
+
+@score_column("max")
+def fastest(world):
+    """Speed of the fastest robot [m/s]."""
+    return world.robots.speed.max(axis=1)
+
+
+def test_columns_that_a_scenario_brings_come_back(tmp_path):
+    # Oracle: the same episodes played here; a row without the column is refused.
+    settings = small(tmp_path, seed=7)
+    made = make_scenario("failure", extensions=fastest, **SHORT)
+    cell = Cell(made, "kuramoto", lambda *given: baselines.make("kuramoto", *given))
+    rows = next(play(cell, settings, [3, 4], lambda _: None))
+    assert [list(row)[-1] for row in rows] == ["fastest"] * 2
+    assert _checked(rows, cell, settings, [3, 4]) is rows
+    with pytest.raises(ValueError, match="must have the columns of a score row"):
+        _checked([{**row, "slowest": 1.0} for row in rows], cell, settings, [3, 4])
+    with pytest.raises(ValueError, match="must have the columns of a score row"):
+        _checked([{k: v for k, v in row.items() if k != "fastest"} for row in rows], cell, settings, [3, 4])
 
 
 def test_a_policy_that_cannot_be_sent_is_named(tmp_path):

@@ -22,6 +22,7 @@ from baselines.benchmark.types import Benchmark, Cell, Failure
 from lissajous_env.console.terminal import plain
 from lissajous_env.extras import missing
 from lissajous_env.wording import shown
+from lissajous_env.world.score import brought_columns
 
 _RETRIES = 3
 """Times that a batch is played again after its worker or node was lost: a policy that kills its process must end."""
@@ -209,8 +210,9 @@ def _result(
 def _checked(rows: Any, cell: Cell, settings: Benchmark, numbers: list[int]) -> list[dict[str, Any]]:
     """Refuse what a node returns in place of the rows of the episodes that it was given."""
     expected = [(cell.scenario.name, cell.policy, number, settings.seed + number) for number in numbers]
+    brought = brought_columns(cell.scenario)
     try:
-        wrong = next((wrong for row in rows if (wrong := what_is_wrong(plain(row)))), "")
+        wrong = next((wrong for row in rows if (wrong := what_is_wrong(plain(row), brought))), "")
         identities = [(row["scenario"], row["policy"], row["episode"], row["seed"]) for row in rows]
     except (KeyError, TypeError) as error:
         wrong, identities = f"{type(error).__name__}: {error}", []

@@ -9,7 +9,7 @@ from baselines.benchmark.types import Benchmark, Cell, Failure
 from lissajous_env.console.terminal import plain
 from lissajous_env.episodes.evaluation import episodes
 from lissajous_env.wording import where_raised
-from lissajous_env.world.score import COLUMNS, columns_of
+from lissajous_env.world.score import brought_columns
 
 
 def play(
@@ -26,7 +26,7 @@ def play(
     policy = cell.factory(cell.scenario, worlds, settings.device)
     numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
-    brought = columns_of(cell.scenario)[len(COLUMNS) :]
+    brought = brought_columns(cell.scenario)
     for batch in episodes(policy, cell.scenario, seeds, settings.device, lambda _: on_step(worlds)):
         rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
         for row in rows:

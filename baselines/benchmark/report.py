@@ -25,7 +25,7 @@ from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
-from lissajous_env.world.score import COLUMNS, columns_of
+from lissajous_env.world.score import COLUMNS, brought_columns
 
 _DASH = "\N{EM DASH}"
 
@@ -107,7 +107,7 @@ def print_tables(console: Console, outcome: Outcome) -> None:
         failed = {failure.policy for failure in outcome.failures if failure.scenario == name}
         # Without a fault there is nothing to recover from.
         shown = [each for each in SHOWN if each.column != "recovery_time" or scenario.faults != Faults()]
-        shown += [Shown(column, column.replace("_", "\n", 1), 0) for column in columns_of(scenario)[len(COLUMNS) :]]
+        shown += [Shown(column, column.replace("_", "\n", 1), 0) for column in brought_columns(scenario)]
         left_out += _print_policies(console, title, cells.get(name, {}), shown, failed)
     for names, policies in overall(outcome.rows, scenarios).items():
         left_out += _print_policies(console, Text(f"over {names}", "bold"), policies, _OVERALL)

@@ -56,13 +56,14 @@ def _print_designs(console: "Console", made: "list[Scenario]") -> None:
     rows = []
     for each in made:
         curve = each.curve
+        name = f"{curve.a}:{curve.b}" + (f":{curve.c}" if curve.half_depth > 0 else "")
         sides = [2 * curve.half_width, 2 * curve.half_height, 2 * curve.half_depth]
         rows.append([
             each.name,
             str(each.num_robots),
             each.robot.kind,
             " x ".join(f"{side:g}" for side in sides if side > 0),
-            f"{curve.a}:{curve.b}" + (f":{curve.c}" if curve.half_depth > 0 else ""),
+            "series" if curve.harmonics else name,
             f"{each.sensing.radius:.3g}",
             f"{each.detection_time_bound:.3g}",
         ])  # fmt: skip
@@ -89,6 +90,7 @@ def _print_settings(console: "Console", given: "Scenario") -> None:
             value = getattr(values, field.name)
             if value != field.default:
                 rows.append([f"{part}.{field.name}", str(value), str(field.default)])
+    rows += [["extensions", f"{each.kind} {each.place}", ""] for each in given.extensions]
     console.print()
     columns = [Column("field", left=True), Column(given.name, prose=True), Column("default", left=True, rank=1)]
     left_out = print_table(console, columns, rows)

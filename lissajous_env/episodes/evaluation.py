@@ -13,7 +13,7 @@ import warp as wp
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.score import columns_of
+from lissajous_env.world.score import COLUMNS, brought_columns
 from lissajous_env.world.simulation import Simulation
 
 _TOGETHER = 16
@@ -172,7 +172,7 @@ def episodes(
                 on_step(simulation)
         referee.check()
         rows = simulation.score(np.arange(len(batch)))
-        columns = columns_of(simulation.scenario)
+        columns = (*COLUMNS, *brought_columns(simulation.scenario))
         yield [
             {column: ({"policy": referee.name, "episode": first + k} | row)[column] for column in columns}
             for k, row in enumerate(rows)

@@ -21,9 +21,9 @@ STAYS = 1.0
 """Time for which the deviation must have stayed below it at the end of the episode [s]."""
 
 
-def columns_of(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the columns of a scenario's score: `COLUMNS`, then those that its extensions bring."""
-    return COLUMNS + tuple(each.name for each in scenario.extensions if isinstance(each, ScoreColumn))
+def brought_columns(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the columns that a scenario's extensions bring; they stand after `COLUMNS`."""
+    return tuple(each.name for each in scenario.extensions if isinstance(each, ScoreColumn))
 
 
 def score_rows(
