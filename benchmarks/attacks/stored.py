@@ -82,7 +82,7 @@ def _try_row(draw: np.random.Generator) -> str | None:
 
 def _is_possible(column: str, value: str) -> bool:
     """Whether a number could be there after all: a column has its rule, and no more is known of it."""
-    never = ("min_separation", "coverage_time", "coverage_time_each", "recovery_time")
+    never = ("min_separation", "coverage_time", "coverage_time_each", "recovery_time", "spacing_factor")
     empty = (*never, "idleness_mean", "idleness_max", *(c for c in NUMBER_COLUMNS if c.startswith("detect")))
     if value == "null":
         return column in empty

@@ -17,7 +17,8 @@ Overrides = Annotated[
 
 
 def parse_overrides(groups: Iterable[Iterable[str]]) -> dict[str, Any]:
-    """Read what `--set` was given: `name=value`, the value a Python literal, in which `inf` may stand, or a bare word.
+    """Read what `--set` was given: `name=value`, the value a Python literal, in which `inf` may stand, a bare word,
+    or `module:name`.
 
     Raises:
         ValueError: an entry without a name, one that is given twice, or a value that is none of these.
@@ -33,8 +34,14 @@ def parse_overrides(groups: Iterable[Iterable[str]]) -> dict[str, Any]:
     return overrides
 
 
+_PLACES = r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*(,[A-Za-z_][\w.]*:[A-Za-z_][\w.]*)*"
+"""`module:name`, or some of these with commas between."""
+
+
 def _value(name: str, text: str) -> Any:
-    if re.fullmatch(r"[A-Za-z][\w.:,-]*", text) and text not in ("None", "True", "False", "inf", "nan"):
+    if re.fullmatch(_PLACES, text):
+        return text
+    if re.fullmatch(r"[A-Za-z][\w-]*", text) and text not in ("None", "True", "False", "inf", "nan"):
         return text
     try:
         return _literal(ast.parse(text, mode="eval").body)
