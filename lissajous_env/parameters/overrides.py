@@ -17,8 +17,9 @@ Overrides = Annotated[
 
 
 def parse_overrides(groups: Iterable[Iterable[str]]) -> dict[str, Any]:
-    """Read what `--set` was given: `name=value`, the value a Python literal, in which `inf` may stand, a bare word,
-    or `module:name`.
+    """Read what `--set` was given: `name=value`.
+
+    The value is a Python literal, in which `inf` may stand, a bare word, or `module:name`.
 
     Raises:
         ValueError: an entry without a name, one that is given twice, or a value that is none of these.
