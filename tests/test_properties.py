@@ -147,6 +147,9 @@ def assert_score_in_range(scenario, simulation):
         assert row["lateral_error_max"] >= row["lateral_error_mean"] - 1e-3 * abs(row["lateral_error_max"]) >= -1e-6
         assert row["spacing_factor"] >= 0
         assert math.isfinite(row["return_mean"])
+        assert 0 <= row["distance_mean"] <= 1.01 * row["speed_max"] * duration + 1e-4 or scenario.robot.kind == "curve"
+        assert math.isnan(row["smoothness"]) or 0 <= row["smoothness"] <= 4
+        assert math.isnan(row["sensed_fraction"]) or 0 <= row["sensed_fraction"] <= 1
         assert 0 <= row["outside_time"] <= duration * simulation.num_robots + 1e-6
         if scenario.robot.kind == "curve" or scenario.task.boundary == "wall":
             assert row["outside_time"] == 0

@@ -14,7 +14,8 @@ PROMISED = (
     "scenario, policy, episode, seed, targets, detected_fraction, detection_time_mean, detection_time_p95, "
     "detection_time_max, detected_within_bound, collisions, contact_time, min_separation, coverage_time, "
     "coverage_time_each, idleness_mean, idleness_max, lateral_error_mean, lateral_error_max, "
-    "tracking_error_mean, tracking_error_max, spacing_factor, phase_error, recovery_time, outside_time, return_mean"
+    "tracking_error_mean, tracking_error_max, spacing_factor, phase_error, recovery_time, outside_time, "
+    "distance_mean, speed_max, smoothness, sensed_fraction, return_mean"
 )
 
 
@@ -63,8 +64,8 @@ def test_what_never_was_is_nan():
     (row,) = simulation.score()
     missing = {name for name, value in row.items() if isinstance(value, float) and math.isnan(value)}
     detection = {name for name in COLUMNS if name.startswith("detect")}
-    coverage = {"coverage_time", "coverage_time_each", "idleness_mean", "idleness_max"}
-    assert missing == detection | coverage | {"min_separation", "recovery_time"}
+    coverage = {"coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "sensed_fraction"}
+    assert missing == detection | coverage | {"min_separation", "recovery_time", "smoothness"}
     assert row["targets"] == 0
 
 
@@ -222,3 +223,58 @@ def test_evaluate_gives_a_row_for_each_seed_whatever_the_batch():
     assert {row["policy"] for row in rows} == {"still"}
     assert str(rows) == str(lissajous_env.evaluate(Still(1), scenario, seeds=[4, 8, 15, 16, 23]))
     assert lissajous_env.evaluate(Still(1), scenario, seeds=[]) == []
+
+
+@pytest.mark.parametrize("name", ["experiment", "rough", "failure"])
+def test_way_speed_smoothness_and_what_was_sensed(name):
+    # Oracle: NumPy, from the places through each step, the speeds, the actions and the cells. A wild action is limited
+    # first, one that is not finite is zero, and noise on the motors is none of the policy's.
+    simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **{"noise.actuator": 0.05}), 2, seed=3)
+    rng, taken, way = np.random.default_rng(1), [], np.zeros(2)
+    fastest = simulation.robots.speed.numpy().max(axis=1)
+    for step in range(30):
+        action = rng.uniform(-1.3, 1.3, simulation.action_shape).astype(np.float32)
+        if step == 7:
+            action[0, 2] = np.nan
+        simulation.step(action)
+        taken.append(np.clip(np.where(np.isfinite(action).all(axis=-1, keepdims=True), action, 0), -1, 1))
+        way += np.linalg.norm(np.diff(simulation.robots.track.numpy(), axis=2), axis=-1).sum(axis=(1, 2))
+        fastest = np.maximum(fastest, simulation.robots.speed.numpy().max(axis=1))
+    rows = simulation.score()
+    assert [row["distance_mean"] for row in rows] == pytest.approx(way / 5, rel=1e-5)
+    assert [row["speed_max"] for row in rows] == pytest.approx(fastest)
+    change = (np.diff(taken, axis=0) ** 2).mean(axis=(0, 2, 3))
+    assert [row["smoothness"] for row in rows] == pytest.approx(change, rel=1e-5)
+    sensed = (simulation.cells.sensed_at.numpy() > 0).mean(axis=(1, 2))
+    assert all(row["sensed_fraction"] >= share - 1e-9 for row, share in zip(rows, sensed, strict=True))
+    simulation.reset()
+    assert simulation.score()[0]["distance_mean"] == 0
+
+
+def test_steady_actions_are_smooth_and_the_first_one_is_no_change():
+    # Story: the same action throughout; then the opposite one: a change of 2 in each component, once in five.
+    simulation = lissajous_env.Simulation("experiment")
+    for _ in range(5):
+        simulation.step(np.full(simulation.action_shape, 1.0, np.float32))
+    assert simulation.score()[0]["smoothness"] == 0
+    simulation.step(np.full(simulation.action_shape, -1.0, np.float32))
+    assert simulation.score()[0]["smoothness"] == pytest.approx(4 / 5)
+
+
+def test_the_share_that_was_sensed_is_that_of_the_cells():
+    # Story: one robot that stands still senses its disc, pi r^2 of the rectangle, and no more.
+    overrides = {
+        "robot.count": 1,
+        "formation.p": 0,
+        "sensing.radius": 0.4,
+        "task.grid": (180, 80),
+        "faults.schedule": (),
+    }
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides))
+    simulation.robots.position.assign(np.zeros((1, 1, 3)))
+    share = simulation.score()[0]["sensed_fraction"]
+    for _ in range(3):
+        simulation.step(np.zeros(simulation.action_shape, np.float32))
+    row = simulation.score()[0]
+    assert 0 < share < 0.1
+    assert row["sensed_fraction"] == pytest.approx(share)

@@ -57,6 +57,10 @@ _RULES = {
     "spacing_factor": _Rule("at least 0", _is_positive, "no Lissajous curve"),
     "phase_error": _Rule("at least 0 [rad]", _is_positive),
     "recovery_time": _Rule("at least 0 [s]", _is_positive, "never"),
+    "distance_mean": _Rule("at least 0 [m]", _is_positive),
+    "speed_max": _Rule("at least 0 [m/s]", _is_positive),
+    "smoothness": _Rule("at least 0", _is_positive, "one step alone"),
+    "sensed_fraction": _Rule("from 0 to 1", _is_share, "no grid"),
     "return_mean": _Rule("a finite number", _is_finite),
 }
 

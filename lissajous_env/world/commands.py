@@ -21,11 +21,12 @@ def take_commands(
     action: wp.array3d(dtype=float),
     clock: Clock,
     latest: Latest,
+    taken: wp.array3d(dtype=float),
     command_out: wp.array3d(dtype=float),
 ):
     """Limit the actions to [-1, 1] and add noise; one that is not finite is taken as zero, and its world flagged.
 
-    The effort is that of the action without the noise.
+    Effort and change are those of the action without the noise, which `taken` keeps until the next step.
     """
     tid, lane = wp.tid()
     w = first + tid
@@ -48,6 +49,12 @@ def take_commands(
             for k in range(size):
                 command_out[w, i, k] = 0.0
         latest.effort[w, i] = squares / float(size)
+        change = float(0.0)
+        for k in range(size):
+            difference = command_out[w, i, k] - taken[w, i, k]
+            change += difference * difference
+            taken[w, i, k] = command_out[w, i, k]
+        latest.change[w, i] = wp.where(clock.step[w] > 1, change / float(size), 0.0)
         if noise.actuator > 0.0:
             draw = randomness.stream(randomness.step_key(clock.seed[w], clock.step[w]), i, randomness.ACTUATOR)
             for k in range(size):

@@ -14,7 +14,7 @@ COLUMNS = (
     "detection_time_p95", "detection_time_max", "detected_within_bound", "collisions", "contact_time",
     "min_separation", "coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "lateral_error_mean",
     "lateral_error_max", "tracking_error_mean", "tracking_error_max", "spacing_factor", "phase_error", "recovery_time",
-    "outside_time", "return_mean",
+    "outside_time", "distance_mean", "speed_max", "smoothness", "sensed_fraction", "return_mean",
 )  # fmt: skip
 
 STAYS = 1.0
@@ -80,6 +80,10 @@ def score_rows(
             "phase_error": host["phase_error_max"][w],
             "recovery_time": max(host["off_at"][w] + 1 - fault_end, 0) * step if recovered else np.nan,
             "outside_time": host["outside_steps"][w] * step,
+            "distance_mean": host["distance_sum"][w] / scenario.num_robots,
+            "speed_max": host["speed_max"][w],
+            "smoothness": host["change_sum"][w] / (now - 1) if now > 1 else np.nan,
+            "sensed_fraction": host["covered"][w] / open_gaps.size if has_grid else np.nan,
             "return_mean": host["returns"][w].mean(),
             **{name: values[w] for name, values in brought.items()},
         })  # fmt: skip

@@ -167,7 +167,7 @@ class Simulation:
         self.latest = allocate(Latest, terms, robot, self.device)
         self.tally = allocate(Tally, {"contact": (w, n, n), "returns": robot}, each, self.device)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
-        self.command = wp.zeros_like(self.action)
+        self.command, self._taken = wp.zeros_like(self.action), wp.zeros_like(self.action)
         # On a CPU the same memory; elsewhere of no shape that an action has.
         self._action_host = self.action.numpy() if self.device.is_cpu else np.empty(0, dtype=np.float32)
         self.observation = wp.zeros((w, n, self.layout.size), dtype=wp.float32, device=self.device)
@@ -197,6 +197,7 @@ class Simulation:
                 "seeds": self._seeds,
                 "action": self.action,
                 "command": self.command,
+                "taken": self._taken,
                 "observation": self.observation,
                 "final_observation": self.final_observation,
             }
@@ -223,6 +224,7 @@ class Simulation:
         arrays = {f"{s._cls.key}.{name}": getattr(s, name) for s in structs for name in s._cls.vars}
         del arrays["Clock.active"], arrays["Clock.fresh"]  # each step and reset says anew whom it is for
         arrays |= self._extended.kept
+        arrays |= {"taken": self._taken}
         return arrays | {"observation": self.observation, "final_observation": self.final_observation}
 
     def save_state(self) -> dict[str, np.ndarray]:

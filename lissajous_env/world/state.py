@@ -140,6 +140,8 @@ class Latest:
     """(W, N) collisions that began."""
     effort: wp.array2d(dtype=wp.float32)
     """(W, N) mean square of the action."""
+    change: wp.array2d(dtype=wp.float32)
+    """(W, N) mean square of the change of the action; 0 in an episode's first step."""
     in_sight: wp.array(dtype=wp.int32)
     """(W,) targets in some working robot's disc."""
     waiting: wp.array(dtype=wp.int32)
@@ -196,6 +198,12 @@ class Tally:
     """(W,) latest step in which the deviation was not below the band of recovery."""
     fault_end: wp.array(dtype=wp.int32)
     """(W,) step at whose end the latest fault was over; -1 for none or while one lasts."""
+    distance_sum: wp.array(dtype=wp.float64)
+    """(W,) way that was driven, summed over robots [m]."""
+    speed_max: wp.array(dtype=wp.float32)
+    """(W,) largest speed of a robot [m/s]."""
+    change_sum: wp.array(dtype=wp.float64)
+    """(W,) mean square of the change of the action, summed over steps, mean over robots."""
     outside_steps: wp.array(dtype=wp.int64)
     """(W,) steps with the whole body outside the rectangle, summed over robots."""
     returns: wp.array2d(dtype=wp.float64)

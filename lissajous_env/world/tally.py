@@ -36,6 +36,9 @@ def reset_tally(first: int, clock: Clock, tally: Tally):
     tally.lateral_max[w] = 0.0
     tally.tracking_sum[w] = wp.float64(0.0)
     tally.tracking_max[w] = 0.0
+    tally.distance_sum[w] = wp.float64(0.0)
+    tally.speed_max[w] = 0.0
+    tally.change_sum[w] = wp.float64(0.0)
     tally.outside_steps[w] = wp.int64(0)
     tally.spacing_max[w] = 0.0
     tally.phase_error_max[w] = 0.0
@@ -75,6 +78,25 @@ def tally_tracking(
     if now > 0:
         tally.lateral_sum[w] += lateral / wp.float64(wp.max(there, 1))
         tally.tracking_sum[w] += tracking / wp.float64(wp.max(there, 1))
+
+
+@wp.func
+def tally_driving(w: int, now: int, robots: Robots, latest: Latest, tally: Tally):
+    """Keep how far the robots drove, how fast, and how unsteady their actions are."""
+    way = float(0.0)
+    fastest = float(0.0)
+    change = float(0.0)
+    n = robots.status.shape[1]
+    for i in range(n):
+        if robots.status[w, i] != REMOVED:
+            fastest = wp.max(fastest, robots.speed[w, i])
+        for s in range(1, robots.track.shape[2]):
+            way += wp.length(robots.track[w, i, s] - robots.track[w, i, s - 1])
+        change += latest.change[w, i]
+    tally.speed_max[w] = wp.max(tally.speed_max[w], fastest)
+    if now > 0:
+        tally.distance_sum[w] += wp.float64(way)
+        tally.change_sum[w] += wp.float64(change / float(n))
 
 
 @wp.func
@@ -159,6 +181,7 @@ def keep_score(
     for i in range(n):
         tally.outside_steps[w] += wp.int64(latest.outside[w, i])
     tally_tracking(w, now, curve, float(formation.alpha), distances, robots, tally)
+    tally_driving(w, now, robots, latest, tally)
     tally_spacing(w, neighbours, robots, tally)
     tally_faults(w, robots, tally)
     tally_formation(w, now, equilibrium, robots, tally)
