@@ -82,13 +82,21 @@ def _try_row(draw: np.random.Generator) -> str | None:
 
 def _is_possible(column: str, value: str) -> bool:
     """Whether a number could be there after all: a column has its rule, and no more is known of it."""
-    never = ("min_separation", "coverage_time", "coverage_time_each", "recovery_time", "spacing_factor")
+    never = (
+        "min_separation",
+        "coverage_time",
+        "coverage_time_each",
+        "recovery_time",
+        "spacing_factor",
+        "smoothness",
+        "sensed_fraction",
+    )
     empty = (*never, "idleness_mean", "idleness_max", *(c for c in NUMBER_COLUMNS if c.startswith("detect")))
     if value == "null":
         return column in empty
     if column in ("targets", "collisions"):
         return value == "2"
-    if column in ("detected_fraction", "detected_within_bound"):
+    if column in ("detected_fraction", "detected_within_bound", "sensed_fraction"):
         return False
     return value in ("2", "1.5", "3e5") or (column == "return_mean" and value in ("-1", "-1e-9"))
 

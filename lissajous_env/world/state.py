@@ -203,7 +203,7 @@ class Tally:
     speed_max: wp.array(dtype=wp.float32)
     """(W,) largest speed of a robot [m/s]."""
     change_sum: wp.array(dtype=wp.float64)
-    """(W,) mean square of the change of the action, summed over steps, mean over robots."""
+    """(W,) mean square of the change of the action, summed over steps, mean over the robots that are there."""
     outside_steps: wp.array(dtype=wp.int64)
     """(W,) steps with the whole body outside the rectangle, summed over robots."""
     returns: wp.array2d(dtype=wp.float64)

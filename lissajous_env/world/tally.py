@@ -83,20 +83,21 @@ def tally_tracking(
 @wp.func
 def tally_driving(w: int, now: int, robots: Robots, latest: Latest, tally: Tally):
     """Keep how far the robots drove, how fast, and how unsteady their actions are."""
+    there = int(0)
     way = float(0.0)
     fastest = float(0.0)
     change = float(0.0)
-    n = robots.status.shape[1]
-    for i in range(n):
-        if robots.status[w, i] != REMOVED:
-            fastest = wp.max(fastest, robots.speed[w, i])
+    for i in range(robots.status.shape[1]):
         for s in range(1, robots.track.shape[2]):
             way += wp.length(robots.track[w, i, s] - robots.track[w, i, s - 1])
-        change += latest.change[w, i]
+        if robots.status[w, i] != REMOVED:
+            there += 1
+            fastest = wp.max(fastest, robots.speed[w, i])
+            change += latest.change[w, i]
     tally.speed_max[w] = wp.max(tally.speed_max[w], fastest)
     if now > 0:
         tally.distance_sum[w] += wp.float64(way)
-        tally.change_sum[w] += wp.float64(change / float(n))
+        tally.change_sum[w] += wp.float64(change / float(wp.max(there, 1)))
 
 
 @wp.func
