@@ -18,7 +18,7 @@ from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.observation import layout
-from lissajous_env.world.selection import chosen_worlds, whole_number
+from lissajous_env.world.selection import whole_number, world_mask
 
 _ARRAYS = ("numpy", "torch", "warp")
 
@@ -69,9 +69,7 @@ class Policy(Copyable):
         Raises:
             ValueError: neither a mask of this shape nor indices from 0 to W - 1.
         """
-        mask = np.zeros(self.num_worlds, dtype=bool)
-        mask[chosen_worlds(worlds, self.num_worlds)] = True
-        self.forget(mask)
+        self.forget(world_mask(worlds, self.num_worlds))
 
     def decide(self, observation: Any) -> Any:
         """Actions (W, N, action_size) in [-1, 1] for observations (W, N, D): what a subclass writes.

@@ -135,18 +135,14 @@ class Player:
         simulation = Simulation(made, worlds, self.device, self.seed)
         robots, kept = simulation.robots, []
 
-        def keep() -> None:
+        def keep(taken: int) -> None:
+            if only_ends and 0 < taken < made.task.steps:
+                return
             arrays = (robots.phase, robots.position, robots.heading, robots.status, simulation.tally.phase_error)
             kept.append([np.array(array.numpy()) for array in arrays])
 
-        keep()
-        referee = Referee(acting, simulation)
-        for step in range(1, made.task.steps + 1):
-            referee.step()
-            if not only_ends or step == made.task.steps:
-                keep()
+        Referee(acting, simulation).play(on_moment=keep)
         phase, position, heading, status, deviation = (np.stack(moments) for moments in zip(*kept, strict=True))
-        referee.check()
         found_at = simulation.targets.found_at.numpy().copy()
         scores = simulation.score()
         played = Played(made, scores, phase, position, heading, status == int(STUCK), deviation, found_at)

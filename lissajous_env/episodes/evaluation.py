@@ -4,7 +4,7 @@ A policy whose actions are not numbers, or not finite, is stopped: what it score
 """
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -86,6 +86,26 @@ class Referee:
         if self._seen is not None or self._steps % self.EVERY == 0:
             self.check()
 
+    def play(self, seeds: Sequence[int] | None = None, on_moment: Callable[[int], None] | None = None) -> None:
+        """Play an episode to its end in every world.
+
+        Args:
+            seeds: Seed of each world's new episode; None goes on from a simulation and a policy that are new.
+            on_moment: Called with the number of steps taken, at the beginning and after each.
+
+        Raises:
+            InvalidActionError: as `step`.
+        """
+        if seeds is not None:
+            self.policy.reset()
+            self.simulation.reset(seeds=seeds)
+        for taken in range(self.simulation.scenario.task.steps + 1):
+            if taken > 0:
+                self.step()
+            if on_moment is not None:
+                on_moment(taken)
+        self.check()
+
     def check(self) -> None:
         """Look for actions of the running episodes that were not finite.
 
@@ -164,13 +184,7 @@ def episodes(
         batch = seeds[first : first + policy.num_worlds]
         # A last batch that is not full plays its last seed in the worlds left over; their rows are dropped.
         padded = batch + batch[-1:] * (policy.num_worlds - len(batch))
-        policy.reset()
-        simulation.reset(seeds=padded)
-        for _ in range(simulation.scenario.task.steps):
-            referee.step()
-            if on_step is not None:
-                on_step(simulation)
-        referee.check()
+        referee.play(padded, None if on_step is None else lambda taken: on_step(simulation) if taken else None)
         rows = simulation.score(np.arange(len(batch)))
         columns = (*COLUMNS, *brought_columns(simulation.scenario))
         yield [

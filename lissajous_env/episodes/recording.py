@@ -179,16 +179,15 @@ def record(
     """
     simulation = Simulation(named.scenario(scenario), policy.num_worlds, device=device)
     referee = Referee(policy, simulation)
-    policy.reset()
-    simulation.reset(seeds=[fold_seed(seed)] * policy.num_worlds)
     recorder = Recorder(simulation)
-    recorder.take()
-    while not simulation.over[0]:
-        referee.step()
-        recorder.take()
-        if on_step is not None:
-            on_step()
-    referee.check()
+
+    def take(taken: int) -> None:
+        if simulation.clock.step.numpy()[0] == taken:  # it may end before its time
+            recorder.take()
+            if on_step is not None and taken > 0:
+                on_step()
+
+    referee.play([fold_seed(seed)] * policy.num_worlds, take)
     return recorder.recording(referee.name)
 
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lissajous_env.world.score import detection_times
 from lissajous_env.world.state import REMOVED
 
 if TYPE_CHECKING:
@@ -88,8 +89,7 @@ class Snapshot:
 
         As in the score, one that is not yet detected counts with the time that it has been there.
         """
-        appeared = self.appears_at <= self.step
-        waited = np.minimum(self.found_at[appeared], self.step) - self.appears_at[appeared]
+        waited = detection_times(self.appears_at, self.found_at, self.step)
         return float(waited.mean()) * step if waited.size else np.nan
 
 

@@ -49,7 +49,7 @@ def score_rows(
     rows = []
     for w in worlds:
         now = int(now_of[w])
-        times = _detection_times(appears_at[w], found_at[w], now) * step
+        times = detection_times(appears_at[w], found_at[w], now) * step
         found = found_at[w][appears_at[w] <= now] <= now
         bound = scenario.detection_time_bound
         open_gaps = now - sensed_at[w]
@@ -95,7 +95,8 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, (str, int)) else round(float(value), 12)
 
 
-def _detection_times(appears_at: np.ndarray, found_at: np.ndarray, now: int) -> np.ndarray:
+def detection_times(appears_at: np.ndarray, found_at: np.ndarray, now: int) -> np.ndarray:
+    """Steps from the appearance of each target that has appeared until it was detected, or until now."""
     appeared = appears_at <= now
     return np.minimum(found_at[appeared], now) - appears_at[appeared]
 

@@ -18,7 +18,7 @@ from lissajous_env.world.extended import Extended
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
 from lissajous_env.world.score import score_rows
-from lissajous_env.world.selection import chosen_worlds, whole_number
+from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
 from lissajous_env.world.state import RUNNING, Cells, Clock, Latest, Links, Robots, Tally, Targets, allocate
 
@@ -107,10 +107,8 @@ class Simulation:
         new_seeds = np.full(self.num_worlds, -1, dtype=np.int32)
         if seeds is not None:
             new_seeds[chosen] = _checked_seeds(seeds, len(chosen))
-        fresh = np.zeros(self.num_worlds, dtype=np.int32)
-        fresh[chosen] = 1
         self._seeds.assign(new_seeds)
-        self.clock.fresh.assign(fresh)
+        self.clock.fresh.assign(world_mask(chosen, self.num_worlds).astype(np.int32))
         self._reset()
         self.clock.fresh.zero_()
         return self.observation
