@@ -17,7 +17,7 @@ import warp as wp
 
 from lissajous_env.device.devices import as_device, side_by_side
 
-WORLD, ROBOT, TARGET, ROW = "world", "robot", "target", "row"
+WORLD, ROBOT, TARGET, ROW, FIELD_ROW = "world", "robot", "target", "row", "field row"
 
 _MOST_LAUNCHES = 64
 """Launches that a launcher keeps ready."""
@@ -35,7 +35,7 @@ class Stage:
     run: Any
     """A Warp kernel, or a function without arguments that is called on the host."""
     over: str = WORLD
-    """What the kernel goes over: WORLD, ROBOT, TARGET or ROW (of the grid)."""
+    """What the kernel goes over: WORLD, ROBOT, TARGET, ROW (of the coverage grid) or FIELD_ROW (of contamination)."""
     when: bool = True
     """Whether the program has it."""
     own: Mapping[str, Any] = field(default_factory=dict)

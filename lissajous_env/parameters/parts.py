@@ -223,12 +223,23 @@ class Targets(Checked):
     """Distance to a robot below which a fleeing target runs [m]."""
     flee_speed: float = number(0.6, 0, 1e4, "m/s")
     """Speed of a running target [m/s]; the boundary can make it slower."""
+    speed_limit: float | None = number(None, 0, 1e4, "m/s")
+    """Speed that no rogue is above, seen or unseen, for the guaranteed detection time [m/s]; None is the highest that
+    these targets move at, and has to be given where they move as the scenario's own motion says."""
     leave: bool = flag(True)
     """Whether a target leaves once it was detected."""
 
     def _check_together(self) -> None:
         total = self.drifting + self.wandering + self.fleeing + self.custom
         self._require(total < 1 + 1e-9, "fleeing", "must leave drifting + wandering + fleeing + custom at 1 or below")
+        rule = f"must be None or at least what these targets move at, {self.speed_max:g} m/s,"
+        self._require(self.speed_limit is None or self.speed_limit >= self.speed_max, "speed_limit", rule)
+
+    @property
+    def speed_max(self) -> float:
+        """Highest speed at which they drift, wander and flee [m/s]."""
+        roaming = self.drifting + self.wandering + self.fleeing > 0
+        return max(self.speed if roaming else 0.0, self.flee_speed if self.fleeing > 0 else 0.0)
 
 
 @dataclass(frozen=True)
@@ -290,6 +301,17 @@ class Task(Checked):
         optional=True,
     )
     """Columns and rows of the coverage grid; None leaves coverage and idleness out."""
+    contamination: tuple[int, int] | None = rows(
+        None,
+        "must be (columns, rows), each from 1 to 4096, or None",
+        _as_lines,
+        optional=True,
+    )
+    """Columns and rows of the grid on which is followed where a rogue may be that was never seen, for the guaranteed
+    detection time; None leaves it out. Places are known to about half a cell: halve the cells to halve the error."""
+    conservative: bool = flag(False)
+    """Whether that error is on the safe side: sensors are a cell smaller, rogues 5 % faster than they are, and what is
+    sensed between two control steps does not count, so that no rogue is unseen for longer than the figure."""
     on_collision: str = choice("count", "count", "stop", "remove")
     """What a collision does to the two robots: nothing but count, stops them for good, or removes (terminates) them."""
     boundary: str = choice("open", "open", "wall", "remove")
@@ -309,10 +331,14 @@ class Task(Checked):
     """Reward of every robot per second and radian of phase error: the largest deviation from the equilibrium (2)."""
     reward_outside: float = number(0.0, -1e6, 1e6, "1/s")
     """Reward of a robot per second that its whole body is outside the rectangle."""
+    reward_contamination: float = number(0.0, -1e6, 1e6, "1/s")
+    """Reward of every robot per second by which the mean age of contamination becomes less."""
 
     def _check_together(self) -> None:
         self._require(self.duration >= self.step, "duration", f"must be at least one step of {self.step} s")
         self._require(self.grid is None or len(self.grid) == 2, "grid", "must be (columns, rows) or None")
+        fits = self.contamination is None or len(self.contamination) == 2
+        self._require(fits, "contamination", "must be (columns, rows) or None")
         self._require(self.duration <= self.step * 2**20, "duration", f"must be at most {2**20} steps")
 
     @property

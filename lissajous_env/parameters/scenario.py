@@ -16,6 +16,7 @@ import numpy as np
 
 from lissajous_env.parameters.extensions import Extension, as_extensions
 from lissajous_env.parameters.parts import MOST_TARGETS, Curve, Faults, Formation, Noise, Robot, Sensing, Targets, Task
+from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.robots.table import model_of
 
@@ -52,6 +53,7 @@ class Scenario:
         self._check_robots()
         self._check_times()
         model_of(self.robot.kind).check(self.curve, self.formation, self.robot, self.noise, self.task)
+        self._check_contamination()
         if self.target_capacity > MOST_TARGETS:
             rule = f"must bring at most {MOST_TARGETS} targets an episode, with those of the start and six deviations"
             raise ValueError(f"targets.arrival_rate {rule} [1/s], got {self.targets.arrival_rate}")
@@ -78,6 +80,12 @@ class Scenario:
             raise ValueError(f"formation.ring must hold each of the {n} robots once, got {ring}")
         if self.faults.lost > n:
             raise ValueError(f"faults.lost must be at most the {n} robots, got {self.faults.lost}")
+
+    def _check_contamination(self) -> None:
+        if self.task.contamination is not None and self.targets.custom > 0 and self.targets.speed_limit is None:
+            rule = "must be given where targets move as the scenario's own motion says and contamination is followed"
+            raise ValueError(f"targets.speed_limit {rule} [m/s], got None")
+        _ = self.spreading
 
     def _check_times(self) -> None:
         """What is rounded to steps must not vanish."""
@@ -159,6 +167,17 @@ class Scenario:
         """T_max [s]."""
         return closed_forms.detection_time_bound(self.formation.phase_rate, self.num_robots, self.clusters)
 
+    @property
+    def rogue_speed(self) -> float:
+        """Speed that no rogue is above [m/s]: that of the fastest target where `targets.speed_limit` does not say."""
+        limit = self.targets.speed_limit
+        return self.targets.speed_max if limit is None else limit
+
+    @cached_property
+    def spreading(self) -> Spreading:
+        """How contamination spreads on its grid."""
+        return spreading_of(self.curve, self.task, self.sensing_radius, self.rogue_speed)
+
     @cached_property
     def target_capacity(self) -> int:
         """Most targets of one episode: those of the start, and arrivals up to six deviations above the mean."""
@@ -180,7 +199,8 @@ class Scenario:
         robot = dataclasses.replace(self.robot, count=self.num_robots, phase_rate_max=rate_max, model_offset=offset)
         formation = dataclasses.replace(self.formation, p=self.p, alpha=self.alpha, ring=self.ring)
         sensing = dataclasses.replace(self.sensing, radius=self.sensing_radius)
-        return dataclasses.replace(self, robot=robot, formation=formation, sensing=sensing)
+        targets = dataclasses.replace(self.targets, speed_limit=self.rogue_speed)
+        return dataclasses.replace(self, robot=robot, formation=formation, sensing=sensing, targets=targets)
 
     def to_dict(self) -> dict:
         """Nested plain values, as written beside results."""

@@ -4,11 +4,11 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import TaskStruct
-from lissajous_env.world.state import Clock, Latest, Tally
+from lissajous_env.world.state import Clock, Contamination, Latest, Tally
 
 wp.set_module_options(OPTIONS)
 
-TERMS = ("detection", "waiting", "collision", "idleness", "effort", "formation", "outside")
+TERMS = ("detection", "waiting", "collision", "idleness", "effort", "formation", "outside", "contamination")
 _TERMS = wp.constant(len(TERMS))
 
 
@@ -19,6 +19,7 @@ def give_reward(
     task: TaskStruct,
     cells_total: int,
     clock: Clock,
+    contamination: Contamination,
     latest: Latest,
     tally: Tally,
 ):
@@ -29,6 +30,7 @@ def give_reward(
     waiting = task.reward_waiting * float(latest.waiting[w]) * task.step
     idleness = task.reward_idleness * float(latest.idle_ended[w]) * task.step / float(wp.max(cells_total, 1))
     formation = task.reward_formation * tally.phase_error[w] * task.step
+    eased = task.reward_contamination * contamination.eased[w] * task.step
     for i in range(lane, latest.reward.shape[1], lanes):
         if clock.active[w] == 0:  # the episode has ended
             for term in range(count):
@@ -49,7 +51,8 @@ def give_reward(
             latest.terms[w, i, 4] = effort
             latest.terms[w, i, 5] = part * formation
             latest.terms[w, i, 6] = outside
-            reward = detection + part * (waiting + idleness + formation) + collision + effort + outside
+            latest.terms[w, i, 7] = part * eased
+            reward = detection + part * (waiting + idleness + formation + eased) + collision + effort + outside
             for term in range(_TERMS, count):
                 latest.terms[w, i, term] = part * latest.terms[w, i, term]
                 reward += latest.terms[w, i, term]

@@ -14,7 +14,8 @@ COLUMNS = (
     "detection_time_p95", "detection_time_max", "detected_within_bound", "collisions", "contact_time",
     "min_separation", "coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "lateral_error_mean",
     "lateral_error_max", "tracking_error_mean", "tracking_error_max", "spacing_factor", "phase_error", "recovery_time",
-    "outside_time", "distance_mean", "speed_max", "smoothness", "sensed_fraction", "return_mean",
+    "outside_time", "distance_mean", "speed_max", "smoothness", "sensed_fraction", "guaranteed_detection_time",
+    "unseen_at_end", "contaminated_age_mean", "guarantee_recovery_time", "return_mean",
 )  # fmt: skip
 
 STAYS = 1.0
@@ -31,6 +32,7 @@ def score_rows(
     clock: Any,
     targets: Any,
     cells: Any,
+    contamination: Any,
     tally: Any,
     brought: Mapping[str, np.ndarray],
     worlds: np.ndarray,
@@ -46,6 +48,8 @@ def score_rows(
     appears_at, found_at = targets.appears_at.numpy(), targets.found_at.numpy()
     sensed_at, idle_squares = cells.sensed_at.numpy(), cells.idle_squares.numpy()
     idle_max = cells.idle_max.numpy()
+    unseen = {name: getattr(contamination, name).numpy() for name in ("age", "age_max", "mean_age_sum", "high_at")}
+    follows = scenario.task.contamination is not None
     rows = []
     for w in worlds:
         now = int(now_of[w])
@@ -56,6 +60,8 @@ def score_rows(
         has_grid, fault_end = scenario.task.grid is not None, int(host["fault_end"][w])
         squares = idle_squares[w].sum(dtype=float) + np.sum(open_gaps.astype(float) ** 2)
         recovered = fault_end >= 0 and (now - host["off_at"][w]) * step >= STAYS
+        high_at = int(unseen["high_at"][w])
+        regained = follows and fault_end >= 0 and high_at >= 0 and (now - high_at) * step >= STAYS
         rows.append({
             "scenario": scenario.name,
             "seed": int(seed_of[w]),
@@ -84,6 +90,10 @@ def score_rows(
             "speed_max": host["speed_max"][w],
             "smoothness": host["change_sum"][w] / (now - 1) if now > 1 else np.nan,
             "sensed_fraction": host["covered"][w] / open_gaps.size if has_grid else np.nan,
+            "guaranteed_detection_time": unseen["age_max"][w] * step if follows else np.nan,
+            "unseen_at_end": unseen["age"][w] * step if follows else np.nan,
+            "contaminated_age_mean": unseen["mean_age_sum"][w] / max(now, 1) * step if follows else np.nan,
+            "guarantee_recovery_time": max(high_at + 1 - fault_end, 0) * step if regained else np.nan,
             "return_mean": host["returns"][w].mean(),
             **{name: values[w] for name, values in brought.items()},
         })  # fmt: skip

@@ -7,20 +7,32 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in
-from lissajous_env.device.program import ROBOT, ROW, TARGET, Program
+from lissajous_env.device.program import FIELD_ROW, ROBOT, ROW, TARGET, Program
 from lissajous_env.parameters import named
 from lissajous_env.parameters.checks import is_whole
 from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.constants import constants_of
+from lissajous_env.world.contamination import MARGIN, NONE
 from lissajous_env.world.extended import Extended
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
 from lissajous_env.world.score import score_rows
 from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
-from lissajous_env.world.state import RUNNING, Cells, Clock, Latest, Links, Robots, Tally, Targets, allocate
+from lissajous_env.world.state import (
+    RUNNING,
+    Cells,
+    Clock,
+    Contamination,
+    Latest,
+    Links,
+    Robots,
+    Tally,
+    Targets,
+    allocate,
+)
 
 _LAST_SEED = 2**31 - 1
 _TARGET_BYTES = 32
@@ -138,7 +150,9 @@ class Simulation:
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
         """Score of the latest episode of some worlds so far, one row each: `lissajous_env.world.score.COLUMNS`."""
         chosen, brought = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
-        return score_rows(self.scenario, self.clock, self.targets, self.cells, self.tally, brought, chosen)
+        return score_rows(
+            self.scenario, self.clock, self.targets, self.cells, self.contamination, self.tally, brought, chosen
+        )
 
     @property
     def over(self) -> np.ndarray:
@@ -151,7 +165,9 @@ class Simulation:
         columns, rows = scenario.task.grid or (1, 1)
         words = (columns + 31) // 32
         delay = round(scenario.noise.message_delay / scenario.task.step)
-        large = [t * _TARGET_BYTES, rows * columns * 4, rows * n * words * 4, n * n * 4]
+        hops = scenario.spreading
+        labels = (hops.columns + 2 * int(MARGIN)) * (hops.rows + 2 * int(MARGIN)) * hops.ring
+        large = [t * _TARGET_BYTES, labels * 4, rows * columns * 4, rows * n * words * 4, n * n * 4]
         check_room([*large, n * (delay + 1) * 16, 2 * n * self.layout.size * 4], w, self.device)
         each, robot = (w,), (w, n)
         self.clock = allocate(Clock, {}, each, self.device)
@@ -161,6 +177,11 @@ class Simulation:
         self.targets = allocate(Targets, {}, (w, t), self.device)
         grid = {"sensed_at": (w, rows, columns), "sensed": (w, rows, words), "sensed_by": (w, rows, n, words)}
         self.cells = allocate(Cells, grid, (w, rows), self.device)
+        bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
+        field = {"labels": (w, labels), "sensed": bits, "swept": bits, "wiped": bits}
+        field |= {"row_oldest": field_row, "row_ages": field_row}
+        self.contamination = allocate(Contamination, field, each, self.device)
+        self.contamination.labels.fill_(NONE)
         terms = {"in_sight": each, "waiting": each, "idle_ended": each, "terms": (w, n, len(self.reward_term_names))}
         self.latest = allocate(Latest, terms, robot, self.device)
         self.tally = allocate(Tally, {"contact": (w, n, n), "returns": robot}, each, self.device)
@@ -185,6 +206,7 @@ class Simulation:
             "links": self.links,
             "targets": self.targets,
             "cells": self.cells,
+            "contamination": self.contamination,
             "latest": self.latest,
             "tally": self.tally,
         }
@@ -203,6 +225,7 @@ class Simulation:
         values |= {f"{name}_out": values[name] for name in ("command", "observation", "final_observation")}
         rows = self.cells.idle_max.shape[1]
         sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: rows}
+        sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1]}
         place = self.num_worlds, self.device, self.threads
         self._extended = Extended(self.scenario, structs, self.observation)
         self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario)), values, sizes, *place)
@@ -218,7 +241,16 @@ class Simulation:
         return chosen_worlds(worlds, self.num_worlds)
 
     def _groups(self) -> dict[str, Any]:
-        structs = (self.clock, self.robots, self.links, self.targets, self.cells, self.latest, self.tally)
+        structs = (
+            self.clock,
+            self.robots,
+            self.links,
+            self.targets,
+            self.cells,
+            self.contamination,
+            self.latest,
+            self.tally,
+        )
         arrays = {f"{s._cls.key}.{name}": getattr(s, name) for s in structs for name in s._cls.vars}
         del arrays["Clock.active"], arrays["Clock.fresh"]  # each step and reset says anew whom it is for
         arrays |= self._extended.kept

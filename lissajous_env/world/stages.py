@@ -5,15 +5,19 @@ takes is found by the names of its parameters, among the state (`lissajous_env.w
 (`lissajous_env.world.constants`). A stage passes over worlds in which `clock.active` is 0.
 """
 
-from lissajous_env.device.program import ROBOT, ROW, TARGET, WORLD, Stage
+from collections.abc import Iterable
+
+from lissajous_env.device.program import FIELD_ROW, ROBOT, ROW, TARGET, WORLD, Stage
 from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.world.boundary import watch_boundary
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
 from lissajous_env.world.collisions import find_collisions, take_consequences
 from lissajous_env.world.commands import take_commands
+from lissajous_env.world.contamination import clear_cells, reset_labels, spread
 from lissajous_env.world.coverage import cover, reset_cells
 from lissajous_env.world.events import clear_events, reset_events
 from lissajous_env.world.faults import reset_losses, update_status
+from lissajous_env.world.guarantee import keep_guarantee, reset_guarantee
 from lissajous_env.world.measurement import measure
 from lissajous_env.world.messages import hear, reset_messages, send
 from lissajous_env.world.observation import keep_final, observe
@@ -39,6 +43,7 @@ def step_stages(scenario: Scenario) -> list[Stage]:
         Stage("collisions", find_collisions, ROBOT),
         Stage("targets", move_and_detect, TARGET),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
+        *_contamination_stages(scenario, range(scenario.spreading.ticks)),
         Stage("consequences", take_consequences, ROBOT, when=scenario.task.on_collision != "count"),
         Stage("boundary", watch_boundary, ROBOT),
         Stage("score", keep_score, WORLD),
@@ -51,6 +56,7 @@ def step_stages(scenario: Scenario) -> list[Stage]:
 
 def reset_stages(scenario: Scenario) -> list[Stage]:
     """What happens at the beginning of an episode."""
+    follows = scenario.task.contamination is not None
     return [
         Stage("clock", reset_clock, WORLD),
         Stage("losses", reset_losses, WORLD),
@@ -65,9 +71,24 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("detection", move_and_detect, TARGET),
         Stage("cells", reset_cells, ROW),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
+        Stage("labels", reset_labels, FIELD_ROW, when=follows),
+        Stage("unseen", reset_guarantee, WORLD, when=follows),
+        *_contamination_stages(scenario, [scenario.spreading.ticks - 1]),
         Stage("boundary", watch_boundary, ROBOT),
         Stage("score", keep_score, WORLD),
         Stage("hearing", hear, ROBOT),
         Stage("final", keep_final, ROBOT),
         Stage("observation", observe, ROBOT),
     ]
+
+
+def _contamination_stages(scenario: Scenario, ticks: Iterable[int]) -> list[Stage]:
+    """What is done in each tick of a step, then the time that a rogue can have gone unseen."""
+    if scenario.task.contamination is None:
+        return []
+    stages = []
+    for tick in ticks:
+        count, own = f" {tick + 1}" if scenario.spreading.ticks > 1 else "", {"tick": tick}
+        stages.append(Stage(f"clearing{count}", clear_cells, FIELD_ROW, own=own))
+        stages.append(Stage(f"contamination{count}", spread, FIELD_ROW, own=own))
+    return [*stages, Stage("guarantee", keep_guarantee, WORLD)]

@@ -131,6 +131,42 @@ class Cells:
 
 
 @wp.struct
+class Contamination:
+    """Where rogues may be that were never seen: `lissajous_env.world.contamination`. L labels of a world."""
+
+    labels: wp.array2d(dtype=wp.int32)
+    """(W, L) label of each cell in each of the latest ticks, with a margin of cells around the grid."""
+    sensed: wp.array3d(dtype=wp.uint32)
+    """(W, R, B) a bit for each cell that a robot senses now."""
+    swept: wp.array3d(dtype=wp.uint32)
+    """(W, R, B) a bit for each cell that a robot has sensed since the tick before."""
+    wiped: wp.array3d(dtype=wp.uint32)
+    """(W, R, B) a bit for each cell that has no label in any tick."""
+    row_oldest: wp.array2d(dtype=wp.int32)
+    """(W, R) earliest introduction of a rogue that may be in this row now [step]; NEVER for none."""
+    row_ages: wp.array2d(dtype=wp.int64)
+    """(W, R) time since the introduction, summed over the cells of this row [step]."""
+    oldest: wp.array(dtype=wp.int32)
+    """(W,) min e, the earliest introduction of a rogue that may be anywhere now [step]; NEVER for none."""
+    age: wp.array(dtype=wp.int32)
+    """(W,) how long a rogue can have gone unseen now [step]."""
+    age_max: wp.array(dtype=wp.int32)
+    """(W,) the longest of the episode [step]."""
+    mean_age: wp.array(dtype=wp.float32)
+    """(W,) time since the introduction, mean over the cells, 0 where one is cleared [step]."""
+    mean_age_sum: wp.array(dtype=wp.float64)
+    """(W,) the same, summed over steps [step]."""
+    eased: wp.array(dtype=wp.float32)
+    """(W,) by what the mean age became less in the latest step [step]."""
+    failed: wp.array(dtype=wp.int32)
+    """(W,) 1 once a robot has failed."""
+    age_before: wp.array(dtype=wp.int32)
+    """(W,) the longest before the first fault [step]."""
+    high_at: wp.array(dtype=wp.int32)
+    """(W,) latest step in which the age was 1.1 times that or more, after the first fault; -1 for none."""
+
+
+@wp.struct
 class Latest:
     """What happened in the latest step."""
 
@@ -151,7 +187,7 @@ class Latest:
     idle_ended: wp.array(dtype=wp.int64)
     """(W,) idleness of the cells that were sensed, summed [step]."""
     terms: wp.array3d(dtype=wp.float32)
-    """(W, N, 7) terms of the reward: `lissajous_env.world.reward.TERMS`, then those that were brought."""
+    """(W, N, 8) terms of the reward: `lissajous_env.world.reward.TERMS`, then those that were brought."""
     reward: wp.array2d(dtype=wp.float32)
     """(W, N) their sum."""
     terminated: wp.array2d(dtype=wp.bool)

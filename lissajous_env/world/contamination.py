@@ -1,0 +1,345 @@
+"""Contamination: where a rogue may be that was never seen, whatever it does, and since when.
+
+Of each cell of a grid is known e, the earliest time at which a rogue can have been introduced that may be there now
+and was in no working robot's disc since. In the words of the search for evaders a cell with such a rogue is
+contaminated, one without is cleared: T. D. Parsons, "Pursuit-evasion in a graph" (Theory and Applications of Graphs,
+1978); L. J. Guibas, J.-C. Latombe, S. M. LaValle, D. Lin, R. Motwani, "A visibility-based pursuit-evasion problem"
+(Int. J. Computational Geometry & Applications 9, 1999). t - min e is how long a rogue can have gone unseen.
+
+A label is e in control steps times 256, plus what share of a tick the rogue came after the tick before: of two labels
+the smaller one is older or, of one age, came earlier. The labels of the latest ticks are kept of each cell, because a
+rogue that hops now (`lissajous_env.parameters.spreading`) came to where it hops from some ticks ago. A cell that is
+sensed loses them all: a rogue on its way is where it came from, until it arrives.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.part_structs import TargetStruct
+from lissajous_env.device.structs import place_of
+from lissajous_env.parameters import parts
+from lissajous_env.parameters.spreading import HOPS, SHARES, Spreading
+from lissajous_env.world.coverage import run_of_bits
+from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
+
+wp.set_module_options(OPTIONS)
+
+MARGIN = wp.constant(2)
+"""Cells around the grid in which no rogue is, so that hops need not ask for its edge."""
+NONE = wp.constant(0x7FFFFF00)
+"""Labels from here on say that there is no rogue."""
+
+Five = wp.types.vector(len(HOPS), wp.int32)
+
+_BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
+_SHARES = wp.constant(SHARES)
+
+
+@wp.struct
+class Hops:
+    """`lissajous_env.parameters.spreading.Spreading` as kernels see it."""
+
+    columns: int
+    radius: float
+    ticks: int
+    period: int
+    ring: int
+    swept: int
+    """1 where what discs pass over between two ticks is sensed, 0 where what they cover at the ticks alone is."""
+    delays: wp.array(dtype=wp.int32)
+    shares: wp.array(dtype=wp.int32)
+
+
+def as_hops(spreading: Spreading, swept: bool, device: Any) -> Hops:
+    """Copy hops to a device."""
+    hops = Hops()
+    for name in ("columns", "radius", "ticks", "period", "ring"):
+        setattr(hops, name, getattr(spreading, name))
+    hops.swept = int(swept)
+    hops.delays = wp.array(spreading.delays, dtype=wp.int32, device=device)
+    hops.shares = wp.array(spreading.shares, dtype=wp.int32, device=device)
+    return hops
+
+
+@wp.func
+def place_of_cell(row: int, column: int, columns: int, ring: int) -> int:
+    """Where the labels of a cell begin among those of its world."""
+    return ((row + MARGIN) * (columns + 2 * MARGIN) + column + MARGIN) * ring
+
+
+@wp.func
+def is_entry(entry: int, row: int, column: int, rows: int, columns: int) -> bool:
+    """Whether rogues are introduced in a cell."""
+    on_edge = row == 0 or column == 0 or row == rows - 1 or column == columns - 1
+    return entry != _BOUNDARY or on_edge
+
+
+@wp.func
+def along(track: wp.array3d(dtype=wp.vec3), w: int, i: int, share: float) -> wp.vec2:
+    """Place of a robot at a share of the latest step [m]."""
+    last = track.shape[2] - 1
+    s = wp.min(int(share * float(last)), last - 1)
+    place = wp.lerp(track[w, i, s], track[w, i, s + 1], share * float(last) - float(s))
+    return wp.vec2(place[0], place[1])
+
+
+@wp.func
+def disc_run(place: wp.vec2, radius: float, y: float) -> wp.vec2:
+    """Least and greatest x of a disc at a height y [m]; nothing where the first is above the second."""
+    square = radius * radius - (y - place[1]) * (y - place[1])
+    if square < 0.0 or radius <= 0.0:
+        return wp.vec2(1.0e30, -1.0e30)
+    half = wp.sqrt(square)
+    return wp.vec2(place[0] - half, place[0] + half)
+
+
+@wp.func
+def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float) -> wp.vec2:
+    """Least and greatest x at a height y of what a disc passes over that moves from a to b [m]."""
+    first = disc_run(a, radius, y)
+    last = disc_run(b, radius, y)
+    low = wp.min(first[0], last[0])
+    high = wp.max(first[1], last[1])
+    way = wp.length(b - a)
+    if way > 1.0e-6 and radius > 0.0:
+        # The rectangle between the two discs: within the radius of the line, and between the ends of the way.
+        u = (b - a) / way
+        above = y - a[1]
+        least = float(-1.0e30)
+        most = float(1.0e30)
+        if wp.abs(u[1]) > 1.0e-6:
+            middle = a[0] + above * u[0] / u[1]
+            reach = radius / wp.abs(u[1])
+            least = middle - reach
+            most = middle + reach
+        elif wp.abs(above) > radius:
+            return wp.vec2(low, high)
+        if wp.abs(u[0]) > 1.0e-6:
+            start = a[0] - above * u[1] / u[0]
+            end = start + way / u[0]
+            least = wp.max(least, wp.min(start, end))
+            most = wp.min(most, wp.max(start, end))
+        elif above * u[1] < 0.0 or above * u[1] > way:
+            return wp.vec2(low, high)
+        if least <= most:
+            low = wp.min(low, least)
+            high = wp.max(high, most)
+    return wp.vec2(low, high)
+
+
+@wp.func
+def columns_of(run: wp.vec2, half_width: float, columns: int) -> wp.vec2i:
+    """First and last column whose centre lies in a run of x [m]; the first is above the last where none does."""
+    scale = float(columns) / (2.0 * half_width)
+    low = wp.ceil((run[0] + half_width) * scale - 0.5)
+    high = wp.floor((run[1] + half_width) * scale - 0.5)
+    # Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
+    first = int(wp.clamp(low, 0.0, float(columns)))
+    return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
+
+
+@wp.func
+def slot_of(step: int, tick: int, hops: Hops) -> int:
+    """Where the labels of a tick stand, of those that are kept."""
+    return (ticks_passed(step, tick, hops) + hops.ring) % hops.ring
+
+
+@wp.func
+def ticks_passed(step: int, tick: int, hops: Hops) -> int:
+    """Ticks since the reset, the given one of the latest step with them."""
+    if hops.ticks > 1:
+        return (step - 1) * hops.ticks + tick + 1
+    return step / hops.period
+
+
+@wp.kernel
+def clear_cells(
+    first: int,
+    lanes: int,
+    curve: CurveStruct,
+    hops: Hops,
+    tick: int,
+    clock: Clock,
+    robots: Robots,
+    contamination: Contamination,
+):
+    """Find the cells that are sensed in a tick, and forget the rogues of those that were in the tick before."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    rows = contamination.sensed.shape[1]
+    words = contamination.sensed.shape[2]
+    cell_height = 2.0 * curve.half_height / float(rows)
+    pieces = int(0)
+    if hops.swept == 1:
+        pieces = (robots.track.shape[2] - 2 + hops.ticks) / hops.ticks
+    slot = slot_of(clock.step[w], tick, hops)
+    # Under the labels of the tick before, in the ring that the first tick of an episode does not have yet.
+    latest = (slot - 1 + hops.ring) % hops.ring
+    if hops.period > 1 and clock.step[w] % hops.period != 0:
+        latest = slot
+    for row in range(lane, rows, lanes):
+        for word in range(words):
+            passed = contamination.swept[w, row, word] & ~contamination.wiped[w, row, word]
+            if passed != wp.uint32(0):
+                for bit in range(32):
+                    if (passed >> wp.uint32(bit)) & wp.uint32(1) != wp.uint32(0):
+                        place = place_of_cell(row, 32 * word + bit, hops.columns, hops.ring)
+                        for k in range(hops.ring):
+                            if k != latest:
+                                contamination.labels[w, place + k] = NONE
+            contamination.wiped[w, row, word] = contamination.sensed[w, row, word]
+            contamination.swept[w, row, word] = wp.uint32(0)
+            contamination.sensed[w, row, word] = wp.uint32(0)
+        y = (float(row) + 0.5) * cell_height - curve.half_height
+        for i in range(robots.sensor.shape[1]):
+            if robots.sensor[w, i][0] < 0.5 * NOWHERE:
+                end = along(robots.track, w, i, float(tick + 1) / float(hops.ticks))
+                run = columns_of(disc_run(end, hops.radius, y), curve.half_width, hops.columns)
+                for word in range(run[0] / 32, run[1] / 32 + 1):
+                    bits = run_of_bits(word, run[0], run[1])
+                    contamination.sensed[w, row, word] |= bits
+                    contamination.swept[w, row, word] |= bits
+                for piece in range(pieces):
+                    count = float(hops.ticks * pieces)
+                    start = along(robots.track, w, i, float(tick * pieces + piece) / count)
+                    end = along(robots.track, w, i, float(tick * pieces + piece + 1) / count)
+                    run = columns_of(swept_run(start, end, hops.radius, y), curve.half_width, hops.columns)
+                    for word in range(run[0] / 32, run[1] / 32 + 1):
+                        contamination.swept[w, row, word] |= run_of_bits(word, run[0], run[1])
+
+
+@wp.kernel
+def reset_labels(
+    first: int,
+    lanes: int,
+    target: TargetStruct,
+    hops: Hops,
+    clock: Clock,
+    contamination: Contamination,
+):
+    """Let rogues that are present from the start be wherever they are introduced and no robot senses."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    rows = contamination.sensed.shape[1]
+    for row in range(lane, rows, lanes):
+        for word in range(contamination.sensed.shape[2]):
+            contamination.sensed[w, row, word] = wp.uint32(0)
+            contamination.swept[w, row, word] = wp.uint32(0)
+            contamination.wiped[w, row, word] = wp.uint32(0)
+        for column in range(hops.columns):
+            label = int(NONE)
+            if target.count > 0 and is_entry(target.entry, row, column, rows, hops.columns):
+                label = 0
+            place = place_of_cell(row, column, hops.columns, hops.ring)
+            for k in range(hops.ring):
+                contamination.labels[w, place + k] = label
+    if lane == 0:
+        contamination.oldest[w] = wp.where(target.count > 0, 0, NEVER)
+
+
+@wp.func
+def hopped(w: int, place: int, now: int, before: int, share: int, contamination: Contamination) -> int:
+    """Label of a rogue that hops here from a cell whose labels begin at `place`.
+
+    A hop takes some ticks and a share of one. `now` is where the label of that many ticks ago stands, `before` the one
+    of a tick earlier: who came within the share that is missing has not arrived yet.
+    """
+    label = contamination.labels[w, place + now]
+    if (label & _SHARES) + share <= _SHARES:
+        return label + share
+    earlier = contamination.labels[w, place + before]
+    came = earlier & _SHARES
+    return earlier - came + wp.max(came + share - _SHARES, 0)
+
+
+@wp.kernel
+def spread(
+    first: int,
+    lanes: int,
+    target: TargetStruct,
+    hops: Hops,
+    tick: int,
+    clock: Clock,
+    contamination: Contamination,
+):
+    """Let rogues stay, hop and be introduced where no robot senses."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    now = clock.step[w]
+    passed = ticks_passed(now, tick, hops)
+    moves = now % hops.period == 0 and now > 0
+    ring = hops.ring
+    slot = passed % ring
+    latest = (passed - 1 + ring) % ring
+    # Where the labels stand that the five lengths of hops ask for; all the same where rogues stand still.
+    at = Five()
+    before = Five()
+    share = Five()
+    for k in range(hops.delays.shape[0]):
+        at[k] = (passed - hops.delays[k] + 2 * ring) % ring
+        before[k] = (passed - hops.delays[k] - 1 + 2 * ring) % ring
+        share[k] = hops.shares[k]
+    rows = contamination.sensed.shape[1]
+    right = ring
+    up = (hops.columns + 2 * MARGIN) * ring
+    oldest = contamination.oldest[w]
+    for row in range(lane, rows, lanes):
+        row_oldest = int(NEVER)
+        ages = wp.int64(0)
+        for word in range(contamination.sensed.shape[2]):
+            sensed = contamination.sensed[w, row, word]
+            swept = contamination.swept[w, row, word]
+            cells = run_of_bits(word, 0, hops.columns - 1)
+            if (sensed & contamination.wiped[w, row, word]) != cells:
+                for bit in range(wp.min(32, hops.columns - 32 * word)):
+                    column = 32 * word + bit
+                    place = place_of_cell(row, column, hops.columns, ring)
+                    if (sensed >> wp.uint32(bit)) & wp.uint32(1) != wp.uint32(0):
+                        contamination.labels[w, place + slot] = NONE
+                    else:
+                        label = int(NONE)  # who stayed was seen, who hops here was not
+                        if (swept >> wp.uint32(bit)) & wp.uint32(1) == wp.uint32(0):
+                            label = contamination.labels[w, place + wp.where(moves, latest, slot)]
+                        if moves:
+                            label = wp.where(label < NONE, label & ~_SHARES, label)  # came a tick ago or more
+                        enters = now > 0 and target.arrival_rate > 0.0
+                        if enters and is_entry(target.entry, row, column, rows, hops.columns):
+                            label = wp.min(label, now * 256 + _SHARES)
+                        # What is as old as any in this world gets no older.
+                        if moves and hops.delays.shape[0] > 0 and label / 256 > oldest:
+                            a, b, s = at[0], before[0], share[0]
+                            label = wp.min(label, hopped(w, place + right, a, b, s, contamination))
+                            label = wp.min(label, hopped(w, place - right, a, b, s, contamination))
+                            a, b, s = at[1], before[1], share[1]
+                            label = wp.min(label, hopped(w, place + up, a, b, s, contamination))
+                            label = wp.min(label, hopped(w, place - up, a, b, s, contamination))
+                            a, b, s = at[2], before[2], share[2]
+                            label = wp.min(label, hopped(w, place + up + right, a, b, s, contamination))
+                            label = wp.min(label, hopped(w, place + up - right, a, b, s, contamination))
+                            label = wp.min(label, hopped(w, place - up + right, a, b, s, contamination))
+                            label = wp.min(label, hopped(w, place - up - right, a, b, s, contamination))
+                            a, b, s = at[3], before[3], share[3]
+                            label = wp.min(label, hopped(w, place + up + 2 * right, a, b, s, contamination))
+                            label = wp.min(label, hopped(w, place + up - 2 * right, a, b, s, contamination))
+                            label = wp.min(label, hopped(w, place - up + 2 * right, a, b, s, contamination))
+                            label = wp.min(label, hopped(w, place - up - 2 * right, a, b, s, contamination))
+                            a, b, s = at[4], before[4], share[4]
+                            label = wp.min(label, hopped(w, place + 2 * up + right, a, b, s, contamination))
+                            label = wp.min(label, hopped(w, place + 2 * up - right, a, b, s, contamination))
+                            label = wp.min(label, hopped(w, place - 2 * up + right, a, b, s, contamination))
+                            label = wp.min(label, hopped(w, place - 2 * up - right, a, b, s, contamination))
+                        contamination.labels[w, place + slot] = label
+                        if label < NONE:
+                            row_oldest = wp.min(row_oldest, label / 256)
+                            ages += wp.int64(now - label / 256)
+        contamination.row_oldest[w, row] = row_oldest
+        contamination.row_ages[w, row] = ages

@@ -1,0 +1,52 @@
+"""How long a rogue can have gone unseen, whatever it did: now, at worst, on the mean, and after a fault."""
+
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.world.contamination import Hops
+from lissajous_env.world.state import NEVER, WORKING, Clock, Contamination, Robots
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.kernel
+def reset_guarantee(first: int, clock: Clock, contamination: Contamination):
+    """Begin with no time unseen."""
+    w = first + wp.tid()
+    if clock.active[w] == 0:
+        return
+    contamination.age_max[w] = 0
+    contamination.mean_age[w] = 0.0
+    contamination.mean_age_sum[w] = wp.float64(0.0)
+    contamination.failed[w] = 0
+    contamination.age_before[w] = 0
+    contamination.high_at[w] = -1
+
+
+@wp.kernel
+def keep_guarantee(first: int, hops: Hops, clock: Clock, robots: Robots, contamination: Contamination):
+    """Keep how long a rogue can have gone unseen: t - min e, its largest and its mean over the cells."""
+    w = first + wp.tid()
+    if clock.active[w] == 0:
+        return
+    now = clock.step[w]
+    oldest = int(NEVER)
+    ages = wp.int64(0)
+    for row in range(contamination.row_oldest.shape[1]):
+        oldest = wp.min(oldest, contamination.row_oldest[w, row])
+        ages += contamination.row_ages[w, row]
+    age = wp.where(oldest == NEVER, 0, now - oldest)
+    mean_age = float(ages) / float(contamination.row_oldest.shape[1] * hops.columns)
+    contamination.oldest[w] = oldest
+    contamination.age[w] = age
+    contamination.age_max[w] = wp.max(contamination.age_max[w], age)
+    contamination.eased[w] = contamination.mean_age[w] - mean_age
+    contamination.mean_age[w] = mean_age
+    contamination.mean_age_sum[w] += wp.float64(mean_age)
+    for i in range(robots.status.shape[1]):
+        if robots.status[w, i] != WORKING:
+            contamination.failed[w] = 1
+    if contamination.failed[w] == 0:
+        contamination.age_before[w] = contamination.age_max[w]
+    elif 10 * age >= 11 * contamination.age_before[w]:
+        contamination.high_at[w] = now
