@@ -65,9 +65,9 @@ def as_hops(spreading: Spreading, swept: bool, device: Any) -> Hops:
 
 
 @wp.func
-def place_of_cell(row: int, column: int, columns: int, ring: int) -> int:
-    """Where the labels of a cell begin among those of its world."""
-    return ((row + MARGIN) * (columns + 2 * MARGIN) + column + MARGIN) * ring
+def place_of_cell(row: int, column: int, columns: int) -> int:
+    """Where a cell stands among those of its world, the margin with them."""
+    return (row + MARGIN) * (columns + 2 * MARGIN) + column + MARGIN
 
 
 @wp.func
@@ -131,6 +131,12 @@ def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float) -> wp.vec2:
 
 
 @wp.func
+def lowest(bits: wp.uint32) -> int:
+    """Place of the lowest bit that is set."""
+    return int(wp.bit_count((bits & (~bits + wp.uint32(1))) - wp.uint32(1)))
+
+
+@wp.func
 def columns_of(run: wp.vec2, half_width: float, columns: int) -> wp.vec2i:
     """First and last column whose centre lies in a run of x [m]; the first is above the last where none does."""
     scale = float(columns) / (2.0 * half_width)
@@ -174,7 +180,7 @@ def clear_cells(
     rows = contamination.sensed.shape[1]
     words = contamination.sensed.shape[2]
     cell_height = 2.0 * curve.half_height / float(rows)
-    pieces = int(0)
+    pieces = int(1)
     if hops.swept == 1:
         pieces = (robots.track.shape[2] - 2 + hops.ticks) / hops.ticks
     slot = slot_of(clock.step[w], tick, hops)
@@ -185,32 +191,36 @@ def clear_cells(
     for row in range(lane, rows, lanes):
         for word in range(words):
             passed = contamination.swept[w, row, word] & ~contamination.wiped[w, row, word]
-            if passed != wp.uint32(0):
-                for bit in range(32):
-                    if (passed >> wp.uint32(bit)) & wp.uint32(1) != wp.uint32(0):
-                        place = place_of_cell(row, 32 * word + bit, hops.columns, hops.ring)
-                        for k in range(hops.ring):
-                            if k != latest:
-                                contamination.labels[w, place + k] = NONE
+            while passed != wp.uint32(0):
+                place = place_of_cell(row, 32 * word + lowest(passed), hops.columns)
+                passed &= passed - wp.uint32(1)
+                for k in range(hops.ring):
+                    if k != latest:
+                        contamination.labels[w, k, place] = NONE
             contamination.wiped[w, row, word] = contamination.sensed[w, row, word]
             contamination.swept[w, row, word] = wp.uint32(0)
             contamination.sensed[w, row, word] = wp.uint32(0)
-        y = (float(row) + 0.5) * cell_height - curve.half_height
-        for i in range(robots.sensor.shape[1]):
-            if robots.sensor[w, i][0] < 0.5 * NOWHERE:
-                end = along(robots.track, w, i, float(tick + 1) / float(hops.ticks))
-                run = columns_of(disc_run(end, hops.radius, y), curve.half_width, hops.columns)
-                for word in range(run[0] / 32, run[1] / 32 + 1):
-                    bits = run_of_bits(word, run[0], run[1])
-                    contamination.sensed[w, row, word] |= bits
-                    contamination.swept[w, row, word] |= bits
-                for piece in range(pieces):
-                    count = float(hops.ticks * pieces)
-                    start = along(robots.track, w, i, float(tick * pieces + piece) / count)
-                    end = along(robots.track, w, i, float(tick * pieces + piece + 1) / count)
-                    run = columns_of(swept_run(start, end, hops.radius, y), curve.half_width, hops.columns)
-                    for word in range(run[0] / 32, run[1] / 32 + 1):
-                        contamination.swept[w, row, word] |= run_of_bits(word, run[0], run[1])
+    for i in range(robots.sensor.shape[1]):
+        if robots.sensor[w, i][0] < 0.5 * NOWHERE:
+            start = along(robots.track, w, i, float(tick) / float(hops.ticks))
+            for piece in range(1, pieces + 1):
+                end = along(robots.track, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks))
+                low = wp.min(start[1], end[1]) - hops.radius + curve.half_height
+                high = wp.max(start[1], end[1]) + hops.radius + curve.half_height
+                first_row = int(wp.clamp(low / cell_height, 0.0, float(rows)))
+                last_row = int(wp.clamp(high / cell_height, -1.0, float(rows - 1)))
+                for row in range(first_row + (lane + lanes - first_row % lanes) % lanes, last_row + 1, lanes):
+                    y = (float(row) + 0.5) * cell_height - curve.half_height
+                    if piece == pieces:
+                        run = columns_of(disc_run(end, hops.radius, y), curve.half_width, hops.columns)
+                        for word in range(run[0] / 32, run[1] / 32 + 1):
+                            contamination.sensed[w, row, word] |= run_of_bits(word, run[0], run[1])
+                            contamination.swept[w, row, word] |= run_of_bits(word, run[0], run[1])
+                    if hops.swept == 1:
+                        run = columns_of(swept_run(start, end, hops.radius, y), curve.half_width, hops.columns)
+                        for word in range(run[0] / 32, run[1] / 32 + 1):
+                            contamination.swept[w, row, word] |= run_of_bits(word, run[0], run[1])
+                start = end
 
 
 @wp.kernel
@@ -233,30 +243,69 @@ def reset_labels(
             contamination.sensed[w, row, word] = wp.uint32(0)
             contamination.swept[w, row, word] = wp.uint32(0)
             contamination.wiped[w, row, word] = wp.uint32(0)
+            contamination.settled[w, row, word] = wp.uint32(0)
         for column in range(hops.columns):
             label = int(NONE)
             if target.count > 0 and is_entry(target.entry, row, column, rows, hops.columns):
                 label = 0
-            place = place_of_cell(row, column, hops.columns, hops.ring)
+            place = place_of_cell(row, column, hops.columns)
             for k in range(hops.ring):
-                contamination.labels[w, place + k] = label
+                contamination.labels[w, k, place] = label
     if lane == 0:
         contamination.oldest[w] = wp.where(target.count > 0, 0, NEVER)
 
 
 @wp.func
-def hopped(w: int, place: int, now: int, before: int, share: int, contamination: Contamination) -> int:
-    """Label of a rogue that hops here from a cell whose labels begin at `place`.
+def hopped(place: int, now: wp.array(dtype=int), before: wp.array(dtype=int), share: int) -> int:
+    """Label of a rogue that hops here from a cell at `place`.
 
-    A hop takes some ticks and a share of one. `now` is where the label of that many ticks ago stands, `before` the one
-    of a tick earlier: who came within the share that is missing has not arrived yet.
+    A hop takes some ticks and a share of one. `now` are the labels of that many ticks ago, `before` those of a tick
+    earlier: who came within the share that is missing has not arrived yet.
     """
-    label = contamination.labels[w, place + now]
+    label = now[place]
     if (label & _SHARES) + share <= _SHARES:
         return label + share
-    earlier = contamination.labels[w, place + before]
-    came = earlier & _SHARES
-    return earlier - came + wp.max(came + share - _SHARES, 0)
+    came = before[place] & _SHARES
+    return before[place] - came + wp.max(came + share - _SHARES, 0)
+
+
+@wp.func
+def oldest_hop(
+    w: int, place: int, up: int, at: Five, earlier: Five, shares: Five, labels: wp.array3d(dtype=int)
+) -> int:
+    """Oldest of the labels that hop here from the sixteen cells around, `up` cells from a row to the next one."""
+    label = int(NONE)
+    now, before, share = labels[w, at[0]], labels[w, earlier[0]], shares[0]
+    label = wp.min(label, hopped(place + 1, now, before, share))
+    label = wp.min(label, hopped(place - 1, now, before, share))
+    now, before, share = labels[w, at[1]], labels[w, earlier[1]], shares[1]
+    label = wp.min(label, hopped(place + up, now, before, share))
+    label = wp.min(label, hopped(place - up, now, before, share))
+    now, before, share = labels[w, at[2]], labels[w, earlier[2]], shares[2]
+    label = wp.min(label, hopped(place + up + 1, now, before, share))
+    label = wp.min(label, hopped(place + up - 1, now, before, share))
+    label = wp.min(label, hopped(place - up + 1, now, before, share))
+    label = wp.min(label, hopped(place - up - 1, now, before, share))
+    now, before, share = labels[w, at[3]], labels[w, earlier[3]], shares[3]
+    label = wp.min(label, hopped(place + up + 2, now, before, share))
+    label = wp.min(label, hopped(place + up - 2, now, before, share))
+    label = wp.min(label, hopped(place - up + 2, now, before, share))
+    label = wp.min(label, hopped(place - up - 2, now, before, share))
+    now, before, share = labels[w, at[4]], labels[w, earlier[4]], shares[4]
+    label = wp.min(label, hopped(place + 2 * up + 1, now, before, share))
+    label = wp.min(label, hopped(place + 2 * up - 1, now, before, share))
+    label = wp.min(label, hopped(place - 2 * up + 1, now, before, share))
+    label = wp.min(label, hopped(place - 2 * up - 1, now, before, share))
+    return label
+
+
+@wp.func
+def is_same(w: int, place: int, label: int, slot: int, labels: wp.array3d(dtype=int)) -> bool:
+    """Whether the labels of a cell in all ticks but that of a slot are the same one."""
+    for k in range(labels.shape[1]):
+        if k != slot and labels[w, k, place] != label:
+            return False
+    return True
 
 
 @wp.kernel
@@ -277,6 +326,8 @@ def spread(
     now = clock.step[w]
     passed = ticks_passed(now, tick, hops)
     moves = now % hops.period == 0 and now > 0
+    hop = moves and hops.delays.shape[0] > 0
+    enters = now > 0 and target.arrival_rate > 0.0
     ring = hops.ring
     slot = passed % ring
     latest = (passed - 1 + ring) % ring
@@ -289,8 +340,8 @@ def spread(
         before[k] = (passed - hops.delays[k] - 1 + 2 * ring) % ring
         share[k] = hops.shares[k]
     rows = contamination.sensed.shape[1]
-    right = ring
-    up = (hops.columns + 2 * MARGIN) * ring
+    up = hops.columns + 2 * MARGIN
+    labels = contamination.labels
     oldest = contamination.oldest[w]
     for row in range(lane, rows, lanes):
         row_oldest = int(NEVER)
@@ -298,48 +349,34 @@ def spread(
         for word in range(contamination.sensed.shape[2]):
             sensed = contamination.sensed[w, row, word]
             swept = contamination.swept[w, row, word]
-            cells = run_of_bits(word, 0, hops.columns - 1)
-            if (sensed & contamination.wiped[w, row, word]) != cells:
-                for bit in range(wp.min(32, hops.columns - 32 * word)):
-                    column = 32 * word + bit
-                    place = place_of_cell(row, column, hops.columns, ring)
-                    if (sensed >> wp.uint32(bit)) & wp.uint32(1) != wp.uint32(0):
-                        contamination.labels[w, place + slot] = NONE
-                    else:
-                        label = int(NONE)  # who stayed was seen, who hops here was not
-                        if (swept >> wp.uint32(bit)) & wp.uint32(1) == wp.uint32(0):
-                            label = contamination.labels[w, place + wp.where(moves, latest, slot)]
-                        if moves:
-                            label = wp.where(label < NONE, label & ~_SHARES, label)  # came a tick ago or more
-                        enters = now > 0 and target.arrival_rate > 0.0
-                        if enters and is_entry(target.entry, row, column, rows, hops.columns):
-                            label = wp.min(label, now * 256 + _SHARES)
-                        # What is as old as any in this world gets no older.
-                        if moves and hops.delays.shape[0] > 0 and label / 256 > oldest:
-                            a, b, s = at[0], before[0], share[0]
-                            label = wp.min(label, hopped(w, place + right, a, b, s, contamination))
-                            label = wp.min(label, hopped(w, place - right, a, b, s, contamination))
-                            a, b, s = at[1], before[1], share[1]
-                            label = wp.min(label, hopped(w, place + up, a, b, s, contamination))
-                            label = wp.min(label, hopped(w, place - up, a, b, s, contamination))
-                            a, b, s = at[2], before[2], share[2]
-                            label = wp.min(label, hopped(w, place + up + right, a, b, s, contamination))
-                            label = wp.min(label, hopped(w, place + up - right, a, b, s, contamination))
-                            label = wp.min(label, hopped(w, place - up + right, a, b, s, contamination))
-                            label = wp.min(label, hopped(w, place - up - right, a, b, s, contamination))
-                            a, b, s = at[3], before[3], share[3]
-                            label = wp.min(label, hopped(w, place + up + 2 * right, a, b, s, contamination))
-                            label = wp.min(label, hopped(w, place + up - 2 * right, a, b, s, contamination))
-                            label = wp.min(label, hopped(w, place - up + 2 * right, a, b, s, contamination))
-                            label = wp.min(label, hopped(w, place - up - 2 * right, a, b, s, contamination))
-                            a, b, s = at[4], before[4], share[4]
-                            label = wp.min(label, hopped(w, place + 2 * up + right, a, b, s, contamination))
-                            label = wp.min(label, hopped(w, place + 2 * up - right, a, b, s, contamination))
-                            label = wp.min(label, hopped(w, place - 2 * up + right, a, b, s, contamination))
-                            label = wp.min(label, hopped(w, place - 2 * up - right, a, b, s, contamination))
-                        contamination.labels[w, place + slot] = label
-                        if label < NONE:
-                            row_oldest = wp.min(row_oldest, label / 256)
-                            ages += wp.int64(now - label / 256)
+            settled = contamination.settled[w, row, word] & ~swept
+            if settled != wp.uint32(0):
+                row_oldest = oldest
+                ages += wp.int64(int(wp.bit_count(settled)) * (now - oldest))
+            todo = run_of_bits(word, 0, hops.columns - 1) & ~(sensed & contamination.wiped[w, row, word]) & ~settled
+            while todo != wp.uint32(0):
+                bit = todo & (~todo + wp.uint32(1))
+                column = 32 * word + lowest(todo)
+                todo &= ~bit
+                place = place_of_cell(row, column, hops.columns)
+                label = int(NONE)
+                if (sensed & bit) == wp.uint32(0):
+                    if (swept & bit) == wp.uint32(0):
+                        # Who stayed where discs passed was seen; who hops here now was not.
+                        label = labels[w, wp.where(moves, latest, slot), place]
+                        if moves and label < NONE:
+                            label &= ~_SHARES  # came a tick ago or more
+                    if enters and is_entry(target.entry, row, column, rows, hops.columns):
+                        label = wp.min(label, now * 256 + _SHARES)
+                    # What is as old as any in this world gets no older.
+                    if hop and label / 256 > oldest:
+                        label = wp.min(label, oldest_hop(w, place, up, at, before, share, labels))
+                    if label < NONE:
+                        row_oldest = wp.min(row_oldest, label / 256)
+                        ages += wp.int64(now - label / 256)
+                        if label == oldest * 256 and is_same(w, place, label, slot, labels):
+                            settled |= bit
+                labels[w, slot, place] = label
+            contamination.settled[w, row, word] = settled
         contamination.row_oldest[w, row] = row_oldest
         contamination.row_ages[w, row] = ages

@@ -166,8 +166,8 @@ class Simulation:
         words = (columns + 31) // 32
         delay = round(scenario.noise.message_delay / scenario.task.step)
         hops = scenario.spreading
-        labels = (hops.columns + 2 * int(MARGIN)) * (hops.rows + 2 * int(MARGIN)) * hops.ring
-        large = [t * _TARGET_BYTES, labels * 4, rows * columns * 4, rows * n * words * 4, n * n * 4]
+        labels = (hops.columns + 2 * int(MARGIN)) * (hops.rows + 2 * int(MARGIN))
+        large = [t * _TARGET_BYTES, labels * hops.ring * 4, rows * columns * 4, rows * n * words * 4, n * n * 4]
         check_room([*large, n * (delay + 1) * 16, 2 * n * self.layout.size * 4], w, self.device)
         each, robot = (w,), (w, n)
         self.clock = allocate(Clock, {}, each, self.device)
@@ -178,7 +178,7 @@ class Simulation:
         grid = {"sensed_at": (w, rows, columns), "sensed": (w, rows, words), "sensed_by": (w, rows, n, words)}
         self.cells = allocate(Cells, grid, (w, rows), self.device)
         bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
-        field = {"labels": (w, labels), "sensed": bits, "swept": bits, "wiped": bits}
+        field = {"labels": (w, hops.ring, labels), "sensed": bits, "swept": bits, "wiped": bits, "settled": bits}
         field |= {"row_oldest": field_row, "row_ages": field_row}
         self.contamination = allocate(Contamination, field, each, self.device)
         self.contamination.labels.fill_(NONE)

@@ -132,16 +132,18 @@ class Cells:
 
 @wp.struct
 class Contamination:
-    """Where rogues may be that were never seen: `lissajous_env.world.contamination`. L labels of a world."""
+    """Where rogues may be that were never seen: `lissajous_env.world.contamination`."""
 
-    labels: wp.array2d(dtype=wp.int32)
-    """(W, L) label of each cell in each of the latest ticks, with a margin of cells around the grid."""
+    labels: wp.array3d(dtype=wp.int32)
+    """(W, K, L) label in each of the latest K ticks of each cell, with a margin of cells around the grid."""
     sensed: wp.array3d(dtype=wp.uint32)
     """(W, R, B) a bit for each cell that a robot senses now."""
     swept: wp.array3d(dtype=wp.uint32)
     """(W, R, B) a bit for each cell that a robot has sensed since the tick before."""
     wiped: wp.array3d(dtype=wp.uint32)
     """(W, R, B) a bit for each cell that has no label in any tick."""
+    settled: wp.array3d(dtype=wp.uint32)
+    """(W, R, B) a bit for each cell that has the oldest label of this world in every tick."""
     row_oldest: wp.array2d(dtype=wp.int32)
     """(W, R) earliest introduction of a rogue that may be in this row now [step]; NEVER for none."""
     row_ages: wp.array2d(dtype=wp.int64)
