@@ -262,11 +262,12 @@ def hopped(place: int, now: wp.array(dtype=int), before: wp.array(dtype=int), sh
     A hop takes some ticks and a share of one. `now` are the labels of that many ticks ago, `before` those of a tick
     earlier: who came within the share that is missing has not arrived yet.
     """
-    label = now[place]
-    if (label & _SHARES) + share <= _SHARES:
-        return label + share
     came = before[place] & _SHARES
-    return before[place] - came + wp.max(came + share - _SHARES, 0)
+    label = before[place] - came + wp.max(came + share - _SHARES, 0)
+    latest = now[place]
+    if (latest & _SHARES) + share <= _SHARES:
+        label = wp.min(label, latest + share)
+    return label
 
 
 @wp.func
@@ -302,10 +303,10 @@ def oldest_hop(
 @wp.func
 def is_same(w: int, place: int, label: int, slot: int, labels: wp.array3d(dtype=int)) -> bool:
     """Whether the labels of a cell in all ticks but that of a slot are the same one."""
+    same = bool(True)
     for k in range(labels.shape[1]):
-        if k != slot and labels[w, k, place] != label:
-            return False
-    return True
+        same = same and (k == slot or labels[w, k, place] == label)
+    return same
 
 
 @wp.kernel

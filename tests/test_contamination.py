@@ -1,0 +1,284 @@
+"""The field of contamination: small stories, an independent field by brute force, and rogues that know the future."""
+
+import numpy as np
+import pytest
+import warp as wp
+from reference_contamination import Field, sensors_of
+
+import baselines
+import lissajous_env
+from lissajous_env.episodes.evaluation import Referee
+from lissajous_env.parameters.spreading import HOPS
+from lissajous_env.world.contamination import NONE, swept_run
+
+POINTS = {
+    "robot.kind": "curve",
+    "formation.start_noise": 0.0,
+    "formation.ring": None,
+    "faults.schedule": (),
+    "noise.wheelbase_spread": 0.0,
+    "noise.drive_spread": 0.0,
+    "robot.model_offset": None,
+}
+ALWAYS = {"targets.count": 1, "targets.arrival_rate": 1.0, "task.grid": None}
+HALF = 1.8, 0.8
+
+
+def played(policy, seed=0, slices=0, **overrides):
+    """An episode on `experiment`: the simulation, the age after each step [step], and the sensors in slices of it."""
+    scenario = lissajous_env.scenario("experiment", **{"faults.schedule": (), **ALWAYS, **overrides})
+    simulation = lissajous_env.Simulation(scenario, seed=seed)
+    ages, sensors = [], []
+
+    def keep(taken):
+        ages.append(int(simulation.contamination.age.numpy()[0]))
+        if slices:
+            sensors.append(sensors_of(simulation, slices))
+
+    Referee(baselines.make(policy, scenario, 1), simulation).play([seed], keep)
+    return simulation, np.array(ages), np.array(sensors)
+
+
+def standing(radius, grid, duration=20.0, **overrides):
+    """One point that stands still in the middle of the upper edge of its curve, and how old the field is."""
+    scenario = lissajous_env.scenario(
+        "experiment",
+        **{**POINTS, **ALWAYS, "robot.count": 1, "formation.p": 0, "robot.phase_rate_max": 1e-9}
+        | {"sensing.radius": radius, "task.contamination": grid, "task.duration": duration, **overrides},
+    )
+    return lissajous_env.Simulation(scenario)
+
+
+def labels_now(simulation):
+    """(rows, columns) e in control steps of the latest tick; a large number where nobody is."""
+    spreading = simulation.scenario.spreading
+    passed = int(simulation.clock.step.numpy()[0]) * spreading.ticks // spreading.period
+    labels = simulation.contamination.labels.numpy()[0, passed % spreading.ring]
+    inner = labels.reshape(spreading.rows + 4, spreading.columns + 4)[2:-2, 2:-2]
+    return np.where(inner >= int(NONE), 10**6, inner // 256)
+
+
+def go(simulation, steps):
+    for _ in range(steps):
+        simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
+
+
+@pytest.mark.parametrize("speed", [0.03, 0.1, 0.23, 0.4, 0.9, 3.0])
+def test_a_front_advances_at_the_rogues_speed_in_every_direction(speed):
+    # Story: nobody is anywhere but in one cell in the middle; after some time rogues may be in the disc around it.
+    columns = 121
+    scenario = lissajous_env.scenario(
+        "experiment",
+        **{**POINTS, **ALWAYS, "targets.arrival_rate": 0.0, "task.duration": 100.0, "targets.speed_limit": speed},
+        **{"targets.speed": min(speed, 0.02), "curve.half_width": 5.0, "curve.half_height": 5.0},
+        **{"task.contamination": (columns, columns), "sensing.radius": 1e-5},
+    )
+    simulation = lissajous_env.Simulation(scenario)
+    labels = simulation.contamination.labels.numpy()
+    labels[:] = int(NONE)
+    labels[0, :, (columns + 4) * (columns // 2 + 2) + columns // 2 + 2] = 0
+    simulation.contamination.labels.assign(labels)
+    simulation.contamination.settled.zero_()
+    time = 3.0 / speed
+    go(simulation, round(time / 0.1))
+    centres = (np.arange(columns) + 0.5) * 10 / columns - 5
+    away = np.hypot(centres, centres[:, None])
+    reached = labels_now(simulation) < 10**6
+    hop = np.sqrt(5) * 10 / columns  # the first one is free: the rogue has been there for long
+    assert reached[away < 3.0 / 1.028 - 0.3 * hop].all()
+    assert not reached[away > 3.0 + hop].any()
+
+
+def test_a_cell_that_a_disc_leaves_is_contaminated_from_its_edge():
+    # Story: one disc, at rest, in a rectangle of rogues that were there from the start; it stays clear inside.
+    simulation = standing(0.5, (90, 40))
+    go(simulation, 50)
+    assert simulation.contamination.age.numpy()[0] == 50
+    row = simulation.score()[0]
+    assert row["guaranteed_detection_time"] == row["unseen_at_end"] == pytest.approx(5.0)
+    cells = np.count_nonzero(labels_now(simulation) == 0)
+    place = simulation.robots.sensor.numpy()[0, 0]
+    x = (np.arange(90) + 0.5) * 0.04 - 1.8
+    y = (np.arange(40) + 0.5) * 0.04 - 0.8
+    outside = np.hypot(x - place[0], y[:, None] - place[1]) > 0.5
+    assert cells == np.count_nonzero(outside)
+    # Every cell outside is as old as the episode: 5 s; on the mean over time half of that.
+    assert row["contaminated_age_mean"] == pytest.approx(2.5 * outside.mean(), rel=0.03)
+
+
+def test_where_rogues_enter():
+    # Story: nobody at the start; rogues come in over the boundary alone, and walk inward.
+    overrides = {"targets.count": 0, "targets.entry": "boundary", "targets.speed_limit": 0.2}
+    simulation = standing(0.01, (90, 40), **overrides)
+    assert (labels_now(simulation) == 10**6).all()
+    go(simulation, 1)
+    now = labels_now(simulation)
+    assert (now[[0, -1]] == 1).all()
+    assert (now[:, [0, -1]] == 1).all()
+    assert (now[2:-2, 2:-2] == 10**6).all()
+    go(simulation, 20)  # 0.4 m: ten cells
+    assert labels_now(simulation)[9, 45] < 10**6
+    assert labels_now(simulation)[12, 45] == 10**6
+
+
+def test_without_rogues_there_is_nothing_to_guarantee():
+    simulation = standing(0.5, (36, 16), **{"targets.count": 0, "targets.arrival_rate": 0.0})
+    go(simulation, 5)
+    row = simulation.score()[0]
+    assert (row["guaranteed_detection_time"], row["contaminated_age_mean"]) == (0.0, 0.0)
+    simulation = standing(0.5, None)
+    assert np.isnan(simulation.score()[0]["guaranteed_detection_time"])
+
+
+@pytest.mark.parametrize(
+    ("policy", "radius", "speed"), [("kuramoto-mpcc", 0.75, 0.8), ("open-loop-mpcc", 0.8, 0.8), ("random", 0.7, 0.6)]
+)
+def test_the_field_is_that_of_brute_force(policy, radius, speed):
+    setting = {"sensing.radius": radius, "targets.speed_limit": speed, "task.duration": 12.0}
+    simulation, ages, sensors = played(policy, 3, slices=2, **setting, **{"task.contamination": (180, 80)})
+    brute = Field(sensors, HALF, radius, speed, 0.1).run()
+    assert abs(ages.max() - brute.max()) <= 2.0  # steps
+    assert np.mean(np.abs(ages - brute) <= 1.0) > 0.9
+    assert simulation.score()[0]["guaranteed_detection_time"] == pytest.approx(0.1 * ages.max())
+
+
+def test_the_error_of_the_grid_becomes_smaller_with_its_cells():
+    # Five points in equilibrium, r_s = 0.55 m, 0.3 m/s: 5.1 s by exact discs on cells of a tenth of a step's motion.
+    setting = {**POINTS, "sensing.radius": 0.55, "targets.speed_limit": 0.3}
+    errors = []
+    for columns, rows in ((36, 16), (90, 40), (180, 80)):
+        _, ages, _ = played("kuramoto", **setting, **{"task.contamination": (columns, rows)})
+        errors.append(abs(0.1 * ages.max() - 5.1))
+    assert errors[0] > errors[1] >= errors[2]
+    assert errors[1] < 0.3
+    assert errors[2] < 0.11
+
+
+def test_a_rogue_that_knows_the_future_never_beats_the_conservative_figure():
+    # A rogue that slips between two discs with millimetres to spare makes some of the figures differ; most do not.
+    shares = []
+    for policy in ("kuramoto-mpcc", "open-loop-mpcc", "random"):
+        for radius, speed in ((0.8, 0.5), (0.7, 0.7)):
+            setting = {"sensing.radius": radius, "targets.speed_limit": speed, "task.duration": 8.0}
+            setting["task.contamination"] = (180, 80)
+            _, ages, sensors = played(policy, 1, slices=2, **setting)
+            _, safe, _ = played(policy, 1, **setting, **{"task.conservative": True})
+            known = Field(sensors, HALF, radius, speed, 0.1, finer=4).run()
+            assert (known <= safe + 1).all(), policy  # the age is a whole number of steps
+            shares.append(known.max() / ages.max())
+    assert np.median(shares) > 0.9
+    assert min(shares) > 0.7
+    assert max(shares) < 1.1
+
+
+def test_a_simulated_rogue_that_knows_the_future_is_unseen_for_as_long_as_the_field_says():
+    # The search's rogue is put into the world as a target, and the world's own detection decides.
+    setting = {"sensing.radius": 0.75, "targets.speed_limit": 0.8, "task.duration": 8.0}
+    setting["task.contamination"] = (180, 80)
+    _, ages, sensors = played("kuramoto-mpcc", 5, slices=2, **setting)
+    field = Field(sensors, HALF, 0.755, 0.8, 0.1)  # it keeps half a centimetre away from the discs
+    known, fields = field.run(keep=True)
+    until = 2 * int(known.argmax())
+    way = field.rogue(fields, until)
+    born = until - len(way) + 1
+    steps = np.clip(np.arange(0, 2 * 80 + 1, 2) - born, 0, len(way) - 1)
+
+    @lissajous_env.target_motion
+    def known_way(world):
+        places = world.targets.position.copy()
+        places[:, 0] = way[steps[int(world.clock.step[0])]]
+        return places
+
+    moved = {**setting, "targets.custom": 1.0, "targets.wandering": 0.0, "targets.count": 1}
+    scenario = lissajous_env.scenario("experiment", **{"faults.schedule": (), **moved, "targets.arrival_rate": 0.0})
+    scenario = lissajous_env.scenario(scenario, extensions=[known_way])
+    simulation = lissajous_env.Simulation(scenario, seed=5)
+    seen = []
+    Referee(baselines.make("kuramoto-mpcc", scenario, 1), simulation).play(
+        [5], lambda taken: seen.append(int(simulation.targets.in_sight.numpy()[0, 0]))
+    )
+    unseen = seen[born // 2 + 1 : until // 2 + 1]
+    assert not any(unseen)
+    assert 0.9 * ages.max() <= len(unseen) + 1 <= ages.max() + 2
+
+
+def test_no_target_of_the_world_is_unseen_for_longer_than_the_figure():
+    # 200 rogues that wander and flee, at most at the speed limit.
+    setting = {"sensing.radius": 0.7, "targets.count": 100, "targets.arrival_rate": 3.0, "task.contamination": (90, 40)}
+    setting |= {"targets.wandering": 0.5, "targets.fleeing": 0.5, "targets.flee_speed": 0.3, "task.conservative": True}
+    for seed in range(3):
+        simulation, _, _ = played("open-loop-mpcc", seed, **setting)
+        row = simulation.score()[0]
+        assert row["detection_time_max"] <= row["guaranteed_detection_time"] + 0.1 + 1e-9
+
+
+def test_worlds_are_the_same_in_any_batch():
+    setting = {**ALWAYS, "task.contamination": (45, 20), "sensing.radius": 0.5, "task.duration": 5.0}
+    scenario = lissajous_env.scenario("experiment", **setting)
+    actions = np.random.default_rng(0).uniform(-1, 1, (50, 300, 5, 2)).astype(np.float32)
+    many = lissajous_env.Simulation(scenario, 300, seed=7, threads=2)
+    one = lissajous_env.Simulation(scenario, 1, seed=7 + 299)
+    for action in actions:
+        many.step(action)
+        one.step(action[299:])
+    for name in ("labels", "age_max", "mean_age_sum", "settled"):
+        array = getattr(many.contamination, name).numpy()
+        assert np.array_equal(array[299], getattr(one.contamination, name).numpy()[0]), name
+    assert many.score([299])[0] == pytest.approx(one.score()[0], nan_ok=True)
+
+
+def test_a_saved_world_goes_on_as_it_was():
+    setting = {**ALWAYS, "task.contamination": (45, 20), "sensing.radius": 0.5, "task.duration": 5.0}
+    scenario = lissajous_env.scenario("experiment", **setting)
+    first, second = lissajous_env.Simulation(scenario, 2), lissajous_env.Simulation(scenario, 2, seed=9)
+    go(first, 20)
+    second.load_state(first.save_state())
+    go(first, 20)
+    go(second, 20)
+    for mine, other in zip(first.score(), second.score(), strict=True):
+        assert mine == pytest.approx(other, nan_ok=True)
+
+
+def test_what_a_disc_sweeps_is_a_stadium():
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        a, b, radius, y = rng.uniform(-1, 1, 2), rng.uniform(-1, 1, 2), rng.uniform(0.05, 0.8), rng.uniform(-1, 1)
+        low, high = swept_run(wp.vec2(*map(float, a)), wp.vec2(*map(float, b)), float(radius), float(y))
+        x = np.linspace(-2, 2, 4001)
+        share = np.clip(((x - a[0]) * (b - a)[0] + (y - a[1]) * (b - a)[1]) / np.dot(b - a, b - a), 0, 1)
+        inside = x[np.hypot(x - a[0] - share * (b - a)[0], y - a[1] - share * (b - a)[1]) <= radius]
+        if len(inside):
+            assert (low, high) == pytest.approx((inside[0], inside[-1]), abs=2e-3)
+        else:
+            assert high - low < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ({"task.contamination": (90, 10)}, "sides differ by 1.5 times at most"),
+        ({"task.contamination": (90, 0)}, "each from 1 to 4096"),
+        ({"task.contamination": (90,)}, "must be .columns, rows. or None"),
+        ({"task.contamination": (900, 400), "targets.speed_limit": 9.0}, "1/32 of what a rogue moves in a step"),
+        ({"targets.speed_limit": 0.1}, "at least what these targets move at, 0.2 m/s"),
+        ({"task.contamination": (90, 40), "targets.custom": 0.5, "targets.wandering": 0.5}, "speed_limit must be given"),
+    ],
+)
+def test_what_cannot_be_followed_is_refused_by_name(overrides, words):
+    with pytest.raises(ValueError, match=words):
+        lissajous_env.scenario("experiment", **overrides)
+
+
+def test_hops_are_those_of_a_king_and_a_knight():
+    around = {(sx * i, sy * j) for i, j in HOPS for sx in (1, -1) for sy in (1, -1)}
+    assert len(around) == 16
+    # The worst direction of the norm that they span: between an axis and a knight's move, 2.7 % slow.
+    angles = np.linspace(0, np.pi / 4, 1000)
+    slow = [min(_length(np.cos(t), np.sin(t), a, b) for a, b in (((1, 0), (2, 1)), ((2, 1), (1, 1)))) for t in angles]
+    assert max(slow) == pytest.approx(1.0275, abs=1e-3)
+
+
+def _length(x, y, a, b):
+    """Length of the way to (x, y) by hops a and b alone; infinite where it would take some backwards."""
+    counts = np.linalg.solve(np.array([a, b], dtype=float).T, [x, y])
+    return float(counts @ np.hypot(*np.array([a, b]).T)) if (counts > -1e-9).all() else np.inf
