@@ -261,7 +261,10 @@ def test_what_a_disc_sweeps_is_a_stadium():
         ({"task.contamination": (90,)}, "must be .columns, rows. or None"),
         ({"task.contamination": (900, 400), "targets.speed_limit": 9.0}, "1/32 of what a rogue moves in a step"),
         ({"targets.speed_limit": 0.1}, "at least what these targets move at, 0.2 m/s"),
-        ({"task.contamination": (90, 40), "targets.custom": 0.5, "targets.wandering": 0.5}, "speed_limit must be given"),
+        (
+            {"task.contamination": (90, 40), "targets.custom": 0.5, "targets.wandering": 0.5},
+            "speed_limit must be given",
+        ),
     ],
 )
 def test_what_cannot_be_followed_is_refused_by_name(overrides, words):

@@ -61,6 +61,11 @@ _RULES = {
     "speed_max": _Rule("at least 0 [m/s]", _is_positive),
     "smoothness": _Rule("at least 0", _is_positive, "one step alone"),
     "sensed_fraction": _Rule("from 0 to 1", _is_share, "no grid"),
+    **dict.fromkeys(
+        ("guaranteed_detection_time", "unseen_at_end", "contaminated_age_mean"),
+        _Rule("at least 0 [s]", _is_positive, "contamination is not followed"),
+    ),
+    "guarantee_recovery_time": _Rule("at least 0 [s]", _is_positive, "never"),
     "return_mean": _Rule("a finite number", _is_finite),
 }
 

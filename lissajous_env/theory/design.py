@@ -7,11 +7,16 @@ from typing import Any
 from rich.console import Console
 
 from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_left_out, print_table
+from lissajous_env.episodes.guarantee import Reach, reach_of
+from lissajous_env.parameters import named
 from lissajous_env.parameters.parts import Curve
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.theory.candidate import Candidate
 from lissajous_env.wording import shown
 
+Reaches = dict[Candidate, Reach]
+_ROGUES = ["rogue\nunseen [s]", "defeated\nfrom [m/s]"]
 _MOST_ROBOTS = 200
 _RANGE = 1e-6, 1e6
 """Lengths that a design can be made for [m]: from a thousandth of a millimetre to a thousand kilometres."""
@@ -98,6 +103,7 @@ def print_design(
     phase_rate: float = 0.3,
     wheelbase: float | None = None,
     steering_max: float = math.pi / 9,
+    rogue_speed: float | None = None,
     rows: int = 10,
     output: Speech = AS_USUAL,
 ) -> None:
@@ -112,9 +118,13 @@ def print_design(
         phase_rate: omega, rate of the robots along the curve's parameter [rad/s].
         wheelbase: distance between a car's axles [m]; without it robots turn on the spot.
         steering_max: largest steering angle of a car [rad].
+        rogue_speed: top speed of the rogues [m/s]: designs are then shown with how long one that knows what the robots
+            will do can stay unseen, and how fast one must be to do so for ever.
         rows: how many feasible, and how many infeasible, designs to show.
         output: How it speaks.
     """
+    if rogue_speed is not None and not (_is_number(rogue_speed) and 0 <= rogue_speed <= 100):
+        raise ValueError(f"rogue_speed must be from 0 to 100 [m/s], got {shown(rogue_speed)}")
     if not isinstance(rows, int) or rows < 1:
         raise ValueError(f"rows must be a whole number of at least 1, got {shown(rows)}")
     candidates = design(
@@ -123,16 +133,20 @@ def print_design(
     feasible = [each for each in candidates if each.feasible]
     infeasible = [each for each in candidates if not each.feasible]
     console, words = output.console(), recommendation(candidates)
+    shown_ones = feasible[:rows] + infeasible[:rows]
+    reaches = {} if rogue_speed is None else {each: reach_of(_scenario(each), rogue_speed) for each in shown_ones}
+    if candidates[0] in reaches:
+        words += _in_words_of_rogues(reaches[candidates[0]], rogue_speed)
     area = f"{2 * half_width:g} m x {2 * half_height:g} m, bodies of {robot_radius:g} m, sensors of {sensor_radius:g} m"
     left_out: list[str] = []
     if feasible:
-        left_out += _print_feasible(console, f"Designs for {area}: {len(feasible)} work", feasible[:rows])
+        left_out += _print_feasible(console, f"Designs for {area}: {len(feasible)} work", feasible[:rows], reaches)
     if infeasible:
         title = "Those that fail by least" if feasible else f"Designs for {area}: none meets all bounds"
-        left_out += _print_infeasible(console, title, infeasible[:rows])
+        left_out += _print_infeasible(console, title, infeasible[:rows], reaches)
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     console.print(words, soft_wrap=True, markup=False, highlight=False)
-    designs = [_as_plain(each) for each in feasible[:rows] + infeasible[:rows]]
+    designs = [_as_plain(each) | (reaches[each]._asdict() if each in reaches else {}) for each in shown_ones]
     output.give({"recommendation": words, "feasible": len(feasible), "designs": designs})
 
 
@@ -214,11 +228,32 @@ def _call(each: Candidate) -> str:
     return f"To use it: lissajous_env.scenario('experiment', **{each.overrides})"
 
 
-def _print_feasible(console: Console, title: str, candidates: list[Candidate]) -> list[str]:
+def _scenario(each: Candidate) -> Scenario:
+    return named.scenario("experiment", **each.overrides)
+
+
+def _in_words_of_rogues(reach: Reach, speed: float | None) -> str:
+    limit = f"{reach.critical_speed:.3g} m/s"
+    if reach.guaranteed_time == math.inf:
+        return f" A rogue of {speed:g} m/s can stay unseen for ever, one slower than {limit} cannot."
+    words = f" A rogue of {speed:g} m/s stays unseen for {reach.guaranteed_time:.1f} s at most, whatever it does"
+    return f"{words}, one from {limit} on for ever." if reach.critical_speed < math.inf else f"{words}."
+
+
+def _rogues(each: Candidate, reaches: Reaches) -> list[str]:
+    """Cells of a table: how long a rogue stays unseen, and from which speed on for ever."""
+    if each not in reaches:
+        return []
+    time, speed = reaches[each].guaranteed_time, reaches[each].critical_speed
+    return ["for ever" if time == math.inf else f"{time:.1f}", "none" if speed == math.inf else f"{speed:.3g}"]
+
+
+def _print_feasible(console: Console, title: str, candidates: list[Candidate], reaches: Reaches) -> list[str]:
     headers = ["N", "a", "b", "p", "alpha", "T_max\n[s]", "r below (6)\n[m]", "r_s above (7)\n[m]", "r_s from (8)\n[m]"]
     headers += ["margin", "top speed\n[m/s]"]
     if candidates[0].tight_share is not None:
         headers.append("arc too\ntight")
+    headers += _ROGUES if reaches else []
     rows = []
     for each in candidates:
         row = [str(number) for number in (each.num_robots, each.curve.a, each.curve.b, each.p, each.alpha)]
@@ -227,16 +262,18 @@ def _print_feasible(console: Console, title: str, candidates: list[Candidate]) -
         row += [f"{each.margin:.0%}", f"{each.top_speed:.2f}"]
         if each.tight_share is not None:
             row.append(f"{each.tight_share:.1%}")
+        row += _rogues(each, reaches)
         rows.append(row)
     return _print_designs(console, title, [Column(header) for header in headers], rows)
 
 
-def _print_infeasible(console: Console, title: str, candidates: list[Candidate]) -> list[str]:
-    columns = [*map(Column, ("N", "a", "b")), Column("T_max\n[s]", rank=1), Column("why not", prose=True)]
+def _print_infeasible(console: Console, title: str, candidates: list[Candidate], reaches: Reaches) -> list[str]:
+    columns = [*map(Column, ("N", "a", "b")), Column("T_max\n[s]", rank=1)]
+    columns += [*map(Column, _ROGUES if reaches else []), Column("why not", prose=True)]
     rows = []
     for each in candidates:
         numbers = [str(number) for number in (each.num_robots, each.curve.a, each.curve.b)]
-        rows.append([*numbers, f"{each.detection_time_bound:.2f}", each.reason])
+        rows.append([*numbers, f"{each.detection_time_bound:.2f}", *_rogues(each, reaches), each.reason])
     return _print_designs(console, title, columns, rows)
 
 

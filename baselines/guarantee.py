@@ -1,0 +1,192 @@
+"""The command `lissajous guarantee`: how fast a rogue must be to defeat a formation, and how long one stays unseen."""
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import cycle
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from matplotlib.axes import Axes
+from rich.console import Console
+from rich.text import Text
+
+from baselines.policies import factories
+from baselines.reproduce.drawing import DARK, GREY, SERIES, Sheet
+from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_table
+from lissajous_env.episodes.guarantee import Reach, fastest_rogue, reach_of, unseen_over_time
+from lissajous_env.parameters import named
+from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.storage.folder import Folder
+from lissajous_env.theory.geometry import largest_speed
+
+_Scenarios = Annotated[
+    tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")
+]
+_PAPER = "experiment", "ideal"
+"""The paper's two curves."""
+_SMALLEST, _LARGEST = 0.3, 1.2
+"""Radii that are tried, in that of (8)."""
+
+
+def guarantee(
+    scenarios: _Scenarios = _PAPER,
+    policies: tuple[str, ...] = (),
+    radii: int = 19,
+    cells: int = 90,
+    episodes: int = 8,
+    out: Path = Path("guarantee"),
+    output: Speech = AS_USUAL,
+    overrides: Overrides = (),
+) -> None:
+    """Say how fast a rogue must be to defeat a formation, by sensor radius, and how long policies leave one unseen.
+
+    A rogue defeats a formation when it can stay out of every sensing disc for ever, whatever it has to do for that.
+
+    Args:
+        scenarios: names of scenarios, .toml files, or module:attribute; the paper's two curves by default.
+        policies: to play on them, where they follow contamination: how long a rogue can have gone unseen.
+        radii: sensor radii that are tried.
+        cells: of the grid, along the longer side of the rectangle.
+        episodes: that each policy plays.
+        out: folder of the pictures.
+        output: How it speaks.
+        overrides: fields changed in every scenario, as in --set targets.speed_limit=0.3
+    """
+    for name, value, least, most in (
+        ("radii", radii, 2, 200),
+        ("cells", cells, 10, 1000),
+        ("episodes", episodes, 1, 4096),
+    ):
+        if not least <= value <= most:
+            raise ValueError(f"{name} must be from {least} to {most}, got {value}")
+    changed = parse_overrides(overrides)
+    made = [named.scenario(name, **changed) for name in scenarios]
+    makers = {policy: factories.named(policy) for policy in policies}
+    console, written = output.console(), ["critical_speed.png"]
+    written += [f"unseen-{each.name}.png" for each in made if policies]
+    with Folder(out, written) as folder:
+        known = {each.name: reaches(each, radii, cells) for each in made}
+        for each in made:
+            _print(console, each, known[each.name])
+        folder.write("critical_speed.png", picture_of_speeds(made, known))
+        unseen = {}
+        for each in made if policies else ():
+            curves = {
+                policy: unseen_over_time(make(each, episodes, "cpu"), each, range(episodes))
+                for policy, make in makers.items()
+            }
+            unseen[each.name] = curves
+            folder.write(f"unseen-{each.name}.png", picture_of_unseen(each, curves))
+    console.print(f"wrote {', '.join(written)} in {out}", markup=False, highlight=False, soft_wrap=True)
+    output.give({
+        "formations": {name: [each._asdict() for each in rows] for name, rows in known.items()},
+        "unseen": {
+            name: {policy: curve.max(axis=1).tolist() for policy, curve in curves.items()}
+            for name, curves in unseen.items()
+        },
+    })  # fmt: skip
+
+
+def reaches(scenario: Scenario, radii: int, cells: int) -> list[Reach]:
+    """What the formation of a scenario guarantees with sensors of 0.3 to 1.2 times the radius of (8)."""
+
+    def reach(share: float) -> Reach:
+        return reach_of(scenario, scenario.rogue_speed, share * scenario.detection_radius, cells)
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        return list(threads.map(reach, np.linspace(_SMALLEST, _LARGEST, radii).tolist()))
+
+
+def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequence[Reach]]) -> bytes:
+    """Critical speed against sensor radius, a panel for each formation."""
+    width = max(3.4 * len(scenarios), 4.5)
+    with Sheet("critical_speed", "How fast a rogue must be to stay unseen for ever", width, 3.3) as sheet:
+        for place, (scenario, axes) in enumerate(zip(scenarios, _row(sheet, len(scenarios)), strict=True)):
+            curve, rows = scenario.curve, known[scenario.name]
+            top = fastest_rogue(scenario) * 1.02
+            radius = [each.radius for each in rows]
+            speed = [min(each.critical_speed, top) for each in rows]
+            axes.fill_between(radius, speed, top, color=SERIES[1], alpha=0.16, lw=0)
+            axes.fill_between(radius, 0, speed, color=SERIES[0], alpha=0.16, lw=0)
+            bounded = [each for each in rows if each.critical_speed < math.inf]
+            axes.plot(
+                [each.radius for each in bounded], [each.critical_speed for each in bounded], color=SERIES[0], lw=2
+            )
+            axes.axvline(scenario.detection_radius, color=DARK, lw=0.9, ls="--")
+            axes.axhline(scenario.formation.phase_rate * largest_speed(curve), color=GREY, lw=0.9, ls=":")
+            axes.set_title(f"{scenario.name}: N = {scenario.num_robots}, a = {curve.a}, b = {curve.b}")
+            axes.set_xlim(radius[0], radius[-1])
+            axes.set_ylim(0, top)
+            axes.set_xlabel("sensing radius [m]")
+            if place == 0:
+                axes.set_ylabel("speed of the rogue [m/s]")
+            place_of: dict[str, Any] = {"transform": axes.transAxes, "va": "top"}
+            axes.text(0.98, 0.95, "every rogue\nis found", ha="right", color=SERIES[0], **place_of)
+            axes.text(0.03, 0.95, "it can evade for ever", color=SERIES[1], **place_of)
+        return sheet.picture(
+            "Robots keep the equilibrium (2) on the curve; rogues may be anywhere at any time and know what the robots "
+            "will do. Dashed: the sensing radius of (8). Dotted: speed of the fastest robot on the curve."
+        ).png
+
+
+def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> bytes:
+    """How long a rogue can have gone unseen as time passes, for each policy: the middle episode, and all of them."""
+    with Sheet("unseen", f"How long a rogue can have gone unseen: {scenario.name}", 7.2, 3.4) as sheet:
+        axes = sheet.figure.add_subplot()
+        time = np.arange(scenario.task.steps + 1) * scenario.task.step
+        for (policy, curve), colour in zip(curves.items(), cycle(SERIES)):
+            axes.fill_between(time, curve.min(axis=0), curve.max(axis=0), color=colour, alpha=0.15, lw=0)
+            axes.plot(time, np.median(curve, axis=0), color=colour, lw=1.5, label=policy)
+        axes.axhline(scenario.detection_time_bound, color=DARK, lw=0.9, ls="--")
+        axes.annotate("T_max", (time[-1], scenario.detection_time_bound), ha="right", va="bottom", fontsize=8)
+        for _, start, end in scenario.faults.schedule:
+            axes.axvspan(start, min(end, time[-1]), color=GREY, alpha=0.12, lw=0)
+        axes.set_xlim(0, time[-1])
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("unseen for at most [s]")
+        axes.legend(loc="upper left")
+        count = len(next(iter(curves.values())))
+        return sheet.picture(
+            f"t - min e of the field of contamination: line, the median of {count} episodes; shade, all of them. "
+            "Grey: robots stopped. A line that rises to the end is of a rogue that is never found."
+        ).png
+
+
+def _row(sheet: Sheet, count: int) -> list[Axes]:
+    return [sheet.figure.add_subplot(1, count, place + 1) for place in range(count)]
+
+
+def _print(console: Console, scenario: Scenario, rows: Sequence[Reach]) -> None:
+    """Print the sensors that were tried."""
+    speed = scenario.rogue_speed
+    console.print(
+        Text.assemble(
+            (scenario.name, "bold"),
+            f"  N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s, "
+            f"(8) asks for {scenario.detection_radius:.3g} m",
+        )
+    )
+    columns = [
+        "sensing\nradius [m]",
+        "over\nthat of (8)",
+        "defeated by rogues\nfrom [m/s]",
+        f"at {speed:g} m/s unseen\nfor at most [s]",
+    ]
+    highest = fastest_rogue(scenario)
+    shown = [
+        [
+            f"{each.radius:.3g}",
+            f"{each.radius / scenario.detection_radius:.2f}",
+            f"{each.critical_speed:.3g}" if each.critical_speed < math.inf else f"> {highest:.3g}",
+            f"{each.guaranteed_time:.1f}" if each.guaranteed_time < math.inf else "for ever",
+        ]
+        for each in rows
+    ]
+    print_table(console, [Column(title) for title in columns], shown)
+    console.print()
