@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from baselines.reproduce.claims import Claim, Part, all_of, at_most, reported
-from baselines.reproduce.drawing import BLUE, DARK, ORANGE, PINK, Sheet, draw_plane, draw_ring, mark_time, panel_name
+from baselines.reproduce.drawing import BLUE, DARK, GREY, ORANGE, PINK, Sheet, draw_plane, draw_ring, mark_time, panel_name
 from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
 
 _SIMULATED = (0, 4)
@@ -82,7 +82,7 @@ def fig8(player: Player) -> Part:
         upper.plot([], [], color=BLUE, label="physical agents")
         upper.fill_between([], [], color=ORANGE, alpha=0.25, label="failure")
         upper.legend(loc="upper left", frameon=True, edgecolor="none", borderpad=0.2).set_zorder(5)
-        lower.plot(played.time, played.deviation, color="#9a9a9a", lw=0.4)
+        lower.plot(played.time, played.deviation, color=GREY, lw=0.4)
         lower.plot(played.time, played.deviation[:, 0], color=BLUE, lw=1.4)
         for axes in (upper, lower):
             axes.axvspan(first, last, color=ORANGE, alpha=0.2, lw=0)
