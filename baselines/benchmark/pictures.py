@@ -147,7 +147,7 @@ def _steps(axes: Axes, values: dict[str, list[float]], looks: dict[str, Look]) -
         colour, mark = looks[policy]
         hollow = {"ls": (0, (3, 1)), "mfc": "white"} if unwrapped(policy)[1] else {"ls": "-"}
         marks = {"marker": mark, "ms": 6, "mew": 1.5, "markevery": (0.03 * (k % 5), 0.25)}
-        line = {"color": colour, "lw": max(4.5 - 0.8 * k, 1.2), "label": policy} | marks | hollow
+        line: dict[str, Any] = {"color": colour, "lw": max(4.5 - 0.8 * k, 1.2), "label": policy} | marks | hollow
         axes.step([0, *ordered, 1.05 * largest], [0, *share, *ends], where="post", **line)
     axes.set_ylim(0, 1.03)
     axes.set_xlim(0, 1.05 * largest)

@@ -71,6 +71,12 @@ def panel_name(axes: Axes, name: str) -> None:
     axes.set_title(name, fontweight="normal", loc="center")
 
 
+def name_line(axes: Axes, x: float, y: float, word: str, colour: str) -> None:
+    """Write a word behind the end of a line, in its colour."""
+    place: dict[str, Any] = {"xytext": (3, 0), "textcoords": "offset points", "va": "center"}
+    axes.annotate(word, (x, y), fontsize=7, color=colour, annotation_clip=False, **place)
+
+
 def draw_plane(axes: Axes, curve: Curve, **line: Any) -> None:
     """Draw the rectangle and the curve in it, with equal scales and without a frame."""
     A, B = curve.half_width, curve.half_height
