@@ -72,8 +72,8 @@ def _chosen(player: Player, ours: Played) -> list[Claim]:
         reported(
             "c = 0.94 and alpha = 36.8 as printed, beta fitted to them: collisions in 60 s",
             "one",
-            f"{rounded.score('collisions').mean():.1f}, with c = {car.drag:g}, alpha = {car.drive:g} {at_ours:.1f}",
-            "the third digit that the authors' program has makes no difference",
+            f"{rounded.score('collisions').mean():.1f}; {at_ours:.1f} with c = {car.drag:g}, alpha = {car.drive:g}",
+            "the further digits are those of the authors' program, and make no difference",
         ),
         reported(
             "step of the controller's M = 15 stages: collisions in 60 s",
