@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from baselines.benchmark.looks import Look, look
 from baselines.benchmark.statistics import Statistics
 from baselines.policies.registry import names, unwrapped
 from lissajous_env.parameters.scenario import Scenario
@@ -31,25 +32,6 @@ STYLE: dict[Any, Any] = {
     "savefig.dpi": 150,
     "savefig.facecolor": "white",
 }
-# Okabe and Ito's colours, which stay apart for colour-blind readers; then further ones.
-_COLOURS = (
-    "#0072B2",
-    "#E69F00",
-    "#009E73",
-    "#CC79A7",
-    "#D55E00",
-    "#56B4E9",
-    "#7F7F7F",
-    "#B2A300",
-    "#6A3D9A",
-    "#8C564B",
-    "#17BECF",
-    "#333333",
-    "#A6761D",
-    "#F781BF",
-    "#66A61E",
-    "#1B4F72",
-)
 _PANEL = 3.8
 """Width of a panel [inch]."""
 
@@ -62,20 +44,20 @@ def draw(
     """Draw the pictures and return each as a PNG, by file name."""
     if not rows:
         return {}
-    # A policy has the same colour in every benchmark, whatever others were played, and with the filter as without.
+    # A policy looks the same in every benchmark, whatever others were played, and with the filter as without.
     policies = dict.fromkeys([*names(), *(row["policy"] for row in rows)])
     plain = dict.fromkeys(unwrapped(policy)[0] for policy in policies)
-    colour_of = {policy: _COLOURS[k % len(_COLOURS)] for k, policy in enumerate(plain)}
-    colour = {policy: colour_of[unwrapped(policy)[0]] for policy in policies}
+    look_of = {policy: look(k) for k, policy in enumerate(plain)}
+    looks = {policy: look_of[unwrapped(policy)[0]] for policy in policies}
     played, most = list(cells), max(map(len, cells.values()))
 
     def times(axes: Axes, name: str) -> None:
-        _points(axes, {policy: of["detection_time_mean"] for policy, of in cells[name].items()}, colour)
+        _points(axes, {policy: of["detection_time_mean"] for policy, of in cells[name].items()}, looks)
         _mark_bound(axes, scenarios[name])
         axes.set_xlabel("mean detection time [s]")
 
     def collisions(axes: Axes, name: str) -> None:
-        _points(axes, {policy: of["collisions"] for policy, of in cells[name].items()}, colour, many=True)
+        _points(axes, {policy: of["collisions"] for policy, of in cells[name].items()}, looks, many=True)
         axes.set_xlabel("collisions per episode")
 
     def distribution(axes: Axes, name: str) -> None:
@@ -83,7 +65,7 @@ def draw(
         for row in rows:
             if row["scenario"] == name:
                 times_of[row["policy"]].append(row["detection_time_mean"])
-        _steps(axes, times_of, colour)
+        _steps(axes, times_of, looks)
         _mark_bound(axes, scenarios[name])
         axes.set_xlabel("mean detection time [s]")
         axes.set_ylabel("share of episodes at or below")
@@ -122,24 +104,23 @@ def _panels(
         for line in shown.get_lines():
             line.set_linewidth(3)
     else:
-        meaning = "dot: interquartile mean, hollow with the collision filter; bar: 95 % bootstrap interval"
+        meaning = "mark: interquartile mean, hollow with the collision filter; bar: 95 % bootstrap interval"
         figure.supxlabel(meaning, fontsize=8.5, color="#555555")
     file = io.BytesIO()
     figure.savefig(file, format="png", metadata={"Software": None})
     return file.getvalue()
 
 
-def _points(axes: Axes, of: dict[str, Statistics], colour: dict[str, str], many: bool = False) -> None:
+def _points(axes: Axes, of: dict[str, Statistics], looks: dict[str, Look], many: bool = False) -> None:
     """One line for each policy, the first on top; `many` stretches the scale at the small numbers."""
     for place, (policy, values) in enumerate(of.items()):
         if values.n_finite == 0:
             axes.text(0.02, place, "no number", transform=axes.get_yaxis_transform(), va="center", color="#777777")
             continue
-        axes.plot(
-            [values.low, values.high], [place, place], color=colour[policy], lw=5, alpha=0.35, solid_capstyle="butt"
-        )
-        face = "white" if unwrapped(policy)[1] else colour[policy]
-        axes.plot([values.iqm], [place], "o", color=colour[policy], mfc=face, mew=1.5, ms=6, clip_on=False, zorder=3)
+        colour, mark = looks[policy]
+        axes.plot([values.low, values.high], [place, place], color=colour, lw=5, alpha=0.35, solid_capstyle="butt")
+        face = "white" if unwrapped(policy)[1] else colour
+        axes.plot([values.iqm], [place], mark, color=colour, mfc=face, mew=1.5, ms=6, clip_on=False, zorder=3)
     axes.set_yticks(range(len(of)), list(of))
     axes.set_ylim(len(of) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0)
@@ -156,15 +137,17 @@ def _points(axes: Axes, of: dict[str, Statistics], colour: dict[str, str], many:
         axes.set_xlim(0, None if largest else 0.1)
 
 
-def _steps(axes: Axes, values: dict[str, list[float]], colour: dict[str, str]) -> None:
+def _steps(axes: Axes, values: dict[str, list[float]], looks: dict[str, Look]) -> None:
     """Share of the episodes at or below each value; later curves are thinner, so that equal ones all show."""
     largest = max((v for of in values.values() for v in of if np.isfinite(v)), default=0) or 0.1
     for k, (policy, of) in enumerate(values.items()):
         ordered = np.sort([value for value in of if np.isfinite(value)])
         share = np.arange(1, len(ordered) + 1) / len(of)
         ends = share[-1:] if len(share) else [0]
-        style = (0, (3, 1)) if unwrapped(policy)[1] else "-"
-        line = {"color": colour[policy], "lw": max(4.5 - 0.8 * k, 1.2), "ls": style, "label": policy}
+        colour, mark = looks[policy]
+        hollow = {"ls": (0, (3, 1)), "mfc": "white"} if unwrapped(policy)[1] else {"ls": "-"}
+        marks = {"marker": mark, "ms": 6, "mew": 1.5, "markevery": (0.03 * (k % 5), 0.25)}
+        line: dict[str, Any] = {"color": colour, "lw": max(4.5 - 0.8 * k, 1.2), "label": policy} | marks | hollow
         axes.step([0, *ordered, 1.05 * largest], [0, *share, *ends], where="post", **line)
     axes.set_ylim(0, 1.03)
     axes.set_xlim(0, 1.05 * largest)

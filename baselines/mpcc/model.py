@@ -145,7 +145,7 @@ def state_cost(p: MpccStruct, errors: wp.vec3) -> float:
 
 @wp.func
 def control_cost(p: MpccStruct, control: wp.vec2) -> float:
-    """q_3 tau^2 + q_4 delta^2 of (11a)."""
+    """q_3 delta^2 + q_4 tau^2 of (11a)."""
     return p.weight_steering * control[0] * control[0] + p.weight_throttle * control[1] * control[1]
 
 

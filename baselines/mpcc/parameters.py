@@ -16,23 +16,23 @@ class MpccParameters(Checked):
     stages: int = whole(15, 1, 200)
     """M, stages of the horizon."""
     step: float = number(0.1, 1e-4, 100, "s")
-    """Length of a stage [s]."""
+    """Length of a stage [s]. The paper does not print it, and it matters: `lissajous reproduce printed`."""
     weight_lateral: float = number(0.01, 0, 1e6, "1/(m s)^2")
     """Weight on the squared lateral error [1/(m s)^2].
 
-    Differs from the paper: it prints the lateral and the lag weight in the reverse order, with which cars leave the
-    curve: on the experiment they touch 22 times a minute instead of once.
+    Differs from the paper: it prints the lateral and the lag weight in the reverse order, with which cars come far
+    nearer to one another than it reports: `lissajous reproduce printed`.
     """
     weight_lag: float = number(0.025, 0, 1e6, "1/(m s)^2")
     """Weight on the squared lag error [1/(m s)^2]."""
     weight_steering: float = number(0.01, 1e-9, 1e6, "1/s^2")
-    """q_4, weight on the squared steering angle [1/s^2]."""
+    """q_3, weight on the squared steering angle [1/s^2]."""
     weight_throttle: float = number(0.01, 1e-9, 1e6, "1/s^2")
-    """q_3, weight on the squared throttle [1/s^2]."""
+    """q_4, weight on the squared throttle [1/s^2]."""
     drag: float = number(0.945, 1e-3, 1e3, "1/s")
-    """c, damping of the speed [1/s]."""
+    """c, damping of the speed [1/s]; printed as 0.94."""
     drive: float = number(36.81, 1e-3, 1e6, "m/s^2")
-    """alpha of the motor, acceleration per throttle [m/s^2]."""
+    """alpha of the motor, acceleration per throttle [m/s^2]; printed as 36.8."""
     offset: float = number(3.804, 0, 1e6, "m/s^2")
     """beta of the model, a linear fit around 1 m/s; the plant's is 3.681 with a dead zone [m/s^2]."""
     wheelbase: float = number(0.175, 1e-3, 100, "m")

@@ -4,14 +4,15 @@ State X = x, y, heading, v, gamma; control delta, tau; M stages of length h; f o
 gamma' = v / ||r'(gamma)|| by (14) as the last row:
 
     minimise   sum_{k=0..M}    (phase_rate - v_k / ||r'(gamma_k)||)^2 + q_lag e_lag(X_k)^2 + q_lat e_lat(X_k)^2
-             + sum_{k=0..M-1}  q_3 tau_k^2 + q_4 delta_k^2                                                        (11a)
+             + sum_{k=0..M-1}  q_3 delta_k^2 + q_4 tau_k^2                                                        (11a)
     subject to X_{k+1} = f(X_k, delta_k, tau_k), X_0 given, delta_k and tau_k in their bounds (11c)
 
 The errors are those of (x, y) against r(gamma), along and across the tangent there; heading and gamma run on without
 wrapping, and nothing is projected on the curve, which crosses itself. The model is smooth and may predict a speed
 slightly below 0 (down to -0.13 m/s at the smallest throttle), where the plant would stand.
 
-Differs from the paper: gamma stands for the arc length s, as the same model and without inverting (14).
+Differs from the paper: gamma stands for the arc length s, as the same model and without inverting (14); the inputs are
+summed up to M - 1, since those of stage M move nothing.
 """
 
 import os

@@ -20,6 +20,8 @@ from baselines.benchmark.progress import bar
 from baselines.reproduce import (
     claims,
     conditions,
+    constants,
+    coupling,
     detection,
     equilibria,
     experiment,
@@ -52,7 +54,8 @@ PARTS: dict[str, Callable[[Player], Part]] = {
     "bounds": conditions.bounds,
     "knot": three_dimensions.knot,
     "experiment1": tracking.experiment1,
-    "printed": tracking.printed,
+    "printed": constants.printed,
+    "window": coupling.window,
 }
 """What can be made, by name, in the order of the table. Another part is a function here and a line in this table."""
 
@@ -74,7 +77,7 @@ def reproduce(
     what this call made; the whole takes less than a minute.
 
     Args:
-        figures: fig2 to fig9, theorem1 to theorem4, lemmas, bounds, knot, experiment1, printed; all without any.
+        figures: fig2 to fig9, theorem1 to theorem4, lemmas, bounds, knot, experiment1, printed, window; all if none.
         out: folder of the results.
         seed: seed of the first episode; further ones count up from it.
         device: cpu, cuda or cuda:k.

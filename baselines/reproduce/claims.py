@@ -105,9 +105,9 @@ def at_most(
     return Claim(claim, paper, f"{ours:{digits}}{space}{unit}", rule, bool(ours <= bound), why, numbers)
 
 
-def reported(claim: str, paper: str, ours: str, why: str = "") -> Claim:
+def reported(claim: str, paper: str, ours: str, why: str = "", numbers: Mapping[str, float] | None = None) -> Claim:
     """Report what the paper gives no number for."""
-    return Claim(claim, paper, ours, "reported only", None, why)
+    return Claim(claim, paper, ours, "reported only", None, why, numbers or {})
 
 
 def verdict(claim: Claim) -> str:

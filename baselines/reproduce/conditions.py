@@ -94,7 +94,7 @@ def _draw(axes: Axes, name: str, robots: np.ndarray, ratios: np.ndarray, word: s
     axes.set_xlabel("N")
     axes.set_ylim(0, 1.7)
     panel_name(axes, name)
-    side, shift = ("bottom", 2) if above else ("top", -2)
+    side, shift = ("bottom", 2) if above else ("top", -5)
     axes.annotate(word, (_MOST, 1.0 if above else 0.98), ha="right", va=side, fontsize=7.5, color=DARK,
                   xytext=(0, shift), textcoords="offset points")  # fmt: skip
 

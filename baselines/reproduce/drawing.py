@@ -10,13 +10,13 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from baselines.benchmark.looks import BLUE, DARK, GREEN, ORANGE, PINK, RED, SKY
 from baselines.benchmark.pictures import STYLE
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms
 
-BLUE, ORANGE, GREEN, PINK, RED = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00"
-GREY, DARK = "#9a9a9a", "#333333"
-SERIES = (BLUE, RED, GREEN, PINK, ORANGE, "#56B4E9", "#6A3D9A", "#7F7F7F")
+GREY = "#a8a8a8"
+SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY)
 """Colours of things that are alike, as robots are."""
 
 _SMALLER: dict[Any, Any] = {
@@ -69,6 +69,12 @@ class Sheet:
 def panel_name(axes: Axes, name: str) -> None:
     """Write the title of a panel, as `(a) t = 0 s`."""
     axes.set_title(name, fontweight="normal", loc="center")
+
+
+def name_line(axes: Axes, x: float, y: float, word: str, colour: str) -> None:
+    """Write a word behind the end of a line, in its colour."""
+    place: dict[str, Any] = {"xytext": (3, 0), "textcoords": "offset points", "va": "center"}
+    axes.annotate(word, (x, y), fontsize=7, color=colour, annotation_clip=False, **place)
 
 
 def draw_plane(axes: Axes, curve: Curve, **line: Any) -> None:

@@ -7,7 +7,19 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from baselines.reproduce.claims import Claim, Part, all_of, at_most, reported
-from baselines.reproduce.drawing import BLUE, DARK, ORANGE, PINK, Sheet, draw_plane, draw_ring, mark_time, panel_name
+from baselines.reproduce.drawing import (
+    BLUE,
+    DARK,
+    GREY,
+    ORANGE,
+    PINK,
+    Sheet,
+    draw_plane,
+    draw_ring,
+    mark_time,
+    name_line,
+    panel_name,
+)
 from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
 
 _SIMULATED = (0, 4)
@@ -75,20 +87,18 @@ def fig8(player: Player) -> Part:
         for robot in range(played.scenario.num_robots):
             colour = PINK if robot in _SIMULATED else BLUE
             upper.plot(played.time, phase[:, robot], color=colour, lw=1.4)
-            end = played.time[-1], phase[-1, robot]
-            upper.annotate(f"{robot + 1}", end, xytext=(3, 0), textcoords="offset points",
-                           va="center", fontsize=7, color=colour, annotation_clip=False)  # fmt: skip
+            name_line(upper, played.time[-1], phase[-1, robot], f"{robot + 1}", colour)
         upper.plot([], [], color=PINK, label="simulated agents, fail")
         upper.plot([], [], color=BLUE, label="physical agents")
         upper.fill_between([], [], color=ORANGE, alpha=0.25, label="failure")
-        upper.legend(loc="upper left", frameon=True, edgecolor="none", borderpad=0.2).set_zorder(5)
-        lower.plot(played.time, played.deviation, color="#9a9a9a", lw=0.4)
+        upper.legend(loc="lower right")
+        lower.plot(played.time, played.deviation, color=GREY, lw=0.4)
         lower.plot(played.time, played.deviation[:, 0], color=BLUE, lw=1.4)
         for axes in (upper, lower):
             axes.axvspan(first, last, color=ORANGE, alpha=0.2, lw=0)
             axes.set_xlim(0, played.time[-1])
         for k, time in enumerate(_STILLS[:5]):
-            mark_time(upper, time, f"({'abcde'[k]})", 0.1, "#777777")
+            mark_time(upper, time, f"({'abcde'[k]})", 0.98, "#777777")
         upper.set_ylabel("states $\\theta$ [rad]")
         lower.set_ylabel("deviation\nfrom (2) [rad]")
         lower.set_xlabel("time t [s]")

@@ -64,8 +64,6 @@ def fig5(player: Player) -> Part:
             line = {"color": colour, "lw": 1.6, "ls": "--" if c == 3 else "-"}
             left.plot(depths, formation[c], label=f"{c}", **line)
             right.plot(depths, branches[c], **line)
-        left.plot([0], [flat], "o", color=DARK, ms=4.5, zorder=5, clip_on=False)
-        left.annotate(f"plane: {flat:.3f} m", (0, flat), xytext=(7, -11), textcoords="offset points", fontsize=8)
         panel_name(left, "in formation, on equilibrium (2)")
         panel_name(right, "between two branches of the curve")
         right.axhline(body, color=DARK, lw=0.9, ls=":", label=f"body in Section VII, {body:g} m")
@@ -73,18 +71,17 @@ def fig5(player: Player) -> Part:
             axes.set_xlabel("C, half of the extent along z [m]")
             axes.set_xlim(0, depths[-1])
             axes.set_ylim(bottom=0)
-        left.axhline(bound, color=DARK, lw=0.9, ls="-.")
-        left.annotate(
-            f"(6), in the plane: {bound:.3f} m",
-            (1.58, bound),
-            xytext=(0, -11),
-            textcoords="offset points",
-            ha="right",
-            fontsize=8,
-        )
         right.legend(loc="upper left")
         left.set_ylabel("$r_{max}$ [m]")
-        left.legend(title="c", ncols=3, loc="upper left", handlelength=1.6)
+        left.add_artist(left.legend(title="c", ncols=3, loc="upper left", handlelength=1.6))
+        in_plane = [
+            left.plot(
+                [0], [flat], "o", color=DARK, ms=4.5, zorder=5, clip_on=False, label=f"plane, measured: {flat:.3f} m"
+            )[0],
+            left.axhline(bound, color=DARK, lw=0.9, ls="-.", label=f"plane, (6): {bound:.3f} m"),
+        ]
+        left.legend(handles=in_plane, ncols=2, loc="lower left", fontsize=7.5,
+                    handlelength=1.6, columnspacing=1, borderaxespad=0.1)  # fmt: skip
         picture = sheet.picture(
             f"A = {plane.half_width:g} m, B = {plane.half_height:g} m, a = {plane.a}, b = {plane.b}, N = {n} (curve "
             "(16)); the paper does not give its curve. Left: half of the smallest distance that robots of the "
@@ -170,8 +167,8 @@ def knot(player: Player) -> Part:
             axes.set_xlabel("time t [s]")
             panel_name(axes, f"{name}: {int(played.score('collisions').sum())} collisions")
         left.set_ylabel("smallest distance of two robots [m]")
-        left.annotate(
-            f"2 r = {limit:g} m", (0.4, limit), xytext=(0, -10), textcoords="offset points", fontsize=8, color=RED
+        middle.annotate(
+            f"2 r = {limit:g} m", (0.6, limit), xytext=(0, -10), textcoords="offset points", fontsize=8, color=RED
         )
         picture = sheet.picture(
             f"{flat.scenario.num_robots} points, robots 1 and 2 stuck in the shaded time; {SEEDS} starts turned by a "

@@ -159,9 +159,15 @@ class Robot(Checked):
     throttle_max: float = number(0.25, 1e-6, 1e3)
     """tau at action 1."""
     drag: float = number(0.945, 1e-3, 1e3, "1/s")
-    """c, damping of the speed [1/s]."""
+    """c, damping of the speed [1/s].
+
+    Differs from the paper: it prints 0.94, the authors' program has one digit more.
+    """
     drive: float = number(36.81, 1e-3, 1e6, "m/s^2")
-    """alpha of the motor, acceleration per throttle [m/s^2]; no relation to alpha of Lemma 2."""
+    """alpha of the motor, acceleration per throttle [m/s^2]; no relation to alpha of Lemma 2.
+
+    Differs from the paper: it prints 36.8, the authors' program has one digit more.
+    """
     offset: float = number(3.681, 0, 1e6, "m/s^2")
     """beta, deceleration of the motor [m/s^2].
 

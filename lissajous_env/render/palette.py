@@ -1,4 +1,7 @@
-"""Colours of the pictures, as RGB: a light ground, one blue for the team, red for what it looks for."""
+"""Colours of the pictures, as RGB: a light ground, one blue for the team, red for what it looks for.
+
+Things that meet in a film stay apart for readers without red, green or blue cones too.
+"""
 
 Colour = tuple[int, int, int]
 
@@ -21,8 +24,8 @@ GLASS = (196, 220, 240)
 STUCK = (222, 128, 10)
 REMOVED = (150, 156, 164)
 TARGET = (212, 48, 56)
-FOUND = (10, 150, 118)
-CONTACT = (190, 24, 150)
+FOUND = (8, 176, 120)
+CONTACT = (222, 44, 196)
 
 
 def mixed(low: Colour, high: Colour, share: float) -> Colour:

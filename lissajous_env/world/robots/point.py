@@ -25,7 +25,10 @@ def move_points(
     clock: Clock,
     robots: Robots,
 ):
-    """Move points: the phase goes on at the commanded rate, on the curve; no wall is in their way."""
+    """Move points: the phase goes on at the commanded rate, on the curve; no wall is in their way.
+
+    Differs from the paper: (1) is continuous; a rate held for a step makes the whole Euler's method on (1).
+    """
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:

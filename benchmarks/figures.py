@@ -1,0 +1,105 @@
+"""Numbers of the documentation: kept in docs/figures.json by the programs that compute them, written from there.
+
+    python benchmarks/figures.py            writes what docs/figures.json holds into README.md and docs/*.md
+    python benchmarks/figures.py --paper    simulates the paper first, seed 0, and stores the table of its claims
+
+A page marks a place, and what stands there is replaced:
+
+    <!-- figures: NAME --> ... <!-- end -->                  the table NAME
+    <!-- figures: NAME, NAME ... --> ... <!-- end -->        tables with the same columns, one below the other
+    <!-- figures: NAME / ROW / COLUMN --> ... <!-- end -->   one cell, in a line of text
+
+ROW is the first cell of a row, or its beginning. Another program adds its tables by `store`.
+"""
+
+import argparse
+import json
+import re
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+STORE = ROOT / "docs" / "figures.json"
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+_PLACE = re.compile(r"<!-- figures: (.+?) -->(.*?)<!-- end -->", re.DOTALL)
+
+Table = Mapping[str, Sequence[Any]]
+"""`columns`, their titles, and `rows` of as many cells, all of them text."""
+
+
+def load() -> dict[str, Table]:
+    """Tables by name."""
+    return json.loads(STORE.read_text(encoding="utf-8")) if STORE.exists() else {}
+
+
+def store(tables: Mapping[str, Table]) -> None:
+    """Put tables into docs/figures.json, in place of those of the same names."""
+    for name, table in tables.items():
+        if any(len(row) != len(table["columns"]) for row in table["rows"]):
+            raise ValueError(f"rows of table {name} must have a cell for each of its columns")
+    text = json.dumps(load() | dict(tables), indent=1, ensure_ascii=False, sort_keys=True)
+    STORE.write_text(text + "\n", encoding="utf-8")
+
+
+def of_claims(claims: Sequence[Any]) -> dict[str, Table]:
+    """Table of each part of the paper, from the claims that `baselines.reproduce` returns."""
+    columns = ["claim", "paper", "ours", "agrees", "why, or what was chosen"]
+    tables: dict[str, Table] = {}
+    for claim in claims:
+        agrees = {True: "yes", False: "**no**", None: "-"}[claim.agrees]
+        row = [claim.claim, claim.paper, claim.ours, agrees, claim.why]
+        tables.setdefault(claim.part, {"columns": columns, "rows": []})["rows"].append(row)  # type: ignore[attr-defined]
+    return tables
+
+
+def filled(page: str, tables: Mapping[str, Table]) -> str:
+    """Return a page with what its marks ask for; a ValueError names one that asks for what is not there."""
+    return _PLACE.sub(lambda match: f"<!-- figures: {match[1]} -->{_content(match[1], tables)}<!-- end -->", page)
+
+
+def _content(asked: str, tables: Mapping[str, Table]) -> str:
+    name, *cell = asked.split(" / ")
+    names = name.split(", ")
+    for each in names:
+        if each not in tables:
+            raise ValueError(f"figures must be of {', '.join(tables)}, got {each!r}")
+    if cell:
+        return _cell(tables[name], *cell)
+    columns = tables[names[0]]["columns"]
+    lines = [columns, ["---"] * len(columns)]
+    for each in names:
+        if tables[each]["columns"] != columns:
+            raise ValueError(f"tables that are joined must have the same columns, got {names[0]} and {each}")
+        lines += tables[each]["rows"]
+    if len(names) > 1:
+        of = ["", "---", *(each for each in names for _ in tables[each]["rows"])]
+        lines = [[first, *line] for first, line in zip(of, lines, strict=True)]
+    written = ("| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines)
+    return "\n\n" + "\n".join(written) + "\n\n"
+
+
+def _cell(table: Table, row: str, column: str) -> str:
+    found = [each for each in table["rows"] if each[0].startswith(row)]
+    if len(found) != 1 or column not in table["columns"]:
+        raise ValueError(f"one row must begin with {row!r} and a column be {column!r}, got {len(found)} rows")
+    return str(found[0][table["columns"].index(column)])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Write the numbers of docs/figures.json into the pages.")
+    parser.add_argument("--paper", action="store_true", help="simulate the paper first and store its table")
+    if parser.parse_args().paper:
+        from baselines.reproduce import reproduce
+
+        with tempfile.TemporaryDirectory() as folder:
+            store(of_claims(reproduce(("all",), out=Path(folder))))
+    tables = load()
+    for path in PAGES:
+        page = path.read_text(encoding="utf-8")
+        path.write_text(filled(page, tables), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
