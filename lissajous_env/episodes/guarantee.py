@@ -82,7 +82,7 @@ def in_formation(scenario: Scenario, radius: float | None = None, speed: float =
     """
     curve, known = scenario.curve, scenario.resolve()
     side = 2 * max(curve.half_width, curve.half_height) / cells
-    grid = tuple(max(round(2 * half / side), 1) for half in (curve.half_width, curve.half_height))
+    columns, rows = (max(round(2 * half / side), 1) for half in (curve.half_width, curve.half_height))
     rate = scenario.formation.phase_rate / scenario.alpha
     duration = math.ceil(ROUNDS * scenario.detection_time_bound / scenario.task.step) * scenario.task.step
     return replace(
@@ -93,7 +93,7 @@ def in_formation(scenario: Scenario, radius: float | None = None, speed: float =
         targets=Targets(count=1, arrival_rate=1.0 / duration, wandering=0.0, speed_limit=speed),
         faults=Faults(),
         noise=Noise(),
-        task=Task(duration=duration, step=scenario.task.step, substeps=2, grid=None, contamination=grid),
+        task=Task(duration=duration, step=scenario.task.step, substeps=2, grid=None, contamination=(columns, rows)),
         extensions=(),
     )
 
