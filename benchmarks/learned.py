@@ -29,8 +29,8 @@ LEARNED = {
     "intruders": "learned-intruders", "rough": "learned-rough", "failure": "learned-ring", "ideal": "learned-ring",
 }  # fmt: skip
 OTHERS = {
-    "intruders": ("learned-intruders-safe", "kuramoto-mpcc", "kuramoto-arc-mpcc", "sweep", "sweep-safe", "laps"),
-    "rough": ("learned-rough-safe", "kuramoto-mpcc", "kuramoto-mpcc-safe", "kuramoto-arc-mpcc-safe", "sweep-safe"),
+    "intruders": ("learned-intruders-safe", "kuramoto-mpcc", "arc-mpcc", "sweep", "sweep-safe", "laps"),
+    "rough": ("learned-rough-safe", "kuramoto-mpcc", "kuramoto-mpcc-safe", "arc-mpcc-safe", "sweep-safe"),
     "failure": ("kuramoto", "open-loop"),
     "ideal": ("kuramoto", "open-loop"),
 }

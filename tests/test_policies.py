@@ -250,7 +250,7 @@ def test_bad_parameters_are_refused(make, rule):
     ("name", "make"),
     [
         ("kuramoto-mpcc", lambda s: WithMpcc(Kuramoto, s, parameters=MpccParameters.of(s.robot, step=s.task.step))),
-        ("kuramoto-arc-mpcc", lambda s: WithMpcc(partial(KuramotoByArc, parameters=ArcParameters()), s)),
+        ("arc-mpcc", lambda s: WithMpcc(partial(KuramotoByArc, parameters=ArcParameters()), s)),
         ("consensus-gvf", lambda s: WithVectorField(Consensus, s, parameters=FieldParameters())),
         ("sweep", lambda s: Sweep(s, parameters=SweepParameters())),
     ],

@@ -22,7 +22,7 @@ Gained: intruders are found sooner. Means of 64 episodes of `intruders`:
 
 | policy              | detection time [s] | its 95th percentile [s] | collisions | spacing_factor |
 |---------------------|--------------------|-------------------------|------------|----------------|
-| `kuramoto-arc-mpcc` | 4.2                | 10.3                    | 0          | 0.96           |
+| `arc-mpcc` | 4.2                | 10.3                    | 0          | 0.96           |
 | `sweep`             | 4.7                | 22.3                    | 0.28       | 1.23           |
 | `kuramoto-mpcc`     | 6.8                | 22.6                    | 0          | 1.01           |
 
