@@ -313,9 +313,7 @@ def test_robots_are_spaced_along_the_curve_at_one_speed():
 
 def test_constant_speed_finds_intruders_sooner():
     """Oracle: the paper's coordination, and a patrol close to the boundary, which is faster still but touches."""
-    arc, kuramoto, sweep = (
-        played(name, "intruders", 32)[0] for name in ("arc-mpcc", "kuramoto-mpcc", "sweep")
-    )
+    arc, kuramoto, sweep = (played(name, "intruders", 32)[0] for name in ("arc-mpcc", "kuramoto-mpcc", "sweep"))
     assert mean(arc, "detection_time_mean") < 0.75 * mean(kuramoto, "detection_time_mean")
     assert mean(arc, "collisions") == 0
     assert mean(sweep, "detection_time_mean") < mean(arc, "detection_time_mean")

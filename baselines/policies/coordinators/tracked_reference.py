@@ -13,8 +13,8 @@ that is off it is off it for good.
 What a failure does depends on the generator of the stopped robot. As `tracked-reference` it stops with its robot and
 goes on with it: Fig. 6(b) shows states that keep their offset after t_2, and Section V names "the desynchronization in
 the reference point generation" as the reason. As `running-reference` it runs on (t_on is the time of the episode) and
-is caught up with, as fast as the robot may go: the configuration is recovered, which it is not in the figure, by robots
-that pass through the others' places.
+is caught up with: the configuration is recovered, which it is not in the figure, by robots that pass through the
+places of others.
 
 No message is used. Disturbances of the tracking are corrected, which `open-loop` does not.
 """
@@ -48,8 +48,8 @@ class ReferenceParameters(Checked):
     """Most that a robot adds to its rate to catch up, as a multiple of omega / alpha."""
 
 
-RUNNING = ReferenceParameters(runs_on=True, catch_up=6.0)
-"""Those of `running-reference`: up to seven times the formation's rate, where the robot may go as fast."""
+RUNNING = ReferenceParameters(runs_on=True, catch_up=1.5)
+"""Those of `running-reference`: cars under MPCC catch up soonest so, and lose their way where more is asked of them."""
 
 
 @wp.kernel
