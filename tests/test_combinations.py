@@ -112,11 +112,14 @@ def test_references_part_at_a_failure_alone():
 
 @pytest.mark.parametrize("scenario", ["failure", "knot"])
 def test_arc_spaces_points_by_arc_length(scenario):
-    """Oracle: the arc length by quadrature, that of the knot in space: gaps of L / 5 within half of Kuramoto's error."""
+    """Oracle: the arc length by quadrature, that of the knot in space; off gaps of L / 5 by half of Kuramoto's error."""
     made = lissajous_env.scenario(scenario, **BARE | NO_FAULTS)
     curve, gamma = made.curve, np.linspace(0, 2 * math.pi, 20_001)
-    along = [curve.half_width * curve.a * np.sin(curve.a * gamma), curve.half_height * curve.b * np.cos(curve.b * gamma),
-             curve.half_depth * curve.c * np.cos(curve.c * gamma)]  # fmt: skip
+    along = [
+        curve.half_width * curve.a * np.sin(curve.a * gamma),
+        curve.half_height * curve.b * np.cos(curve.b * gamma),
+        curve.half_depth * curve.c * np.cos(curve.c * gamma),
+    ]
     arc = cumulative_trapezoid(np.linalg.norm(along, axis=0), gamma, initial=0)
 
     def error(name):
