@@ -112,7 +112,7 @@ def test_references_part_at_a_failure_alone():
 
 @pytest.mark.parametrize("scenario", ["failure", "knot"])
 def test_arc_spaces_points_by_arc_length(scenario):
-    """Oracle: the arc length by quadrature, that of the knot in space; off gaps of L / 5 by half of Kuramoto's error."""
+    """Oracle: the arc length by quadrature, that of the knot in space; half as far off gaps of L / 5 as Kuramoto."""
     made = lissajous_env.scenario(scenario, **BARE | NO_FAULTS)
     curve, gamma = made.curve, np.linspace(0, 2 * math.pi, 20_001)
     along = [
