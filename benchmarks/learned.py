@@ -25,14 +25,10 @@ from baselines.benchmark.statistics import Statistics, summarize
 from baselines.policies.base import Policy
 
 TUNED = Path(__file__).parent / "tuned.json"
-LEARNED = {
-    "intruders": "learned-intruders", "rough": "learned-rough", "failure": "learned-ring", "ideal": "learned-ring",
-}  # fmt: skip
+LEARNED = {"intruders": "learned-intruders", "rough": "learned-rough"}
 OTHERS = {
-    "intruders": ("learned-intruders-safe", "kuramoto-mpcc", "kuramoto-arc-mpcc", "sweep", "sweep-safe", "laps"),
-    "rough": ("learned-rough-safe", "kuramoto-mpcc", "kuramoto-mpcc-safe", "kuramoto-arc-mpcc-safe", "sweep-safe"),
-    "failure": ("kuramoto", "open-loop"),
-    "ideal": ("kuramoto", "open-loop"),
+    "intruders": ("learned-intruders-safe", "kuramoto-mpcc", "arc-mpcc", "sweep", "sweep-safe", "laps"),
+    "rough": ("learned-rough-safe", "kuramoto-mpcc", "kuramoto-mpcc-safe", "arc-mpcc-safe", "sweep-safe"),
 }
 COLUMNS = {
     "detection_time_mean": "detection in s, IQM (95 % interval)",

@@ -36,14 +36,10 @@ import lissajous_env
 from baselines.benchmark.statistics import bootstrap_interval, interquartile_mean
 from baselines.mpcc.solver import MpccParameters
 from baselines.policies.base import Policy
-from baselines.policies.coordinators.arc_length import ArcParameters, KuramotoByArc, ground_speed
-from baselines.policies.coordinators.consensus import Consensus
-from baselines.policies.coordinators.kuramoto import Kuramoto
-from baselines.policies.coordinators.open_loop import OpenLoop
-from baselines.policies.coordinators.tracked_reference import TrackedReference
+from baselines.policies.combinations import COMBINATIONS
+from baselines.policies.coordinators.arc_length import ArcParameters, ground_speed
 from baselines.policies.patrol import Laps, Sweep
 from baselines.policies.patrol_path import SweepParameters, cruising_speed
-from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
 from baselines.safety.filter import Safe, SafetyParameters
 from lissajous_env.parameters.scenario import Scenario
@@ -51,8 +47,8 @@ from lissajous_env.storage.folder import Folder
 from lissajous_env.storage.journal import Journal
 
 POLICIES = (
-    "open-loop-mpcc", "tracked-reference-mpcc", "kuramoto-mpcc", "kuramoto-mpcc-safe", "kuramoto-arc-mpcc",
-    "kuramoto-arc-mpcc-safe", "consensus-gvf", "consensus-gvf-safe", "sweep", "sweep-safe", "laps", "laps-safe",
+    "open-loop-mpcc", "tracked-reference-mpcc", "kuramoto-mpcc", "kuramoto-mpcc-safe", "arc-mpcc",
+    "arc-mpcc-safe", "consensus-gvf", "consensus-gvf-safe", "sweep", "sweep-safe", "laps", "laps-safe",
 )  # fmt: skip
 HELD_OUT = range(10_000, 10_064)
 BATCH = 64
@@ -64,7 +60,6 @@ ELITE = 3
 NAMES = ("trials.jsonl", "trials.csv", "tuned.json", "tuned.md")
 """Files of the results."""
 PATROLS = {"sweep": Sweep, "laps": Laps}
-COORDINATORS = {"kuramoto": Kuramoto, "open-loop": OpenLoop, "tracked-reference": TrackedReference}
 
 Settings = dict[str, float | int]
 """What differs from the default, as `part.name`; part is `formation` or the parameters of a piece of the policy."""
@@ -83,14 +78,14 @@ def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1,
     planned = lissajous_env.scenario(scenario, formation=parts.get("formation", {}))
     if name in PATROLS:
         policy = PATROLS[name](planned, num_worlds, device, SweepParameters(**parts.get("sweep", {})))
-    elif name == "consensus-gvf":
-        field = FieldParameters(**parts.get("field", {}))
-        policy = WithVectorField(Consensus, planned, num_worlds, device, field)
     else:
-        mpcc = MpccParameters.of(scenario.robot, step=scenario.task.step, **parts.get("mpcc", {}))
-        arc = partial(KuramotoByArc, parameters=ArcParameters(**parts.get("arc", {})))
-        coordinator = COORDINATORS.get(name.removesuffix("-mpcc"), arc)
-        policy = WithMpcc(coordinator, planned, num_worlds, device, mpcc)
+        coordinator, tracker, _ = COMBINATIONS[name]
+        if name.startswith("arc"):
+            coordinator = partial(coordinator, parameters=ArcParameters(**parts.get("arc", {})))
+        given: Any = MpccParameters.of(scenario.robot, step=scenario.task.step, **parts.get("mpcc", {}))
+        if tracker is WithVectorField:
+            given = FieldParameters(**parts.get("field", {}))
+        policy = tracker(coordinator, planned, num_worlds, device, given)
     policy.name = name
     return policy
 
@@ -112,12 +107,12 @@ def space(name: str, scenario: Scenario) -> dict[str, tuple[float, float] | list
         deepest = 0.9 * scenario.curve.half_height
         return {"sweep.cruise": (0.3 * cruise, min(2.5 * cruise, top)), "sweep.inset": (0.02, deepest),
                 "sweep.lanes": [2, 4, 6], "sweep.lookahead": (0.3, 2.0)}  # fmt: skip
-    if name.startswith("kuramoto-arc"):
+    if name.startswith("arc"):
         speed = ground_speed(scenario)
         found |= {"arc.speed": (0.3 * speed, 2.5 * speed), "arc.preview": (0.2, 1.5)}
     else:
         found |= {"formation.phase_rate": (0.3 * rate, 4.0 * rate)}
-    if name.startswith(("kuramoto", "consensus")):
+    if name.startswith(("kuramoto", "arc", "consensus")):
         found |= {"formation.coupling": (0.05, 4.0)}
     if name == "consensus-gvf":
         return found | {"field.pull": (0.5, 10.0), "field.turn": (2.0, 20.0), "field.speed": (1.0, 20.0),

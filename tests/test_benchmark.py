@@ -306,7 +306,7 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
     played = [
         {"scenario": "failure", "policy": policy, "episode": k, "seed": k}
         | {column: digits * rng.random() for column in NUMBER_COLUMNS}
-        for policy in ("kuramoto-arc-mpcc-safe", "runs/x[/b]") for k in range(4)
+        for policy in ("arc-mpcc-safe", "runs/x[/b]") for k in range(4)
     ]  # fmt: skip
 
     def shown(columns):
@@ -321,7 +321,7 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
     assert nothing == []
     assert bool(left_out) == (width < 200)
     assert {word.strip("\N{BOX DRAWINGS LIGHT HORIZONTAL}") for word in text.split()} <= {"", *whole.split()}
-    assert {"kuramoto-arc-mpcc-safe", "runs/x[/b]"} <= set(text.split())
+    assert {"arc-mpcc-safe", "runs/x[/b]"} <= set(text.split())
     if width >= 60:
         assert max(map(len, text.splitlines())) <= width
 

@@ -122,24 +122,16 @@ def test_shipped_policies_are_played_like_the_classical_ones():
     [
         ("learned-intruders-safe", "kuramoto-mpcc", "intruders", 0.3, 0.0),
         ("learned-rough", "kuramoto-mpcc", "rough", 0.9, 4.0),
-        ("learned-ring", "kuramoto", "ideal", 0.5, 0.0),
     ],
 )
 def test_shipped_policies_beat_the_papers_method(name, rival, scenario, share, collisions):
     # Oracle: the paper's method, on the same seeds.
-    worlds = 4 if scenario == "ideal" else 32
     scores = []
     for each in (name, rival):
-        rows = lissajous_env.evaluate(baselines.make(each, scenario, worlds), scenario, range(100, 100 + worlds))
+        rows = lissajous_env.evaluate(baselines.make(each, scenario, 32), scenario, range(100, 132))
         scores.append([np.mean([row[column] for row in rows]) for column in ("detection_time_mean", "collisions")])
     assert scores[0][0] < share * scores[1][0]
     assert scores[0][1] <= collisions
-
-
-def test_the_learned_gain_recovers_sooner():
-    # Oracle: Kuramoto itself, which has recovered 2.0 s after the fault.
-    rows = lissajous_env.evaluate(baselines.make("learned-ring", "failure", 16), "failure", range(16))
-    assert max(row["recovery_time"] for row in rows) < 1.8
 
 
 def test_a_policy_of_a_folder_is_for_the_scenario_it_was_trained_on(tmp_path):

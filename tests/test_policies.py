@@ -58,7 +58,8 @@ def test_a_misshapen_observation_is_refused():
 
 def test_kuramoto_acts_by_equation_1():
     """Oracle: (1) in float64 on the true phases, which points without noise observe exactly."""
-    scenario = lissajous_env.scenario("failure", **{"formation.start": "random", "formation.coupling": 0.7})
+    overrides = {"formation.start": "random", "formation.coupling": 0.7, "robot.phase_rate_max": 0.3 + 2 * 0.7}
+    scenario = lissajous_env.scenario("failure", **overrides)
     simulation = lissajous_env.Simulation(scenario, num_worlds=8, seed=3)
     action = baselines.make("kuramoto", scenario, num_worlds=8).act(simulation.observation.numpy())
     phases = simulation.robots.phase.numpy()
@@ -250,7 +251,7 @@ def test_bad_parameters_are_refused(make, rule):
     ("name", "make"),
     [
         ("kuramoto-mpcc", lambda s: WithMpcc(Kuramoto, s, parameters=MpccParameters.of(s.robot, step=s.task.step))),
-        ("kuramoto-arc-mpcc", lambda s: WithMpcc(partial(KuramotoByArc, parameters=ArcParameters()), s)),
+        ("arc-mpcc", lambda s: WithMpcc(partial(KuramotoByArc, parameters=ArcParameters()), s)),
         ("consensus-gvf", lambda s: WithVectorField(Consensus, s, parameters=FieldParameters())),
         ("sweep", lambda s: Sweep(s, parameters=SweepParameters())),
     ],

@@ -20,7 +20,7 @@ from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory.geometry import curve_length, largest_speed
 
-CARS = ("tracked-reference-mpcc", "consensus-gvf", "kuramoto-arc-mpcc")
+CARS = ("tracked-reference-mpcc", "consensus-gvf", "arc-mpcc")
 NO_FAULTS = {"faults.schedule": ()}
 
 
@@ -293,7 +293,7 @@ def test_robots_are_spaced_along_the_curve_at_one_speed():
     """Oracle: gaps of L / 5, and a speed that the fastest stretch alone has where theta' = omega."""
     scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0})
     speeds, simulations = [], []
-    policy = baselines.make("kuramoto-arc-mpcc", scenario, num_worlds=4)
+    policy = baselines.make("arc-mpcc", scenario, num_worlds=4)
 
     def record(simulation):
         simulations[:] = [simulation]
@@ -313,9 +313,7 @@ def test_robots_are_spaced_along_the_curve_at_one_speed():
 
 def test_constant_speed_finds_intruders_sooner():
     """Oracle: the paper's coordination, and a patrol close to the boundary, which is faster still but touches."""
-    arc, kuramoto, sweep = (
-        played(name, "intruders", 32)[0] for name in ("kuramoto-arc-mpcc", "kuramoto-mpcc", "sweep")
-    )
+    arc, kuramoto, sweep = (played(name, "intruders", 32)[0] for name in ("arc-mpcc", "kuramoto-mpcc", "sweep"))
     assert mean(arc, "detection_time_mean") < 0.75 * mean(kuramoto, "detection_time_mean")
     assert mean(arc, "collisions") == 0
     assert mean(sweep, "detection_time_mean") < mean(arc, "detection_time_mean")

@@ -256,10 +256,16 @@ def test_a_point_goes_on_at_the_commanded_rate_and_stays_on_the_curve(depth):
     np.testing.assert_allclose(turned, 1, atol=5e-3)
 
 
-def test_the_default_action_range_reaches_what_the_coupling_asks_for():
-    # Oracle: (1), omega / alpha + 2 K is the most that it can ask for.
-    robot = lissajous_env.scenario("failure", **{"formation.alpha": 2, "formation.coupling": 0.7}).resolve().robot
-    assert robot.phase_rate_max == pytest.approx(0.3 / 2 + 2 * 0.7)
+@pytest.mark.parametrize("name", ["ideal", "perturbation", "failure", "knot", "swarm"])
+def test_no_point_goes_at_more_than_three_times_the_rate_of_the_formation(name):
+    # Oracle: full action for one step, by phases; K = 1 alone would ask for up to 160 times in `ideal`.
+    simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **{"targets.count": 0, "task.grid": None}))
+    before = simulation.robots.phase.numpy().copy()
+    simulation.step(np.ones(simulation.action_shape, dtype=np.float32))
+    scenario = simulation.scenario
+    moved = (simulation.robots.phase.numpy() - before) % (2 * math.pi)
+    own = scenario.formation.phase_rate / scenario.alpha
+    np.testing.assert_allclose(moved, 3 * own * scenario.task.step, rtol=1e-5)
 
 
 def test_phases_of_the_swarm_are_fine_enough_for_its_bodies():

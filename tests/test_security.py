@@ -97,15 +97,15 @@ def test_the_state_of_a_training_in_other_clothes(tmp_path, marker, capsys, form
 
 @pytest.mark.parametrize("command", ["run", "evaluate", "benchmark"])
 def test_a_folder_of_a_policy(attacked, tmp_path, command):
-    shipped = policy.find("learned-ring")
+    shipped = policy.find("learned-rough")
 
     def play(folder):
         out = tmp_path / "out"
         shutil.rmtree(out, ignore_errors=True)
         return {
-            "run": ["run", "failure", folder, "--out", tmp_path / "out.png", *SHORT],
-            "evaluate": ["evaluate", folder, "failure", "--episodes", "1", *SHORT],
-            "benchmark": ["benchmark", "--scenarios", "failure", "--policies", folder, "--episodes", "1",
+            "run": ["run", "rough", folder, "--out", tmp_path / "out.png", *SHORT],
+            "evaluate": ["evaluate", folder, "rough", "--episodes", "1", *SHORT],
+            "benchmark": ["benchmark", "--scenarios", "rough", "--policies", folder, "--episodes", "1",
                           "--out", out, *SHORT],
         }[command]  # fmt: skip
 
@@ -160,10 +160,10 @@ def test_a_recording(attacked, tmp_path, capsys):
 def test_what_a_checkpoint_names_stays_in_its_folder(tmp_path, capsys):
     # Story: the manifest names a file elsewhere, by a path; only its last part counts.
     folder = tmp_path / "policy"
-    shutil.copytree(policy.find("learned-ring"), folder)
+    shutil.copytree(policy.find("learned-rough"), folder)
     text = json.loads((folder / "checkpoint.json").read_text())
     (weights,) = folder.glob("weights-*")
     weights.rename(tmp_path / weights.name)
     text["files"]["weights"]["name"] = f"../{weights.name}"
     (folder / "checkpoint.json").write_text(json.dumps(text))
-    assert ended(["evaluate", folder, "failure", "--episodes", "1", *SHORT], capsys) == 2
+    assert ended(["evaluate", folder, "rough", "--episodes", "1", *SHORT], capsys) == 2

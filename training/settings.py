@@ -63,7 +63,7 @@ class TrainingSettings:
     """Reward that a residual costs, per step and mean square of the output: it leaves the base only where that pays."""
     teacher: str | None = None
     """Policy that is imitated; none goes without. By default none with `start` or `base`, else kuramoto for points and
-    kuramoto-arc-mpcc for cars."""
+    arc-mpcc for cars."""
     imitation: Literal["dagger", "clone"] = "dagger"
     """How ppo imitates at its start."""
     imitation_steps: int = 4_000_000
@@ -168,7 +168,7 @@ class TrainingSettings:
             return None if self.teacher == "none" else self.teacher
         if self.start is not None or self.base is not None:
             return None
-        return {"car": "kuramoto-arc-mpcc", "curve": "kuramoto"}.get(self.make_scenario().robot.kind)
+        return {"car": "arc-mpcc", "curve": "kuramoto"}.get(self.make_scenario().robot.kind)
 
     @property
     def imitated_until(self) -> int:

@@ -23,6 +23,7 @@ class _Entry:
     made_for: tuple[str, ...]
     about: str
     learned: bool
+    on_request: bool
 
 
 _REGISTRY: dict[str, _Entry] = {}
@@ -38,6 +39,7 @@ def register(
     made_for: tuple[str, ...] = (),
     about: str = "",
     learned: bool = False,
+    on_request: bool = False,
 ) -> Any:
     """Add a policy. Without a factory, this is a decorator of one: `@register("mine", kind="car")`.
 
@@ -48,6 +50,7 @@ def register(
         made_for: Names of the scenarios on which a benchmark plays it without being asked to; all by default.
         about: What it is, in one line; the first line of the factory's docstring by default.
         learned: Whether it is a learned one, which no other is added to.
+        on_request: Whether a benchmark plays it only where it is named.
 
     Returns:
         The factory.
@@ -55,12 +58,19 @@ def register(
     Raises:
         ValueError: a name that another policy has; the same policy may be registered again.
     """
-    if factory is None:
-        return partial(_added, name, kind, made_for, about, learned)
-    return _added(name, kind, made_for, about, learned, factory)
+    add = partial(_added, name, kind, tuple(made_for), about, learned, on_request)
+    return add if factory is None else add(factory)
 
 
-def _added(name: str, kind: str | None, made_for: tuple[str, ...], about: str, learned: bool, factory: Any) -> Any:
+def _added(
+    name: str,
+    kind: str | None,
+    made_for: tuple[str, ...],
+    about: str,
+    learned: bool,
+    on_request: bool,
+    factory: Any,
+) -> Any:
     if not isinstance(name, str) or not name:
         raise ValueError(f"name of a policy must be a word, got {name!r}")
     kind = getattr(factory, "kind", None) if kind is None else kind
@@ -69,7 +79,7 @@ def _added(name: str, kind: str | None, made_for: tuple[str, ...], about: str, l
     if not callable(factory):
         raise ValueError(f"factory of {name} must be callable, got {shown(factory)}")
     about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")
-    entry = _Entry(kind, factory, tuple(made_for), about.partition("\n")[0], learned)
+    entry = _Entry(kind, factory, made_for, about.partition("\n")[0], learned, on_request)
     plain, suffix = _parted(name)
     if suffix or any(name + each in _REGISTRY for each in _WRAPPERS):
         raise ValueError(f"name of a policy must be new, got {name}; {suffix or 'a suffix'} marks a wrapped {plain}")
@@ -83,7 +93,7 @@ def _alike(one: _Entry, other: _Entry) -> bool:
     def told(entry: _Entry) -> tuple:
         made = entry.factory
         parts = (made.func, made.args, made.keywords) if isinstance(made, partial) else (made,)
-        return entry.kind, entry.made_for, entry.learned, parts
+        return entry.kind, entry.made_for, entry.learned, entry.on_request, parts
 
     return told(one) == told(other)
 
@@ -130,7 +140,7 @@ def is_folder(name: str) -> bool:
 def made_for(name: str, scenario: str) -> bool:
     """Whether a benchmark plays a policy on a scenario without being asked to."""
     entry = _registry().get(unwrapped(name)[0])
-    return entry is None or not entry.made_for or scenario in entry.made_for
+    return entry is None or (not entry.on_request and (not entry.made_for or scenario in entry.made_for))
 
 
 def is_specialist(name: str) -> bool:

@@ -53,7 +53,7 @@ def _made(kind: str) -> Path:
     if kind == "policy":
         import training.learned.policy
 
-        shutil.copytree(training.learned.policy.find("learned-ring"), folder)
+        shutil.copytree(training.learned.policy.find("learned-rough"), folder)
     else:
         if kind == "recording":
             folder.mkdir()

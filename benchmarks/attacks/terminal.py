@@ -221,7 +221,7 @@ def _cache() -> str:
 
 
 def _try_width(draw: np.random.Generator) -> str | None:
-    width, names = int(draw.integers(1, 300)), ["kuramoto-arc-mpcc-safe", "x[/b]", "still", "a b", "[red]"]
+    width, names = int(draw.integers(1, 300)), ["arc-mpcc-safe", "x[/b]", "still", "a b", "[red]"]
     rows = []
     for policy in names[: int(draw.integers(1, 6))]:
         for k in range(int(draw.integers(1, 6))):

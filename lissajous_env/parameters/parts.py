@@ -15,6 +15,8 @@ from lissajous_env.parameters.checks import Checked, as_robot, choice, flag, is_
 
 MOST_TARGETS = 2**21
 """Most targets of an episode."""
+SPRINT = 3.0
+"""Phase rate of a point at action 1, where nothing else is said, as a multiple of the formation's own."""
 _LONGEST = 1e9
 """Latest time that a schedule may name [s]."""
 
@@ -149,7 +151,10 @@ class Robot(Checked):
     radius: float = number(0.125, 1e-3, 1e3, "m")
     """r_i, radius of the disc (the ball, in three dimensions) that two robots must keep from sharing [m]."""
     phase_rate_max: float | None = number(None, 1e-9, 1e4, "rad/s")
-    """Phase rate of a `curve` robot at action 1 [rad/s]; None is what (1) can ask for, omega / alpha + 2 K."""
+    """Phase rate of a `curve` robot at action 1 [rad/s]; None is 3 omega / alpha, three times the formation's own.
+
+    So nobody gains by racing; (1), which could ask for omega / alpha + 2 K, recovers from Fig. 6 at 2.7 omega / alpha.
+    """
     wheelbase: float = number(0.175, 1e-3, 100, "m")
     """l, distance between the axles [m]."""
     steering_max: float = number(math.pi / 9, 1e-3, 1.57, "rad")

@@ -15,7 +15,18 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.parameters.extensions import Extension, as_extensions
-from lissajous_env.parameters.parts import MOST_TARGETS, Curve, Faults, Formation, Noise, Robot, Sensing, Targets, Task
+from lissajous_env.parameters.parts import (
+    MOST_TARGETS,
+    SPRINT,
+    Curve,
+    Faults,
+    Formation,
+    Noise,
+    Robot,
+    Sensing,
+    Targets,
+    Task,
+)
 from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.robots.table import model_of
@@ -194,7 +205,7 @@ class Scenario:
         """Return the same scenario with every derived field filled in; changes nothing in how it runs."""
         rate_max = self.robot.phase_rate_max
         if rate_max is None:
-            rate_max = self.formation.phase_rate / self.alpha + 2 * self.formation.coupling
+            rate_max = SPRINT * self.formation.phase_rate / self.alpha
         offset = self.robot.offset if self.robot.model_offset is None else self.robot.model_offset
         robot = dataclasses.replace(self.robot, count=self.num_robots, phase_rate_max=rate_max, model_offset=offset)
         formation = dataclasses.replace(self.formation, p=self.p, alpha=self.alpha, ring=self.ring)

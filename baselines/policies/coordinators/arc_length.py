@@ -14,20 +14,11 @@ The ground speed v is as fast as the cars can follow (`ground_speed`), where the
 stretch of the curve alone.
 
 Lost: equally spaced robots are not on ellipse (5), so (6), (8) and T_max promise nothing, and `phase_error`, the
-deviation from (2) in theta, does not fall to 0. On curve (16) the smallest distance of two robots in formation is
-0.350 m instead of 0.455 m. With the tracking error of its cars, 0.17 m, that is too little: `experiment` without faults
-has 54 collisions in an episode, where `kuramoto-mpcc` has 0.7.
+deviation from (2) in theta, does not fall to 0. On curve (16) two robots in formation come nearer to one another than
+those of (2) do, too near for cars that leave the curve by as much as these do: they collide in `experiment`.
 
-Gained: intruders are found sooner. Means of 64 episodes of `intruders`:
-
-| policy              | detection time [s] | its 95th percentile [s] | collisions | spacing_factor |
-|---------------------|--------------------|-------------------------|------------|----------------|
-| `kuramoto-arc-mpcc` | 4.2                | 10.3                    | 0          | 0.96           |
-| `sweep`             | 4.7                | 22.3                    | 0.28       | 1.23           |
-| `kuramoto-mpcc`     | 6.8                | 22.6                    | 0          | 1.01           |
-
-Robots at the formation's mean speed, 1.31 m/s rather than 1.7 m/s, need 5.3 s: more than half of the gain over
-`kuramoto-mpcc` comes from the constant speed, the rest from there being room to go faster.
+Gained: in `intruders`, where the rectangle is too large for a guarantee, rogues are found sooner, for the constant
+speed and for the room that it leaves to go faster.
 """
 
 import math
@@ -45,7 +36,6 @@ from lissajous_env.device.program import launcher
 from lissajous_env.parameters.checks import Checked, number
 from lissajous_env.parameters.scenario import Curve, Scenario
 from lissajous_env.theory import closed_forms
-from lissajous_env.theory.geometry import curve_length
 
 wp.set_module_options(OPTIONS)
 
@@ -109,7 +99,7 @@ class KuramotoByArc:
         self._parameters = parameters or ArcParameters()
         self._alpha, self._coupling = float(scenario.alpha), scenario.formation.coupling
         speed = self._parameters.speed or ground_speed(scenario)
-        self._rate = 2 * math.pi * speed / (curve_length(scenario.curve) * scenario.alpha)
+        self._rate = 2 * math.pi * speed / (lap_length(scenario.curve) * scenario.alpha)
         self._tables = [wp.array(table, dtype=wp.float32, device=device) for table in arc_tables(scenario.curve)]
         self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
         self._launch = launcher(device)
@@ -125,24 +115,38 @@ def arc_tables(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
 
     Both are periodic, so float32 keeps them to about 1e-7 rad; between entries they are interpolated to 1e-5 rad.
     """
-    count = 1024 << (max(curve.a, curve.b) - 1).bit_length()
-    gamma = 2 * math.pi * np.arange(count + 1) / count
-    ends, middles = (
-        closed_forms.curve_speed(curve, gamma),
-        closed_forms.curve_speed(curve, gamma[:-1] + math.pi / count),
-    )
+    gamma = _phases(curve)
+    ends, middles = _speed(curve, gamma), _speed(curve, gamma[:-1] + 0.5 * gamma[1])
     cells = (ends[:-1] + 4 * middles + ends[1:]) / 6  # Simpson's rule
     arc = np.concatenate([[0.0], np.cumsum(cells)]) * 2 * math.pi / cells.sum()
     return (arc - gamma)[:-1], (np.interp(gamma, arc, gamma) - gamma)[:-1]
+
+
+def lap_length(curve: Curve) -> float:
+    """L, length of one lap [m]; of a knot (10), in space."""
+    return 2 * math.pi * float(np.mean(_speed(curve, _phases(curve)[:-1])))
+
+
+def _speed(curve: Curve, gamma: np.ndarray) -> np.ndarray:
+    """||r'(gamma)|| in the plane or in space [m/rad]."""
+    climb = curve.half_depth * curve.c * np.cos(curve.c * gamma)
+    return np.hypot(closed_forms.curve_speed(curve, gamma), climb)
+
+
+def _phases(curve: Curve) -> np.ndarray:
+    """Evenly spaced gamma over a lap, both ends among them [rad]."""
+    fastest = max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
+    count = 1024 << (fastest - 1).bit_length()
+    return 2 * math.pi * np.arange(count + 1) / count
 
 
 def ground_speed(scenario: Scenario) -> float:
     """Speed along the curve [m/s]: a patrol's cruising speed, less where grip would not let a car turn so fast.
 
     Grip must let it turn round in half of the rectangle's height, v^2 <= a_lat B / 2. The speed is never below the
-    formation's mean, omega L / 2 pi, and is that one where nothing is said of the grip.
+    formation's mean, omega L / (2 pi), and is that one where nothing is said of the grip.
     """
-    mean = scenario.formation.phase_rate * curve_length(scenario.curve) / (2 * math.pi)
+    mean = scenario.formation.phase_rate * lap_length(scenario.curve) / (2 * math.pi)
     grip = scenario.robot.lateral_acceleration_max
     if math.isinf(grip):
         return mean

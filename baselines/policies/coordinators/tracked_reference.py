@@ -4,20 +4,22 @@ A. V. Borkar et al., as the paper describes it: a distributed and robust trackin
 in open loop and centrally. The planner places the references in the formation and gives each the rate omega:
 
     gamma_ref(t) = gamma_ref(0) + omega t_on                 t_on: time for which the robot has worked [s]
-    theta_i' = omega / alpha + k wrap(theta_ref - theta_i)   gamma = alpha theta, k = TRACKING [1/s]
+    theta_i' = omega / alpha + k wrap(theta_ref - theta_i)   gamma = alpha theta, k = `tracking` [1/s]
 
-with the second term held to [-omega / alpha, omega / alpha], so that a robot neither reverses nor goes at more than
-twice the formation's rate to meet its reference. gamma_ref(0) is where the robot stands when the episode begins, which
-is its place in the formation; a start that is off it is off it for good.
+with the second term held to [-omega / alpha, `catch_up` omega / alpha], so that a robot does not reverse to meet its
+reference. gamma_ref(0) is where the robot stands when the episode begins, which is its place in the formation; a start
+that is off it is off it for good.
 
-What comes in between depends on what the generator of a stopped robot does. It is taken to stop with its robot and to
-go on with it: Fig. 6(b) shows states that keep their offset after t_2, and Section V names "the desynchronization in
-the reference point generation" as the reason. A reference that had run on would be caught up with by the tracking law
-above, and the configuration would be recovered, as it is not in the figure.
+What a failure does depends on the generator of the stopped robot. As `tracked-reference` it stops with its robot and
+goes on with it: Fig. 6(b) shows states that keep their offset after t_2, and Section V names "the desynchronization in
+the reference point generation" as the reason. As `running-reference` it runs on (t_on is the time of the episode) and
+is caught up with: the configuration is recovered, which it is not in the figure, by robots that pass through the
+places of others.
 
-No message is used. Disturbances of the tracking are corrected, which `open-loop` does not; failures are not.
+No message is used. Disturbances of the tracking are corrected, which `open-loop` does not.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,44 +30,61 @@ from baselines.policies.own_row import own_phase, own_works
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.program import launcher
+from lissajous_env.parameters.checks import Checked, flag, number
 from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
 
-TRACKING = 1.0
-"""k, the rate at which a robot makes up for its distance from the reference [1/s]."""
+
+@dataclass(frozen=True)
+class ReferenceParameters(Checked):
+    """What the coordinator is given besides the scenario."""
+
+    runs_on: bool = flag(False)
+    """Whether the reference of a stopped robot runs on."""
+    tracking: float = number(1.0, 1e-6, 1e6, "1/s")
+    """k, the rate at which a robot makes up for its distance from the reference [1/s]."""
+    catch_up: float = number(1.0, 0, 1e6)
+    """Most that a robot adds to its rate to catch up, as a multiple of omega / alpha."""
+
+
+RUNNING = ReferenceParameters(runs_on=True, catch_up=1.5)
+"""Those of `running-reference`: cars under MPCC catch up soonest so, and lose their way where more is asked of them."""
 
 
 @wp.kernel
 def track_reference(
     rate: float,
     step: float,
+    runs_on: bool,
     tracking: float,
+    most: float,
     memory: wp.array2d(dtype=wp.vec2),
     observation: wp.array3d(dtype=float),
     phase_rate_out: wp.array2d(dtype=float),
 ):
-    """theta_i' = rate + clip(tracking wrap(theta_ref - theta_i)), for robot i of world w.
+    """theta_i' = rate + clip(tracking wrap(theta_ref - theta_i)) to [-rate, most], for robot i of world w.
 
-    A robot's memory is the phase of its reference at the start [rad] and, plus one, the steps that it has worked.
+    A robot's memory is the phase of its reference at the start [rad] and, plus one, the steps that this has moved.
     """
     w, i = wp.tid()
     phase = own_phase(w, i, observation)
     known = memory[w, i]
     if known[1] == 0.0:
         known = wp.vec2(phase, 1.0)
-    elif own_works(w, i, observation):
+    elif runs_on or own_works(w, i, observation):
         known = wp.vec2(known[0], known[1] + 1.0)
     memory[w, i] = known
     behind = wrap(known[0] + rate * step * (known[1] - 1.0) - phase)
-    phase_rate_out[w, i] = rate + wp.clamp(tracking * behind, -rate, rate)
+    phase_rate_out[w, i] = rate + wp.clamp(tracking * behind, -rate, most)
 
 
 class TrackedReference:
     """Coordinator: phase rates (W, N) [rad/s] that keep each robot on its own reference point."""
 
-    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ReferenceParameters | None = None):
         shape = (num_worlds, scenario.num_robots)
+        self._parameters = parameters or ReferenceParameters()
         self._rate, self._step = scenario.formation.phase_rate / scenario.alpha, scenario.task.step
         self._memory = wp.zeros(shape, dtype=wp.vec2, device=device)
         self.phase_rate = wp.zeros(shape, dtype=wp.float32, device=device)
@@ -73,7 +92,9 @@ class TrackedReference:
 
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
-        inputs = [self._rate, self._step, TRACKING, self._memory, observation]
+        given = self._parameters
+        inputs = [self._rate, self._step, given.runs_on, given.tracking, given.catch_up * self._rate]
+        inputs += [self._memory, observation]
         self._launch(track_reference, self.phase_rate.shape, inputs, [self.phase_rate])
 
     def forget(self, mask: np.ndarray) -> None:

@@ -1,0 +1,169 @@
+"""Every coordinator over every tracker: each name plays, and is what it says."""
+
+import math
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_trapezoid
+
+import baselines
+import lissajous_env
+from baselines.policies import registry
+from baselines.policies.combinations import COMBINATIONS, ON_REQUEST
+from baselines.policies.coordinators.tracked_reference import ReferenceParameters, TrackedReference
+from baselines.policies.trackers.point import OnCurve
+
+COORDINATORS = ("kuramoto", "open-loop", "tracked-reference", "running-reference", "consensus", "arc")
+POINTS = COORDINATORS
+CARS = tuple(name + suffix for suffix in ("-mpcc", "-gvf") for name in COORDINATORS)
+BARE = {"targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None}
+NO_FAULTS = {"faults.schedule": ()}
+"""Of `failure` and `experiment`."""
+SEEDS = range(16)
+
+
+def played(policy, scenario, **overrides):
+    """Score rows of 16 seeds; the policy is a name, or a factory."""
+    made = lissajous_env.scenario(scenario, **BARE | overrides)
+    acting = baselines.make(policy, made, 16) if isinstance(policy, str) else policy(made, 16, "cpu")
+    return lissajous_env.evaluate(acting, made, SEEDS)
+
+
+def mean(rows, column):
+    return np.mean([row[column] for row in rows])
+
+
+def test_the_names_are_the_cross_product():
+    """Oracle: the documented names, in this order, cars with the collision filter under them too."""
+    assert tuple(COMBINATIONS) == (*POINTS, *CARS)
+    assert baselines.names("failure")[:6] == POINTS
+    names = baselines.names("experiment")
+    assert names[:12] == CARS
+    assert {name + "-safe" for name in CARS} <= set(names)
+    assert not set(CARS) & set(baselines.names("failure"))
+    assert len({about for *_, about in COMBINATIONS.values()}) == len(COMBINATIONS)
+
+
+def test_a_benchmark_plays_one_tracker_by_itself():
+    """Oracle: the rule. Coordinators are compared over MPCC; the whole of Yao et al. is there, the rest on request."""
+    usual = [name for name in baselines.names("experiment") if registry.made_for(name, "experiment")]
+    assert {name for name in CARS if name not in usual} == set(ON_REQUEST)
+    assert not any(name.removesuffix("-safe") in ON_REQUEST for name in usual)
+    assert {"consensus-mpcc", "consensus-gvf", "running-reference-mpcc"} <= set(usual)
+    assert all(registry.made_for(name, "failure") for name in POINTS)
+
+
+@pytest.mark.parametrize(("name", "scenario"), [
+    *((name, scenario) for name in POINTS for scenario in ("ideal", "perturbation", "failure", "knot", "swarm")),
+    *((name, scenario) for name in CARS for scenario in ("experiment", "intruders", "rough")),
+    *((name + "-safe", "rough") for name in CARS),
+])  # fmt: skip
+def test_each_name_plays(name, scenario):
+    """Oracle: finite actions in the box that move the team; the score row says who played."""
+    made = lissajous_env.scenario(scenario, **BARE | {"task.duration": 2.0})
+    policy = baselines.make(name, made, num_worlds=2)
+    rows = lissajous_env.evaluate(policy, made, range(2))
+    assert [row["policy"] for row in rows] == [name] * 2
+    assert np.isfinite(policy.action.numpy()).all()
+    assert np.abs(policy.action.numpy()).max() <= 1.0
+    assert mean(rows, "distance_mean") > 0.1
+
+
+@pytest.mark.parametrize("name", ["kuramoto-mpcc", "arc-gvf"])
+def test_cars_do_not_drive_points(name):
+    with pytest.raises(ValueError, match=f"policy for knot must drive robots of kind curve .*got {name}"):
+        baselines.make(name, "knot")
+
+
+# Each is what its name says. Points: the failure of Fig. 6.
+
+
+@pytest.mark.parametrize(("name", "recovery"), [
+    ("kuramoto", 2.0), ("consensus", 1.4), ("open-loop", math.nan), ("tracked-reference", math.nan),
+])  # fmt: skip
+def test_recovery_of_points(name, recovery):
+    """Oracle: figures computed independently; who does not react, or stops with its robot, does not recover."""
+    times = [row["recovery_time"] for row in played(name, "failure")]
+    assert times == pytest.approx([recovery] * 16, nan_ok=True)
+
+
+def test_a_reference_that_runs_on_is_caught_up_with():
+    """Oracle: 3.6 s where a robot may run at 7 omega, through the others; the law by hand for a slower one."""
+    eager = partial(OnCurve, partial(TrackedReference, parameters=ReferenceParameters(runs_on=True, catch_up=6.0)))
+    fast = played(eager, "failure", **{"robot.phase_rate_max": 7 * 0.3})
+    assert [row["recovery_time"] for row in fast] == pytest.approx([3.6] * 16)
+    assert mean(fast, "collisions") > 5 * mean(played("kuramoto", "failure"), "collisions")
+    # The gap of 9.9 s closes at 1.5 omega down to 1.5 omega / k, then as exp(-k t); three of five robots are ahead of
+    # the mean, so that the deviation is 0.05 rad where the gap of the other two is 0.05 / 0.6.
+    gap, fastest = 0.3 * 9.9, 1.5 * 0.3
+    expected = (gap - fastest) / fastest + math.log(fastest / (0.05 / 0.6))
+    assert [row["recovery_time"] for row in played("running-reference", "failure")] == pytest.approx(
+        [expected] * 16, abs=0.15
+    )
+
+
+def test_references_part_at_a_failure_alone():
+    """Oracle: as long as nobody stops, both references are the same; so is the score, bit for bit."""
+    disturbed = NO_FAULTS | {"noise.actuator": 0.01}
+    one, other = (played(name, "failure", **disturbed) for name in ("tracked-reference", "running-reference"))
+    assert [row["phase_error"] for row in one] == [row["phase_error"] for row in other]
+
+
+@pytest.mark.parametrize("scenario", ["failure", "knot"])
+def test_arc_spaces_points_by_arc_length(scenario):
+    """Oracle: the arc length by quadrature, that of the knot in space; half as far off gaps of L / 5 as Kuramoto."""
+    made = lissajous_env.scenario(scenario, **BARE | NO_FAULTS)
+    curve, gamma = made.curve, np.linspace(0, 2 * math.pi, 20_001)
+    along = [
+        curve.half_width * curve.a * np.sin(curve.a * gamma),
+        curve.half_height * curve.b * np.cos(curve.b * gamma),
+        curve.half_depth * curve.c * np.cos(curve.c * gamma),
+    ]
+    arc = cumulative_trapezoid(np.linalg.norm(along, axis=0), gamma, initial=0)
+
+    def error(name):
+        policy, simulation, errors = baselines.make(name, made), lissajous_env.Simulation(made, seed=1), []
+        for _ in range(300):
+            simulation.step(policy.act(simulation.observation))
+            places = np.sort(np.interp(simulation.robots.phase.numpy()[0], gamma, arc))
+            errors.append(np.abs(np.diff(places, append=places[0] + arc[-1]) - arc[-1] / 5).max())
+        return np.mean(errors[100:])
+
+    assert error("arc") < 0.5 * error("kuramoto")
+
+
+# Cars: who coordinates and who tracks are told apart.
+
+
+@pytest.fixture(scope="module")
+def undisturbed():
+    names = ("kuramoto-mpcc", "consensus-mpcc", "kuramoto-gvf", "consensus-gvf")
+    return {name: mean(played(name, "experiment", **NO_FAULTS), "collisions") for name in names}
+
+
+def test_the_tracker_makes_the_collisions_of_the_vector_field(undisturbed):
+    """Oracle: figures computed independently: 0.81 and 1.06 with MPCC, 22.06 with the field, whoever coordinates."""
+    assert undisturbed["kuramoto-mpcc"] == pytest.approx(0.81, abs=0.5)
+    assert undisturbed["consensus-mpcc"] == pytest.approx(1.06, abs=0.5)
+    assert undisturbed["kuramoto-gvf"] == pytest.approx(22.06, abs=4.0)
+    assert undisturbed["consensus-gvf"] == pytest.approx(22.06, abs=4.0)
+
+
+def test_the_coordinator_makes_those_of_the_fault():
+    """Oracle: figures computed independently, 5.1 collisions for Kuramoto and 10.9 for consensus, both with MPCC."""
+    kuramoto, consensus = (
+        mean(played(name, "experiment"), "collisions") for name in ("kuramoto-mpcc", "consensus-mpcc")
+    )
+    assert consensus > 1.5 * kuramoto
+
+
+def test_the_bound_on_the_speed_of_points_leaves_the_paper_as_it_is():
+    # Oracle: the same failure with all that (1) can ask for, omega / alpha + 2 K.
+    found = []
+    for bound in (None, 0.3 + 2 * 1.0):
+        made = lissajous_env.scenario("failure", **{"robot.phase_rate_max": bound})
+        rows = lissajous_env.evaluate(baselines.make("kuramoto", made, 4), made, range(4))
+        found.append([[row[column] for column in ("recovery_time", "phase_error", "distance_mean")] for row in rows])
+    np.testing.assert_allclose(*found, rtol=1e-6)
+    assert found[0][0][0] == pytest.approx(2.0)
