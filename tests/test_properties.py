@@ -3,6 +3,7 @@
 Oracle: ranges that follow from the definitions, and plain logic between what the environment returns.
 """
 
+import contextlib
 import math
 
 import numpy as np
@@ -83,6 +84,10 @@ def scenarios(draw):
         "task.reward_idleness": draw(st.sampled_from([0.0, 1.0])),
         "task.reward_effort": draw(st.sampled_from([0.0, -1.0])),
     }
+    columns = draw(st.integers(1, 40))
+    rows = max(round(columns * overrides["curve.half_height"] / overrides["curve.half_width"]), 1)
+    with contextlib.suppress(ValueError):  # cells that are too long, or too small for rogues as fast as these
+        return lissajous_env.scenario("experiment", **overrides, **{"task.contamination": (columns, rows)})
     return lissajous_env.scenario("experiment", **overrides)
 
 
@@ -130,6 +135,11 @@ def assert_score_in_range(scenario, simulation):
     gone = simulation.terminated.numpy().all(axis=1)
     for row, all_gone in zip(simulation.score(), gone, strict=True):
         assert set(row) == set(COLUMNS) - {"policy", "episode"}
+        guarantee = row["guaranteed_detection_time"]
+        assert math.isnan(guarantee) == (scenario.task.contamination is None)
+        if not math.isnan(guarantee):
+            assert 0 <= row["contaminated_age_mean"] <= guarantee <= duration + 1e-6
+            assert 0 <= row["unseen_at_end"] <= guarantee
         for name in FRACTIONS:
             assert math.isnan(row[name]) == (row["targets"] == 0)
             assert math.isnan(row[name]) or 0 <= row[name] <= 1

@@ -14,6 +14,8 @@ WEIGHTS = {
     "task.reward_effort": -0.2,
     "task.reward_formation": -0.4,
     "task.reward_outside": -0.9,
+    "task.reward_contamination": 0.7,
+    "task.contamination": (36, 16),
 }
 
 
@@ -47,7 +49,7 @@ def test_the_reward_is_the_sum_of_its_terms_and_the_return_of_the_rewards(name):
 def test_each_term_is_its_weight_times_what_happened(name):
     # Oracle: twice the weights, twice the terms; and counts of the events by the score.
     terms, _, actions, simulation = runs(name, **WEIGHTS)
-    double, *_ = runs(name, **{field: 2 * weight for field, weight in WEIGHTS.items()})
+    double, *_ = runs(name, **{field: 2 * weight if "reward" in field else weight for field, weight in WEIGHTS.items()})
     np.testing.assert_allclose(double, 2 * terms, rtol=1e-5)
     by_term = dict(zip(TERMS, np.moveaxis(terms.astype(float), -1, 0), strict=True))
     rows = simulation.score()

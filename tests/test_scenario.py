@@ -63,6 +63,7 @@ BAD_ROWS = {
     ],
     "faults.removed": [(0, 5.0), ((0, -1.0),), ((0, math.inf),), ((0.5, 1.0),), None],
     "task.grid": [(0, 16), (36, 4097), (36.5, 16), (36,), (1, 2, 3), 36],
+    "task.contamination": [(0, 16), (36, 4097), (36.5, 16), (36,), (1, 2, 3), 36],
 }
 
 
@@ -101,8 +102,9 @@ def test_every_field_refuses_what_its_rule_forbids(part, field):
         with pytest.raises(ValueError) as refused:
             KINDS[part](**{field.name: value})
         message = str(refused.value)
-        if name == "task.grid" and isinstance(value, tuple) and len(value) != 2 and "x" not in value:
-            assert message.startswith("task.grid must be (columns, rows) or None, got ")
+        in_pairs = name in ("task.grid", "task.contamination") and isinstance(value, tuple)
+        if in_pairs and len(value) != 2 and "x" not in value:
+            assert message.startswith(f"{name} must be (columns, rows) or None, got ")
         else:
             got = repr(value) if len(repr(value)) <= 160 else f"{repr(value)[:157]}..."
             assert message == f"{name} {field.metadata['rule']}, got {got}"
@@ -289,7 +291,7 @@ def test_resolve_fills_everything_in_once(name):
     assert resolved.resolve() == resolved
     assert resolved.resolve().digest() == resolved.digest()
     nothing = {f"{part}.{field}" for part in PARTS for field, v in resolved.to_dict()[part].items() if v is None}
-    assert nothing <= {"task.grid"}
+    assert nothing <= {"task.grid", "task.contamination"}
     for derived in ("num_robots", "p", "alpha", "clusters", "ring", "detection_time_bound", "target_capacity"):
         assert getattr(resolved, derived) == getattr(scenario, derived)
     assert np.array_equal(resolved.neighbours, scenario.neighbours)
@@ -326,7 +328,7 @@ def test_what_ships_is_a_formation_that_works(name):
     assert scenario.clusters == 1
     assert closed_forms.ring_lies_on_ellipse(scenario.curve, n, scenario.p, scenario.alpha)
     assert scenario.robot.radius < scenario.robot_radius_bound
-    if name != "intruders":  # its sensor is too short for (8) on purpose
+    if name not in ("intruders", "evaders", "evaders-failure"):  # their sensors are too short for (8) on purpose
         assert scenario.resolve().sensing.radius == pytest.approx(scenario.detection_radius)
 
 

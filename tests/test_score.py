@@ -66,7 +66,8 @@ def test_what_never_was_is_nan():
     missing = {name for name, value in row.items() if isinstance(value, float) and math.isnan(value)}
     detection = {name for name in COLUMNS if name.startswith("detect")}
     coverage = {"coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "sensed_fraction"}
-    assert missing == detection | coverage | {"min_separation", "recovery_time", "smoothness"}
+    guarantee = {"guaranteed_detection_time", "unseen_at_end", "contaminated_age_mean", "guarantee_recovery_time"}
+    assert missing == detection | coverage | guarantee | {"min_separation", "recovery_time", "smoothness"}
     assert row["targets"] == 0
 
 

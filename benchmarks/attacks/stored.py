@@ -90,6 +90,10 @@ def _is_possible(column: str, value: str) -> bool:
         "spacing_factor",
         "smoothness",
         "sensed_fraction",
+        "guaranteed_detection_time",
+        "unseen_at_end",
+        "contaminated_age_mean",
+        "guarantee_recovery_time",
     )
     empty = (*never, "idleness_mean", "idleness_max", *(c for c in NUMBER_COLUMNS if c.startswith("detect")))
     if value == "null":

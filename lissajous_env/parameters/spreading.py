@@ -70,7 +70,7 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
         raise ValueError(f"task.contamination {rule}, got {columns} x {rows} of {sides[0]:.3g} m x {sides[1]:.3g} m")
     radius -= SHRINK * max(sides) if task.conservative else 0.0
     moved = speed * task.step * (QUICKEN if task.conservative else 1.0)
-    if moved == 0:
+    if moved * task.steps < shortest:  # no rogue leaves its cell
         return Spreading(columns, rows, radius, 1, 1, (), ())
     ticks = math.ceil(moved / shortest)
     if ticks > _TICKS_MAX:
