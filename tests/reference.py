@@ -17,6 +17,7 @@ from reference_motion import (
     curve_point,
     curve_tangent,
     curve_tree,
+    first_within,
     move_target,
     projection,
     stopped_by_walls,
@@ -57,6 +58,8 @@ class Target:
     motion: int
     appears_at: int
     found_at: int | None = None
+    found_early: float = 0.0
+    """Share of that step that was left."""
     finder: int | None = None
     in_sight: bool = False
 
@@ -252,13 +255,18 @@ class World:
             gone = self.scenario.targets.leave and target.found_at is not None
             if target.appears_at > self.now or gone:
                 continue
+            before = target.position.copy()
             if target.appears_at < self.now:
                 move_target(self.scenario, target, sensors)
             distances = {i: float(np.linalg.norm(place - target.position)) for i, place in sensors.items()}
             target.in_sight = any(distance < radius for distance in distances.values())
-            if target.in_sight and target.found_at is None:
+            if target.found_at is not None:
+                continue
+            met = self._meetings(before, target.position, sensors) if target.appears_at < self.now else {}
+            if met or target.in_sight:
                 target.found_at = self.now
-                target.finder = min(distances, key=distances.__getitem__)
+                target.finder = min(met or distances, key=(met or distances).__getitem__)
+                target.found_early = 1 - met.get(target.finder, 1.0)
                 self.detections[target.finder] += 1
         self.ended_idleness = 0
         for k, (x, y) in enumerate(self.centres):
@@ -272,6 +280,18 @@ class World:
                 self.covered_at = self.now
             if self.covered_each_at is None and all(len(robots) == self.n for robots in self.sensed_by):
                 self.covered_each_at = self.now
+
+    def _meetings(self, before: np.ndarray, after: np.ndarray, sensors: dict) -> dict[int, float]:
+        """When, as a share of the step, each robot that works first has a target on a straight way in its disc."""
+        met, pieces = {}, self.scenario.task.substeps
+        for i in sensors:
+            offsets = [before + (after - before) * s / pieces - self.robots[i].way[s][:2] for s in range(pieces + 1)]
+            for s, (start, end) in enumerate(itertools.pairwise(offsets)):
+                share = first_within(start, end, self.scenario.sensing.radius)
+                if share is not None:
+                    met[i] = (s + share) / pieces
+                    break
+        return met
 
     # Score and reward.
 
@@ -326,9 +346,13 @@ class World:
         """Columns of the score up to now, but names and seed."""
         dt, now = self.dt, self.now
         there = [t for t in self.targets if t.appears_at <= now]
-        times = [((now if t.found_at is None else t.found_at) - t.appears_at) * dt for t in there]
+        times = [((now if t.found_at is None else t.found_at - t.found_early) - t.appears_at) * dt for t in there]
         bound = 2 * math.pi / self.scenario.formation.phase_rate / (self.n / self.scenario.clusters)
-        in_bound = [t.found_at is not None and time <= bound + 1e-9 for t, time in zip(there, times, strict=True)]
+        in_bound = [
+            time <= bound + 1e-9
+            for t, time in zip(there, times, strict=True)
+            if t.found_at is not None or time > bound + 1e-9
+        ]
         gaps = [np.diff([*visits, now]) for visits in self.visits]
         places = max(self.n / self.scenario.clusters, 2)
         corner = math.hypot(self.scenario.curve.half_width, self.scenario.curve.half_height)
@@ -339,7 +363,7 @@ class World:
             "detection_time_mean": np.mean(times) if there else nan,
             "detection_time_p95": np.percentile(times, 95) if there else nan,
             "detection_time_max": max(times) if there else nan,
-            "detected_within_bound": np.mean(in_bound) if there else nan,
+            "detected_within_bound": np.mean(in_bound) if in_bound else nan,
             "collisions": self.collisions,
             "contact_time": self.contact_steps * dt,
             "min_separation": self.least_distance if math.isfinite(self.least_distance) else nan,

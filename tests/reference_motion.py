@@ -97,6 +97,16 @@ def closest_approach(before: np.ndarray, after: np.ndarray) -> float:
     return float(np.linalg.norm(before + along * way / length))
 
 
+def first_within(before: np.ndarray, after: np.ndarray, radius: float) -> float | None:
+    """When, in [0, 1], an offset that goes straight from one to the other is first no longer than a radius [m]."""
+    if np.linalg.norm(before) <= radius:
+        return 0.0
+    way = after - before
+    crossings = np.roots([way @ way, 2 * before @ way, before @ before - radius**2])
+    times = [float(t.real) for t in crossings if abs(t.imag) < 1e-12 and 0 <= t.real <= 1]
+    return min(times, default=None)
+
+
 def stopped_by_walls(curve, state: np.ndarray) -> np.ndarray:
     """The state with the centre put back to the wall, and the velocity projected on it."""
     x, y, heading, speed = state

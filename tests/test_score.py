@@ -158,28 +158,45 @@ def test_the_spacing_of_the_formation_is_what_8_says(name, tight):
 
 
 def test_detection_times_by_hand():
-    # Oracle: NumPy on times written by hand: found at 0, 1 s, 3 s after it appeared at 2 s, and never.
+    # Oracle: NumPy on times written by hand: found at 0, 0.975 s, 3 s after it appeared at 2 s, and never.
     overrides = {"targets.count": 4, "targets.arrival_rate": 0.0, "sensing.radius": 1e-3, "task.grid": None}
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides))
     for _ in range(100):
         simulation.step(np.zeros(simulation.action_shape))
     simulation.targets.appears_at.assign(np.array([[0, 0, 20, 40]], dtype=np.int32))
     simulation.targets.found_at.assign(np.array([[0, 10, 50, 2**30]], dtype=np.int32))
+    simulation.targets.found_early.assign(np.array([[0.0, 0.25, 0.0, 0.0]], dtype=np.float32))
     (row,) = simulation.score()
-    times = [0.0, 1.0, 3.0, 6.0]
+    times = [0.0, 0.975, 3.0, 6.0]
     assert row["targets"] == 4
     assert row["detected_fraction"] == 0.75
     assert row["detection_time_mean"] == pytest.approx(np.mean(times))
     assert row["detection_time_p95"] == pytest.approx(np.percentile(times, 95))
     assert row["detection_time_max"] == pytest.approx(6.0)
-    # T_max = (2 pi / 0.3) / 5 = 4.19 s; the one never found is not within it, however short it was there.
+    # T_max = (2 pi / 0.3) / 5 = 4.19 s; the one never found was there for longer.
     assert row["detected_within_bound"] == 0.75
-    simulation.targets.appears_at.assign(np.array([[0, 0, 20, 99]], dtype=np.int32))
-    assert simulation.score()[0]["detected_within_bound"] == 0.75
     simulation.targets.appears_at.assign(np.array([[0, 0, 2, 101]], dtype=np.int32))
     (row,) = simulation.score()
     assert row["targets"] == 3, "a target of the future is not counted"
     assert row["detected_within_bound"] == pytest.approx(2 / 3)
+
+
+def test_who_was_there_too_short_to_be_late_is_left_out_of_the_share_within_the_bound():
+    # Oracle: by hand. After 10 s with T_max = 4.19 s: found after 1 s, after 5 s, never in 4.1 s, never in 4.3 s.
+    overrides = {"targets.count": 4, "targets.arrival_rate": 0.0, "sensing.radius": 1e-3, "task.grid": None}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **overrides))
+    for _ in range(100):
+        simulation.step(np.zeros(simulation.action_shape))
+    simulation.targets.appears_at.assign(np.array([[0, 0, 57, 59]], dtype=np.int32))
+    simulation.targets.found_at.assign(np.array([[10, 50, 2**30, 2**30]], dtype=np.int32))
+    (row,) = simulation.score()
+    assert row["detected_within_bound"] == pytest.approx(1 / 3)
+    assert row["detected_fraction"] == 0.5
+    simulation.targets.appears_at.assign(np.full((1, 4), 98, dtype=np.int32))
+    simulation.targets.found_at.assign(np.full((1, 4), 2**30, dtype=np.int32))
+    (row,) = simulation.score()
+    assert math.isnan(row["detected_within_bound"])
+    assert row["detected_fraction"] == 0
 
 
 def test_the_lateral_error_of_a_car_beside_its_curve():

@@ -23,7 +23,7 @@ from lissajous_env.world.stages import reset_stages, step_stages
 from lissajous_env.world.state import RUNNING, Cells, Clock, Latest, Links, Robots, Tally, Targets, allocate
 
 _LAST_SEED = 2**31 - 1
-_TARGET_BYTES = 32
+_TARGET_BYTES = 44
 
 
 class Simulation:

@@ -9,6 +9,7 @@ from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskS
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters import parts
+from lissajous_env.world.sight import first_sight, longest_way, nearest_sensor
 from lissajous_env.world.state import FOUND, GONE, HIDDEN, NEVER, PRESENT, Clock, Latest, Robots, Targets
 
 wp.set_module_options(MOTION)
@@ -21,12 +22,9 @@ CUSTOM = wp.constant(4)
 """Moved by a stage of the scenario's own."""
 
 _BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
-
-
-@wp.func
-def planar(position: wp.vec3) -> wp.vec2:
-    """Position on the ground [m]."""
-    return wp.vec2(position[0], position[1])
+_UNSEEN = wp.constant(place_of(parts.Targets, "entry", "unseen"))
+_PLACES = wp.constant(64)
+"""Places that are tried for a target that appears unseen."""
 
 
 @wp.func
@@ -48,7 +46,10 @@ def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
 
 @wp.kernel
 def reset_targets(first: int, lanes: int, curve: CurveStruct, target: TargetStruct, clock: Clock, targets: Targets):
-    """Draw place, heading and motion of every slot; those of the start appear at step 0."""
+    """Draw place, heading and motion of every slot; those of the start appear at step 0.
+
+    The place of a target that appears unseen is drawn anew at that moment.
+    """
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -77,6 +78,7 @@ def reset_targets(first: int, lanes: int, curve: CurveStruct, target: TargetStru
         targets.stage[w, t] = HIDDEN
         targets.appears_at[w, t] = 0
         targets.found_at[w, t] = NEVER
+        targets.found_early[w, t] = 0.0
         targets.in_sight[w, t] = 0
 
 
@@ -94,17 +96,20 @@ def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Cl
 
 
 @wp.func
-def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> wp.vec2:
-    """Return (index, squared distance [m^2]) of the working robot nearest to a place."""
-    nearest = int(0)
-    least = float(1.0e30)
-    for i in range(robots.sensor.shape[1]):
-        away = robots.sensor[w, i] - place
-        square = wp.dot(away, away)
-        if square < least:
-            least = square
-            nearest = i
-    return wp.vec2(float(nearest), least)
+def unseen_place(
+    w: int, t: int, key: int, place: wp.vec2, curve: CurveStruct, sensing: SensingStruct, robots: Robots
+) -> wp.vec2:
+    """The first of `_PLACES` uniform random places in no working robot's disc, or else the last of them [m]."""
+    draw = randomness.stream(key, t, randomness.UNSEEN)
+    tried = place
+    for _ in range(_PLACES):
+        x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
+        y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
+        tried = wp.vec2(x, y)
+        nearest = nearest_sensor(w, tried, robots)
+        if nearest[1] >= sensing.radius * sensing.radius:
+            break
+    return tried
 
 
 @wp.func
@@ -171,9 +176,10 @@ def move_and_detect(
     targets: Targets,
     latest: Latest,
 ):
-    """Let targets leave that were detected, the others appear or move, and the nearest working robot detect them.
+    """Let targets leave that were detected, the others appear or move, and the first robot that meets one detect it.
 
-    The two are one stage because what is far from every sensor before it moves need not be looked at again.
+    The three are one stage because what is far from every sensor before it moves need not be looked at again. A target
+    appears at the end of its step: it is detected then or swept from the next step on.
     """
     tid, lane = wp.tid()
     w = first + tid
@@ -181,7 +187,8 @@ def move_and_detect(
         return
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    reach = sensing.radius + task.step * wp.max(target.speed, target.flee_speed)
+    way = longest_way(w, robots)
+    near = sensing.radius + task.step * wp.max(target.speed, target.flee_speed)
     waiting = int(0)
     sighted = int(0)
     for t in range(lane, targets.stage.shape[1], lanes):
@@ -193,21 +200,37 @@ def move_and_detect(
             targets.in_sight[w, t] = 0
         elif stage != GONE:
             place = targets.position[w, t]
+            if stage == HIDDEN and target.entry == _UNSEEN:
+                place = unseen_place(w, t, key, place, curve, sensing, robots)
+                targets.position[w, t] = place
+            before = place
+            reach = near + way
             motion = targets.motion[w, t]
             nearest = nearest_sensor(w, place, robots)
+            if motion == CUSTOM:
+                before = targets.before[w, t]
+                targets.before[w, t] = place
+                reach = sensing.radius + wp.length(place - before) + way
+            swept = stage == PRESENT and nearest[1] < reach * reach
             if stage != HIDDEN and motion != STILL and motion != CUSTOM:
                 place = move_target(w, t, key, motion, place, nearest, task.step, curve, target, robots, targets)
                 # A target that was far from every sensor cannot have come into one's reach in this step.
-                if nearest[1] < reach * reach:
+                if nearest[1] < near * near:
                     nearest = nearest_sensor(w, place, robots)
             seen = wp.where(nearest[1] < sensing.radius * sensing.radius, 1, 0)
             sighted += seen
             targets.in_sight[w, t] = seen
             if stage != FOUND:
-                if seen == 1:
+                finder = wp.where(seen == 1, int(nearest[0]), -1)
+                if swept:
+                    sight = first_sight(w, before, place, sensing.radius, reach, robots)
+                    if sight[1] <= 1.0:
+                        finder = int(sight[0])
+                        targets.found_early[w, t] = 1.0 - sight[1]
+                if finder >= 0:
                     targets.stage[w, t] = FOUND
                     targets.found_at[w, t] = now
-                    wp.atomic_add(latest.detections, w, int(nearest[0]), 1)
+                    wp.atomic_add(latest.detections, w, finder, 1)
                 else:
                     targets.stage[w, t] = PRESENT
                     waiting += 1
