@@ -38,8 +38,11 @@ def score_rows(
     """Score of the episode that each of some worlds is in, up to now: its columns but `policy` and `episode`.
 
     A time that never came is NaN. A target that was not detected counts with the time it was there; of the share
-    detected within T_max it is no part while that is below T_max. `brought` holds the values (W,) of the columns that
-    extensions bring, by name; the others are the structs of the state.
+    detected within T_max it is no part while that is below T_max. `recovery_time` is from the end of the last fault
+    until the formation is off no more, as `lissajous_env.world.tally.tally_formation` says. It is NaN where the
+    formation is not back for `STAYS` at the end, and where no fault ever had it off, as there is nothing to recover
+    from; `phase_error` tells the two apart. `brought` holds the values (W,) of the columns that extensions bring, by
+    name; the others are the structs of the state.
     """
     step = scenario.task.step
     host = {name: getattr(tally, name).numpy() for name in Tally.vars if name != "contact"}
@@ -59,7 +62,8 @@ def score_rows(
         open_gaps = now - sensed_at[w]
         has_grid, fault_end = scenario.task.grid is not None, int(host["fault_end"][w])
         squares = idle_squares[w].sum(dtype=float) + np.sum(open_gaps.astype(float) ** 2)
-        recovered = fault_end >= 0 and (now - host["off_at"][w]) * step >= STAYS
+        off_at = int(host["off_at"][w])
+        recovered = fault_end >= 0 and off_at >= 0 and (now - off_at) * step >= STAYS
         rows.append({
             "scenario": scenario.name,
             "seed": int(seed_of[w]),
@@ -82,7 +86,7 @@ def score_rows(
             "tracking_error_max": host["tracking_max"][w],
             "spacing_factor": host["spacing_max"][w] / (2 * scenario.detection_radius),
             "phase_error": host["phase_error_max"][w],
-            "recovery_time": max(host["off_at"][w] + 1 - fault_end, 0) * step if recovered else np.nan,
+            "recovery_time": max(off_at + 1 - fault_end, 0) * step if recovered else np.nan,
             "outside_time": host["outside_steps"][w] * step,
             "distance_mean": host["distance_sum"][w] / scenario.num_robots,
             "speed_max": host["speed_max"][w],

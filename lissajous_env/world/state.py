@@ -198,8 +198,12 @@ class Tally:
     """(W,) deviation from the equilibrium now [rad]."""
     phase_error_max: wp.array(dtype=wp.float32)
     """(W,) largest deviation from the equilibrium [rad]."""
+    swing: wp.array(dtype=wp.float32)
+    """(W,) largest deviation from the equilibrium before a robot was stuck for the first time [rad]."""
+    faulted: wp.array(dtype=wp.int32)
+    """(W,) 1 from the first step on in which a robot is stuck."""
     off_at: wp.array(dtype=wp.int32)
-    """(W,) latest step in which the deviation was not below the band of recovery."""
+    """(W,) latest step since then in which the deviation was above the swing, and a margin; -1 for never."""
     fault_end: wp.array(dtype=wp.int32)
     """(W,) step at whose end the latest fault was over; -1 for none or while one lasts."""
     distance_sum: wp.array(dtype=wp.float64)
