@@ -56,7 +56,7 @@ def scenarios(draw):
         "sensing.robots_seen": draw(st.integers(0, 6)),
         "targets.count": draw(st.integers(0, 20)),
         "targets.arrival_rate": draw(st.sampled_from([0.0, 0.5, 5.0])),
-        "targets.entry": draw(st.sampled_from(["inside", "boundary"])),
+        "targets.entry": draw(st.sampled_from(["inside", "boundary", "unseen"])),
         "targets.drifting": shares[0] / total,
         "targets.wandering": shares[1] / total,
         "targets.fleeing": shares[2] / total,
