@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.storage.folder import Folder
-from lissajous_env.world.score import detection_times
 from lissajous_env.world.simulation import Simulation
 
 NAME = "detections.jsonl"
@@ -30,13 +29,11 @@ def detections_of(simulation: Simulation, rows: Sequence[Mapping[str, Any]]) -> 
     Each tells `scenario`, `policy` and `episode`, and of its targets the time from the appearance until the detection,
     `found` [s], or for which one was there undetected, `unfound` [s].
     """
-    targets, steps = simulation.targets, simulation.clock.step.numpy()
-    arrays = [array.numpy() for array in (targets.appears_at, targets.found_at, targets.found_early)]
     kept = []
     for world, row in enumerate(rows):
         if row["episode"] < KEPT:
-            times, found = detection_times(*(array[world] for array in arrays), int(steps[world]))
-            times = np.round(times * simulation.scenario.task.step, _DIGITS)
+            times, found = simulation.detection_times(world)
+            times = np.round(times, _DIGITS)
             identity = {name: row[name] for name in _ENTRIES[:3]}
             kept.append(identity | {"found": times[found].tolist(), "unfound": times[~found].tolist()})
     return kept

@@ -52,6 +52,8 @@ _COLOURS = (
 )
 _POINTS = 1000
 """Steps of a curve that are drawn, or up to twice as many."""
+_FOR_GOOD = 1e9
+"""A time beyond every scale [s]."""
 _PANEL = 3.8
 """Width of a panel [inch]."""
 
@@ -162,7 +164,10 @@ def _steps(axes: Axes, curves: Mapping[str, tuple[Any, Any]], colour: dict[str, 
         style = (0, (3, 1)) if unwrapped(policy)[1] else "-"
         line = {"color": colour[policy], "lw": max(4.5 - 0.8 * k, 1.2), "ls": style, "label": policy}
         shown = slice(None, None, max(len(times) // _POINTS, 1))
-        axes.step([0, *times[shown], *times[-1:]], [0, *share[shown], *share[-1:]], where="post", **line)
+        at, of = [0, *times[shown], *times[-1:]], [0, *share[shown], *share[-1:]]
+        if of[-1] == 1:  # all are detected; otherwise nothing is known beyond the last that was still there
+            at, of = [*at, _FOR_GOOD], [*of, 1]
+        axes.step(at, of, where="post", **line)
         if len(times):
             end = max(end, times[np.searchsorted(share, 0.99 * share[-1])])
     axes.set_ylim(0, 1.03)

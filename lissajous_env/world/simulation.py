@@ -17,7 +17,7 @@ from lissajous_env.world.constants import constants_of
 from lissajous_env.world.extended import Extended
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
-from lissajous_env.world.score import score_rows
+from lissajous_env.world.score import detection_times, score_rows
 from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
 from lissajous_env.world.state import RUNNING, Cells, Clock, Latest, Links, Robots, Tally, Targets, allocate
@@ -139,6 +139,13 @@ class Simulation:
         """Score of the latest episode of some worlds so far, one row each: `lissajous_env.world.score.COLUMNS`."""
         chosen, brought = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
         return score_rows(self.scenario, self.clock, self.targets, self.cells, self.tally, brought, chosen)
+
+    def detection_times(self, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Of each target (K,) that has appeared: time until it was detected, or until now [s]; and whether it was."""
+        targets, now = self.targets, int(self.clock.step.numpy()[world])
+        kept = (each.numpy()[world] for each in (targets.appears_at, targets.found_at, targets.found_early))
+        times, found = detection_times(*kept, now=now)
+        return times * self.scenario.task.step, found
 
     @property
     def over(self) -> np.ndarray:
