@@ -22,7 +22,6 @@ CUSTOM = wp.constant(4)
 """Moved by a stage of the scenario's own."""
 
 _BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
-_UNSEEN = wp.constant(place_of(parts.Targets, "entry", "unseen"))
 _PLACES = wp.constant(64)
 """Places that are tried for a target that appears unseen."""
 
@@ -95,21 +94,29 @@ def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Cl
         targets.appears_at[w, t] = 1 + int(wp.min(time / task.step, 1.0e9))
 
 
-@wp.func
-def unseen_place(
-    w: int, t: int, key: int, place: wp.vec2, curve: CurveStruct, sensing: SensingStruct, robots: Robots
-) -> wp.vec2:
-    """The first of `_PLACES` uniform random places in no working robot's disc, or else the last of them [m]."""
-    draw = randomness.stream(key, t, randomness.UNSEEN)
-    tried = place
-    for _ in range(_PLACES):
-        x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
-        y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
-        tried = wp.vec2(x, y)
-        nearest = nearest_sensor(w, tried, robots)
-        if nearest[1] >= sensing.radius * sensing.radius:
-            break
-    return tried
+@wp.kernel
+def place_unseen(
+    first: int, lanes: int, curve: CurveStruct, sensing: SensingStruct, clock: Clock, robots: Robots, targets: Targets
+):
+    """Put each target that appears now at the first of `_PLACES` uniform random places that is unseen, or the last."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    now = clock.step[w]
+    key = randomness.step_key(clock.seed[w], now)
+    for t in range(lane, targets.stage.shape[1], lanes):
+        if targets.appears_at[w, t] > now:
+            break  # the slots are in the order of their times
+        if targets.stage[w, t] == HIDDEN:
+            draw = randomness.stream(key, t, randomness.UNSEEN)
+            for _ in range(_PLACES):
+                x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
+                y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
+                targets.position[w, t] = wp.vec2(x, y)
+                nearest = nearest_sensor(w, wp.vec2(x, y), robots)
+                if nearest[1] >= sensing.radius * sensing.radius:
+                    break
 
 
 @wp.func
@@ -163,6 +170,37 @@ def move_target(
     return wp.vec2(moved[0], moved[1])
 
 
+@wp.func
+def detect(
+    w: int,
+    t: int,
+    now: int,
+    nearest: wp.vec2,
+    before: wp.vec2,
+    after: wp.vec2,
+    radius: float,
+    reach: float,
+    robots: Robots,
+    targets: Targets,
+    latest: Latest,
+) -> int:
+    """Let a robot detect a target: the first on its way or else, if it is seen there, the nearest at its end.
+
+    The way is from `before` to `after` [m], and not looked at where `reach` is 0. Returns the robot, or -1 for none.
+    """
+    found = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
+    if reach > 0.0:
+        sight = first_sight(w, before, after, radius, reach, robots)
+        if sight[1] <= 1.0:
+            found = int(sight[0])
+            targets.found_early[w, t] = 1.0 - sight[1]
+    targets.stage[w, t] = wp.where(found >= 0, FOUND, PRESENT)
+    if found >= 0:
+        targets.found_at[w, t] = now
+        wp.atomic_add(latest.detections, w, found, 1)
+    return found
+
+
 @wp.kernel
 def move_and_detect(
     first: int,
@@ -176,10 +214,9 @@ def move_and_detect(
     targets: Targets,
     latest: Latest,
 ):
-    """Let targets leave that were detected, the others appear or move, and the first robot that meets one detect it.
+    """Let detected targets leave, others appear or move, and the first robot that meets one detect it.
 
-    The three are one stage because what is far from every sensor before it moves need not be looked at again. A target
-    appears at the end of its step: it is detected then or swept from the next step on.
+    A target appears at the end of its step: it is detected then or, on its way, from the next step on.
     """
     tid, lane = wp.tid()
     w = first + tid
@@ -187,8 +224,8 @@ def move_and_detect(
         return
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    way = longest_way(w, robots)
-    near = sensing.radius + task.step * wp.max(target.speed, target.flee_speed)
+    way, radius = longest_way(w, robots), sensing.radius
+    near = radius + task.step * wp.max(target.speed, target.flee_speed)
     waiting = int(0)
     sighted = int(0)
     for t in range(lane, targets.stage.shape[1], lanes):
@@ -200,40 +237,26 @@ def move_and_detect(
             targets.in_sight[w, t] = 0
         elif stage != GONE:
             place = targets.position[w, t]
-            if stage == HIDDEN and target.entry == _UNSEEN:
-                place = unseen_place(w, t, key, place, curve, sensing, robots)
-                targets.position[w, t] = place
-            before = place
-            reach = near + way
             motion = targets.motion[w, t]
             nearest = nearest_sensor(w, place, robots)
+            before = place
+            reach = near + way
             if motion == CUSTOM:
                 before = targets.before[w, t]
                 targets.before[w, t] = place
-                reach = sensing.radius + wp.length(place - before) + way
-            swept = stage == PRESENT and nearest[1] < reach * reach
+                reach = radius + wp.length(place - before) + way
+            reach = wp.where(stage == PRESENT and nearest[1] < reach * reach, reach, 0.0)
             if stage != HIDDEN and motion != STILL and motion != CUSTOM:
                 place = move_target(w, t, key, motion, place, nearest, task.step, curve, target, robots, targets)
                 # A target that was far from every sensor cannot have come into one's reach in this step.
                 if nearest[1] < near * near:
                     nearest = nearest_sensor(w, place, robots)
-            seen = wp.where(nearest[1] < sensing.radius * sensing.radius, 1, 0)
+            seen = wp.where(nearest[1] < radius * radius, 1, 0)
             sighted += seen
             targets.in_sight[w, t] = seen
             if stage != FOUND:
-                finder = wp.where(seen == 1, int(nearest[0]), -1)
-                if swept:
-                    sight = first_sight(w, before, place, sensing.radius, reach, robots)
-                    if sight[1] <= 1.0:
-                        finder = int(sight[0])
-                        targets.found_early[w, t] = 1.0 - sight[1]
-                if finder >= 0:
-                    targets.stage[w, t] = FOUND
-                    targets.found_at[w, t] = now
-                    wp.atomic_add(latest.detections, w, finder, 1)
-                else:
-                    targets.stage[w, t] = PRESENT
-                    waiting += 1
+                finder = detect(w, t, now, nearest, before, place, radius, reach, robots, targets, latest)
+                waiting += wp.where(finder < 0, 1, 0)
     if waiting > 0:
         wp.atomic_add(latest.waiting, w, waiting)
     if sighted > 0:
