@@ -103,8 +103,8 @@ def evaluate(
             made = _made(cell, settings)
             with _naming(cell):
                 for finished in play(made, settings, numbers, progress.step):
-                    rows += finished
-                    progress.finished(len(finished))
+                    rows += finished.rows
+                    progress.finished(len(finished.rows))
             progress.end()
     statistics, console = report.statistics(rows), output.console()
     left_out: list[str] = []

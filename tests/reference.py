@@ -17,18 +17,16 @@ from reference_motion import (
     curve_point,
     curve_tangent,
     curve_tree,
+    meetings,
     move_target,
     projection,
     stopped_by_walls,
     wrapped,
 )
+from reference_score import score_of
 
 PARTED = 1.05
 """Distance over the sum of the radii, above which a collision is over."""
-RECOVERED = 0.05
-"""Deviation from the equilibrium below which a formation has recovered [rad]."""
-STAYS = 1.0
-"""Time for which it must have stayed there [s]."""
 
 
 @dataclass
@@ -57,6 +55,8 @@ class Target:
     motion: int
     appears_at: int
     found_at: int | None = None
+    found_early: float = 0.0
+    """Share of that step that was left."""
     finder: int | None = None
     in_sight: bool = False
 
@@ -103,6 +103,7 @@ class World:
         self.covered_at = self.covered_each_at = None
         self.at_work = [self.works(i) for i in range(self.n)]
         self.resumed_at: int | None = None
+        self.first_fault: int | None = None
         self._sense(begin=True)
         self._tally(begin=True)
         self._send()
@@ -252,13 +253,19 @@ class World:
             gone = self.scenario.targets.leave and target.found_at is not None
             if target.appears_at > self.now or gone:
                 continue
+            before = target.position.copy()
             if target.appears_at < self.now:
                 move_target(self.scenario, target, sensors)
             distances = {i: float(np.linalg.norm(place - target.position)) for i, place in sensors.items()}
             target.in_sight = any(distance < radius for distance in distances.values())
-            if target.in_sight and target.found_at is None:
+            if target.found_at is not None:
+                continue
+            ways = {i: self.robots[i].way for i in sensors} if target.appears_at < self.now else {}
+            met = meetings(before, target.position, ways, radius)
+            if met or target.in_sight:
                 target.found_at = self.now
-                target.finder = min(distances, key=distances.__getitem__)
+                target.finder = min(met or distances, key=(met or distances).__getitem__)
+                target.found_early = 1 - met.get(target.finder, 1.0)
                 self.detections[target.finder] += 1
         self.ended_idleness = 0
         for k, (x, y) in enumerate(self.centres):
@@ -296,6 +303,8 @@ class World:
                     )
         offsets = [self.robots[i].phase - self.equilibrium[i] for i in here]
         turn = math.atan2(sum(math.sin(o) for o in offsets), sum(math.cos(o) for o in offsets))
+        if self.first_fault is None and any(self.stuck(i) for i in range(self.n)):
+            self.first_fault = self.now
         self.deviations.append(max([abs(wrapped(o - turn)) for o in offsets], default=0.0))
 
     def _distance_from_curve(self, place: np.ndarray) -> float:
@@ -324,50 +333,7 @@ class World:
 
     def score(self) -> dict[str, float]:
         """Columns of the score up to now, but names and seed."""
-        dt, now = self.dt, self.now
-        there = [t for t in self.targets if t.appears_at <= now]
-        times = [((now if t.found_at is None else t.found_at) - t.appears_at) * dt for t in there]
-        bound = 2 * math.pi / self.scenario.formation.phase_rate / (self.n / self.scenario.clusters)
-        in_bound = [t.found_at is not None and time <= bound + 1e-9 for t, time in zip(there, times, strict=True)]
-        gaps = [np.diff([*visits, now]) for visits in self.visits]
-        places = max(self.n / self.scenario.clusters, 2)
-        corner = math.hypot(self.scenario.curve.half_width, self.scenario.curve.half_height)
-        nan = math.nan
-        return {
-            "targets": len(there),
-            "detected_fraction": np.mean([t.found_at is not None for t in there]) if there else nan,
-            "detection_time_mean": np.mean(times) if there else nan,
-            "detection_time_p95": np.percentile(times, 95) if there else nan,
-            "detection_time_max": max(times) if there else nan,
-            "detected_within_bound": np.mean(in_bound) if there else nan,
-            "collisions": self.collisions,
-            "contact_time": self.contact_steps * dt,
-            "min_separation": self.least_distance if math.isfinite(self.least_distance) else nan,
-            "coverage_time": nan if self.covered_at is None else self.covered_at * dt,
-            "coverage_time_each": nan if self.covered_each_at is None else self.covered_each_at * dt,
-            # A cell's idleness grows from 0 in each gap, so it is on average the sum of half squares over the time.
-            "idleness_mean": float(np.mean([(g**2).sum() / 2 / now * dt for g in gaps])) if gaps else nan,
-            "idleness_max": max(g.max() for g in gaps) * dt if gaps else nan,
-            "lateral_error_mean": self.lateral_sum / now,
-            "lateral_error_max": self.lateral_max,
-            "tracking_error_mean": self.tracking_sum / now,
-            "tracking_error_max": self.tracking_max,
-            "spacing_factor": self.spacing_max / (2 * math.sin(math.pi / places) * corner),
-            "phase_error": max(self.deviations),
-            "recovery_time": self._recovery_time(),
-            "outside_time": self.outside_steps * dt,
-            "return_mean": self.returns.mean(),
-        }
-
-    def _recovery_time(self) -> float:
-        faulty = any(self.stuck(i) for i in range(self.n))
-        stayed = list(itertools.takewhile(lambda deviation: deviation < RECOVERED, reversed(self.deviations)))
-        if self.resumed_at is None or faulty or len(stayed) * self.dt < STAYS - 1e-9:
-            return math.nan
-        recovered = self.now
-        while recovered > self.resumed_at and self.deviations[recovered - 1] < RECOVERED:
-            recovered -= 1
-        return (recovered - self.resumed_at) * self.dt
+        return score_of(self)
 
     # Messages.
 

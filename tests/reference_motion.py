@@ -1,6 +1,7 @@
 """Motion in the reference, in float64: the curve, the bicycle with its motor, walls, targets, the closest approach."""
 
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -95,6 +96,29 @@ def closest_approach(before: np.ndarray, after: np.ndarray) -> float:
         return float(np.linalg.norm(before))
     along = min(max(-float(before @ way) / length, 0.0), length)
     return float(np.linalg.norm(before + along * way / length))
+
+
+def first_within(before: np.ndarray, after: np.ndarray, radius: float) -> float | None:
+    """When, in [0, 1], an offset that goes straight from one to the other is first no longer than a radius [m]."""
+    if np.linalg.norm(before) <= radius:
+        return 0.0
+    way = after - before
+    crossings = np.roots([way @ way, 2 * before @ way, before @ before - radius**2])
+    times = [float(t.real) for t in crossings if abs(t.imag) < 1e-12 and 0 <= t.real <= 1]
+    return min(times, default=None)
+
+
+def meetings(before: np.ndarray, after: np.ndarray, ways: dict[int, list], radius: float) -> dict[int, float]:
+    """When, as a share of the step, each robot first has a target in its disc; all go straight between sub-steps."""
+    met = {}
+    for i, way in ways.items():
+        offsets = [before + (after - before) * s / (len(way) - 1) - place[:2] for s, place in enumerate(way)]
+        for s, (start, end) in enumerate(itertools.pairwise(offsets)):
+            share = first_within(start, end, radius)
+            if share is not None:
+                met[i] = (s + share) / (len(way) - 1)
+                break
+    return met
 
 
 def stopped_by_walls(curve, state: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ import baselines
 from baselines.benchmark.cluster import _checked, _packed, _play, _Shown
 from baselines.benchmark.playing import play
 from baselines.benchmark.running import measure, run
-from baselines.benchmark.types import Benchmark, Cell
+from baselines.benchmark.types import Batch, Benchmark, Cell
 from lissajous_env import scenario as make_scenario
 from lissajous_env import score_column
 
@@ -226,10 +226,19 @@ def test_a_policy_whose_actions_are_no_numbers_ends_as_it_does_here(one_node, tm
 def test_what_a_node_returns_is_checked(tmp_path, spoil):
     settings = small(tmp_path, seed=7)
     cell = Cell(make_scenario("failure", **SHORT), "mine", lambda *given: baselines.make("still", *given))
-    rows = next(play(cell, settings, [3, 4], lambda _: None))
-    assert _checked(rows, cell, settings, [3, 4]) is rows
+    batch = next(play(cell, settings, [3, 4], lambda _: None))
+    assert _checked(batch, cell, settings, [3, 4]) is batch
     with pytest.raises(ValueError, match="a node of the Ray cluster must return"):
-        _checked(spoil(rows), cell, settings, [3, 4])
+        _checked(Batch(spoil(batch.rows), batch.detections), cell, settings, [3, 4])
+
+
+@pytest.mark.parametrize("spoiled", [None, [{}], [{"found": 3}], "times"])
+def test_times_that_a_node_returns_are_checked(tmp_path, spoiled):
+    settings = small(tmp_path, seed=7)
+    cell = Cell(make_scenario("failure", **SHORT), "mine", lambda *given: baselines.make("still", *given))
+    batch = next(play(cell, settings, [3, 4], lambda _: None))
+    with pytest.raises(ValueError, match="a node of the Ray cluster must return"):
+        _checked(Batch(batch.rows, spoiled), cell, settings, [3, 4])
 
 
 @score_column("max")
@@ -243,13 +252,14 @@ def test_columns_that_a_scenario_brings_come_back(tmp_path):
     settings = small(tmp_path, seed=7)
     made = make_scenario("failure", extensions=fastest, **SHORT)
     cell = Cell(made, "kuramoto", lambda *given: baselines.make("kuramoto", *given))
-    rows = next(play(cell, settings, [3, 4], lambda _: None))
-    assert [list(row)[-1] for row in rows] == ["fastest"] * 2
-    assert _checked(rows, cell, settings, [3, 4]) is rows
-    with pytest.raises(ValueError, match="must have the columns of a score row"):
-        _checked([{**row, "slowest": 1.0} for row in rows], cell, settings, [3, 4])
-    with pytest.raises(ValueError, match="must have the columns of a score row"):
-        _checked([{k: v for k, v in row.items() if k != "fastest"} for row in rows], cell, settings, [3, 4])
+    batch = next(play(cell, settings, [3, 4], lambda _: None))
+    assert [list(row)[-1] for row in batch.rows] == ["fastest"] * 2
+    assert _checked(batch, cell, settings, [3, 4]) is batch
+    more = [{**row, "slowest": 1.0} for row in batch.rows]
+    less = [{k: v for k, v in row.items() if k != "fastest"} for row in batch.rows]
+    for rows in (more, less):
+        with pytest.raises(ValueError, match="must have the columns of a score row"):
+            _checked(Batch(rows, batch.detections), cell, settings, [3, 4])
 
 
 def test_a_policy_that_cannot_be_sent_is_named(tmp_path):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import lissajous_env
 from lissajous_env.world.score import COLUMNS
+from lissajous_env.world.state import NEVER
 
 STEPS = 40
 WORLDS = 3
@@ -57,7 +58,7 @@ def scenarios(draw):
         "sensing.robots_seen": draw(st.integers(0, 6)),
         "targets.count": draw(st.integers(0, 20)),
         "targets.arrival_rate": draw(st.sampled_from([0.0, 0.5, 5.0])),
-        "targets.entry": draw(st.sampled_from(["inside", "boundary"])),
+        "targets.entry": draw(st.sampled_from(["inside", "boundary", "unseen"])),
         "targets.drifting": shares[0] / total,
         "targets.wandering": shares[1] / total,
         "targets.fleeing": shares[2] / total,
@@ -141,8 +142,9 @@ def assert_score_in_range(scenario, simulation):
             assert 0 <= row["contaminated_age_mean"] <= guarantee <= duration + 1e-6
             assert 0 <= row["unseen_at_end"] <= guarantee
         for name in FRACTIONS:
-            assert math.isnan(row[name]) == (row["targets"] == 0)
             assert math.isnan(row[name]) or 0 <= row[name] <= 1
+        assert math.isnan(row["detected_fraction"]) == (row["targets"] == 0)
+        assert not (math.isnan(row["detected_within_bound"]) and row["detected_fraction"] > 0)
         for name in TIMES:
             assert math.isnan(row[name]) or 0 <= row[name] <= duration + 1e-6, name
         assert 0 <= row["targets"] <= scenario.target_capacity
@@ -168,6 +170,12 @@ def assert_score_in_range(scenario, simulation):
             assert row[f"lateral_error_{part}"] <= 1.001 * row[f"tracking_error_{part}"] + 0.01 * longest
         if scenario.task.on_collision != "remove" and scenario.task.boundary != "remove":
             assert not all_gone
+    found = simulation.targets.found_at.numpy() < NEVER
+    early = simulation.targets.found_early.numpy()
+    assert ((early >= 0) & (early <= 1)).all()
+    assert (early[~found] == 0).all()
+    waited = simulation.targets.found_at.numpy() - simulation.targets.appears_at.numpy()
+    assert (early <= waited)[found].all(), "nobody is seen before being there"
     cells = math.prod(scenario.task.grid or (0,))
     assert (simulation.tally.covered.numpy() <= cells).all()
     assert (simulation.tally.covered_each.numpy() <= cells * simulation.num_robots).all()

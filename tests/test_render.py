@@ -38,6 +38,7 @@ def with_one_target(seen: Snapshot, found_at: int, place: tuple[float, float] = 
         motion=np.array([2]),
         appears_at=np.array([0]),
         found_at=np.array([found_at]),
+        found_early=np.zeros(1),
     )
 
 

@@ -157,7 +157,7 @@ def test_foreign_files_are_refused_by_name(recording, tmp_path):
         ("sensed_at", lambda a: a[:-1]),
         ("status", lambda a: a.astype("U3")),
         ("about", lambda a: np.array('{"format": "something else"}')),
-        ("about", lambda a: np.array('{"format": "lissajous recording 1", "scenario": {"curve": {"d": 1}}}')),
+        ("about", lambda a: np.array('{"format": "lissajous recording 2", "scenario": {"curve": {"d": 1}}}')),
         ("about", lambda a: np.array("[]")),
     ],
 )

@@ -48,8 +48,9 @@ def test_the_reward_is_the_sum_of_its_terms_and_the_return_of_the_rewards(name):
 @pytest.mark.parametrize("name", ["experiment", "failure"])
 def test_each_term_is_its_weight_times_what_happened(name):
     # Oracle: twice the weights, twice the terms; and counts of the events by the score.
-    terms, _, actions, simulation = runs(name, **WEIGHTS)
-    double, *_ = runs(name, **{field: 2 * weight if "reward" in field else weight for field, weight in WEIGHTS.items()})
+    terms, _, actions, simulation = runs(name, steps=10, **WEIGHTS)
+    doubled = {field: 2 * weight if "reward" in field else weight for field, weight in WEIGHTS.items()}
+    double, *_ = runs(name, steps=10, **doubled)
     np.testing.assert_allclose(double, 2 * terms, rtol=1e-5)
     by_term = dict(zip(TERMS, np.moveaxis(terms.astype(float), -1, 0), strict=True))
     rows = simulation.score()
@@ -61,7 +62,8 @@ def test_each_term_is_its_weight_times_what_happened(name):
     # All targets are there from the start: the time each waited adds up to the times of detection.
     waited = np.array([row["detection_time_mean"] * row["targets"] for row in rows])
     unfound = np.array([row["targets"] for row in rows]) - found
-    expected = waited - 0.1 * (np.array(found) - at_start)  # the step of its detection is not waited
+    # Of the step of its detection nothing counts as waited, whatever the moment.
+    expected = waited - 0.1 * (np.array(found) - at_start) + 0.1 * simulation.targets.found_early.numpy().sum(axis=1)
     assert by_term["waiting"][..., 0].sum(axis=0) / -0.3 == pytest.approx(expected, abs=2e-3)
     assert unfound.max() > 0
     # The largest phase error of the episode is the score's; all but the one of the start was rewarded.

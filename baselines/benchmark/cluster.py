@@ -14,11 +14,11 @@ from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any
 
-from baselines.benchmark import ray_address, results_folder
+from baselines.benchmark import detections, ray_address, results_folder
 from baselines.benchmark.playing import failure_of, play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.rows import what_is_wrong
-from baselines.benchmark.types import Benchmark, Cell, Failure
+from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
 from lissajous_env.console.terminal import plain
 from lissajous_env.extras import missing
 from lissajous_env.wording import shown
@@ -121,7 +121,7 @@ def play_all(
                     shown.failed(cell)
                 else:
                     kept.add(result)
-                    shown.finished(cell, len(result))
+                    shown.finished(cell, len(result.rows))
     return [failures[_name(cell)] for cell, _ in work if _name(cell) in failures]
 
 
@@ -171,7 +171,7 @@ def _remote(ray: Any, settings: Benchmark) -> Any:
     return lambda packed, numbers: remote.remote(packed, numbers, versions)
 
 
-def _play(packed: bytes, numbers: list[int], versions: dict[str, str]) -> list[dict[str, Any]] | Failure:
+def _play(packed: bytes, numbers: list[int], versions: dict[str, str]) -> Batch | Failure:
     """Play one batch; this runs on a worker."""
     ray = _ray()
     here = {name: version(name) for name in versions}
@@ -195,9 +195,7 @@ def _packed(ray: Any, cell: Cell, settings: Benchmark) -> bytes:
         ) from error
 
 
-def _result(
-    ray: Any, reference: Any, cell: Cell, settings: Benchmark, numbers: list[int]
-) -> list[dict[str, Any]] | Failure:
+def _result(ray: Any, reference: Any, cell: Cell, settings: Benchmark, numbers: list[int]) -> Batch | Failure:
     try:
         result = ray.get(reference)
     except ray.exceptions.RayTaskError as error:
@@ -207,21 +205,23 @@ def _result(
     return result if isinstance(result, Failure) else _checked(result, cell, settings, numbers)
 
 
-def _checked(rows: Any, cell: Cell, settings: Benchmark, numbers: list[int]) -> list[dict[str, Any]]:
-    """Refuse what a node returns in place of the rows of the episodes that it was given."""
+def _checked(batch: Any, cell: Cell, settings: Benchmark, numbers: list[int]) -> Batch:
+    """Refuse what a node returns in place of the episodes that it was given."""
     expected = [(cell.scenario.name, cell.policy, number, settings.seed + number) for number in numbers]
     brought = brought_columns(cell.scenario)
     try:
+        rows = batch.rows
         wrong = next((wrong for row in rows if (wrong := what_is_wrong(plain(row), brought))), "")
+        wrong = wrong or next(filter(None, map(detections.what_is_wrong, batch.detections)), "")
         identities = [(row["scenario"], row["policy"], row["episode"], row["seed"]) for row in rows]
-    except (KeyError, TypeError) as error:
+    except (AttributeError, KeyError, TypeError) as error:
         wrong, identities = f"{type(error).__name__}: {error}", []
     if wrong or identities != expected:
         raise ValueError(
             f"a node of the Ray cluster must return the score rows of episodes {numbers} of {_name(cell)}, "
-            f"got {textwrap.shorten(str(rows), 200, placeholder=' ...')}" + f"; a row {wrong}" * bool(wrong)
+            f"got {textwrap.shorten(str(batch), 200, placeholder=' ...')}" + f"; a row {wrong}" * bool(wrong)
         )
-    return rows
+    return batch
 
 
 def _name(cell: Cell) -> str:

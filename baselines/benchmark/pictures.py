@@ -32,6 +32,10 @@ STYLE: dict[Any, Any] = {
     "savefig.dpi": 150,
     "savefig.facecolor": "white",
 }
+_POINTS = 1000
+"""Steps of a curve that are drawn, or up to twice as many."""
+_FOR_GOOD = 1e9
+"""A time beyond every scale [s]."""
 _PANEL = 3.8
 """Width of a panel [inch]."""
 
@@ -40,8 +44,9 @@ def draw(
     rows: Sequence[dict[str, Any]],
     cells: Mapping[str, Mapping[str, Mapping[str, Statistics]]],
     scenarios: Mapping[str, Scenario],
+    curves: Mapping[str, Mapping[str, tuple[Any, Any]]],
 ) -> dict[str, bytes]:
-    """Draw the pictures and return each as a PNG, by file name."""
+    """Draw the pictures and return each as a PNG, by file name; `curves` are those of `Outcome.held_curves`."""
     if not rows:
         return {}
     # A policy looks the same in every benchmark, whatever others were played, and with the filter as without.
@@ -61,21 +66,17 @@ def draw(
         axes.set_xlabel("collisions per episode")
 
     def distribution(axes: Axes, name: str) -> None:
-        times_of = {policy: [] for policy in cells[name]}
-        for row in rows:
-            if row["scenario"] == name:
-                times_of[row["policy"]].append(row["detection_time_mean"])
-        _steps(axes, times_of, looks)
+        _steps(axes, curves.get(name, {}), looks)
         _mark_bound(axes, scenarios[name])
-        axes.set_xlabel("mean detection time [s]")
-        axes.set_ylabel("share of episodes at or below")
+        axes.set_xlabel("time since the target appeared [s]")
+        axes.set_ylabel("share detected")
 
     with rc_context(STYLE):
         return {
             "detection_time.png": _panels(played, "Detection time", times, most),
             "collisions.png": _panels(played, "Collisions", collisions, most),
             "detection_time_distribution.png": _panels(
-                played, "Detection time over episodes", distribution, legend=True
+                played, "Targets detected over time (Kaplan-Meier)", distribution, legend=True
             ),
         }
 
@@ -137,20 +138,23 @@ def _points(axes: Axes, of: dict[str, Statistics], looks: dict[str, Look], many:
         axes.set_xlim(0, None if largest else 0.1)
 
 
-def _steps(axes: Axes, values: dict[str, list[float]], looks: dict[str, Look]) -> None:
-    """Share of the episodes at or below each value; later curves are thinner, so that equal ones all show."""
-    largest = max((v for of in values.values() for v in of if np.isfinite(v)), default=0) or 0.1
-    for k, (policy, of) in enumerate(values.items()):
-        ordered = np.sort([value for value in of if np.isfinite(value)])
-        share = np.arange(1, len(ordered) + 1) / len(of)
-        ends = share[-1:] if len(share) else [0]
+def _steps(axes: Axes, curves: Mapping[str, tuple[Any, Any]], looks: dict[str, Look]) -> None:
+    """Share detected over time; later curves are thinner, so that equal ones all show."""
+    end = 0.1
+    for k, (policy, (times, share)) in enumerate(curves.items()):
         colour, mark = looks[policy]
         hollow = {"ls": (0, (3, 1)), "mfc": "white"} if unwrapped(policy)[1] else {"ls": "-"}
         marks = {"marker": mark, "ms": 6, "mew": 1.5, "markevery": (0.03 * (k % 5), 0.25)}
         line: dict[str, Any] = {"color": colour, "lw": max(4.5 - 0.8 * k, 1.2), "label": policy} | marks | hollow
-        axes.step([0, *ordered, 1.05 * largest], [0, *share, *ends], where="post", **line)
+        shown = slice(None, None, max(len(times) // _POINTS, 1))
+        at, of = [0, *times[shown], *times[-1:]], [0, *share[shown], *share[-1:]]
+        if of[-1] == 1:  # all are detected; otherwise nothing is known beyond the last that was still there
+            at, of = [*at, _FOR_GOOD], [*of, 1]
+        axes.step(at, of, where="post", **line)
+        if len(times):
+            end = max(end, times[np.searchsorted(share, 0.99 * share[-1])])
     axes.set_ylim(0, 1.03)
-    axes.set_xlim(0, 1.05 * largest)
+    axes.set_xlim(0, 1.05 * end)
 
 
 def _mark_bound(axes: Axes, scenario: Scenario) -> None:

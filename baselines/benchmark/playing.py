@@ -2,20 +2,19 @@
 
 import traceback
 from collections.abc import Callable, Iterator
-from typing import Any
 
+from baselines.benchmark.detections import detections_of
 from baselines.benchmark.rows import what_is_wrong
-from baselines.benchmark.types import Benchmark, Cell, Failure
+from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
 from lissajous_env.console.terminal import plain
 from lissajous_env.episodes.evaluation import episodes
 from lissajous_env.wording import where_raised
 from lissajous_env.world.score import brought_columns
+from lissajous_env.world.simulation import Simulation
 
 
-def play(
-    cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]
-) -> Iterator[list[dict[str, Any]]]:
-    """Play some episodes of a cell, given by number, and yield the score rows of each batch.
+def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[[int], None]) -> Iterator[Batch]:
+    """Play some episodes of a cell, given by number, and yield each batch.
 
     After each step, `on_step` is called with the number of worlds that took it.
 
@@ -27,12 +26,18 @@ def play(
     numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
     brought = brought_columns(cell.scenario)
-    for batch in episodes(policy, cell.scenario, seeds, settings.device, lambda _: on_step(worlds)):
+    played: list[Simulation] = []
+
+    def after_step(simulation: Simulation) -> None:
+        played[:] = [simulation]
+        on_step(worlds)
+
+    for batch in episodes(policy, cell.scenario, seeds, settings.device, after_step):
         rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
         for row in rows:
             if wrong := what_is_wrong(plain(row), brought):
                 raise ValueError(f"the score of seed {row['seed']} {wrong}")
-        yield rows
+        yield Batch(rows, detections_of(played[0], rows))
 
 
 def failure_of(cell: Cell, error: Exception) -> Failure:

@@ -169,7 +169,7 @@ def write_files(folder: Folder, outcome: Outcome) -> None:
     folder.write("episodes.csv", as_csv(rows))
     summary = summarized(outcome, rows, scenarios)
     folder.write("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
-    for name, data in pictures.draw(rows, statistics(rows), scenarios).items():
+    for name, data in pictures.draw(rows, statistics(rows), scenarios, outcome.held_curves).items():
         folder.write(name, data)
 
 

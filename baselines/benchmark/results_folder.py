@@ -10,8 +10,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from baselines.benchmark import detections
 from baselines.benchmark.rows import numbers_of, short, what_is_wrong
-from baselines.benchmark.types import Benchmark, Cell
+from baselines.benchmark.types import Batch, Benchmark, Cell
 from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.scenario import PARTS, Scenario, digest_of
 from lissajous_env.storage.files import read_json
@@ -22,7 +23,7 @@ _ENTRIES = {"policies": dict, "episodes": int, "seed": int, "device": str, "vers
 """What settings.json holds."""
 
 
-NAMES = ("settings.json", "episodes.jsonl")
+NAMES = ("settings.json", "episodes.jsonl", detections.NAME)
 """Files that are kept."""
 _ADVICE = "take another --out, or delete the folder"
 
@@ -105,7 +106,7 @@ def scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:
 
 
 class Episodes:
-    """The score rows of the episodes that have ended, each on the disk once.
+    """The score rows of the episodes that have ended, each on the disk once; `detections`, the times of their targets.
 
     Raises:
         ValueError: the file is damaged or holds an episode that does not belong; file, line and value are named.
@@ -123,6 +124,7 @@ class Episodes:
                         f"{self._journal.path}, line {line} {wrong}; delete that line to have its episode played again"
                     )
                 self._rows[_key(row)] = row | {c: math.nan for c in numbers_of(row) if row[c] is None}
+            self.detections = detections.Detections(folder)
         except ValueError:
             self._journal.close()
             raise
@@ -135,10 +137,12 @@ class Episodes:
         name = cell.scenario.name
         return [k for k in range(episodes) if (name, cell.policy, k) not in self._rows]
 
-    def add(self, rows: list[dict[str, Any]]) -> None:
+    def add(self, batch: Batch) -> None:
         """Add episodes that have ended; they are on the disk when this returns."""
-        self._journal.append(plain(rows))
-        self._rows |= {_key(row): row for row in rows}
+        # The rows last: an episode without a row is played again.
+        self.detections.add(batch.detections)
+        self._journal.append(plain(batch.rows))
+        self._rows |= {_key(row): row for row in batch.rows}
 
     def of(self, cells: Iterable[Cell], episodes: int) -> list[dict[str, Any]]:
         """Rows of the first so many episodes of some cells, by scenario, policy and episode."""
@@ -172,6 +176,7 @@ class Episodes:
 
     def __exit__(self, *_: object) -> None:
         self._journal.close()
+        self.detections.close()
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -41,7 +41,8 @@ def _is_share(value: Any) -> bool:
 _NO_TARGET = "no target appeared"
 _RULES = {
     **dict.fromkeys(("episode", "seed", "targets", "collisions"), _Rule("a whole number of at least 0", _is_whole)),
-    **dict.fromkeys(("detected_fraction", "detected_within_bound"), _Rule("from 0 to 1", _is_share, _NO_TARGET)),
+    "detected_fraction": _Rule("from 0 to 1", _is_share, _NO_TARGET),
+    "detected_within_bound": _Rule("from 0 to 1", _is_share, "no target was there for T_max or found"),
     **dict.fromkeys(
         ("detection_time_mean", "detection_time_p95", "detection_time_max"),
         _Rule("at least 0 [s]", _is_positive, _NO_TARGET),
@@ -56,7 +57,7 @@ _RULES = {
     ),
     "spacing_factor": _Rule("at least 0", _is_positive, "no Lissajous curve"),
     "phase_error": _Rule("at least 0 [rad]", _is_positive),
-    "recovery_time": _Rule("at least 0 [s]", _is_positive, "never"),
+    "recovery_time": _Rule("at least 0 [s]", _is_positive, "never, or never off"),
     "distance_mean": _Rule("at least 0 [m]", _is_positive),
     "speed_max": _Rule("at least 0 [m/s]", _is_positive),
     "smoothness": _Rule("at least 0", _is_positive, "one step alone"),

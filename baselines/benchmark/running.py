@@ -65,8 +65,9 @@ def measure(
             found = len(kept.of(cells, settings.episodes))
             failures = _play_all(settings, cells, kept, progress)
             rows, held_rows = kept.of(cells, settings.episodes), kept.all()
+            held_curves = kept.detections.curves(held_rows)
         elapsed = time.monotonic() - started
-        outcome = Outcome(settings, cells, rows, failures, found, elapsed, held, held_scenarios, held_rows)
+        outcome = Outcome(settings, cells, rows, failures, found, elapsed, held, held_scenarios, held_rows, held_curves)
         report.write_files(folder, outcome)
     report.print_tables(console, outcome)
     return outcome
@@ -148,5 +149,5 @@ def _play_here(
                 progress.end()
                 break
             kept.add(batch)
-            progress.finished(len(batch))
+            progress.finished(len(batch.rows))
     return failures

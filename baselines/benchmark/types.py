@@ -86,6 +86,16 @@ class Failure:
     traceback: str = field(repr=False)
 
 
+@dataclass(frozen=True)
+class Batch:
+    """Episodes that were played together."""
+
+    rows: list[dict[str, Any]]
+    """Their score rows."""
+    detections: list[dict[str, Any]]
+    """When their targets were detected: `baselines.benchmark.detections.detections_of`."""
+
+
 @dataclass
 class Outcome:
     """What a benchmark came to."""
@@ -104,6 +114,8 @@ class Outcome:
     held_scenarios: dict[str, Scenario]
     held_rows: list[dict[str, Any]]
     """Score rows that the folder holds."""
+    held_curves: dict[str, dict[str, tuple[Any, Any]]]
+    """Times [s] and share of the targets detected within each, by scenario and policy, of what the folder holds."""
 
     @property
     def scenarios(self) -> dict[str, Scenario]:

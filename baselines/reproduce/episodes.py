@@ -46,8 +46,10 @@ class Played:
     """(F, W, N) whether a robot stands still."""
     deviation: np.ndarray
     """(F, W) largest deviation from the equilibrium of the scenario [rad], the common rotation removed."""
-    found_at: np.ndarray
-    """(W, T) step in which each target was found."""
+    waited: list[np.ndarray]
+    """Of each world: time from the appearance of a target until it was detected, or else until the end (K,) [s]."""
+    found: list[np.ndarray]
+    """Of each world: whether it was (K,)."""
 
     @property
     def time(self) -> np.ndarray:
@@ -149,9 +151,9 @@ class Player:
 
         Referee(acting, simulation).play(on_moment=keep)
         phase, position, heading, status, deviation = (np.stack(moments) for moments in zip(*kept, strict=True))
-        found_at = simulation.targets.found_at.numpy().copy()
         scores = simulation.score()
-        played = Played(made, scores, phase, position, heading, status == int(STUCK), deviation, found_at)
+        waited, found = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))
+        played = Played(made, scores, phase, position, heading, status == int(STUCK), deviation, waited, found)
         if prepare is None:
             self._kept[key] = played
         return played

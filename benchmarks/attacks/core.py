@@ -28,6 +28,7 @@ _STRANGE: tuple[Any, ...] = (
     math.nan, math.inf, -math.inf, 0, 0.0, -0.0, 10**30, -(10**30), 10**400, 2**31, 2**32 + 3, np.float32(2), np.nan,
     ((0, 1e10, 1e11),), ((0, 1.0, math.inf),), ((0, math.nan, 1),), ((-1, 0, 1),), ((2**70, 1, 2),), (1, 1), (4096, 1),
     np.array([1.0, np.nan]), np.ones((2, 2)), "open", "wall", "remove", "stop", "curve", "car", "random", "boundary",
+    "unseen",
 )  # fmt: skip
 
 

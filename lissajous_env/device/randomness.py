@@ -20,6 +20,7 @@ ENTRY = wp.constant(7)
 ARRIVAL = wp.constant(8)
 WANDER = wp.constant(9)
 EPISODE = wp.constant(10)
+UNSEEN = wp.constant(11)
 _PURPOSES = wp.constant(16)
 
 

@@ -19,7 +19,7 @@ from lissajous_env.storage.files import replacing
 from lissajous_env.world.simulation import Simulation, fold_seed
 from lissajous_env.world.state import NEVER
 
-FORMAT = "lissajous recording 1"
+FORMAT = "lissajous recording 2"
 """Written into every file; one with another is refused."""
 
 
@@ -42,13 +42,15 @@ class Recording:
     status: np.ndarray
     """(F, N) int8 WORKING, STUCK or REMOVED of `lissajous_env.world.state`."""
     target_position: np.ndarray
-    """(F, T, 2) float32 x, y of the targets [m]; before one appears, where it will."""
+    """(F, T, 2) float32 x, y of the targets [m]; before one appears, where it will, unless it does so unseen."""
     motion: np.ndarray
     """(T,) int32 STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets`."""
     appears_at: np.ndarray
     """(T,) int32 step in which a target appears."""
     found_at: np.ndarray
     """(T,) int32 step in which it was detected; NEVER of `lissajous_env.world.state` where it was not."""
+    found_early: np.ndarray
+    """(T,) float32 share of that step that was left then, in [0, 1]."""
     sensed_at: np.ndarray
     """(F, R, C) int32 step in which a cell was last sensed; the lowest row comes first."""
     contact: np.ndarray
@@ -77,6 +79,7 @@ class Recording:
             motion=self.motion,
             appears_at=self.appears_at,
             found_at=self.found_at,
+            found_early=self.found_early,
             sensed_at=self.sensed_at[moment],
             contact=self.contact[self.contact[:, 0] == moment, 1:],
             collisions=int(self.collisions[moment]),
@@ -109,7 +112,7 @@ ARRAYS = {
 }
 """The arrays of a recording, and their types."""
 
-_FIXED = ("motion", "appears_at", "found_at")
+_FIXED = ("motion", "appears_at", "found_at", "found_early")
 """Those that do not change from moment to moment, or whose last state tells all."""
 
 
@@ -251,6 +254,8 @@ def _check(recording: Recording) -> None:
             raise ValueError(f"its {name} must hold finite numbers")
         if array.dtype.kind == "i" and array.size and not -latest <= array.min() <= array.max() <= latest:
             raise ValueError(f"its {name} must hold numbers from {-latest} to {latest}")
+    if ((recording.found_early < 0) | (recording.found_early > 1)).any():
+        raise ValueError("its found_early must hold shares from 0 to 1")
     contact = recording.contact
     if (contact < 0).any() or (contact >= [f, n, n]).any():
         raise ValueError("its contact must hold moments and robots that are there")

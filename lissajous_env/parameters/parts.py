@@ -216,8 +216,10 @@ class Targets(Checked):
     """Targets present from the start."""
     arrival_rate: float = number(0.0, 1e-9, 1e6, "1/s", or_zero=True)
     """Rate of the Poisson process by which further targets appear [1/s]."""
-    entry: str = choice("inside", "inside", "boundary")
-    """Where a target appears: anywhere in the rectangle, or on its boundary."""
+    entry: str = choice("inside", "inside", "boundary", "unseen")
+    """Where a target appears: anywhere in the rectangle, on its boundary, or anywhere that no working robot senses at
+    that moment. Where 64 places drawn at random are all sensed, as where discs cover the rectangle, it takes the last
+    one: it is then seen at once, as inside."""
     drifting: float = number(0.0, 0, 1)
     """Share of targets that go straight on and bounce off the boundary."""
     wandering: float = number(1.0, 0, 1)

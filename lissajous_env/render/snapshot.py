@@ -36,6 +36,8 @@ class Snapshot:
     """(T,) step in which a target appears."""
     found_at: np.ndarray
     """(T,) step in which it was detected; above `step` before."""
+    found_early: np.ndarray
+    """(T,) share of that step that was left then."""
     sensed_at: np.ndarray
     """(R, C) step in which a cell was last sensed, or of a large grid every so manieth; the lowest row comes first."""
     contact: np.ndarray
@@ -69,6 +71,7 @@ class Snapshot:
             motion=_of(targets.motion, world),
             appears_at=_of(targets.appears_at, world),
             found_at=_of(targets.found_at, world),
+            found_early=_of(targets.found_early, world),
             sensed_at=_of(simulation.cells.sensed_at, world, most_cells),
             contact=np.argwhere(_of(simulation.tally.contact, world) * np.outer(there, there)),
             collisions=int(_of(simulation.tally.collisions, world)),
@@ -89,7 +92,7 @@ class Snapshot:
 
         As in the score, one that is not yet detected counts with the time that it has been there.
         """
-        waited = detection_times(self.appears_at, self.found_at, self.step)
+        waited, _ = detection_times(self.appears_at, self.found_at, self.found_early, self.step)
         return float(waited.mean()) * step if waited.size else np.nan
 
 

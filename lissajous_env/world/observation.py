@@ -38,8 +38,8 @@ from lissajous_env.device.part_structs import SensingStruct, TaskStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.sight import planar
 from lissajous_env.world.state import REMOVED, WORKING, Clock, Latest, Links, Robots, Targets
-from lissajous_env.world.targets import planar
 
 wp.set_module_options(OPTIONS)
 

@@ -39,13 +39,19 @@ def score_rows(
 ) -> list[dict[str, Any]]:
     """Score of the episode that each of some worlds is in, up to now: its columns but `policy` and `episode`.
 
-    A time that never came is NaN. A target that was not detected counts with the time it was there. `brought` holds
-    the values (W,) of the columns that extensions bring, by name; the others are the structs of the state.
+    A time that never came is NaN. A target that was not detected counts with the time it was there; of the share
+    detected within T_max it is no part while that is below T_max. `recovery_time` is from the end of the last fault
+    until the formation is off no more, as `lissajous_env.world.tally.tally_formation` says. It is NaN where the
+    formation is not back for `STAYS` at the end, and where no fault ever had it off, as there is nothing to recover
+    from; `phase_error` tells the two apart. `brought` holds the values (W,) of the columns that extensions bring, by
+    name; the others are the structs of the state.
     """
     step = scenario.task.step
     host = {name: getattr(tally, name).numpy() for name in Tally.vars if name != "contact"}
     now_of, seed_of = clock.step.numpy(), clock.seed.numpy()
-    appears_at, found_at = targets.appears_at.numpy(), targets.found_at.numpy()
+    appears_at, found_at, found_early = (
+        each.numpy() for each in (targets.appears_at, targets.found_at, targets.found_early)
+    )
     sensed_at, idle_squares = cells.sensed_at.numpy(), cells.idle_squares.numpy()
     idle_max = cells.idle_max.numpy()
     unseen = {name: getattr(contamination, name).numpy() for name in ("age", "age_max", "mean_age_sum", "high_at")}
@@ -53,14 +59,15 @@ def score_rows(
     rows = []
     for w in worlds:
         now = int(now_of[w])
-        times = detection_times(appears_at[w], found_at[w], now) * step
-        found = found_at[w][appears_at[w] <= now] <= now
-        bound = scenario.detection_time_bound
+        times, found = detection_times(appears_at[w], found_at[w], found_early[w], now)
+        times *= step
+        within = times <= scenario.detection_time_bound + 1e-9
+        known = found | ~within
         open_gaps = now - sensed_at[w]
         has_grid, fault_end = scenario.task.grid is not None, int(host["fault_end"][w])
         squares = idle_squares[w].sum(dtype=float) + np.sum(open_gaps.astype(float) ** 2)
-        recovered = fault_end >= 0 and (now - host["off_at"][w]) * step >= STAYS
-        high_at = int(unseen["high_at"][w])
+        off_at, high_at = int(host["off_at"][w]), int(unseen["high_at"][w])
+        recovered = fault_end >= 0 and off_at >= 0 and (now - off_at) * step >= STAYS
         regained = follows and fault_end >= 0 and high_at >= 0 and (now - high_at) * step >= STAYS
         rows.append({
             "scenario": scenario.name,
@@ -70,7 +77,7 @@ def score_rows(
             "detection_time_mean": times.mean() if len(times) else np.nan,
             "detection_time_p95": np.percentile(times, 95) if len(times) else np.nan,
             "detection_time_max": times.max() if len(times) else np.nan,
-            "detected_within_bound": (found & (times <= bound + 1e-9)).mean() if len(times) else np.nan,
+            "detected_within_bound": (found & within)[known].mean() if known.any() else np.nan,
             "collisions": int(host["collisions"][w]),
             "contact_time": host["contact_steps"][w] * step,
             "min_separation": host["min_separation"][w] if host["min_separation"][w] < 1e29 else np.nan,
@@ -84,7 +91,7 @@ def score_rows(
             "tracking_error_max": host["tracking_max"][w],
             "spacing_factor": host["spacing_max"][w] / (2 * scenario.detection_radius),
             "phase_error": host["phase_error_max"][w],
-            "recovery_time": max(host["off_at"][w] + 1 - fault_end, 0) * step if recovered else np.nan,
+            "recovery_time": max(off_at + 1 - fault_end, 0) * step if recovered else np.nan,
             "outside_time": host["outside_steps"][w] * step,
             "distance_mean": host["distance_sum"][w] / scenario.num_robots,
             "speed_max": host["speed_max"][w],
@@ -105,10 +112,16 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, (str, int)) else round(float(value), 12)
 
 
-def detection_times(appears_at: np.ndarray, found_at: np.ndarray, now: int) -> np.ndarray:
-    """Steps from the appearance of each target that has appeared until it was detected, or until now."""
-    appeared = appears_at <= now
-    return np.minimum(found_at[appeared], now) - appears_at[appeared]
+def detection_times(
+    appears_at: np.ndarray, found_at: np.ndarray, found_early: np.ndarray, now: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of each target that has appeared: time until it was detected, or until now [steps], and whether it was.
+
+    One that was not is censored: all that is known is that its time is longer.
+    """
+    there = appears_at <= now
+    detected = found_at[there] - found_early[there].astype(float)
+    return np.minimum(detected, now) - appears_at[there], found_at[there] <= now
 
 
 def _time_or_nan(at: int, step: float) -> float:

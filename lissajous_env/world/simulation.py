@@ -18,7 +18,7 @@ from lissajous_env.world.contamination import MARGIN, NONE
 from lissajous_env.world.extended import Extended
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
-from lissajous_env.world.score import score_rows
+from lissajous_env.world.score import detection_times, score_rows
 from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
 from lissajous_env.world.state import (
@@ -35,7 +35,7 @@ from lissajous_env.world.state import (
 )
 
 _LAST_SEED = 2**31 - 1
-_TARGET_BYTES = 32
+_TARGET_BYTES = 44
 
 
 class Simulation:
@@ -153,6 +153,13 @@ class Simulation:
         return score_rows(
             self.scenario, self.clock, self.targets, self.cells, self.contamination, self.tally, brought, chosen
         )
+
+    def detection_times(self, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Of each target (K,) that has appeared: time until it was detected, or until now [s]; and whether it was."""
+        targets, now = self.targets, int(self.clock.step.numpy()[world])
+        kept = (each.numpy()[world] for each in (targets.appears_at, targets.found_at, targets.found_early))
+        times, found = detection_times(*kept, now=now)
+        return times * self.scenario.task.step, found
 
     @property
     def over(self) -> np.ndarray:

@@ -25,7 +25,7 @@ from lissajous_env.world.reward import give_reward
 from lissajous_env.world.robots.placing import follow_curve, reset_robots
 from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.tally import keep_score, reset_tally
-from lissajous_env.world.targets import move_and_detect, reset_arrivals, reset_targets
+from lissajous_env.world.targets import move_and_detect, place_unseen, reset_arrivals, reset_targets
 
 
 def step_stages(scenario: Scenario) -> list[Stage]:
@@ -41,6 +41,7 @@ def step_stages(scenario: Scenario) -> list[Stage]:
         Stage("measurement", measure, ROBOT),
         Stage("sending", send, ROBOT),
         Stage("collisions", find_collisions, ROBOT),
+        Stage("entry", place_unseen, TARGET, when=scenario.targets.entry == "unseen"),
         Stage("targets", move_and_detect, TARGET),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
         *_contamination_stages(scenario, range(scenario.spreading.ticks)),
@@ -68,6 +69,7 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("sending", send, ROBOT),
         Stage("targets", reset_targets, TARGET),
         Stage("arrivals", reset_arrivals, WORLD, when=scenario.targets.arrival_rate > 0),
+        Stage("entry", place_unseen, TARGET, when=scenario.targets.entry == "unseen"),
         Stage("detection", move_and_detect, TARGET),
         Stage("cells", reset_cells, ROW),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),

@@ -100,6 +100,8 @@ class Targets:
 
     position: wp.array2d(dtype=wp.vec2)
     """x, y [m]."""
+    before: wp.array2d(dtype=wp.vec2)
+    """x, y at the end of the step before [m], of a target that a stage of the scenario's own moves."""
     heading: wp.array2d(dtype=wp.float32)
     """Heading [rad]."""
     motion: wp.array2d(dtype=wp.int32)
@@ -110,8 +112,10 @@ class Targets:
     """Step in which it appears."""
     found_at: wp.array2d(dtype=wp.int32)
     """Step in which it was detected; NEVER before."""
+    found_early: wp.array2d(dtype=wp.float32)
+    """Share of that step that was left when it was detected, in [0, 1]: the time is that of found_at - found_early."""
     in_sight: wp.array2d(dtype=wp.int32)
-    """1 while it is in a working robot's disc."""
+    """1 while it is in a working robot's disc at the end of a step."""
 
 
 @wp.struct
@@ -232,8 +236,12 @@ class Tally:
     """(W,) deviation from the equilibrium now [rad]."""
     phase_error_max: wp.array(dtype=wp.float32)
     """(W,) largest deviation from the equilibrium [rad]."""
+    swing: wp.array(dtype=wp.float32)
+    """(W,) largest deviation from the equilibrium before a robot was stuck for the first time [rad]."""
+    faulted: wp.array(dtype=wp.int32)
+    """(W,) 1 from the first step on in which a robot is stuck."""
     off_at: wp.array(dtype=wp.int32)
-    """(W,) latest step in which the deviation was not below the band of recovery."""
+    """(W,) latest step since then in which the deviation was above the swing, and a margin; -1 for never."""
     fault_end: wp.array(dtype=wp.int32)
     """(W,) step at whose end the latest fault was over; -1 for none or while one lasts."""
     distance_sum: wp.array(dtype=wp.float64)

@@ -12,7 +12,10 @@ from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Latest, Robo
 wp.set_module_options(OPTIONS)
 
 RECOVERED = wp.constant(0.05)
-"""Deviation from the equilibrium below which a formation has recovered [rad]."""
+"""Deviation from the equilibrium up to which a formation is in it, whatever its swing [rad]."""
+
+SWING_MARGIN = wp.constant(1.1)
+"""A formation is off where its deviation is above this many times its swing, the largest before the first fault."""
 
 
 @wp.kernel
@@ -42,6 +45,8 @@ def reset_tally(first: int, clock: Clock, tally: Tally):
     tally.outside_steps[w] = wp.int64(0)
     tally.spacing_max[w] = 0.0
     tally.phase_error_max[w] = 0.0
+    tally.swing[w] = 0.0
+    tally.faulted[w] = 0
     tally.off_at[w] = -1
     tally.fault_end[w] = -1
 
@@ -114,7 +119,7 @@ def tally_spacing(w: int, neighbours: wp.array2d(dtype=int), robots: Robots, tal
 
 @wp.func
 def tally_faults(w: int, robots: Robots, tally: Tally):
-    """Keep when the latest fault was over; while one lasts, none is."""
+    """Keep whether a robot was ever stuck, and when the latest fault was over; while one lasts, none is."""
     fault_end = int(-1)
     stuck = int(0)
     for i in range(robots.status.shape[1]):
@@ -122,6 +127,8 @@ def tally_faults(w: int, robots: Robots, tally: Tally):
         if robots.status[w, i] == STUCK:
             stuck += 1
     tally.fault_end[w] = wp.where(stuck == 0, fault_end, -1)
+    if stuck > 0:
+        tally.faulted[w] = 1
 
 
 @wp.func
@@ -142,11 +149,17 @@ def formation_error(w: int, equilibrium: wp.array(dtype=wp.float64), robots: Rob
 
 @wp.func
 def tally_formation(w: int, now: int, equilibrium: wp.array(dtype=wp.float64), robots: Robots, tally: Tally):
-    """Keep the deviation from the equilibrium, its largest, and when it was last outside the band of recovery."""
+    """Keep the deviation from the equilibrium, its largest, its swing, and when a fault last had it off.
+
+    A car on a curve that it can hardly follow swings around the equilibrium all the time: off is what is more than
+    that, above max(RECOVERED, SWING_MARGIN swing).
+    """
     deviation = formation_error(w, equilibrium, robots)
     tally.phase_error[w] = deviation
     tally.phase_error_max[w] = wp.max(tally.phase_error_max[w], deviation)
-    if deviation >= RECOVERED:
+    if tally.faulted[w] == 0:
+        tally.swing[w] = wp.max(tally.swing[w], deviation)
+    elif deviation > wp.max(RECOVERED, SWING_MARGIN * tally.swing[w]):
         tally.off_at[w] = now
 
 

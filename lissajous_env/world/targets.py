@@ -9,6 +9,7 @@ from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskS
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters import parts
+from lissajous_env.world.sight import first_sight, longest_way, nearest_sensor
 from lissajous_env.world.state import FOUND, GONE, HIDDEN, NEVER, PRESENT, Clock, Latest, Robots, Targets
 
 wp.set_module_options(MOTION)
@@ -21,12 +22,8 @@ CUSTOM = wp.constant(4)
 """Moved by a stage of the scenario's own."""
 
 _BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
-
-
-@wp.func
-def planar(position: wp.vec3) -> wp.vec2:
-    """Position on the ground [m]."""
-    return wp.vec2(position[0], position[1])
+_PLACES = wp.constant(64)
+"""Places that are tried for a target that appears unseen."""
 
 
 @wp.func
@@ -48,7 +45,10 @@ def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
 
 @wp.kernel
 def reset_targets(first: int, lanes: int, curve: CurveStruct, target: TargetStruct, clock: Clock, targets: Targets):
-    """Draw place, heading and motion of every slot; those of the start appear at step 0."""
+    """Draw place, heading and motion of every slot; those of the start appear at step 0.
+
+    The place of a target that appears unseen is drawn anew at that moment.
+    """
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -77,6 +77,7 @@ def reset_targets(first: int, lanes: int, curve: CurveStruct, target: TargetStru
         targets.stage[w, t] = HIDDEN
         targets.appears_at[w, t] = 0
         targets.found_at[w, t] = NEVER
+        targets.found_early[w, t] = 0.0
         targets.in_sight[w, t] = 0
 
 
@@ -93,18 +94,29 @@ def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Cl
         targets.appears_at[w, t] = 1 + int(wp.min(time / task.step, 1.0e9))
 
 
-@wp.func
-def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> wp.vec2:
-    """Return (index, squared distance [m^2]) of the working robot nearest to a place."""
-    nearest = int(0)
-    least = float(1.0e30)
-    for i in range(robots.sensor.shape[1]):
-        away = robots.sensor[w, i] - place
-        square = wp.dot(away, away)
-        if square < least:
-            least = square
-            nearest = i
-    return wp.vec2(float(nearest), least)
+@wp.kernel
+def place_unseen(
+    first: int, lanes: int, curve: CurveStruct, sensing: SensingStruct, clock: Clock, robots: Robots, targets: Targets
+):
+    """Put each target that appears now at the first of `_PLACES` uniform random places that is unseen, or the last."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    now = clock.step[w]
+    key = randomness.step_key(clock.seed[w], now)
+    for t in range(lane, targets.stage.shape[1], lanes):
+        if targets.appears_at[w, t] > now:
+            break  # the slots are in the order of their times
+        if targets.stage[w, t] == HIDDEN:
+            draw = randomness.stream(key, t, randomness.UNSEEN)
+            for _ in range(_PLACES):
+                x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
+                y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
+                targets.position[w, t] = wp.vec2(x, y)
+                nearest = nearest_sensor(w, wp.vec2(x, y), robots)
+                if nearest[1] >= sensing.radius * sensing.radius:
+                    break
 
 
 @wp.func
@@ -158,6 +170,37 @@ def move_target(
     return wp.vec2(moved[0], moved[1])
 
 
+@wp.func
+def detect(
+    w: int,
+    t: int,
+    now: int,
+    nearest: wp.vec2,
+    before: wp.vec2,
+    after: wp.vec2,
+    radius: float,
+    reach: float,
+    robots: Robots,
+    targets: Targets,
+    latest: Latest,
+) -> int:
+    """Let a robot detect a target: the first on its way or else, if it is seen there, the nearest at its end.
+
+    The way is from `before` to `after` [m], and not looked at where `reach` is 0. Returns the robot, or -1 for none.
+    """
+    found = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
+    if reach > 0.0:
+        sight = first_sight(w, before, after, radius, reach, robots)
+        if sight[1] <= 1.0:
+            found = int(sight[0])
+            targets.found_early[w, t] = 1.0 - sight[1]
+    targets.stage[w, t] = wp.where(found >= 0, FOUND, PRESENT)
+    if found >= 0:
+        targets.found_at[w, t] = now
+        wp.atomic_add(latest.detections, w, found, 1)
+    return found
+
+
 @wp.kernel
 def move_and_detect(
     first: int,
@@ -171,9 +214,9 @@ def move_and_detect(
     targets: Targets,
     latest: Latest,
 ):
-    """Let targets leave that were detected, the others appear or move, and the nearest working robot detect them.
+    """Let detected targets leave, others appear or move, and the first robot that meets one detect it.
 
-    The two are one stage because what is far from every sensor before it moves need not be looked at again.
+    A target appears at the end of its step: it is detected then or, on its way, from the next step on.
     """
     tid, lane = wp.tid()
     w = first + tid
@@ -181,7 +224,8 @@ def move_and_detect(
         return
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    reach = sensing.radius + task.step * wp.max(target.speed, target.flee_speed)
+    way, radius = longest_way(w, robots), sensing.radius
+    near = radius + task.step * wp.max(target.speed, target.flee_speed)
     waiting = int(0)
     sighted = int(0)
     for t in range(lane, targets.stage.shape[1], lanes):
@@ -195,22 +239,24 @@ def move_and_detect(
             place = targets.position[w, t]
             motion = targets.motion[w, t]
             nearest = nearest_sensor(w, place, robots)
+            before = place
+            reach = near + way
+            if motion == CUSTOM:
+                before = targets.before[w, t]
+                targets.before[w, t] = place
+                reach = radius + wp.length(place - before) + way
+            reach = wp.where(stage == PRESENT and nearest[1] < reach * reach, reach, 0.0)
             if stage != HIDDEN and motion != STILL and motion != CUSTOM:
                 place = move_target(w, t, key, motion, place, nearest, task.step, curve, target, robots, targets)
                 # A target that was far from every sensor cannot have come into one's reach in this step.
-                if nearest[1] < reach * reach:
+                if nearest[1] < near * near:
                     nearest = nearest_sensor(w, place, robots)
-            seen = wp.where(nearest[1] < sensing.radius * sensing.radius, 1, 0)
+            seen = wp.where(nearest[1] < radius * radius, 1, 0)
             sighted += seen
             targets.in_sight[w, t] = seen
             if stage != FOUND:
-                if seen == 1:
-                    targets.stage[w, t] = FOUND
-                    targets.found_at[w, t] = now
-                    wp.atomic_add(latest.detections, w, int(nearest[0]), 1)
-                else:
-                    targets.stage[w, t] = PRESENT
-                    waiting += 1
+                finder = detect(w, t, now, nearest, before, place, radius, reach, robots, targets, latest)
+                waiting += wp.where(finder < 0, 1, 0)
     if waiting > 0:
         wp.atomic_add(latest.waiting, w, waiting)
     if sighted > 0:

@@ -1,0 +1,72 @@
+"""Who has a place in its disc: at the end of a step, and first within it.
+
+Within a step a target goes straight from its old place to its new one at one speed, past the robots, each of which goes
+along its track of sub-steps.
+"""
+
+import warp as wp
+
+from lissajous_env.device.approach import first_within
+from lissajous_env.device.compilation import MOTION
+from lissajous_env.world.state import Robots
+
+wp.set_module_options(MOTION)
+
+
+@wp.func
+def planar(position: wp.vec3) -> wp.vec2:
+    """Position on the ground [m]."""
+    return wp.vec2(position[0], position[1])
+
+
+@wp.func
+def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> wp.vec2:
+    """Return (index, squared distance [m^2]) of the working robot nearest to a place."""
+    nearest = int(0)
+    least = float(1.0e30)
+    for i in range(robots.sensor.shape[1]):
+        away = robots.sensor[w, i] - place
+        square = wp.dot(away, away)
+        if square < least:
+            least = square
+            nearest = i
+    return wp.vec2(float(nearest), least)
+
+
+@wp.func
+def longest_way(w: int, robots: Robots) -> float:
+    """How far any robot was, in this step, from the place where it ended [m]."""
+    last = robots.track.shape[2] - 1
+    square = float(0.0)
+    for i in range(robots.track.shape[1]):
+        for s in range(last):
+            square = wp.max(square, wp.length_sq(robots.track[w, i, last] - robots.track[w, i, s]))
+    return wp.sqrt(square)
+
+
+@wp.func
+def first_sight(w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots) -> wp.vec2:
+    """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
+
+    The target goes from `before` to `after` [m] at one speed; where a wall reflects it, that cuts the corner. Robots
+    that end the step beyond `reach` [m] of `after`, as those that do not work, are passed over. A robot that resumes
+    works from the beginning of its first step on.
+    """
+    pieces = robots.track.shape[2] - 1
+    moved = (after - before) / float(pieces)
+    finder = int(-1)
+    least = float(2.0)
+    for i in range(robots.sensor.shape[1]):
+        if wp.length_sq(robots.sensor[w, i] - after) < reach * reach:
+            start = before - planar(robots.track[w, i, 0])
+            for s in range(pieces):
+                end = before + float(s + 1) * moved - planar(robots.track[w, i, s + 1])
+                share = first_within(start, end, radius)
+                if share <= 1.0:
+                    share = (float(s) + share) / float(pieces)
+                    if share < least:
+                        least = share
+                        finder = i
+                    break
+                start = end
+    return wp.vec2(float(finder), least)

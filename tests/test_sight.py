@@ -1,0 +1,268 @@
+"""Detection between control steps: when a disc first has a target, whatever the step, and where targets are unseen."""
+
+import math
+
+import numpy as np
+import pytest
+import reference_motion
+import warp as wp
+
+import lissajous_env
+from lissajous_env.device.approach import first_within
+from lissajous_env.device.compilation import OPTIONS
+
+wp.set_module_options(OPTIONS)
+
+# One car that drives straight ahead at 2 m/s: no drag to speed up or slow down, wheels straight.
+COASTING = {
+    "robot.count": 1, "formation.p": 0, "formation.ring": None, "faults.schedule": (), "noise.wheelbase_spread": 0.0,
+    "noise.drive_spread": 0.0, "robot.drag": 1e-3, "robot.throttle_max": 0.11, "curve.half_width": 20.0,
+    "curve.half_height": 20.0, "sensing.radius": 0.4, "targets.arrival_rate": 0.0, "targets.wandering": 0.0,
+    "task.grid": None, "task.duration": 20.0,
+}  # fmt: skip
+
+
+@wp.kernel
+def first_within_of(ways: wp.array2d(dtype=wp.vec2), radius: float, t_out: wp.array(dtype=float)):
+    """The function under test, for many."""
+    k = wp.tid()
+    t_out[k] = first_within(ways[k, 0], ways[k, 1], radius)
+
+
+@lissajous_env.target_motion
+def leap(world):
+    """To the other side of the middle, and back."""
+    return -world.targets.position
+
+
+def coasting(robot, targets, speed=2.0, scenario="experiment", **overrides):
+    """A world with a car at a place that rolls along x at a speed, and targets at places, none of them seen yet."""
+    made = lissajous_env.scenario(scenario, **{**COASTING, "targets.count": len(targets), **overrides})
+    simulation = lissajous_env.Simulation(made)
+    simulation.targets.stage.fill_(1)
+    simulation.targets.found_at.fill_(2**30)
+    simulation.targets.in_sight.zero_()
+    simulation.targets.position.assign(np.array([targets], dtype=np.float32))
+    simulation.robots.position.assign(np.array([[[*robot, 0.0]]], dtype=np.float32))
+    simulation.robots.heading.zero_()
+    simulation.robots.speed.fill_(speed)
+    return simulation
+
+
+def roll(simulation, steps):
+    action = np.zeros(simulation.action_shape, dtype=np.float32)
+    action[..., 1] = -1
+    for _ in range(steps):
+        simulation.step(action)
+
+
+def found_times(simulation):
+    """Time of each target's detection [s], infinite before."""
+    targets = simulation.targets
+    times = (targets.found_at.numpy()[0] - targets.found_early.numpy()[0].astype(float)) * simulation.scenario.task.step
+    return np.where(targets.found_at.numpy()[0] == 2**30, np.inf, times)
+
+
+def test_the_first_moment_within_a_radius():
+    # Oracle: the roots of the quadratic, by NumPy in float64; on 20,000 random ways, near and far, some of no length.
+    rng = np.random.default_rng(0)
+    before = rng.normal(size=(20_000, 2)) * rng.choice([0.5, 1.0, 3.0], size=(20_000, 1))
+    after = rng.normal(size=(20_000, 2)) * rng.choice([0.1, 1.0, 3.0], size=(20_000, 1))
+    after[:100] = before[:100]
+    ways = np.stack([before, after], axis=1).astype(np.float32)
+    times = wp.zeros(len(ways), dtype=float)
+    wp.launch(first_within_of, len(ways), [wp.array(ways, dtype=wp.vec2), 0.7, times])
+    radius, got = float(np.float32(0.7)), times.numpy()
+    expected = np.array([reference_motion.first_within(*way.astype(float), radius) for way in ways], dtype=float)
+    met = np.isfinite(expected)
+    assert met.tolist() == (got <= 1).tolist()
+    assert (expected[met] > 0).sum() > 5000
+    assert (~met).sum() > 2000
+    # A way that only just grazes the disc makes much of the last digit.
+    assert got[met] == pytest.approx(expected[met], abs=2e-3)
+    assert np.median(np.abs(got[met] - expected[met])) < 1e-6
+
+
+@pytest.mark.parametrize("step", [1.0, 0.35, 0.1, 0.01])
+def test_a_car_that_passes_a_target_sees_it_when_its_disc_arrives(step):
+    # Oracle: closed form. At speed v from x = 0, the disc of radius r reaches a target at (x, y) at
+    # (x - sqrt(r^2 - y^2)) / v; beside it by r or more, never. So it is whatever the step, one of 1 s included, in
+    # which the car drives five radii and no end of a step has most of the targets in the disc.
+    places = [(1.3, 0.0), (2.77, 0.3), (4.1, -0.39), (5.0, 0.41), (6.2, 0.1), (7.0, -0.5)]
+    simulation = coasting((0.0, 0.0), places, **{"task.step": step})
+    roll(simulation, round(4 / step))
+    expected = [(x - math.sqrt(0.16 - y * y)) / 2 if abs(y) < 0.4 else math.inf for x, y in places]
+    assert found_times(simulation) == pytest.approx(expected, abs=5e-3)
+    (row,) = simulation.score()
+    assert row["detected_fraction"] == pytest.approx(4 / 6)
+    assert simulation.latest.waiting.numpy()[0] == 2
+
+
+@pytest.mark.parametrize("name", ["failure", "experiment"])
+def test_times_of_detection_do_not_depend_on_the_control_step(name):
+    # Oracle: the same worlds in steps of 1 ms, sampled at their ends. What a robot drives in a step of 0.1 s is 0.17 m.
+    overrides = {
+        "sensing.radius": 0.3, "targets.count": 400, "targets.arrival_rate": 0.0, "targets.wandering": 0.0,
+        "targets.drifting": 0.5, "targets.speed": 0.3, "task.grid": None, "faults.schedule": (), "task.duration": 6.0,
+        "formation.start": "equilibrium", "formation.start_noise": 0.0, "task.substeps": 4,
+    }  # fmt: skip
+    times = {}
+    for step in (0.1, 1e-3):
+        made = lissajous_env.scenario(name, **overrides, **{"task.step": step})
+        simulation = lissajous_env.Simulation(made, seed=4)
+        action = np.zeros(simulation.action_shape, dtype=np.float32)
+        if name == "failure":
+            action[:] = 0.3 / made.resolve().robot.phase_rate_max
+        else:  # wheels turned a little, at the throttle that keeps about 1 m/s
+            action[..., 0], action[..., 1] = 0.2, -0.6
+        for _ in range(made.task.steps):
+            simulation.step(action)
+        times[step] = found_times(simulation)
+    late, early = times[0.1], times[1e-3]
+    seen = np.isfinite(early) & np.isfinite(late)
+    assert seen.sum() > 200
+    assert (np.isfinite(early) != np.isfinite(late)).sum() <= 3, "those that a disc only just grazes"
+    off = late[seen] - early[seen]
+    assert np.median(np.abs(off)) < 2e-3
+    assert np.quantile(np.abs(off), 0.97) < 0.02
+    assert abs(off.mean()) < 5e-3, "no step is lost on average"
+
+
+def test_a_target_that_runs_through_a_standing_disc_is_seen():
+    # Oracle: closed form: 30 m/s over 0.6 m of a disc: it enters at x = -0.3 after 1.7 m, and is out at the step's end.
+    fast = {"targets.drifting": 1.0, "targets.speed": 30.0, "sensing.radius": 0.3}
+    simulation = coasting((0.0, 0.0), [(-2.0, 0.0), (-2.0, 0.5)], speed=0.0, **fast)
+    simulation.targets.heading.zero_()
+    roll(simulation, 1)
+    assert found_times(simulation) == pytest.approx([1.7 / 30, math.inf], abs=1e-5)
+    assert simulation.targets.in_sight.numpy().tolist() == [[0, 0]], "in sight is who is there at the end"
+    assert simulation.latest.detections.numpy().tolist() == [[1]]
+    assert simulation.latest.waiting.numpy().tolist() == [1]
+
+
+def test_a_target_that_is_moved_by_ones_own_rule_is_seen_on_its_way():
+    # Oracle: closed form: it is put from x = -1 to x = 1 in each step and back, through a disc of 0.25 m at 0.375.
+    overrides = {**COASTING, "targets.custom": 1.0, "targets.count": 1, "sensing.radius": 0.25}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=(leap,), **overrides))
+    simulation.robots.position.zero_()
+    simulation.robots.speed.zero_()
+    simulation.targets.stage.fill_(0)
+    simulation.targets.found_at.fill_(2**30)
+    simulation.targets.position.assign(np.array([[[-1.0, 0.0]]], dtype=np.float32))
+    roll(simulation, 1)
+    assert found_times(simulation) == [math.inf], "it appears at the end of this step"
+    roll(simulation, 1)
+    assert found_times(simulation) == pytest.approx([0.1 + 0.0375], abs=1e-6)
+
+
+def test_the_first_to_see_a_target_gets_the_credit_though_another_ends_nearer():
+    # Oracle: geometry. Robot 0 passes the target and is gone; robot 1 arrives at it at the end of the step.
+    made = lissajous_env.scenario("experiment", **{**COASTING, "robot.count": 2, "targets.count": 1, "task.step": 1.0})
+    simulation = lissajous_env.Simulation(made)
+    simulation.targets.stage.fill_(1)
+    simulation.targets.found_at.fill_(2**30)
+    simulation.targets.position.zero_()
+    simulation.robots.position.assign(np.array([[[-1.0, 0.1, 0.0], [-2.2, -0.1, 0.0]]], dtype=np.float32))
+    simulation.robots.heading.zero_()
+    simulation.robots.speed.fill_(2.0)
+    roll(simulation, 1)
+    assert simulation.latest.detections.numpy().tolist() == [[1, 0]]
+    assert found_times(simulation) == pytest.approx([(1 - math.sqrt(0.15)) / 2], abs=1e-3)
+    assert simulation.targets.in_sight.numpy().tolist() == [[1]]
+
+
+def test_a_robot_senses_from_the_moment_it_resumes_and_not_before():
+    # Story: the only robot stands beside a target, failed, for 1 s; it sees the target when it resumes, at 1 s.
+    overrides = {"robot.count": 1, "formation.p": 0, "targets.count": 1, "targets.arrival_rate": 0.0, "task.grid": None}
+    made = lissajous_env.scenario("failure", **overrides, **{"faults.schedule": ((0, 0.0, 1.0),)})
+    simulation = lissajous_env.Simulation(made)
+    simulation.targets.stage.fill_(1)
+    simulation.targets.found_at.fill_(2**30)
+    simulation.targets.position.assign(simulation.robots.position.numpy()[:, :, :2] + np.float32([0.1, 0.0]))
+    for _ in range(12):
+        simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
+    assert simulation.targets.found_at.numpy().tolist() == [[11]]
+    assert found_times(simulation) == pytest.approx([1.0])
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_swarm_detects_every_target_within_the_bound(seed):
+    # Oracle: T_max = (2 pi / omega) / (N / kappa). Robots go up to 2.4 m in a control step, with discs of 0.73 m:
+    # sampled at the ends of the steps, about one and a half in a hundred targets are missed for longer than that.
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("swarm", **{"task.grid": None}), 2, seed=10 * seed)
+    scenario = simulation.scenario
+    rate = scenario.formation.phase_rate / scenario.alpha
+    for _ in range(math.ceil(scenario.detection_time_bound / scenario.task.step) + 1):
+        simulation.step(np.full(simulation.action_shape, rate / scenario.robot.phase_rate_max, dtype=np.float32))
+    for row in simulation.score():
+        assert row["targets"] == 2000
+        assert row["detected_fraction"] == row["detected_within_bound"] == 1
+        assert row["detection_time_max"] <= scenario.detection_time_bound
+
+
+# Unseen entry.
+
+UNSEEN = {
+    "targets.entry": "unseen", "targets.count": 30, "targets.arrival_rate": 30.0, "targets.wandering": 0.0,
+    "task.duration": 3.0, "task.grid": None, "faults.schedule": (), "robot.count": 1, "formation.p": 0,
+    "formation.start": "rotated",
+}  # fmt: skip
+
+
+def appeared(simulation, before):
+    """(K, 2) places of the targets that appeared in the latest step, and (K, N, 2) the robots of their worlds [m]."""
+    appears_at = simulation.targets.appears_at.numpy()
+    world, slot = np.nonzero((appears_at <= simulation.clock.step.numpy()[:, None]) & ~before)
+    return simulation.targets.position.numpy()[world, slot], simulation.robots.position.numpy()[world, :, :2]
+
+
+def test_an_unseen_target_appears_in_no_disc():
+    # Story: one robot in a small rectangle, whose disc is a third of it. Oracle: distances in NumPy; and uniform where
+    # it is not seen: of 64 places one is free but with probability 1e-30, so as many left as right, above as below.
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **UNSEEN, **{"sensing.radius": 0.75}), 20)
+    places, robots = appeared(simulation, np.zeros(simulation.targets.stage.shape, dtype=bool))
+    assert len(places) == 600
+    assert (np.linalg.norm(places - robots[:, 0], axis=1) >= 0.75 - 1e-6).all()
+    everything = [places]
+    action = np.ones(simulation.action_shape, dtype=np.float32)
+    for _ in range(30):
+        before = simulation.targets.appears_at.numpy() <= simulation.clock.step.numpy()[:, None]
+        simulation.step(action)
+        places, robots = appeared(simulation, before)
+        assert (np.linalg.norm(places - robots[:, 0], axis=1) >= 0.75 - 1e-6).all()
+        everything.append(places)
+    x, y = np.concatenate(everything).T
+    assert len(x) > 2000
+    assert np.abs(x).max() <= 1.8
+    assert np.abs(y).max() <= 0.8
+    assert abs((x > 0).mean() - 0.5) < 0.06
+    assert abs((y > 0).mean() - 0.5) < 0.06
+
+
+def test_where_all_is_seen_an_unseen_target_appears_anywhere():
+    # Story: a disc that covers the rectangle, so it is seen at once; and a failed robot has no disc to avoid.
+    covered = lissajous_env.Simulation(lissajous_env.scenario("failure", **UNSEEN, **{"sensing.radius": 9.0}), 5)
+    assert [row["detected_fraction"] for row in covered.score()] == [1] * 5
+    assert covered.score()[0]["detection_time_max"] == 0
+    blind = {**UNSEEN, "faults.schedule": ((0, 0.0, 3.0),), "sensing.radius": 9.0, "targets.count": 0}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("failure", **blind), 5)
+    for _ in range(30):
+        simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
+    assert [row["detected_fraction"] for row in simulation.score()] == [0] * 5
+
+
+def test_an_unseen_world_is_the_same_in_any_batch():
+    # Oracle: the batch law, bit for bit, over thread blocks too.
+    made = lissajous_env.scenario("failure", **{**UNSEEN, "sensing.radius": 0.75, "targets.wandering": 1.0})
+    action = np.linspace(-1, 1, 30, dtype=np.float32)
+
+    def final(worlds, seed, threads):
+        simulation = lissajous_env.Simulation(made, worlds, seed=seed, threads=threads)
+        for each in action:
+            simulation.step(np.full(simulation.action_shape, each))
+        return [np.array(array.numpy()) for array in (simulation.targets.position, simulation.targets.found_early)]
+
+    many = final(600, 0, 2)
+    for world in (0, 299, 300, 599):
+        for got, alone in zip(many, final(1, world, 1), strict=True):
+            np.testing.assert_array_equal(got[world], alone[0])
