@@ -17,6 +17,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+import baselines
 import lissajous_env
 from lissajous_env.extras import missing
 
@@ -77,6 +78,43 @@ def ours_batch(
     return lambda: simulation.step(actions)
 
 
+def ours_in_formation(worlds: int, threads: int, contamination: tuple[int, int] | None) -> Callable[[], object]:
+    """The experiment as the paper's method drives it, all worlds alike; what costs time is where rogues may be."""
+    made = lissajous_env.scenario("experiment", **{"task.contamination": contamination})
+    alone, policy = lissajous_env.Simulation(made), baselines.make("kuramoto-mpcc", made)
+    actions = []
+    for _ in range(100):
+        actions.append(policy.act(alone.observation).numpy().copy())
+        alone.step(actions[-1])
+    simulation = lissajous_env.Simulation(made, num_worlds=worlds, threads=threads)
+    wide = [np.repeat(action, worlds, axis=0) for action in actions]
+    taken = len(wide)
+
+    def step() -> None:
+        nonlocal taken
+        if taken == len(wide):
+            simulation.reset(seeds=np.zeros(worlds, dtype=int))
+            taken = 0
+        simulation.step(wide[taken])
+        taken += 1
+
+    return step
+
+
+def print_contamination(worlds: int, threads: int, rounds: int) -> None:
+    """Print what following contamination costs, in formation."""
+    print("\nThe experiment driven by kuramoto-mpcc, with contamination and without: median (best) [us a step]")
+    for count in (1, worlds):
+        sides = {
+            name: (ours_in_formation(count, threads, grid), 100)
+            for name, grid in {"without": None, "36 x 16": (36, 16), "90 x 40": (90, 40)}.items()
+        }
+        times = measured(sides, rounds)
+        for name, (median, best) in times.items():
+            ratio = median / times["without"][0]
+            print(f"  {count} worlds, {name:10s} {median:10.1f} ({best:.1f})  {ratio:5.2f} times that without")
+
+
 def vmas_batch(worlds: int) -> Callable[[], object]:
     import torch
     import vmas
@@ -114,6 +152,8 @@ def main() -> None:
         rival = single["mpe2 simple_spread"][0]
         ratios = (f"{name} {rival / single[name][0]:.1f}" for name in ("experiment", "intruders"))
         print("  times faster by the medians: " + ", ".join(ratios))
+
+    print_contamination(given.worlds, given.threads, given.rounds)
 
     batch = {}
     for name, settings in {

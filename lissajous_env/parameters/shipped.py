@@ -52,7 +52,7 @@ _EVADERS = dataclasses.replace(
     # (36.81 tau - 3.681) / 0.945 = 1.75; the fastest stretch of the curve asks for 1.69 m/s.
     robot=dataclasses.replace(_EXPERIMENT.robot, throttle_max=0.144927),
     sensing=Sensing(radius=0.6),
-    targets=Targets(count=0, arrival_rate=0.5, entry="inside", wandering=0.5, fleeing=0.5, speed=0.3, flee_speed=0.3),
+    targets=Targets(count=0, arrival_rate=0.5, entry="unseen", wandering=0.5, fleeing=0.5, speed=0.3, flee_speed=0.3),
     faults=Faults(),
     task=Task(duration=60.0, contamination=(90, 40)),
 )

@@ -97,10 +97,9 @@ def disc_run(place: wp.vec2, radius: float, y: float) -> wp.vec2:
 
 
 @wp.func
-def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float) -> wp.vec2:
-    """Least and greatest x at a height y of what a disc passes over that moves from a to b [m]."""
+def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float, last: wp.vec2) -> wp.vec2:
+    """Least and greatest x at a height y of what a disc passes over from a to b [m]; `last` is `disc_run` at b."""
     first = disc_run(a, radius, y)
-    last = disc_run(b, radius, y)
     low = wp.min(first[0], last[0])
     high = wp.max(first[1], last[1])
     way = wp.length(b - a)
@@ -180,9 +179,6 @@ def clear_cells(
     rows = contamination.sensed.shape[1]
     words = contamination.sensed.shape[2]
     cell_height = 2.0 * curve.half_height / float(rows)
-    pieces = int(1)
-    if hops.swept == 1:
-        pieces = (robots.track.shape[2] - 2 + hops.ticks) / hops.ticks
     slot = slot_of(clock.step[w], tick, hops)
     # Under the labels of the tick before, in the ring that the first tick of an episode does not have yet.
     latest = (slot - 1 + hops.ring) % hops.ring
@@ -203,6 +199,9 @@ def clear_cells(
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < 0.5 * NOWHERE:
             start = along(robots.track, w, i, float(tick) / float(hops.ticks))
+            # The way is taken as straight where it is short beside the disc.
+            way = wp.length(robots.sensor[w, i] - along(robots.track, w, i, 0.0)) / float(hops.ticks)
+            pieces = 1 + hops.swept * int(wp.clamp(3.0 * way / hops.radius, 0.0, float(robots.track.shape[2] - 2)))
             for piece in range(1, pieces + 1):
                 end = along(robots.track, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks))
                 low = wp.min(start[1], end[1]) - hops.radius + curve.half_height
@@ -211,13 +210,14 @@ def clear_cells(
                 last_row = int(wp.clamp(high / cell_height, -1.0, float(rows - 1)))
                 for row in range(first_row + (lane + lanes - first_row % lanes) % lanes, last_row + 1, lanes):
                     y = (float(row) + 0.5) * cell_height - curve.half_height
+                    at_end = disc_run(end, hops.radius, y)
                     if piece == pieces:
-                        run = columns_of(disc_run(end, hops.radius, y), curve.half_width, hops.columns)
+                        run = columns_of(at_end, curve.half_width, hops.columns)
                         for word in range(run[0] / 32, run[1] / 32 + 1):
                             contamination.sensed[w, row, word] |= run_of_bits(word, run[0], run[1])
                             contamination.swept[w, row, word] |= run_of_bits(word, run[0], run[1])
                     if hops.swept == 1:
-                        run = columns_of(swept_run(start, end, hops.radius, y), curve.half_width, hops.columns)
+                        run = columns_of(swept_run(start, end, hops.radius, y, at_end), curve.half_width, hops.columns)
                         for word in range(run[0] / 32, run[1] / 32 + 1):
                             contamination.swept[w, row, word] |= run_of_bits(word, run[0], run[1])
                 start = end
