@@ -23,6 +23,11 @@ the wanted action w is not below 0, w passes unchanged, bit for bit. Elsewhere a
 is solved exactly, by active sets, for v = w and up to `passes` times, v being the last solution; where the rows
 contradict one another, all give way by the same least amount. `top` is the throttle that leads to `speed_limit`.
 
+The limit leaves a car room above the formation's speed (`HEADROOM`): without it a car that gave way never catches up,
+and the time by which any rogue is detected grows several times. With the parameters `CLOSE` (the names with `-close`) a
+car gives way late and little, which keeps that time best. Cars whose motor hardly lets them catch up lose it with
+either.
+
 Two cars that avoid each other must not choose alike, so b is what both of them compute: the best pair of ways out for
 the two (`agreed_way_out`). A symmetric pair passes on the right.
 
