@@ -28,7 +28,7 @@ def test_a_name_that_is_taken_is_refused():
     with pytest.raises(ValueError, match="must be new, got laps-safe; -safe marks a wrapped laps"):
         baselines.register("laps-safe", "car", Laps)
     with pytest.raises(ValueError, match="suffix of a wrapper must be new, got '-safe'"):
-        registry.register_wrapper("-safe", "car", Laps)
+        registry.register_wrapper("-safe", "car", Laps, "with laps")
 
 
 def test_a_name_that_a_wrapped_policy_has_is_refused():
@@ -43,7 +43,7 @@ def test_the_same_policy_may_be_registered_again():
     for _ in range(2):
         baselines.register("mine", "car", partial(Laps, parameters=None))
     register_shipped()
-    assert set(baselines.names()) == {*before, "mine", "mine-safe"}
+    assert set(baselines.names()) == {*before, "mine", "mine-safe", "mine-close"}
     with pytest.raises(ValueError, match="must be new, got mine"):
         baselines.register("mine", "car", partial(Laps))
 
@@ -95,6 +95,6 @@ def test_entry_points_that_cannot_be_loaded_are_named_and_do_no_harm(monkeypatch
 
 def test_learned_policies_are_told_from_classical_ones():
     learned = {name for name in baselines.names() if not registry.is_classical(name)}
-    assert {name for name in learned if not name.endswith("-safe")} == set(training.names())
-    assert {name.removesuffix("-safe") for name in learned} == set(training.names())
+    assert {name for name in learned if not name.endswith(("-safe", "-close"))} == set(training.names())
+    assert {name.removesuffix("-safe").removesuffix("-close") for name in learned} == set(training.names())
     assert not registry.is_classical("nothing")

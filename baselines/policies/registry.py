@@ -27,7 +27,7 @@ class _Entry:
 
 
 _REGISTRY: dict[str, _Entry] = {}
-_WRAPPERS: dict[str, tuple[str, Callable[[Policy], Policy]]] = {}
+_WRAPPERS: dict[str, tuple[str, Callable[[Policy], Policy], str]] = {}
 _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
 _opener: Callable[..., Policy] | None = None
 
@@ -98,15 +98,17 @@ def _alike(one: _Entry, other: _Entry) -> bool:
     return told(one) == told(other)
 
 
-def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy]) -> None:
+def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy], about: str) -> None:
     """Add every policy for robots of `kind` once more, wrapped, under its name with a suffix.
+
+    `about` is what is said of it after the name of the policy, such as "with the collision filter under it".
 
     Raises:
         ValueError: a suffix that another wrapper has.
     """
-    if _WRAPPERS.get(suffix, (kind, wrapper)) != (kind, wrapper):
+    if _WRAPPERS.get(suffix, (kind, wrapper, about)) != (kind, wrapper, about):
         raise ValueError(f"suffix of a wrapper must be new, got {shown(suffix)}")
-    _WRAPPERS[suffix] = kind, wrapper
+    _WRAPPERS[suffix] = kind, wrapper, about
 
 
 def register_opener(opener: Callable[..., Policy]) -> None:
@@ -119,7 +121,7 @@ def describe(name: str) -> dict[str, Any]:
     """What a registered policy is, in plain values: name, kind of robot (None: any), made_for, learned, description."""
     plain, suffix = unwrapped(name)
     entry = _registry()[plain]
-    about = f"{plain} with the collision filter under it." if suffix else entry.about
+    about = f"{plain} {_WRAPPERS[suffix][2]}." if suffix else entry.about
     return {
         "name": name,
         "kind": _kinds()[name],
@@ -175,7 +177,7 @@ def _kinds() -> dict[str, str | None]:
     """Kind of robot that each policy drives, by name; the wrapped ones come last."""
     plain = {name: entry.kind for name, entry in _registry().items()}
     kinds = dict(plain)
-    for suffix, (kind, _) in _WRAPPERS.items():
+    for suffix, (kind, *_) in _WRAPPERS.items():
         kinds |= {name + suffix: kind for name, drives in plain.items() if drives in (None, kind)}
     return kinds
 
@@ -189,7 +191,7 @@ def unwrapped(name: str) -> tuple[str, str]:
 def _parted(name: str) -> tuple[str, str]:
     if name in _REGISTRY:
         return name, ""
-    for suffix, (kind, _) in _WRAPPERS.items():
+    for suffix, (kind, *_) in _WRAPPERS.items():
         plain = name.removesuffix(suffix)
         if plain != name and plain in _REGISTRY and _REGISTRY[plain].kind in (None, kind):
             return plain, suffix

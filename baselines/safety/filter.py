@@ -23,6 +23,11 @@ the wanted action w is not below 0, w passes unchanged, bit for bit. Elsewhere a
 is solved exactly, by active sets, for v = w and up to `passes` times, v being the last solution; where the rows
 contradict one another, all give way by the same least amount. `top` is the throttle that leads to `speed_limit`.
 
+The limit leaves a car room above the formation's speed (`HEADROOM`): without it a car that gave way never catches up,
+and the time by which any rogue is detected grows several times. With the parameters `CLOSE` (the names with `-close`) a
+car gives way late and little, which keeps that time best. Cars whose motor hardly lets them catch up lose it with
+either.
+
 Two cars that avoid each other must not choose alike, so b is what both of them compute: the best pair of ways out for
 the two (`agreed_way_out`). A symmetric pair passes on the right.
 
@@ -48,7 +53,14 @@ from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import top_speed, turning_radius
 
-__all__ = ["Safe", "SafetyParameters", "speed_limit"]
+__all__ = ["CLOSE", "Safe", "SafetyParameters", "speed_limit"]
+
+HEADROOM = 1.5
+"""Speed that a car is left, as a multiple of the formation's: one that fell behind has to catch up, or the formation,
+and with it the time by which any rogue is detected, is lost."""
+
+CLOSE = SafetyParameters(clearance=0.02, growth=0.05)
+"""Parameters of `-close`, which gives way late and little: the formation is kept best, chance meetings end worse."""
 
 
 class Safe(Policy):
@@ -67,7 +79,7 @@ class Safe(Policy):
         if self.scenario.robot.kind != "car":
             raise ValueError(f"policy of a filter must drive robots of kind car, got {self.scenario.robot.kind}")
         self.policy = policy
-        self.name = f"{policy.name}-safe"
+        self.name = f"{policy.name}-{'close' if parameters == CLOSE else 'safe'}"
         self.parameters = parameters or SafetyParameters()
         if self.parameters.speed_max is None:
             limit = speed_limit(self.scenario, self.parameters)
@@ -107,10 +119,10 @@ class Safe(Policy):
 def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
     """Speed [m/s] that the filter does not drive above: `speed_in_sight`.
 
-    Not below what the formation drives, nor above what the car can.
+    Not below `HEADROOM` times what the formation drives, nor above what the car can.
     """
     formation = top_speed(scenario.curve, scenario.formation.phase_rate)
-    limit = max(speed_in_sight(scenario, parameters), formation)
+    limit = max(speed_in_sight(scenario, parameters), HEADROOM * formation)
     return float(min(limit, scenario.robot.speed_max))
 
 
