@@ -26,11 +26,11 @@ from baselines.policies.base import Policy
 
 TUNED = Path(__file__).parent / "tuned.json"
 LEARNED = {
-    "intruders": "learned-intruders", "rough": "learned-rough", "failure": "learned-ring", "ideal": "learned-ring",
+    "intruders": "learned-intruders", "rough-lost": "learned-rough", "failure": "learned-ring", "ideal": "learned-ring",
 }  # fmt: skip
 OTHERS = {
     "intruders": ("learned-intruders-safe", "kuramoto-mpcc", "kuramoto-arc-mpcc", "sweep", "sweep-safe", "laps"),
-    "rough": ("learned-rough-safe", "kuramoto-mpcc", "kuramoto-mpcc-safe", "kuramoto-arc-mpcc-safe", "sweep-safe"),
+    "rough-lost": ("learned-rough-safe", "kuramoto-mpcc", "kuramoto-mpcc-safe", "kuramoto-arc-mpcc-safe", "sweep-safe"),
     "failure": ("kuramoto", "open-loop"),
     "ideal": ("kuramoto", "open-loop"),
 }
