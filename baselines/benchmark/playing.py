@@ -4,6 +4,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.rows import what_is_wrong
 from baselines.benchmark.types import Benchmark, Cell, Failure
 from lissajous_env.console.terminal import plain
@@ -24,10 +25,11 @@ def play(
     """
     worlds = settings.worlds
     policy = cell.factory(cell.scenario, worlds, settings.device)
+    watch = policy.watch if isinstance(policy, Clairvoyant) else None
     numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
     brought = brought_columns(cell.scenario)
-    for batch in episodes(policy, cell.scenario, seeds, settings.device, lambda _: on_step(worlds)):
+    for batch in episodes(policy, cell.scenario, seeds, settings.device, lambda _: on_step(worlds), watch):
         rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
         for row in rows:
             if wrong := what_is_wrong(plain(row), brought):

@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.console import Console
 
-from baselines.benchmark import cluster, report, results_folder
+from baselines.benchmark import clairvoyant, cluster, report, results_folder
 from baselines.benchmark.playing import failure_of, play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.types import Benchmark, Cell, Failure, Outcome
@@ -98,6 +98,8 @@ def plan(
         chosen = [name for name in others if name in fitting] if others or own else _usual(fitting, scenario)
         cells += [Cell(scenario, name, named(name)) for name in chosen]
         cells += [Cell(scenario, name, factory) for name, factory in own.items()]
+        if settings.clairvoyant and scenario.robot.kind in clairvoyant.KINDS:
+            cells.append(Cell(scenario, clairvoyant.NAME, clairvoyant.Clairvoyant))
         if not chosen and not own:
             kind = f"robots of kind {scenario.robot.kind}"
             raise ValueError(f"policies must hold one for {scenario.name}, which has {kind}; got {', '.join(others)}")
