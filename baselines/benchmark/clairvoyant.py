@@ -10,16 +10,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.driving import drive_towards, steady_speed
-from lissajous_env.device.compilation import OPTIONS
+from baselines.policies.driving import drive_to_goals
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.closed_forms import curve_point
 from lissajous_env.world.simulation import Simulation
-from lissajous_env.world.state import PRESENT, WORKING, Robots
-
-wp.set_module_options(OPTIONS)
+from lissajous_env.world.state import PRESENT, WORKING
 
 NAME = "clairvoyant"
 KINDS = ("car", "curve")
@@ -27,21 +24,7 @@ KINDS = ("car", "curve")
 _PLACES = 4096
 """Places of the curve that are looked at, and about as many where rogues may appear."""
 _WITHIN = 0.95
-"""Share of the sensing radius at which a point on the curve is near enough."""
-
-
-@wp.kernel
-def drive_to_goals(
-    robot: RobotStruct, goals: wp.array2d(dtype=wp.vec2), robots: Robots, action_out: wp.array3d(dtype=float)
-):
-    """Drive each car towards its goal, slower when it is near: a fast one would go around it for good."""
-    w, i = wp.tid()
-    place = wp.vec2(robots.position[w, i][0], robots.position[w, i][1])
-    away = goals[w, i] - place
-    wanted = steady_speed(robot) * wp.min(1.0, wp.length(away))
-    action = drive_towards(robot, place, robots.heading[w, i], robots.speed[w, i], goals[w, i], wanted)
-    action_out[w, i, 0] = action[0]
-    action_out[w, i, 1] = action[1]
+"""Share of the sensing radius at which a robot is near enough."""
 
 
 class Clairvoyant:
@@ -94,7 +77,7 @@ class Clairvoyant:
         if self.scenario.robot.kind == "curve":
             return self._along_the_curve(goals, chosen >= 0, seen.robots.phase.numpy())
         self._goals.assign(np.where(chosen[..., None] >= 0, goals, self._waiting(places)).astype(np.float32))
-        inputs = [self._robot, self._goals, seen.robots]
+        inputs = [self._robot, _WITHIN * self.scenario.sensing_radius, self._goals, seen.robots]
         wp.launch(drive_to_goals, chosen.shape, inputs, [self._action], device=self._action.device)
         return self._action
 
