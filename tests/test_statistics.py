@@ -104,6 +104,9 @@ def test_pairs_by_hand():
     assert of.difference == (-1 + 0) / 2  # of -4, -1, 0 and 2 the middle half
     assert paired([1.0, 2.0], [2.0, 3.0], better=1).better == 0
     assert paired([np.nan], [1.0]).n == 0
+    never = paired([np.inf, 3.0, np.inf], [4.0, np.inf, np.inf])
+    assert (never.n, never.better) == (3, 0.5)
+    assert np.isnan(never.difference)
     with pytest.raises(ValueError, match="the same seeds to be compared, got 1 and 2"):
         paired([1.0], [1.0, 2.0])
 

@@ -10,7 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from baselines.benchmark.comparison import limit_of
 from baselines.benchmark.statistics import Statistics
+from baselines.benchmark.tables import number, shown_name
 from baselines.policies.registry import names, unwrapped
 from lissajous_env.parameters.scenario import Scenario
 
@@ -72,6 +74,7 @@ def draw(
     def times(axes: Axes, name: str) -> None:
         _points(axes, {policy: of["detection_time_mean"] for policy, of in cells[name].items()}, colour)
         _mark_bound(axes, scenarios[name])
+        _mark_limit(axes, scenarios[name])
         axes.set_xlabel("mean detection time [s]")
 
     def collisions(axes: Axes, name: str) -> None:
@@ -140,7 +143,7 @@ def _points(axes: Axes, of: dict[str, Statistics], colour: dict[str, str], many:
         )
         face = "white" if unwrapped(policy)[1] else colour[policy]
         axes.plot([values.iqm], [place], "o", color=colour[policy], mfc=face, mew=1.5, ms=6, clip_on=False, zorder=3)
-    axes.set_yticks(range(len(of)), list(of))
+    axes.set_yticks(range(len(of)), [shown_name(policy) for policy in of])
     axes.set_ylim(len(of) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0)
     axes.grid(False, axis="y")
@@ -177,3 +180,13 @@ def _mark_bound(axes: Axes, scenario: Scenario) -> None:
         axes.axvline(bound, color="#444444", lw=1, ls="--", zorder=1)
         place = {"xycoords": ("data", "axes fraction"), "xytext": (3, 3), "textcoords": "offset points"}
         axes.annotate("$T_{max}$", (bound, 0), ha="left", va="bottom", fontsize=8.5, color="#444444", **place)
+
+
+def _mark_limit(axes: Axes, scenario: Scenario) -> None:
+    """Draw a dotted line at the lower bound of the mean detection time, where there is one."""
+    limit = limit_of(scenario)
+    if limit <= axes.get_xlim()[1]:
+        axes.axvline(limit, color="#444444", lw=1, ls=":", zorder=1)
+        place = {"xycoords": ("data", "axes fraction"), "xytext": (3, -3), "textcoords": "offset points"}
+        words = f"limit {number(limit)} s"
+        axes.annotate(words, (limit, 1), ha="left", va="top", fontsize=8.5, color="#444444", **place)

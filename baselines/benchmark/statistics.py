@@ -57,7 +57,7 @@ class Paired:
     better_high: float
     """Upper end of the same."""
     difference: float
-    """Interquartile mean of the differences, the policy's number less the reference's."""
+    """Interquartile mean of the differences, the policy's number less the reference's, where both are finite."""
     difference_low: float
     """Lower end of the 95 % bootstrap interval of `difference`, over seeds."""
     difference_high: float
@@ -108,17 +108,21 @@ def paired(policy: Sequence[float] | np.ndarray, reference: Sequence[float] | np
         reference: Those of the other, in the same order of seeds.
         better: 1 where more is better, -1 where less is.
 
+    An infinite number is compared, and left out of the differences; NaN is left out of both.
+
     Raises:
         ValueError: other numbers of seeds.
     """
     ours, theirs = np.asarray(policy, dtype=float), np.asarray(reference, dtype=float)
     if ours.shape != theirs.shape:
         raise ValueError(f"policies must have the same seeds to be compared, got {len(ours)} and {len(theirs)}")
-    both = np.isfinite(ours) & np.isfinite(theirs)
-    differences = (ours - theirs)[both]
-    if not len(differences):
+    both = ~(np.isnan(ours) | np.isnan(theirs))
+    ours, theirs = better * ours[both], better * theirs[both]
+    if not len(ours):
         return Paired(0, *[np.nan] * 6)
-    won = (1 + np.sign(better * differences)) / 2
+    won = (ours > theirs) + (ours == theirs) / 2
+    finite = np.isfinite(ours) & np.isfinite(theirs)
+    differences = better * (ours[finite] - theirs[finite])
     shares = bootstrap_interval(won, cut=0.0)
     middle = interquartile_mean(differences)
     return Paired(len(won), float(won.mean()), *shares, middle, *bootstrap_interval(differences))

@@ -18,7 +18,7 @@ _MOST_WORLDS = 65_536
 class Benchmark:
     """What is played, and where the results go."""
 
-    scenarios: tuple[str, ...] = ("ideal", "failure", "experiment", "intruders", "rough")
+    scenarios: tuple[str, ...] = ("team", "intruders", "redundant", "rough", "rough-lost")
     """Scenarios to play."""
     policies: tuple[str, ...] = ()
     """Policies to play, each where it drives the robots; without any, all of them. Your own: a checkpoint's
