@@ -51,6 +51,7 @@ def benchmark(
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import report
+    from baselines.benchmark.comparison import compare
 
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
     try:
@@ -58,7 +59,10 @@ def benchmark(
     except KeyboardInterrupt:
         words = f"finished episodes are kept in {settings.out}, the same command goes on from there"
         raise KeyboardInterrupt(words) from None
-    output.give({**report.summarized(outcome, outcome.rows, outcome.scenarios), "episodes": outcome.rows})
+    if output.json:
+        comparisons = compare(outcome.rows, outcome.scenarios, settings.against)
+        summary = report.summarized(outcome, outcome.rows, outcome.scenarios, comparisons)
+        output.give({**summary, "episodes": outcome.rows})
     if outcome.failures:
         names = dict.fromkeys(f"{each.policy} on {each.scenario}" for each in outcome.failures)
         raise CommandError(f"{', '.join(names)} failed; {settings.out / 'summary.json'} has the tracebacks")
@@ -88,7 +92,9 @@ def evaluate(
         output: How it speaks.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
-    from baselines.benchmark import report
+    from baselines.benchmark import report, tables
+    from baselines.benchmark.comparison import statistics as statistics_of
+    from baselines.benchmark.comparison import with_derived
 
     scenarios, policy = told_apart(names)
     check_file(out, ".csv")
@@ -106,10 +112,11 @@ def evaluate(
                     rows += finished.rows
                     progress.finished(len(finished.rows))
             progress.end()
-    statistics, console = report.statistics(rows), output.console()
+    told = with_derived(rows, {cell.scenario.name: cell.scenario for cell in cells})
+    statistics, console = statistics_of(told), output.console()
     left_out: list[str] = []
     for name, policies in statistics.items():
-        left_out += report.print_scores(console, policy, name, policies[policy])
+        left_out += tables.print_scores(console, policy, name, policies[policy])
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     if out is not None:
         report.write_csv(out, rows)
@@ -138,7 +145,7 @@ def run(
         output: How it speaks.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
-    from baselines.benchmark import report
+    from baselines.benchmark import tables
     from lissajous_env.console.commands import has_display, show
     from lissajous_env.episodes.recording import record
 
@@ -155,7 +162,7 @@ def run(
         progress.finished(1)
         progress.end()
     row = recording.score | {"policy": policy}
-    report.print_row(output.console(), row)
+    tables.print_row(output.console(), row)
     output.give(row)
     if out is not None or has_display():
         show(recording, out, output)

@@ -25,10 +25,10 @@ from baselines.benchmark.statistics import Statistics, summarize
 from baselines.policies.base import Policy
 
 TUNED = Path(__file__).parent / "tuned.json"
-LEARNED = {"intruders": "learned-intruders", "rough": "learned-rough"}
+LEARNED = {"intruders": "learned-intruders", "rough-lost": "learned-rough"}
 OTHERS = {
     "intruders": ("learned-intruders-safe", "kuramoto-mpcc", "arc-mpcc", "sweep", "sweep-safe", "laps"),
-    "rough": ("learned-rough-safe", "kuramoto-mpcc", "kuramoto-mpcc-safe", "arc-mpcc-safe", "sweep-safe"),
+    "rough-lost": ("learned-rough-safe", "kuramoto-mpcc", "kuramoto-mpcc-safe", "arc-mpcc-safe", "sweep-safe"),
 }
 COLUMNS = {
     "detection_time_mean": "detection in s, IQM (95 % interval)",

@@ -277,7 +277,7 @@ def write_csv(folder: Folder, entries: list[dict[str, Any]]) -> None:
 
 def main():
     parser = argparse.ArgumentParser(description="Tune the classical policies on training seeds, test them on others.")
-    parser.add_argument("--scenario", nargs="+", default=["intruders", "rough"])
+    parser.add_argument("--scenario", nargs="+", default=["intruders", "rough-lost"])
     parser.add_argument("--policies", nargs="+", default=POLICIES, choices=POLICIES)
     parser.add_argument("--seeds", type=int, default=32, help="training seeds, from 0")
     parser.add_argument("--random", type=int, default=32, help="random settings of each policy")

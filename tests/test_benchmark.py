@@ -18,7 +18,8 @@ from rich.text import Text
 
 import baselines
 import lissajous_env
-from baselines.benchmark import playing, report
+from baselines.benchmark import playing, tables
+from baselines.benchmark.comparison import statistics
 from baselines.benchmark.rows import NUMBER_COLUMNS
 from baselines.benchmark.running import measure, run
 from baselines.benchmark.types import Benchmark
@@ -311,9 +312,9 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
 
     def shown(columns):
         console = Console(width=columns, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-        of = report.statistics(played)["failure"]
-        left_out = report._print_policies(console, Text("title"), of, report.SHOWN)
-        left_out += report.print_scores(console, "runs/x[/b]", "failure", of["runs/x[/b]"])
+        of = statistics(played)["failure"]
+        left_out = tables.print_policies(console, Text("title"), of, tables.SHOWN)
+        left_out += tables.print_scores(console, "runs/x[/b]", "failure", of["runs/x[/b]"])
         return console.export_text(), left_out
 
     whole, nothing = shown(400)
@@ -363,8 +364,8 @@ def test_table_marks_the_best_and_shows_missing_numbers_as_a_dash():
         *rows("c", [9.0] * 2, [math.nan] * 2),
     ]
     console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    shown = [each for each in report.SHOWN if each.column in ("detection_time_mean", "recovery_time")]
-    report._print_policies(console, Text("title"), report.statistics(played)["failure"], shown)
+    shown = [each for each in tables.SHOWN if each.column in ("detection_time_mean", "recovery_time")]
+    tables.print_policies(console, Text("title"), statistics(played)["failure"], shown)
     text = [line.split() for line in console.export_text().splitlines()]
     assert ["a", "2*", "3"] in text  # 3 s is faster, but in one episode of two alone
     assert ["b", "4", "5*"] in text

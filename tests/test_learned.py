@@ -113,7 +113,7 @@ def test_shipped_policies_are_played_like_the_classical_ones():
     rows = lissajous_env.evaluate(baselines.make("learned-rough", "rough", 2), "rough", seeds=range(2))
     assert [row["policy"] for row in rows] == ["learned-rough"] * 2
     assert baselines.make("learned-rough-safe", "rough").name == "learned-rough-safe"
-    assert baselines.policies.registry.made_for("learned-rough", "rough")
+    assert baselines.policies.registry.made_for("learned-rough", "rough-lost")
     assert not baselines.policies.registry.made_for("learned-rough-safe", "experiment")
 
 
@@ -121,7 +121,7 @@ def test_shipped_policies_are_played_like_the_classical_ones():
     ("name", "rival", "scenario", "share", "collisions"),
     [
         ("learned-intruders-safe", "kuramoto-mpcc", "intruders", 0.3, 0.0),
-        ("learned-rough", "kuramoto-mpcc", "rough", 0.9, 4.0),
+        ("learned-rough", "kuramoto-mpcc", "rough-lost", 0.9, 4.0),
     ],
 )
 def test_shipped_policies_beat_the_papers_method(name, rival, scenario, share, collisions):

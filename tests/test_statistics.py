@@ -5,7 +5,13 @@ import pytest
 from scipy.stats import bootstrap, trim_mean
 
 from baselines.benchmark import statistics
-from baselines.benchmark.statistics import bootstrap_interval, interquartile_mean, summarize
+from baselines.benchmark.statistics import (
+    bootstrap_interval,
+    interquartile_mean,
+    paired,
+    summarize,
+    two_level_interval,
+)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 7, 8, 16, 33, 100])
@@ -82,3 +88,73 @@ def test_one_value_has_no_interval():
     of = summarize([4.0])
     assert of.iqm == of.min == of.max == 4.0
     assert np.isnan([of.low, of.high, of.std]).all()
+
+
+def test_interval_of_the_mean_is_scipys():
+    values = np.random.default_rng(6).gamma(2, size=30)
+    oracle = bootstrap((values,), np.mean, n_resamples=20_000, method="percentile", rng=np.random.default_rng(2))
+    low, high = oracle.confidence_interval
+    of = summarize(values)
+    assert (of.mean_low, of.mean_high) == pytest.approx((low, high), abs=0.05 * (high - low))
+
+
+def test_pairs_by_hand():
+    of = paired([1.0, 2.0, 3.0, np.nan, 5.0], [2.0, 2.0, 1.0, 1.0, 9.0])
+    assert (of.n, of.better) == (4, (1 + 0.5 + 0 + 1) / 4)
+    assert of.difference == (-1 + 0) / 2  # of -4, -1, 0 and 2 the middle half
+    assert paired([1.0, 2.0], [2.0, 3.0], better=1).better == 0
+    assert paired([np.nan], [1.0]).n == 0
+    never = paired([np.inf, 3.0, np.inf], [4.0, np.inf, np.inf])
+    assert (never.n, never.better) == (3, 0.5)
+    assert np.isnan(never.difference)
+    with pytest.raises(ValueError, match="the same seeds to be compared, got 1 and 2"):
+        paired([1.0], [1.0, 2.0])
+
+
+def test_a_policy_against_itself_is_neither_better_nor_worse():
+    values = np.random.default_rng(7).normal(size=16)
+    of = paired(values, values)
+    assert (of.better, of.better_low, of.better_high) == (0.5, 0.5, 0.5)
+    assert (of.difference, of.difference_low, of.difference_high) == (0, 0, 0)
+
+
+def test_seeds_in_common_cancel_in_pairs():
+    # Oracle: the differences are of deviation 0.1, around -0.2; the seeds themselves are of 10, which hides it.
+    rng = np.random.default_rng(8)
+    seeds = rng.normal(50, 10, 64)
+    ours, theirs = seeds - 0.2 + rng.normal(0, 0.1, 64), seeds
+    of = paired(ours, theirs)
+    assert of.difference_low < -0.2 < of.difference_high < -0.15
+    assert of.better > 0.9
+    alone, other = summarize(ours), summarize(theirs)
+    assert alone.high > other.low  # the intervals of the two means say nothing
+
+
+def simulated(rng, trainings, seeds, between=1.0, of_seeds=0.7, rest=0.5):
+    effects = rng.normal(0, between, (trainings, 1)) + rng.normal(0, of_seeds, (1, seeds))
+    return 3 + effects + rng.normal(0, rest, (trainings, seeds))
+
+
+def test_two_levels_have_the_deviation_of_both():
+    # Oracle: the variance of a mean over crossed samples, s_t^2 / K + s_e^2 / n + s^2 / (K n), averaged over 40 tables.
+    rng = np.random.default_rng(9)
+    widths = [np.diff(two_level_interval(simulated(rng, 12, 30), cut=0.0, resamples=500))[0] for _ in range(40)]
+    deviation = np.sqrt(1 / 12 + 0.49 / 30 + 0.25 / 360)
+    assert np.mean(widths) == pytest.approx(2 * 1.96 * deviation, rel=0.1)
+
+
+def test_two_levels_cover_the_truth_where_episodes_alone_do_not():
+    # Oracle: how often an interval holds the 3 that the tables are drawn around, over 300 tables of 6 trainings.
+    rng = np.random.default_rng(10)
+    tables = [simulated(rng, 6, 24) for _ in range(300)]
+    both = [two_level_interval(table, resamples=400) for table in tables]
+    pooled = [bootstrap_interval(table.ravel(), resamples=400) for table in tables]
+    hits, alone = (np.mean([low <= 3 <= high for low, high in each]) for each in (both, pooled))
+    assert 0.83 <= hits <= 0.97
+    assert alone < 0.5
+
+
+@pytest.mark.parametrize("rows", [[[1.0, 2.0]], [[1.0], [2.0]], [[1.0, 2.0], [1.0]], [[1.0, np.nan], [1.0, 2.0]]])
+def test_two_levels_need_a_whole_table(rows):
+    with pytest.raises(ValueError, match="rows_by_training must"):
+        two_level_interval(rows)

@@ -10,8 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from baselines.benchmark.comparison import limit_of
 from baselines.benchmark.looks import Look, look
 from baselines.benchmark.statistics import Statistics
+from baselines.benchmark.tables import number, shown_name
 from baselines.policies.registry import names, unwrapped
 from lissajous_env.parameters.scenario import Scenario
 
@@ -59,6 +61,7 @@ def draw(
     def times(axes: Axes, name: str) -> None:
         _points(axes, {policy: of["detection_time_mean"] for policy, of in cells[name].items()}, looks)
         _mark_bound(axes, scenarios[name])
+        _mark_limit(axes, scenarios[name])
         axes.set_xlabel("mean detection time [s]")
 
     def collisions(axes: Axes, name: str) -> None:
@@ -122,7 +125,7 @@ def _points(axes: Axes, of: dict[str, Statistics], looks: dict[str, Look], many:
         axes.plot([values.low, values.high], [place, place], color=colour, lw=5, alpha=0.35, solid_capstyle="butt")
         face = "white" if unwrapped(policy)[1] else colour
         axes.plot([values.iqm], [place], mark, color=colour, mfc=face, mew=1.5, ms=6, clip_on=False, zorder=3)
-    axes.set_yticks(range(len(of)), list(of))
+    axes.set_yticks(range(len(of)), [shown_name(policy) for policy in of])
     axes.set_ylim(len(of) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0)
     axes.grid(False, axis="y")
@@ -164,3 +167,13 @@ def _mark_bound(axes: Axes, scenario: Scenario) -> None:
         axes.axvline(bound, color="#444444", lw=1, ls="--", zorder=1)
         place = {"xycoords": ("data", "axes fraction"), "xytext": (3, 3), "textcoords": "offset points"}
         axes.annotate("$T_{max}$", (bound, 0), ha="left", va="bottom", fontsize=8.5, color="#444444", **place)
+
+
+def _mark_limit(axes: Axes, scenario: Scenario) -> None:
+    """Draw a dotted line at the lower bound of the mean detection time, where there is one."""
+    limit = limit_of(scenario)
+    if limit <= axes.get_xlim()[1]:
+        axes.axvline(limit, color="#444444", lw=1, ls=":", zorder=1)
+        place = {"xycoords": ("data", "axes fraction"), "xytext": (3, -3), "textcoords": "offset points"}
+        words = f"limit {number(limit)} s"
+        axes.annotate(words, (limit, 1), ha="left", va="top", fontsize=8.5, color="#444444", **place)

@@ -3,6 +3,7 @@
 import traceback
 from collections.abc import Callable, Iterator
 
+from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.detections import detections_of
 from baselines.benchmark.rows import what_is_wrong
 from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
@@ -23,6 +24,7 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[
     """
     worlds = settings.worlds
     policy = cell.factory(cell.scenario, worlds, settings.device)
+    watch = policy.watch if isinstance(policy, Clairvoyant) else None
     numbers_left = iter(numbers)
     seeds = [settings.seed + number for number in numbers]
     brought = brought_columns(cell.scenario)
@@ -32,7 +34,7 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[
         played[:] = [simulation]
         on_step(worlds)
 
-    for batch in episodes(policy, cell.scenario, seeds, settings.device, after_step):
+    for batch in episodes(policy, cell.scenario, seeds, settings.device, after_step, watch):
         rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
         for row in rows:
             if wrong := what_is_wrong(plain(row), brought):

@@ -10,7 +10,8 @@ from typing import Any
 
 from rich.console import Console
 
-from baselines.benchmark import cluster, report, results_folder
+from baselines.benchmark import clairvoyant, cluster, report, results_folder, tables
+from baselines.benchmark.comparison import compare
 from baselines.benchmark.playing import failure_of, play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.types import Benchmark, Cell, Failure, Outcome
@@ -68,8 +69,11 @@ def measure(
             held_curves = kept.detections.curves(held_rows)
         elapsed = time.monotonic() - started
         outcome = Outcome(settings, cells, rows, failures, found, elapsed, held, held_scenarios, held_rows, held_curves)
-        report.write_files(folder, outcome)
-    report.print_tables(console, outcome)
+        comparisons = compare(held_rows, held_scenarios, settings.against)
+        report.write_files(folder, outcome, comparisons)
+    if len(rows) < len(held_rows):
+        comparisons = compare(rows, outcome.scenarios, settings.against)
+    tables.print_tables(console, outcome, comparisons)
     return outcome
 
 
@@ -99,9 +103,14 @@ def plan(
         chosen = [name for name in others if name in fitting] if others or own else _usual(fitting, scenario)
         cells += [Cell(scenario, name, named(name)) for name in chosen]
         cells += [Cell(scenario, name, factory) for name, factory in own.items()]
+        if settings.clairvoyant and scenario.robot.kind in clairvoyant.KINDS:
+            cells.append(Cell(scenario, clairvoyant.NAME, clairvoyant.Clairvoyant))
         if not chosen and not own:
             kind = f"robots of kind {scenario.robot.kind}"
             raise ValueError(f"policies must hold one for {scenario.name}, which has {kind}; got {', '.join(others)}")
+    if settings.against is not None and settings.against not in {cell.policy for cell in cells}:
+        played = ", ".join(dict.fromkeys(cell.policy for cell in cells))
+        raise ValueError(f"against must be a policy that is played ({played}), got {settings.against}")
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
         raise ValueError(f"scenarios must differ in name, got {', '.join(scenario.name for scenario in made)}")
     if settings.engine == "ray":

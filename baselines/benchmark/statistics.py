@@ -1,7 +1,11 @@
-"""Statistics of scores: the interquartile mean, with a stratified bootstrap interval.
+"""Statistics of scores: interquartile means with bootstrap intervals, comparisons seed by seed, several trainings.
 
 R. Agarwal, M. Schwarzer, P. S. Castro, A. Courville, M. G. Bellemare, "Deep Reinforcement Learning at the Edge of the
 Statistical Precipice" (NeurIPS 2021) gives the reasons: the mean follows outliers, the median wastes half of the runs.
+
+Where two policies played the same seeds, they are compared seed by seed: what a seed is worth, as easy or hard as it
+is, then cancels. Where a policy was trained several times, both trainings and seeds are samples, of which either alone
+would make the interval too short: A. B. Owen, "The Pigeonhole Bootstrap" (Annals of Applied Statistics, 2007).
 """
 
 from collections.abc import Sequence
@@ -30,10 +34,34 @@ class Statistics:
     high: float
     """Upper end of the same."""
     mean: float
+    mean_low: float
+    """Lower end of the 95 % bootstrap interval of `mean`."""
+    mean_high: float
+    """Upper end of the same."""
     std: float
     """Standard deviation between episodes, with n - 1 in the denominator."""
     min: float
     max: float
+
+
+@dataclass(frozen=True)
+class Paired:
+    """How a policy compares with a reference on the same seeds; a number that does not exist is NaN."""
+
+    n: int
+    """Seeds on which both have a number."""
+    better: float
+    """Probability of improvement: the share of these seeds on which the policy is better, ties counted half."""
+    better_low: float
+    """Lower end of the 95 % bootstrap interval of `better`, over seeds."""
+    better_high: float
+    """Upper end of the same."""
+    difference: float
+    """Interquartile mean of the differences, the policy's number less the reference's, where both are finite."""
+    difference_low: float
+    """Lower end of the 95 % bootstrap interval of `difference`, over seeds."""
+    difference_high: float
+    """Upper end of the same."""
 
 
 def interquartile_mean(values: Sequence[float] | np.ndarray) -> float:
@@ -44,11 +72,16 @@ def interquartile_mean(values: Sequence[float] | np.ndarray) -> float:
 
 
 def bootstrap_interval(
-    *strata: Sequence[float] | np.ndarray, confidence: float = 0.95, resamples: int = RESAMPLES, seed: int = 0
+    *strata: Sequence[float] | np.ndarray,
+    confidence: float = 0.95,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+    cut: float = _CUT,
 ) -> tuple[float, float]:
     """Percentile bootstrap interval of the interquartile mean of all values together.
 
     Episodes are drawn again within each stratum (a scenario), so that each keeps its share. NaN below two values.
+    `cut` is the share that is left out at either end: with 0 the interval is that of the mean.
     """
     samples = [np.asarray(stratum, dtype=float) for stratum in strata if len(stratum)]
     pooled = np.concatenate(samples) if samples else np.empty(0)
@@ -61,11 +94,79 @@ def bootstrap_interval(
     order = np.argsort(pooled, kind="stable")
     drawn = drawn[:, order]
     last = np.cumsum(drawn, axis=1)
-    cut = int(_CUT * n)
-    counted = np.minimum(last, n - cut) - np.maximum(last - drawn, cut)
-    means = np.maximum(counted, 0) @ pooled[order] / (n - 2 * cut)
+    outside = int(cut * n)
+    counted = np.minimum(last, n - outside) - np.maximum(last - drawn, outside)
+    means = np.maximum(counted, 0) @ pooled[order] / (n - 2 * outside)
+    return _middle(means, confidence)
+
+
+def paired(policy: Sequence[float] | np.ndarray, reference: Sequence[float] | np.ndarray, better: int = -1) -> Paired:
+    """Compare two policies on the same seeds.
+
+    Args:
+        policy: Its numbers, by seed.
+        reference: Those of the other, in the same order of seeds.
+        better: 1 where more is better, -1 where less is.
+
+    An infinite number is compared, and left out of the differences; NaN is left out of both.
+
+    Raises:
+        ValueError: other numbers of seeds.
+    """
+    ours, theirs = np.asarray(policy, dtype=float), np.asarray(reference, dtype=float)
+    if ours.shape != theirs.shape:
+        raise ValueError(f"policies must have the same seeds to be compared, got {len(ours)} and {len(theirs)}")
+    both = ~(np.isnan(ours) | np.isnan(theirs))
+    ours, theirs = better * ours[both], better * theirs[both]
+    if not len(ours):
+        return Paired(0, *[np.nan] * 6)
+    won = (ours > theirs) + (ours == theirs) / 2
+    finite = np.isfinite(ours) & np.isfinite(theirs)
+    differences = better * (ours[finite] - theirs[finite])
+    shares = bootstrap_interval(won, cut=0.0)
+    middle = interquartile_mean(differences)
+    return Paired(len(won), float(won.mean()), *shares, middle, *bootstrap_interval(differences))
+
+
+def two_level_interval(
+    rows_by_training: Sequence[Sequence[float]] | np.ndarray,
+    confidence: float = 0.95,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+    cut: float = _CUT,
+) -> tuple[float, float]:
+    """Percentile bootstrap interval of the interquartile mean over trainings and the seeds that they all played.
+
+    In each resample trainings are drawn again, and seeds, the same ones for every training: a seed that is hard for one
+    is hard for all. With K trainings the interval is too short by about sqrt((K - 1) / K), as every bootstrap's is.
+
+    Args:
+        rows_by_training: (K, n) numbers, a row for each training and a column for each seed.
+        confidence: Share of the resamples within the interval.
+        resamples: How many.
+        seed: Of the draws.
+        cut: Share that is left out at either end; 0 for the mean.
+
+    Raises:
+        ValueError: fewer than two trainings or seeds, rows of different lengths, or what is no number.
+    """
+    try:
+        table = np.array([list(row) for row in rows_by_training], dtype=float)
+    except ValueError as error:
+        raise ValueError("rows_by_training must have the same seeds in every row") from error
+    if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
+        rule = "must hold finite numbers of at least two trainings on at least two seeds"
+        raise ValueError(f"rows_by_training {rule}, got shape {table.shape}")
+    generator = np.random.default_rng(seed)
+    trainings, seeds = (generator.integers(0, size, (resamples, size)) for size in table.shape)
+    drawn = np.sort(table[trainings[:, :, None], seeds[:, None, :]].reshape(resamples, -1), axis=1)
+    outside = int(cut * table.size)
+    return _middle(drawn[:, outside : table.size - outside].mean(axis=1), confidence)
+
+
+def _middle(values: np.ndarray, confidence: float) -> tuple[float, float]:
     tail = (1 - confidence) / 2
-    low, high = np.quantile(means, [tail, 1 - tail])
+    low, high = np.quantile(values, [tail, 1 - tail])
     return float(low), float(high)
 
 
@@ -76,13 +177,16 @@ def summarize(*strata: Sequence[float] | np.ndarray) -> Statistics:
     values = np.concatenate(finite) if finite else np.empty(0)
     n = sum(len(sample) for sample in samples)
     if not len(values):
-        return Statistics(n, 0, *[np.nan] * 7)
+        return Statistics(n, 0, *[np.nan] * 9)
+    means = bootstrap_interval(*finite, cut=0.0)
     return Statistics(
         n,
         len(values),
         interquartile_mean(values),
         *bootstrap_interval(*finite),
         mean=float(values.mean()),
+        mean_low=means[0],
+        mean_high=means[1],
         std=float(values.std(ddof=1)) if len(values) > 1 else np.nan,
         min=float(values.min()),
         max=float(values.max()),

@@ -18,7 +18,7 @@ _MOST_WORLDS = 65_536
 class Benchmark:
     """What is played, and where the results go."""
 
-    scenarios: tuple[str, ...] = ("ideal", "failure", "experiment", "intruders", "rough")
+    scenarios: tuple[str, ...] = ("team", "evaders", "evaders-failure", "intruders", "redundant", "rough", "rough-lost")
     """Scenarios to play."""
     policies: tuple[str, ...] = ()
     """Policies to play, each where it drives the robots; without any, all of them. Your own: a checkpoint's
@@ -38,6 +38,11 @@ class Benchmark:
     """local plays here; ray plays over a cluster, and needs the extra `cluster`. It changes no result."""
     address: str | None = None
     """Address of the Ray cluster: auto, HOST:PORT or ray://HOST:PORT; without one, engine ray starts its own here."""
+    clairvoyant: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Play, beside the policies, a reference that sees where the rogues are; its name stands in brackets."""
+    against: str | None = None
+    """Policy that all others are compared with, seed by seed; without one it is the paper's method where that is
+    played, or else the first."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
 

@@ -19,7 +19,8 @@ import numpy as np
 from rich.console import Console
 
 from attacks import Attack
-from baselines.benchmark import report
+from baselines.benchmark import tables
+from baselines.benchmark.comparison import statistics
 from baselines.benchmark.rows import NUMBER_COLUMNS
 from lissajous_env.console.cli import main
 from lissajous_env.parameters.overrides import parse_overrides
@@ -231,9 +232,9 @@ def _try_width(draw: np.random.Generator) -> str | None:
 
     def shown(columns: int) -> str:
         console = Console(width=columns, file=io.StringIO(), record=True)
-        cells = report.statistics(rows)["failure"]
-        report._print_policies(console, report.Text("t"), cells, report.SHOWN)
-        report.print_scores(console, "still", "failure", next(iter(cells.values())))
+        cells = statistics(rows)["failure"]
+        tables.print_policies(console, tables.Text("t"), cells, tables.SHOWN)
+        tables.print_scores(console, "still", "failure", next(iter(cells.values())))
         return console.export_text()
 
     words = set(shown(1000).split())

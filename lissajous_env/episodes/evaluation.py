@@ -175,10 +175,16 @@ def episodes(
     seeds: Iterable[int],
     device: Any = "cpu",
     on_step: Callable[[Simulation], None] | None = None,
+    on_start: Callable[[Simulation], None] | None = None,
 ) -> Iterator[list[dict[str, Any]]]:
-    """Yield the score rows of each batch of episodes when it has ended; `on_step` is called after each step."""
+    """Yield the score rows of each batch of episodes when it has ended.
+
+    `on_start` is called before the first step of all, `on_step` after each step.
+    """
     seeds = list(seeds)
     simulation = Simulation(named.scenario(scenario), policy.num_worlds, device=device)
+    if on_start is not None:
+        on_start(simulation)
     referee = Referee(policy, simulation)
     for first in range(0, len(seeds), policy.num_worlds):
         batch = seeds[first : first + policy.num_worlds]

@@ -57,6 +57,24 @@ _EVADERS = dataclasses.replace(
     task=Task(duration=60.0, contamination=(90, 40)),
 )
 
+_ROUGH = dataclasses.replace(
+    _EXPERIMENT,
+    name="rough",
+    description="The experiment with noise, uneven cars, lost and late messages, random faults.",
+    formation=dataclasses.replace(_EXPERIMENT.formation, start="rotated", start_noise=0.1),
+    faults=Faults(rate=0.01, mean_duration=5.0),
+    noise=Noise(
+        actuator=0.05,
+        position=0.01,
+        heading=0.02,
+        speed=0.02,
+        wheelbase_spread=0.05,
+        drive_spread=0.02,
+        message_loss=0.1,
+        message_delay=0.1,
+    ),
+)
+
 SHIPPED = (
     Scenario(
         name="ideal",
@@ -101,22 +119,34 @@ SHIPPED = (
         description="The same, in which robots 1 and 5 stop from 24.5 s to 34.5 s.",
         faults=_EXPERIMENT.faults,
     ),
+    _ROUGH,
     dataclasses.replace(
-        _EXPERIMENT,
-        name="rough",
-        description="The experiment with noise, uneven cars, lost and late messages, random faults, one robot lost.",
-        formation=dataclasses.replace(_EXPERIMENT.formation, start="rotated", start_noise=0.1),
-        faults=Faults(rate=0.01, mean_duration=5.0, lost=1),
-        noise=Noise(
-            actuator=0.05,
-            position=0.01,
-            heading=0.02,
-            speed=0.02,
-            wheelbase_spread=0.05,
-            drive_spread=0.02,
-            message_loss=0.1,
-            message_delay=0.1,
-        ),
+        _ROUGH,
+        name="rough-lost",
+        description="The same, and one robot is lost for good: the ring, which the paper takes as given, is cut.",
+        faults=dataclasses.replace(_ROUGH.faults, lost=1),
+    ),
+    Scenario(
+        name="team",
+        description="Fifteen cars on the curve of Fig. 2; two, that are neighbours, stop from 15 s to 25 s.",
+        curve=Curve(half_width=5.0, half_height=5.0, a=7, b=8),
+        formation=Formation(phase_rate=0.05, p=7, start="rotated", start_noise=0.02),
+        robot=Robot(kind="car", radius=0.09, model_offset=3.804),
+        targets=_ARRIVING,
+        faults=Faults(schedule=((0, 15.0, 25.0), (1, 15.0, 25.0))),
+        noise=Noise(wheelbase_spread=0.02, drive_spread=0.02),
+        task=Task(duration=60.0, contamination=(80, 80)),
+    ),
+    Scenario(
+        name="redundant",
+        description="Section V: 30 points, two on each of the places of Fig. 2; one of each stops from 15 s to 25 s.",
+        curve=Curve(half_width=5.0, half_height=5.0, a=7, b=8),
+        # Robots k and k + 15 share a place (Lemma 1), so they touch from the start: counted as 15 collisions.
+        formation=Formation(phase_rate=0.05, p=14, start="rotated"),
+        robot=Robot(kind="curve", count=30, radius=0.04),
+        targets=_ARRIVING,
+        faults=Faults(schedule=tuple((robot, 15.0, 25.0) for robot in range(15))),
+        task=Task(duration=60.0, contamination=(80, 80)),
     ),
     Scenario(
         name="knot",
