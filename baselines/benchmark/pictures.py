@@ -61,8 +61,7 @@ def draw(
     def times(axes: Axes, name: str) -> None:
         _points(axes, {policy: of["detection_time_mean"] for policy, of in cells[name].items()}, looks)
         _mark_bound(axes, scenarios[name])
-        _mark_limit(axes, scenarios[name])
-        axes.set_xlabel("mean detection time [s]")
+        axes.set_xlabel(f"mean detection time [s]{_mark_limit(axes, scenarios[name])}")
 
     def collisions(axes: Axes, name: str) -> None:
         _points(axes, {policy: of["collisions"] for policy, of in cells[name].items()}, looks, many=True)
@@ -169,11 +168,10 @@ def _mark_bound(axes: Axes, scenario: Scenario) -> None:
         axes.annotate("$T_{max}$", (bound, 0), ha="left", va="bottom", fontsize=8.5, color="#444444", **place)
 
 
-def _mark_limit(axes: Axes, scenario: Scenario) -> None:
-    """Draw a dotted line at the lower bound of the mean detection time, where there is one."""
+def _mark_limit(axes: Axes, scenario: Scenario) -> str:
+    """Draw a dotted line at the lower bound of the mean detection time, where there is one; return what it is."""
     limit = limit_of(scenario)
-    if limit <= axes.get_xlim()[1]:
-        axes.axvline(limit, color="#444444", lw=1, ls=":", zorder=1)
-        place = {"xycoords": ("data", "axes fraction"), "xytext": (3, -3), "textcoords": "offset points"}
-        words = f"limit {number(limit)} s"
-        axes.annotate(words, (limit, 1), ha="left", va="top", fontsize=8.5, color="#444444", **place)
+    if not limit <= axes.get_xlim()[1]:
+        return ""
+    axes.axvline(limit, color="#444444", lw=1, ls=":", zorder=1)
+    return f"; dotted: no policy below {number(limit)} s"

@@ -1,0 +1,156 @@
+"""One command of training, run for several seeds, against the paper's method: `python benchmarks/trainings.py`.
+
+A training is a random thing, as an episode is: this says what the README's command promises, not what one lucky run of
+it reached. Every training is judged after 5 and after 15 million steps of a robot, by its best checkpoint, on the same
+held-out episodes, which neither the trainings nor any tuning saw. What is said of all of them has an interval over
+trainings and episodes (`baselines.benchmark.statistics.two_level_interval`).
+
+FOLDER holds a folder for each seed, as `lissajous train` leaves it, the rows of its episodes, and `trainings.json`.
+Killed and called again it goes on, and what is there is neither trained nor played again. Options that this script does
+not know are those of `lissajous train`.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from tuning import HELD_OUT
+
+import baselines
+import lissajous_env
+import training
+from baselines.benchmark.statistics import interquartile_mean, paired, summarize, two_level_interval
+from lissajous_env.console.terminal import plain
+from lissajous_env.storage.files import read_json, write_atomically
+from training.learned import checkpoint
+
+COLUMNS = {"detection_time_mean": "detection [s]", "collisions": "collisions", "sensed_fraction": "sensed"}
+REFERENCE = "kuramoto-mpcc"
+_ROLLOUT = 200_000
+"""Steps by which a training may go beyond what it was asked for: it ends with a rollout."""
+
+
+def scored(out: Path, scenario: str, seed: int, steps: int, episodes: int, more: Sequence[str]) -> list[dict[str, Any]]:
+    """Train to a number of steps, play the best checkpoint on the held-out seeds, and keep the rows beside it.
+
+    Raises:
+        ValueError: the folder holds a training that is beyond these steps and was not played then.
+    """
+    folder, kept = out / f"seed-{seed}", out / f"seed-{seed}-{steps}.json"
+    if kept.exists() and len(rows := read_json(kept)) == episodes:
+        return rows
+    if (folder / "checkpoint.json").exists():
+        done = checkpoint.read(folder)[2]["counters"]["steps"]
+        if done > 1.05 * steps + _ROLLOUT:
+            raise ValueError(f"{folder} must hold at most {steps:,} steps to be judged after these, got {done:,}")
+    command = [sys.executable, "-m", "lissajous_env", "train", "--scenario", scenario, "--steps", str(steps),
+               "--seed", str(seed), "--out", str(folder), "--quiet", *more]  # fmt: skip
+    subprocess.run(command, check=True)
+    rows = played(training.load(str(folder / "best"), scenario, num_worlds=episodes), scenario, episodes)
+    write_atomically(kept, json.dumps(plain(rows)) + "\n")
+    return rows
+
+
+def played(policy: Any, scenario: str, episodes: int) -> list[dict[str, Any]]:
+    """Rows of the held-out episodes."""
+    return lissajous_env.evaluate(policy, scenario, HELD_OUT[:episodes])
+
+
+def judged(rows_by_training: Sequence[list[dict[str, Any]]], reference: list[dict[str, Any]]) -> dict[str, Any]:
+    """What is known of some trainings, column by column: of all together, of each alone, beside the reference.
+
+    Of collisions, which are rare, the mean is taken, of all else the interquartile mean. `better` is the probability
+    that an episode of a training is better than the reference's of the same seed, ties half.
+    """
+    found = {}
+    for column in COLUMNS:
+        table = np.array([[row[column] for row in rows] for rows in rows_by_training], dtype=float)
+        theirs = np.array([row[column] for row in reference], dtype=float)
+        more_is_better, rare = column == "sensed_fraction", column == "collisions"
+        won = (table > theirs if more_is_better else table < theirs) + (table == theirs) / 2
+        cut = 0.0 if rare else 0.25
+        middle = float(table.mean()) if rare else interquartile_mean(table.ravel())
+        found[column] = {
+            "statistic": "mean" if rare else "interquartile mean",
+            "value": middle,
+            "interval": two_level_interval(table, cut=cut) if len(table) > 1 else None,
+            "better": float(won.mean()),
+            "better_interval": two_level_interval(won, cut=0.0) if len(table) > 1 else None,
+            "trainings": [asdict(summarize(row)) for row in table],
+            "trainings_against": [asdict(paired(row, theirs, 1 if more_is_better else -1)) for row in table],
+            "reference": asdict(summarize(theirs)),
+        }
+    return found
+
+
+def print_judgement(console: Console, steps: int, judgement: dict[str, Any]) -> None:
+    """Print a row for each training, for all of them, and for the reference."""
+
+    def cell(value: float, interval: Sequence[float] | None) -> str:
+        return f"{value:.3g}" if interval is None else f"{value:.3g} ({interval[0]:.3g} to {interval[1]:.3g})"
+
+    def of(numbers: dict[str, Any], rare: bool) -> str:
+        names = ("mean", "mean_low", "mean_high") if rare else ("iqm", "low", "high")
+        value, *interval = (numbers[name] for name in names)
+        return cell(value, interval)
+
+    head = [title for name in COLUMNS.values() for title in (name, "better")]
+    table = Table("training", *head, title=f"after {steps:,} steps, on {judgement['episodes']} held-out episodes")
+    columns = [judgement["columns"][column] for column in COLUMNS]
+    for k, seed in enumerate(judgement["seeds"]):
+        cells = []
+        for each in columns:
+            against = each["trainings_against"][k]
+            cells += [of(each["trainings"][k], each["statistic"] == "mean"),
+                      cell(against["better"], (against["better_low"], against["better_high"]))]  # fmt: skip
+        table.add_row(f"seed {seed}", *cells)
+    table.add_section()
+    everything, theirs = [], []
+    for each in columns:
+        everything += [cell(each["value"], each["interval"]), cell(each["better"], each["better_interval"])]
+        theirs += [of(each["reference"], each["statistic"] == "mean"), ""]
+    table.add_row("all", *everything)
+    table.add_row(REFERENCE, *theirs)
+    console.print(table)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenario", default="intruders")
+    parser.add_argument("--seeds", type=int, default=5, help="trainings: seeds 0, 1 ...")
+    parser.add_argument("--steps", type=int, nargs="+", default=[5_000_000, 15_000_000])
+    parser.add_argument("--episodes", type=int, default=len(HELD_OUT))
+    parser.add_argument("--out", type=Path, default=Path("results/trainings"))
+    options, more = parser.parse_known_args()
+    console = Console(width=160)
+    options.out.mkdir(parents=True, exist_ok=True)
+    reference = played(
+        baselines.make(REFERENCE, options.scenario, options.episodes), options.scenario, options.episodes
+    )
+    by_steps: dict[int, list[list[dict[str, Any]]]] = {}
+    for seed in range(options.seeds):
+        for steps in sorted(options.steps):
+            rows = scored(options.out, options.scenario, seed, steps, options.episodes, more)
+            by_steps.setdefault(steps, []).append(rows)
+            times = [row["detection_time_mean"] for row in rows]
+            console.print(f"seed {seed}, {steps:,} steps: detection {interquartile_mean(times):.3g} s")
+    result = {}
+    for steps, tables in by_steps.items():
+        result[str(steps)] = {"episodes": options.episodes, "seeds": list(range(options.seeds)),
+                              "reference": REFERENCE, "columns": judged(tables, reference)}  # fmt: skip
+        print_judgement(console, steps, result[str(steps)])
+    command = f"lissajous train --scenario {options.scenario} {' '.join(more)}".strip()
+    text = {"command": command, "scenario": options.scenario, "after": result}
+    write_atomically(options.out / "trainings.json", json.dumps(plain(text), indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
