@@ -17,7 +17,7 @@ from rich.text import Text
 from baselines.policies import factories
 from baselines.reproduce.drawing import DARK, GREY, SERIES, Sheet
 from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_table
-from lissajous_env.episodes.guarantee import Reach, fastest_rogue, reach_of, unseen_over_time
+from lissajous_env.episodes.guarantee import Reach, check_follows, fastest_rogue, reach_of, unseen_over_time
 from lissajous_env.parameters import named
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario import Scenario
@@ -66,7 +66,11 @@ def guarantee(
             raise ValueError(f"{name} must be from {least} to {most}, got {value}")
     changed = parse_overrides(overrides)
     made = [named.scenario(name, **changed) for name in scenarios]
-    makers = {policy: factories.named(policy) for policy in policies}
+    acting = {
+        each.name: {policy: factories.named(policy)(each, episodes, "cpu") for policy in policies} for each in made
+    }
+    for each in made if policies else ():
+        check_follows(each)
     console, written = output.console(), ["critical_speed.png"]
     written += [f"unseen-{each.name}.png" for each in made if policies]
     with Folder(out, written) as folder:
@@ -77,8 +81,7 @@ def guarantee(
         unseen = {}
         for each in made if policies else ():
             curves = {
-                policy: unseen_over_time(make(each, episodes, "cpu"), each, range(episodes))
-                for policy, make in makers.items()
+                name: unseen_over_time(policy, each, range(episodes)) for name, policy in acting[each.name].items()
             }
             unseen[each.name] = curves
             folder.write(f"unseen-{each.name}.png", picture_of_unseen(each, curves))

@@ -7,7 +7,9 @@ import pytest
 
 import baselines
 import lissajous_env
+from lissajous_env.episodes.guarantee import guaranteed_time
 from lissajous_env.theory.limits import (
+    guaranteed_time_limit,
     mean_time_inside,
     mean_time_limit,
     mean_time_on_boundary,
@@ -174,3 +176,24 @@ def test_no_policy_of_ours_beats_them(name, changes):
     rows = lissajous_env.evaluate(baselines.make(name, scenario, 32), scenario, seeds=range(32))
     waited = np.array([row["detection_time_mean"] for row in rows]).reshape(4, 8)
     assert (waited.mean(axis=1) > mean_time_limit(scenario)).all()
+
+
+def test_a_guarantee_takes_as_long_as_to_sweep_everything():
+    # Oracle: by hand. 10.8 m x 4.8 m, five discs of 0.5 m at 2 m/s: (51.84 - 3.927) / 10 s; on its boundary
+    # (31.2 - 5 - 2.828) / 10 s.
+    scenario = lissajous_env.scenario("intruders", **{"targets.entry": "inside"})
+    speed = robot_speed_limit(scenario)
+    assert guaranteed_time_limit(scenario) == pytest.approx(47.913 / (5 * speed), rel=1e-3)
+    assert guaranteed_time_limit(lissajous_env.scenario("intruders")) == pytest.approx(23.372 / (5 * speed), rel=1e-3)
+    assert guaranteed_time_limit(lissajous_env.scenario(scenario, **{"sensing.radius": 20.0})) == 0.0
+    nobody = {"targets.count": 0, "targets.arrival_rate": 0.0}
+    assert math.isnan(guaranteed_time_limit(lissajous_env.scenario("intruders", **nobody)))
+
+
+@pytest.mark.parametrize("name", ["sweep", "laps", "kuramoto-mpcc", "random"])
+def test_no_policy_of_ours_guarantees_more(name):
+    settings = {"targets.entry": "inside", "task.contamination": (54, 24), "sensing.radius": 1.2}
+    scenario = lissajous_env.scenario("intruders", **settings, **{"task.duration": 30.0})
+    rows = lissajous_env.evaluate(baselines.make(name, scenario, 8), scenario, seeds=range(8))
+    assert min(row["guaranteed_detection_time"] for row in rows) > guaranteed_time_limit(scenario)
+    assert guaranteed_time(scenario, speed=scenario.rogue_speed) > guaranteed_time_limit(scenario)

@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -10,8 +12,9 @@ import numpy as np
 from baselines.benchmark import clairvoyant
 from baselines.benchmark.rows import numbers_of
 from baselines.benchmark.statistics import Paired, Statistics, paired, summarize
+from lissajous_env.episodes.guarantee import guaranteed_time
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.theory.limits import mean_time_limit
+from lissajous_env.theory.limits import guaranteed_time_limit, mean_time_limit
 
 OVER_LIMIT = "over_limit"
 """Column: the mean detection time over `mean_time_limit`, which bounds an expectation, so that the mean counts."""
@@ -51,6 +54,17 @@ def limit_of(scenario: Scenario) -> float:
     """`mean_time_limit` where it says something: NaN where it is below a step, as the discs see all but everything."""
     limit = mean_time_limit(scenario)
     return limit if limit >= scenario.task.step else math.nan
+
+
+@cache
+def guarantee_of(scenario: Scenario) -> tuple[float, float]:
+    """Lower bound of the guaranteed detection time, and that of the formation in its equilibrium [s]; NaN for none."""
+    if scenario.task.contamination is None:
+        return math.nan, math.nan
+    formation = math.nan
+    with suppress(ValueError):  # rogues that are too fast for its grid
+        formation = guaranteed_time(scenario, speed=scenario.rogue_speed)
+    return guaranteed_time_limit(scenario), formation
 
 
 def with_derived(rows: Iterable[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from baselines.benchmark.comparison import Comparisons, limit_of
+from baselines.benchmark.comparison import Comparisons, guarantee_of, limit_of
 from baselines.benchmark.types import Outcome
 from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import as_device
@@ -56,6 +56,10 @@ def summarized(
         "seeds": sorted({row["seed"] for row in rows}),
         "settings": held,
         "limits": {name: limit_of(scenario) for name, scenario in scenarios.items()},
+        "guarantees": {
+            name: dict(zip(("limit", "formation"), guarantee_of(scenario), strict=True))
+            for name, scenario in scenarios.items()
+        },
         "statistics": _plain_cells(comparisons.cells),
         "against": {
             name: {

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.text import Text
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import COMPARED, OPEN, OVER_LIMIT, OVERALL, Comparisons, limit_of
+from baselines.benchmark.comparison import COMPARED, OPEN, OVER_LIMIT, OVERALL, Comparisons, guarantee_of, limit_of
 from baselines.benchmark.rows import numbers_of
 from baselines.benchmark.statistics import Paired, Statistics
 from baselines.benchmark.types import Outcome
@@ -172,14 +172,17 @@ def in_words(of: Mapping[str, Statistics], shown: Shown) -> tuple[str, str]:
     if not cell.n_finite:
         return _DASH, ""
     value, low, high = (cell.mean, cell.mean_low, cell.mean_high) if shown.mean else (cell.iqm, cell.low, cell.high)
-    is_open = shown.column == "guaranteed_detection_time" and of[OPEN].mean > 0
+    is_open = shown.column == "guaranteed_detection_time" and OPEN in of and of[OPEN].mean > 0
     return f"> {number(value)}" if is_open else number(value), _interval(low, high)
 
 
 def _title(scenario: Scenario) -> Text:
     words = f"  N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s"
-    limit = limit_of(scenario)
-    return Text.assemble((scenario.name, "bold"), words, f", limit {number(limit)} s" if math.isfinite(limit) else "")
+    limit, (least, formation) = limit_of(scenario), guarantee_of(scenario)
+    words += f", limit {number(limit)} s" if math.isfinite(limit) else ""
+    words += f", guarantee at least {number(least)} s" if math.isfinite(least) else ""
+    words += f", in formation {number(formation)} s" if math.isfinite(formation) else ""
+    return Text.assemble((scenario.name, "bold"), words)
 
 
 def _columns_of(scenario: Scenario) -> list[Shown]:

@@ -63,12 +63,17 @@ def unseen_over_time(policy: ActingPolicy, scenario: Scenario, seeds: Sequence[i
     Raises:
         ValueError: the scenario does not follow contamination.
     """
-    if scenario.task.contamination is None:
-        raise ValueError(f"task.contamination of {scenario.name} must be (columns, rows), got None")
+    check_follows(scenario)
     simulation = Simulation(scenario, policy.num_worlds, device=device)
     ages: list[np.ndarray] = []
     Referee(policy, simulation).play(seeds, lambda taken: ages.append(simulation.contamination.age.numpy().copy()))
     return np.stack(ages, axis=1) * scenario.task.step
+
+
+def check_follows(scenario: Scenario) -> None:
+    """Raise ValueError where a scenario does not follow contamination."""
+    if scenario.task.contamination is None:
+        raise ValueError(f"task.contamination of {scenario.name} must be (columns, rows), got None")
 
 
 def in_formation(scenario: Scenario, radius: float | None = None, speed: float = 0.0, cells: int = CELLS) -> Scenario:

@@ -109,6 +109,23 @@ def mean_time_limit(scenario: Scenario) -> float:
     return float(weight * start + (1 - weight) * arrivals)
 
 
+def guaranteed_time_limit(scenario: Scenario) -> float:
+    """Lower bound of the `guaranteed_detection_time` of a scenario [s], whatever the policy.
+
+    A rogue that stands still can be introduced anywhere at any time, so that discs have to sweep everything in every
+    time T at least: m (pi r^2 + 2 r v T) = A, and on a boundary m (2 r + v T) + 4 sqrt(2) r = P. Rogues that move only
+    make it longer. NaN where nothing is proved, as for `mean_time_limit`; at most the time of an episode.
+    """
+    speed, radius = robot_speed_limit(scenario), scenario.sensing_radius
+    if not speed > 0 or scenario.targets.count + scenario.targets.arrival_rate == 0:
+        return math.nan
+    swept, size = _swept_and_whole(scenario)
+    at_once, after_a_second = float(swept(radius, 0.0)), float(swept(radius, speed))
+    if at_once >= size:
+        return 0.0
+    return min((size - at_once) / (after_a_second - at_once), scenario.task.duration)
+
+
 def _shares(targets: Targets) -> dict[str, float]:
     """Share of the targets by kind of motion."""
     moving = {"ambling": targets.drifting + targets.wandering, "fleeing": targets.fleeing}
@@ -117,20 +134,9 @@ def _shares(targets: Targets) -> dict[str, float]:
 
 def _undetected(scenario: Scenario, motion: str, speed: float, times: np.ndarray) -> np.ndarray:
     """(T,) least share that is undetected at some times after it appeared, of targets of one kind of motion."""
-    targets, radius = scenario.targets, scenario.sensing_radius
-    width, height = 2 * scenario.curve.half_width, 2 * scenario.curve.half_height
-    robots, way = scenario.num_robots, speed * times
+    targets, radius, way = scenario.targets, scenario.sensing_radius, speed * times
     on_boundary = targets.entry == "boundary"
-
-    def on_area(reach: np.ndarray | float, gone: np.ndarray | float) -> np.ndarray:
-        return robots * (math.pi * np.square(reach) + 2 * np.multiply(reach, gone))
-
-    def on_perimeter(reach: np.ndarray | float, gone: np.ndarray | float) -> np.ndarray:
-        seen = robots * (2 * np.asarray(reach) + gone) + 4 * math.sqrt(2) * np.asarray(reach)
-        return np.where(4 * np.asarray(reach) <= min(width, height), seen, math.inf)
-
-    swept: _Swept = on_perimeter if on_boundary else on_area
-    size = 2 * (width + height) if on_boundary else width * height
+    swept, size = _swept_and_whole(scenario)
     if motion == "still":
         seen = swept(radius, way)
     elif motion == "ambling":
@@ -142,11 +148,27 @@ def _undetected(scenario: Scenario, motion: str, speed: float, times: np.ndarray
         seen = np.minimum(swept(radius + fastest * times, way), until_it_flees)
     if targets.entry != "unseen":
         return np.clip(1 - seen / size, 0.0, 1.0)
-    at_once = robots * math.pi * radius**2
+    at_once = scenario.num_robots * math.pi * radius**2
     if at_once >= size:
         return np.zeros_like(times)
     found_a_place = 1 - (at_once / size) ** _PLACES
     return found_a_place * np.clip(1 - (seen - at_once) / (size - at_once), 0.0, 1.0)
+
+
+def _swept_and_whole(scenario: Scenario) -> tuple[_Swept, float]:
+    """What discs have swept at most of where targets appear, and how much of that there is: [m^2], or [m] of a line."""
+    width, height, robots = 2 * scenario.curve.half_width, 2 * scenario.curve.half_height, scenario.num_robots
+
+    def on_area(reach: np.ndarray | float, gone: np.ndarray | float) -> np.ndarray:
+        return robots * (math.pi * np.square(reach) + 2 * np.multiply(reach, gone))
+
+    def on_perimeter(reach: np.ndarray | float, gone: np.ndarray | float) -> np.ndarray:
+        seen = robots * (2 * np.asarray(reach) + gone) + 4 * math.sqrt(2) * np.asarray(reach)
+        return np.where(4 * np.asarray(reach) <= min(width, height), seen, math.inf)
+
+    if scenario.targets.entry == "boundary":
+        return on_perimeter, 2 * (width + height)
+    return on_area, width * height
 
 
 def _least_swept(swept: _Swept, radius: float, way: np.ndarray, moved: np.ndarray, on_boundary: bool) -> np.ndarray:
