@@ -10,26 +10,30 @@ that of the paper's method.
 import argparse
 import dataclasses
 import json
+import math
 from pathlib import Path
 from typing import Any
 
+import figures
 from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import OPEN, OVER_LIMIT, Comparisons, compare, limit_of
+from baselines.benchmark.comparison import OPEN, OVER_LIMIT, Comparisons, compare, guarantee_of, limit_of
 from baselines.benchmark.running import measure
 from baselines.benchmark.statistics import Paired, Statistics
-from baselines.benchmark.tables import SHOWN, in_words, shown_name
+from baselines.benchmark.tables import SHOWN, in_words, number, shown_name
 from baselines.benchmark.types import Benchmark
 from lissajous_env.console.terminal import make_console, plain
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import write_atomically
 
 POLICIES = (
-    "kuramoto-mpcc", "kuramoto-mpcc-safe", "open-loop-mpcc", "consensus-gvf", "sweep", "laps", "learned-intruders",
-    "learned-intruders-safe", "learned-rough", "kuramoto", "open-loop", "random", "still",
+    "kuramoto-mpcc", "kuramoto-mpcc-close", "open-loop-mpcc", "consensus-mpcc", "sweep", "laps",
+    "learned-intruders-safe", "learned-rough-safe", "random", "kuramoto", "consensus", "open-loop",
 )  # fmt: skip
+GRIDS = {"intruders": (54, 24), "rough": (90, 40), "rough-lost": (90, 40)}
+"""Columns and rows of contamination where a scenario does not follow it by itself."""
 COLUMNS = {
     "detection_time_mean": "detection [s]",
     OVER_LIMIT: "over limit",
@@ -42,11 +46,14 @@ COLUMNS = {
 
 def scenarios() -> list[Scenario]:
     """What is played: `intruders` also with rogues that appear anywhere, for which no patrol of a boundary is made."""
-    names = [name for name in ("team", "evaders", "evaders-failure") if name in lissajous_env.scenarios()]
-    inside = lissajous_env.scenario("intruders", **{"targets.entry": "inside"})
-    inside = dataclasses.replace(inside, name="intruders-inside")
-    made = [lissajous_env.scenario(name) for name in (*names, "intruders")]
-    return [*made, inside, *(lissajous_env.scenario(name) for name in ("rough", "rough-lost", "redundant"))]
+
+    def made(name: str, **changes: Any) -> Scenario:
+        grid = {"task.contamination": GRIDS[name]} if name in GRIDS else {}
+        return lissajous_env.scenario(name, **grid, **changes)
+
+    inside = dataclasses.replace(made("intruders", **{"targets.entry": "inside"}), name="intruders-inside")
+    names = ("evaders", "evaders-failure", "team", "intruders")
+    return [*map(made, names), inside, *map(made, ("rough", "rough-lost", "redundant"))]
 
 
 def as_rows(comparisons: Comparisons, played: list[Scenario]) -> list[dict[str, Any]]:
@@ -63,19 +70,33 @@ def as_rows(comparisons: Comparisons, played: list[Scenario]) -> list[dict[str, 
     return found
 
 
-def markdown(rows: list[dict[str, Any]], limits: dict[str, float]) -> str:
-    """The table, with a row for each policy and a scenario's name in the first of its rows."""
-    kept = [name for name in COLUMNS if any(row["columns"].get(name, {}).get("n") for row in rows)]
-    head = ["scenario", "policy", *(COLUMNS[name] for name in kept), "sooner"]
-    lines = [head, ["---"] * len(head)]
+def as_table(rows: list[dict[str, Any]], played: list[Scenario]) -> dict[str, list]:
+    """Columns and rows of text: a row for each policy, a scenario's name and limits in the first of its rows."""
+    titles, limits = ["scenario", "policy", *COLUMNS.values(), "sooner"], {each.name: _limits(each) for each in played}
+    lines: list[list[str]] = []
     named = ""
     for row in rows:
-        name, limit = row["scenario"], limits[row["scenario"]]
-        where = f"`{name}`" + (f", limit {limit:.2f} s" if limit == limit else "") if name != named else ""
+        name = row["scenario"]
         label = f"*{shown_name(row['policy'])}*" if row["privileged"] else f"`{row['policy']}`"
-        cells = [row["columns"].get(column, {}).get("words", "") for column in kept]
+        cells = [row["columns"].get(column, {}).get("words", "") for column in COLUMNS]
+        where = "" if name == named else f"`{name}`{limits[name]}"
         lines.append([where, label, *cells, row["sooner"]["words"] if row["sooner"] else ""])
         named = name
+    return {"columns": titles, "rows": lines}
+
+
+def _limits(scenario: Scenario) -> str:
+    limit, (least, formation) = limit_of(scenario), guarantee_of(scenario)
+    words = f", limit {number(limit)} s" if limit == limit else ""
+    words += f", guarantee at least {number(least)} s" if least > scenario.task.step else ""
+    if math.isnan(formation):
+        return words
+    return words + (f", in formation {number(formation)} s" if formation < math.inf else ", in formation never")
+
+
+def markdown(table: dict[str, list]) -> str:
+    """A table as Markdown has it."""
+    lines = [table["columns"], ["---"] * len(table["columns"]), *table["rows"]]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
@@ -107,17 +128,22 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=16)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("results/table"))
+    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     played = scenarios()
     settings = Benchmark(policies=POLICIES, episodes=options.episodes, seed=options.seed, batch=options.episodes,
                          clairvoyant=True, out=options.out)  # fmt: skip
     outcome = measure(settings, scenarios=played, console=Console(quiet=True), progress=make_console(stderr=True))
     comparisons = compare(outcome.rows, outcome.scenarios)
-    rows, limits = as_rows(comparisons, played), {scenario.name: limit_of(scenario) for scenario in played}
-    text = markdown(rows, limits)
-    table = {"episodes": options.episodes, "seed": options.seed, "limits": limits, "rows": rows}
-    write_atomically(options.out / "table.json", json.dumps(plain(table), indent=2) + "\n")
+    rows = as_rows(comparisons, played)
+    table = as_table(rows, played)
+    numbers = {"episodes": options.episodes, "seed": options.seed, "rows": rows}
+    numbers["limits"] = {each.name: [limit_of(each), *guarantee_of(each)] for each in played}
+    write_atomically(options.out / "table.json", json.dumps(plain(numbers), indent=2) + "\n")
+    text = markdown(table)
     write_atomically(options.out / "table.md", text)
+    if options.store:
+        figures.store({"policies": table})
     print(text, end="")
     for failure in outcome.failures:
         print(f"{failure.policy} failed on {failure.scenario}: {failure.error}")

@@ -33,9 +33,9 @@ def test_the_table_says_what_the_rows_hold():
     assert laps["detection_time_mean"]["value"] == 2.0
     assert told[1]["sooner"]["value"] == 0.75
     assert told[0]["sooner"] is None
-    lines = table.markdown(told, {"intruders": 0.5}).splitlines()
+    lines = table.markdown(table.as_table(told, [scenario])).splitlines()
     assert lines[0].startswith("| scenario | policy | detection [s] | over limit |")
-    assert "| `intruders`, limit 0.50 s | `kuramoto-mpcc` | 4 |" in lines[2]
+    assert "| `intruders`, limit 0.582 s | `kuramoto-mpcc` | 4 |" in lines[2]
     assert lines[3].startswith("|  | `laps` | 2 (2\N{EN DASH}6) |")
     assert lines[4].startswith("|  | *(clairvoyant)* | 1 |")
     assert len({line.count("|") for line in lines}) == 1
