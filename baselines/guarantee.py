@@ -29,14 +29,14 @@ _Scenarios = Annotated[
 ]
 _PAPER = "experiment", "ideal"
 """The paper's two curves."""
-_SMALLEST, _LARGEST = 0.3, 1.2
+_SMALLEST, _LARGEST = 0.3, 1.35
 """Radii that are tried, in that of (8)."""
 
 
 def guarantee(
     scenarios: _Scenarios = _PAPER,
     policies: tuple[str, ...] = (),
-    radii: int = 19,
+    radii: int = 22,
     cells: int = 90,
     episodes: int = 8,
     out: Path = Path("guarantee"),
@@ -96,7 +96,7 @@ def guarantee(
 
 
 def reaches(scenario: Scenario, radii: int, cells: int) -> list[Reach]:
-    """What the formation of a scenario guarantees with sensors of 0.3 to 1.2 times the radius of (8)."""
+    """What the formation of a scenario guarantees with sensors of 0.3 to 1.35 times the radius of (8)."""
 
     def reach(share: float) -> Reach:
         return reach_of(scenario, scenario.rogue_speed, share * scenario.detection_radius, cells)
@@ -130,7 +130,7 @@ def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequenc
                 axes.set_ylabel("speed of the rogue [m/s]")
             place_of: dict[str, Any] = {"transform": axes.transAxes, "va": "top"}
             axes.text(0.98, 0.95, "every rogue\nis found", ha="right", color=SERIES[0], **place_of)
-            axes.text(0.03, 0.95, "it can evade for ever", color=SERIES[1], **place_of)
+            axes.text(0.03, 0.95, "it can evade\nfor ever", color=SERIES[1], **place_of)
         return sheet.picture(
             "Robots keep the equilibrium (2) on the curve; rogues may be anywhere at any time and know what the robots "
             "will do. Dashed: the sensing radius of (8). Dotted: speed of the fastest robot on the curve."
@@ -146,7 +146,7 @@ def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> b
             axes.fill_between(time, curve.min(axis=0), curve.max(axis=0), color=colour, alpha=0.15, lw=0)
             axes.plot(time, np.median(curve, axis=0), color=colour, lw=1.5, label=policy)
         axes.axhline(scenario.detection_time_bound, color=DARK, lw=0.9, ls="--")
-        axes.annotate("T_max", (time[-1], scenario.detection_time_bound), ha="right", va="bottom", fontsize=8)
+        axes.annotate("T_max", (1.005, scenario.detection_time_bound), xycoords=("axes fraction", "data"), va="center")
         for _, start, end in scenario.faults.schedule:
             axes.axvspan(start, min(end, time[-1]), color=GREY, alpha=0.12, lw=0)
         axes.set_xlim(0, time[-1])

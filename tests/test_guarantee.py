@@ -109,7 +109,7 @@ def test_the_command_draws_what_it_says(tmp_path, capsys):
     code, said, _ = told(capsys, *asked, "--json")
     assert code == 0
     given = json.loads(said)
-    assert [round(row["radius"], 2) for row in given["formations"]["evaders"]] == [0.35, 0.87, 1.39]
+    assert [round(row["radius"], 2) for row in given["formations"]["evaders"]] == [0.35, 0.96, 1.56]
     assert len(given["unseen"]["evaders"]["kuramoto-mpcc"]) == 2
     for name in ("critical_speed.png", "unseen-evaders.png"):
         assert (out / name).read_bytes().startswith(b"\x89PNG")

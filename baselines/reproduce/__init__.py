@@ -27,6 +27,7 @@ from baselines.reproduce import (
     experiment,
     failures,
     resilience,
+    rogues,
     three_dimensions,
     tracking,
 )
@@ -52,6 +53,7 @@ PARTS: dict[str, Callable[[Player], Part]] = {
     "theorem4": failures.theorem4,
     "lemmas": equilibria.lemmas,
     "bounds": conditions.bounds,
+    "rogues": rogues.rogues,
     "knot": three_dimensions.knot,
     "experiment1": tracking.experiment1,
     "printed": constants.printed,
