@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
+from lissajous_env.world.coverage import last_sensed
 
 QUIET = {"targets.count": 0, "targets.arrival_rate": 0.0, "faults.schedule": ()}
 STANDING = np.array([0.0, -1.0], dtype=np.float32)
@@ -50,7 +51,7 @@ def stand(simulation, steps=1):
 def forget(simulation):
     """Forget what was sensed before."""
     cells, tally = simulation.cells, simulation.tally
-    for array in (cells.sensed_at, cells.sensed, cells.sensed_by, cells.idle_squares, cells.idle_max):
+    for array in (cells.sensed_at, cells.in_discs, cells.sensed, cells.sensed_by, cells.idle_squares, cells.idle_max):
         array.zero_()
     tally.covered.zero_()
     tally.covered_each.zero_()
@@ -74,7 +75,8 @@ def test_the_cells_sensed_are_those_whose_centre_is_in_a_disc(grid, radius):
     seen_by = bits(simulation.cells.sensed_by.numpy()[clear], columns)  # (W, rows, N, columns)
     np.testing.assert_array_equal(seen_by.swapaxes(1, 2), expected)
     np.testing.assert_array_equal(bits(simulation.cells.sensed.numpy()[clear], columns), expected.any(axis=1))
-    np.testing.assert_array_equal(simulation.cells.sensed_at.numpy()[clear] == 1, expected.any(axis=1))
+    seen_at = last_sensed(simulation.cells.sensed_at.numpy(), simulation.cells.in_discs.numpy(), [1] * 60)
+    np.testing.assert_array_equal(seen_at[clear] == 1, expected.any(axis=1))
     assert simulation.tally.covered.numpy()[clear].tolist() == expected.any(axis=1).sum(axis=(1, 2)).tolist()
     assert simulation.tally.covered_each.numpy()[clear].tolist() == expected.sum(axis=(1, 2, 3)).tolist()
 

@@ -12,6 +12,7 @@ from PIL import Image
 import lissajous_env
 from lissajous_env.episodes import recording as recordings
 from lissajous_env.render import Renderer, Snapshot, film
+from lissajous_env.world.coverage import last_sensed
 from lissajous_env.world.state import REMOVED
 
 SHORT = {"task.duration": 1.2, "faults.schedule": ((0, 0.3, 0.9),), "targets.count": 6, "targets.fleeing": 0.5,
@@ -53,7 +54,9 @@ def test_a_recording_holds_the_episode(recording):
         np.testing.assert_array_equal(recording.phase[moment], simulation.robots.phase.numpy()[0])
         np.testing.assert_array_equal(recording.status[moment], simulation.robots.status.numpy()[0])
         np.testing.assert_array_equal(recording.target_position[moment], simulation.targets.position.numpy()[0])
-        np.testing.assert_array_equal(recording.sensed_at[moment], simulation.cells.sensed_at.numpy()[0])
+        cells = simulation.cells
+        seen = last_sensed(cells.sensed_at.numpy()[0], cells.in_discs.numpy()[0], moment)
+        np.testing.assert_array_equal(recording.sensed_at[moment], seen)
         simulation.step(np.zeros(simulation.action_shape, np.float32))
     assert recording.score["policy"] == "straight"
     assert recording.score["seed"] == 4

@@ -8,6 +8,7 @@ import pytest
 import baselines
 import lissajous_env
 from lissajous_env.theory import closed_forms
+from lissajous_env.world.coverage import last_sensed
 from lissajous_env.world.score import COLUMNS
 
 # The columns as they are promised to who reads the files.
@@ -304,7 +305,9 @@ def test_way_speed_smoothness_and_what_was_sensed(name):
     assert [row["speed_max"] for row in rows] == pytest.approx(fastest)
     change = (np.diff(taken, axis=0) ** 2).mean(axis=(0, 2, 3))
     assert [row["smoothness"] for row in rows] == pytest.approx(change, rel=1e-5)
-    sensed = (simulation.cells.sensed_at.numpy() > 0).mean(axis=(1, 2))
+    sensed = (last_sensed(simulation.cells.sensed_at.numpy(), simulation.cells.in_discs.numpy(), [9] * 4) > 0).mean(
+        axis=(1, 2)
+    )
     assert all(row["sensed_fraction"] >= share - 1e-9 for row, share in zip(rows, sensed, strict=True))
     simulation.reset()
     assert simulation.score()[0]["distance_mean"] == 0

@@ -42,6 +42,7 @@ def test_the_idleness_that_a_step_ends():
     everywhere = {"sensing.radius": 100.0, "task.grid": (64, 64), "task.reward_idleness": 1.0}
     simulation = simulation_of(**everywhere)
     simulation.cells.sensed_at.fill_(1 - 2**21)
+    simulation.cells.in_discs.zero_()
     stand(simulation)
     assert simulation.latest.idle_ended.numpy()[0] == 2**33
     assert simulation.reward_terms.numpy()[0, 0, 3] == pytest.approx(0.1 * 2**21)

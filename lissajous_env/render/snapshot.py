@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lissajous_env.world.coverage import last_sensed
 from lissajous_env.world.score import detection_times
 from lissajous_env.world.state import REMOVED
 
@@ -57,11 +58,19 @@ class Snapshot:
             most_cells: Rows and columns of the grid at most, evenly chosen; None takes all.
         """
         clock, robots, targets = simulation.clock, simulation.robots, simulation.targets
+        step, cells = int(_of(clock.step, world)), simulation.cells
+        rows, columns = (
+            slice(None) if most_cells is None else _every(length, most_cells[axis])
+            for axis, length in enumerate(cells.sensed_at.shape[1:])
+        )
+        kept = np.arange(cells.sensed_at.shape[2])[columns]
+        sensed_at = _of(cells.sensed_at, world, (rows, columns))
+        sensed_at = last_sensed(sensed_at, _of(cells.in_discs, world, rows), step, kept)
         status = _of(robots.status, world)
         # A pair of which one was removed never parts; it is in contact no longer all the same.
         there = status != int(REMOVED)
         return cls(
-            step=int(_of(clock.step, world)),
+            step=step,
             world=world,
             seed=int(_of(clock.seed, world)),
             position=_of(robots.position, world),
@@ -72,7 +81,7 @@ class Snapshot:
             appears_at=_of(targets.appears_at, world),
             found_at=_of(targets.found_at, world),
             found_early=_of(targets.found_early, world),
-            sensed_at=_of(simulation.cells.sensed_at, world, most_cells),
+            sensed_at=sensed_at,
             contact=np.argwhere(_of(simulation.tally.contact, world) * np.outer(there, there)),
             collisions=int(_of(simulation.tally.collisions, world)),
         )
@@ -98,12 +107,17 @@ class Snapshot:
 
 def thinned(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:
     """Return every so manieth row and column of a grid (R, C), at most so many."""
-    down, along = (-(-length // max(limit, 1)) for length, limit in zip(cells.shape, most, strict=True))
-    return cells[down // 2 :: down, along // 2 :: along]
+    rows, columns = (_every(length, limit) for length, limit in zip(cells.shape, most, strict=True))
+    return cells[rows, columns]
 
 
-def _of(array: Any, world: int, most: tuple[int, int] | None = None) -> np.ndarray:
-    """Return one world of a device array, copied to the host without the others."""
+def _every(length: int, limit: int) -> slice:
+    """Every so manieth of a number of things, at most so many."""
+    stride = -(-length // max(limit, 1))
+    return slice(stride // 2, None, stride)
+
+
+def _of(array: Any, world: int, part: Any = ...) -> np.ndarray:
+    """Return a part of one world of a device array, copied to the host without the others."""
     whole = array.device.is_cpu or array.ndim == 1 or array.size == 0
-    host = array.numpy()[world] if whole else array[world].numpy()
-    return (host if most is None else thinned(host, most)).copy()
+    return np.array((array.numpy()[world] if whole else array[world].numpy())[part])

@@ -22,7 +22,7 @@ from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters import parts
 from lissajous_env.parameters.spreading import HOPS, SHARES, Spreading
-from lissajous_env.world.coverage import run_of_bits
+from lissajous_env.world.coverage import lowest, run_of_bits
 from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
 
 wp.set_module_options(OPTIONS)
@@ -127,12 +127,6 @@ def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float, last: wp.vec2) ->
             low = wp.min(low, least)
             high = wp.max(high, most)
     return wp.vec2(low, high)
-
-
-@wp.func
-def lowest(bits: wp.uint32) -> int:
-    """Place of the lowest bit that is set."""
-    return int(wp.bit_count((bits & (~bits + wp.uint32(1))) - wp.uint32(1)))
 
 
 @wp.func

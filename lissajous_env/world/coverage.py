@@ -1,5 +1,12 @@
-"""Coverage and idleness of the cells of a grid: a cell is sensed when its centre lies in a working robot's disc."""
+"""Coverage and idleness of the cells of a grid: a cell is sensed when its centre lies in a working robot's disc.
 
+A cell is touched when it comes into the discs and when it leaves them; what stays in them, most of what is sensed, is
+counted by whole words of bits.
+"""
+
+from typing import Any
+
+import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
@@ -20,6 +27,12 @@ def run_of_bits(word: int, low: int, high: int) -> wp.uint32:
     return (~wp.uint32(0) >> wp.uint32(31 - (stop - start))) << wp.uint32(start)
 
 
+@wp.func
+def lowest(bits: wp.uint32) -> int:
+    """Place of the lowest bit that is set."""
+    return int(wp.bit_count((bits & (~bits + wp.uint32(1))) - wp.uint32(1)))
+
+
 @wp.kernel
 def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
     """Forget every visit."""
@@ -32,6 +45,7 @@ def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
             cells.sensed_at[w, row, column] = 0
         for word in range(cells.sensed.shape[2]):
             cells.sensed[w, row, word] = wp.uint32(0)
+            cells.in_discs[w, row, word] = wp.uint32(0)
             for i in range(cells.sensed_by.shape[2]):
                 cells.sensed_by[w, row, i, word] = wp.uint32(0)
         cells.idle_squares[w, row] = wp.int64(0)
@@ -65,8 +79,8 @@ def cover(
     fresh_each = wp.int64(0)
     for row in range(lane, rows, lanes):
         y = (float(row) + 0.5) * cell_height - curve.half_height
-        squares = cells.idle_squares[w, row]
-        longest = cells.idle_max[w, row]
+        for word in range(cells.sensed.shape[2]):
+            cells.coming[w, row, word] = wp.uint32(0)
         for i in range(robots.sensor.shape[1]):
             place = robots.sensor[w, i]
             half = sensing.radius * sensing.radius - (y - place[1]) * (y - place[1])
@@ -78,18 +92,37 @@ def cover(
                 high = int(wp.clamp(wp.floor((middle + half) / cell_width - 0.5), -1.0, float(columns - 1)))
                 for word in range(wp.min(low, columns - 1) / 32, wp.max(high, 0) / 32 + 1):
                     run = run_of_bits(word, low, high)
-                    mine = cells.sensed_by[w, row, i, word]
-                    others = cells.sensed[w, row, word]
-                    fresh_each += wp.int64(wp.bit_count(run & ~mine))
-                    fresh += wp.int64(wp.bit_count(run & ~others))
-                    cells.sensed_by[w, row, i, word] = mine | run
-                    cells.sensed[w, row, word] = others | run
-                for column in range(low, high + 1):
+                    new_to_it = run & ~cells.sensed_by[w, row, i, word]
+                    if new_to_it != wp.uint32(0):
+                        fresh_each += wp.int64(wp.bit_count(new_to_it))
+                        cells.sensed_by[w, row, i, word] |= new_to_it
+                    cells.coming[w, row, word] |= run
+        squares = cells.idle_squares[w, row]
+        longest = cells.idle_max[w, row]
+        for word in range(cells.sensed.shape[2]):
+            before = cells.in_discs[w, row, word]
+            after = cells.coming[w, row, word]
+            staying = wp.int64(wp.bit_count(before & after))
+            if staying > wp.int64(0):  # each for a step
+                squares += staying
+                ended += staying
+                longest = wp.max(longest, 1)
+            changed = before ^ after
+            if changed != wp.uint32(0):
+                cells.in_discs[w, row, word] = after
+                ever = cells.sensed[w, row, word]
+                fresh += wp.int64(wp.bit_count(after & ~ever))
+                cells.sensed[w, row, word] = ever | after
+            while changed != wp.uint32(0):
+                column = 32 * word + lowest(changed)
+                if (before & changed & (~changed + wp.uint32(1))) != wp.uint32(0):
+                    cells.sensed_at[w, row, column] = now - 1
+                else:
                     gap = now - cells.sensed_at[w, row, column]
-                    cells.sensed_at[w, row, column] = now
                     squares += wp.int64(gap) * wp.int64(gap)
-                    longest = wp.max(longest, gap)
                     ended += wp.int64(gap)
+                    longest = wp.max(longest, gap)
+                changed &= changed - wp.uint32(1)
         cells.idle_squares[w, row] = squares
         cells.idle_max[w, row] = longest
     if ended > wp.int64(0):
@@ -97,3 +130,17 @@ def cover(
     if fresh_each > wp.int64(0):
         wp.atomic_add(tally.covered_each, w, fresh_each)
         wp.atomic_add(tally.covered, w, fresh)
+
+
+def last_sensed(sensed_at: np.ndarray, in_discs: np.ndarray, step: Any, columns: Any = None) -> np.ndarray:
+    """(..., R, C) int32 step in which each cell was last sensed; 0 for never.
+
+    Args:
+        sensed_at: (..., R, C) as `Cells` has it.
+        in_discs: (..., R, B) as `Cells` has it.
+        step: (...) now.
+        columns: (C,) which columns of the grid these are; all by default.
+    """
+    columns = np.arange(sensed_at.shape[-1]) if columns is None else columns
+    inside = (in_discs[..., columns // 32] >> (columns % 32).astype(np.uint32)) & 1
+    return np.where(inside.astype(bool), np.asarray(step, dtype=np.int32)[..., None, None], sensed_at)

@@ -7,6 +7,7 @@ import numpy as np
 
 from lissajous_env.parameters.extensions import ScoreColumn
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.coverage import last_sensed
 from lissajous_env.world.state import NEVER, Tally
 
 COLUMNS = (
@@ -52,7 +53,10 @@ def score_rows(
     appears_at, found_at, found_early = (
         each.numpy() for each in (targets.appears_at, targets.found_at, targets.found_early)
     )
-    sensed_at, idle_squares = cells.sensed_at.numpy(), cells.idle_squares.numpy()
+    sensed_at, idle_squares = (
+        last_sensed(cells.sensed_at.numpy(), cells.in_discs.numpy(), now_of),
+        cells.idle_squares.numpy(),
+    )
     idle_max = cells.idle_max.numpy()
     unseen = {name: getattr(contamination, name).numpy() for name in ("age", "age_max", "mean_age_sum", "high_at")}
     follows = scenario.task.contamination is not None

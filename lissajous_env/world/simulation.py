@@ -182,7 +182,8 @@ class Simulation:
         link = {"heard": (w, n, 2), "heard_at": (w, n, 2)}
         self.links = allocate(Links, link, (w, n, delay + 1), self.device)
         self.targets = allocate(Targets, {}, (w, t), self.device)
-        grid = {"sensed_at": (w, rows, columns), "sensed": (w, rows, words), "sensed_by": (w, rows, n, words)}
+        grid = {"sensed_at": (w, rows, columns), "sensed_by": (w, rows, n, words)}
+        grid |= dict.fromkeys(("sensed", "in_discs", "coming"), (w, rows, words))
         self.cells = allocate(Cells, grid, (w, rows), self.device)
         bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
         field = {"labels": (w, hops.ring, labels), "sensed": bits, "swept": bits, "wiped": bits, "settled": bits}
