@@ -305,7 +305,7 @@ def test_way_speed_smoothness_and_what_was_sensed(name):
     assert [row["speed_max"] for row in rows] == pytest.approx(fastest)
     change = (np.diff(taken, axis=0) ** 2).mean(axis=(0, 2, 3))
     assert [row["smoothness"] for row in rows] == pytest.approx(change, rel=1e-5)
-    sensed = (last_sensed(simulation.cells.sensed_at.numpy(), simulation.cells.in_discs.numpy(), [9] * 4) > 0).mean(
+    sensed = (last_sensed(simulation.cells.sensed_at.numpy(), simulation.cells.in_discs.numpy(), [30, 30]) > 0).mean(
         axis=(1, 2)
     )
     assert all(row["sensed_fraction"] >= share - 1e-9 for row, share in zip(rows, sensed, strict=True))
