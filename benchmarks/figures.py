@@ -9,7 +9,7 @@ A page marks a place, and what stands there is replaced:
     <!-- figures: NAME, NAME ... --> ... <!-- end -->        tables with the same columns, one below the other
     <!-- figures: NAME / ROW / COLUMN --> ... <!-- end -->   one cell, in a line of text
 
-ROW is the first cell of a row, or its beginning. Another program adds its tables by `store`.
+ROW is the first cell of a row, or the beginning of one row's alone. Another program adds its tables by `store`.
 """
 
 import argparse
@@ -19,6 +19,10 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from rich.console import Console
+from rich.table import Table as Printed
+from rich.text import Text
 
 ROOT = Path(__file__).resolve().parent.parent
 STORE = ROOT / "docs" / "figures.json"
@@ -41,6 +45,17 @@ def store(tables: Mapping[str, Table]) -> None:
             raise ValueError(f"rows of table {name} must have a cell for each of its columns")
     text = json.dumps(load() | dict(tables), indent=1, ensure_ascii=False, sort_keys=True)
     STORE.write_text(text + "\n", encoding="utf-8")
+
+
+def show(title: str, table: Table) -> None:
+    """Print a table."""
+    # As text: rich would take what stands in brackets, as units do, for its own marks.
+    shown = Printed(title=title)
+    for k, column in enumerate(table["columns"]):
+        shown.add_column(Text(column), no_wrap=not k)
+    for row in table["rows"]:
+        shown.add_row(*map(Text, row))
+    Console(width=160).print(shown)
 
 
 def of_claims(claims: Sequence[Any]) -> dict[str, Table]:
@@ -81,7 +96,8 @@ def _content(asked: str, tables: Mapping[str, Table]) -> str:
 
 
 def _cell(table: Table, row: str, column: str) -> str:
-    found = [each for each in table["rows"] if each[0].startswith(row)]
+    found = [each for each in table["rows"] if each[0] == row]
+    found = found or [each for each in table["rows"] if each[0].startswith(row)]
     if len(found) != 1 or column not in table["columns"]:
         raise ValueError(f"one row must begin with {row!r} and a column be {column!r}, got {len(found)} rows")
     return str(found[0][table["columns"].index(column)])

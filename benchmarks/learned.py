@@ -3,7 +3,7 @@
 Every policy plays the same 64 held-out seeds, which neither the training nor the tuning saw, in one run. The tuned
 classical policies are those of `benchmarks/tuned.json`, which `python benchmarks/tuning.py` writes. Then the time of a
 learned policy's `act` and of its network alone, beside products of matrices by NumPy. `--training` measures the
-throughput of `lissajous train` too.
+throughput of `lissajous train` too. `--store` puts what is found into docs/figures.json.
 """
 
 import argparse
@@ -13,15 +13,16 @@ import time
 from pathlib import Path
 from typing import Any
 
+import figures
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 from tuning import HELD_OUT, make
 
 import baselines
 import lissajous_env
 import training
 from baselines.benchmark.statistics import Statistics, summarize
+from baselines.benchmark.tables import SHOWN, in_words, number
 from baselines.policies.base import Policy
 
 TUNED = Path(__file__).parent / "tuned.json"
@@ -30,11 +31,7 @@ OTHERS = {
     "intruders": ("learned-intruders-safe", "kuramoto-mpcc", "arc-mpcc", "sweep", "sweep-safe", "laps"),
     "rough-lost": ("learned-rough-safe", "kuramoto-mpcc", "kuramoto-mpcc-safe", "arc-mpcc-safe", "sweep-safe"),
 }
-COLUMNS = {
-    "detection_time_mean": "detection in s, IQM (95 % interval)",
-    "collisions": "collisions, mean",
-    "recovery_time": "recovery in s, IQM",
-}
+COLUMNS = {"detection_time_mean": "detection [s]", "collisions": "collisions", "recovery_time": "recovery [s]"}
 
 
 def candidates(scenario: str, worlds: int) -> dict[str, Policy]:
@@ -52,25 +49,36 @@ def candidates(scenario: str, worlds: int) -> dict[str, Policy]:
     return found
 
 
-def compare(scenario: str, episodes: int, console: Console) -> dict[str, dict[str, Statistics]]:
-    """Play, print a table, return the statistics of each policy."""
+def compare(scenario: str, episodes: int) -> dict[str, dict[str, Statistics]]:
+    """Play, return the statistics of each policy."""
     seeds = HELD_OUT[:episodes]
-    table = Table("policy", *COLUMNS.values(), title=f"{scenario}, seeds {seeds[0]} to {seeds[-1]}")
     scores: dict[str, dict[str, Statistics]] = {}
     for label, policy in candidates(scenario, len(seeds)).items():
         rows = lissajous_env.evaluate(policy, scenario, seeds)
         scores[label] = {column: summarize([row[column] for row in rows]) for column in COLUMNS}
-        detection, collisions, recovery = scores[label].values()
-        times = f"{detection.iqm:.3f} ({detection.low:.3f} to {detection.high:.3f})"
-        table.add_row(label, times, f"{collisions.mean:.3f}", f"{recovery.iqm:.2f}")
-    console.print(table)
     return scores
+
+
+def as_table(scores: dict[str, dict[str, dict[str, Statistics]]]) -> figures.Table:
+    """What each policy scored by scenario, and the detection time of the learned one, without a filter, beside its."""
+    rows = []
+    for scenario, policies in scores.items():
+        own = policies[LEARNED[scenario]]["detection_time_mean"].iqm
+        for label, of in policies.items():
+            words = (in_words(of, shown) for shown in SHOWN if shown.column in COLUMNS)
+            cells = [f"{value} ({ends})" if ends else value for value, ends in words]
+            name, *tuned = label.partition(",")
+            rows.append([f"{scenario}, `{name}`{''.join(tuned)}", *cells, number(own / of["detection_time_mean"].iqm)])
+    return {"columns": ["policy", *COLUMNS.values(), "the learned one's detection time, as a share"], "rows": rows}
 
 
 def ratios(scenario: str, scores: dict[str, dict[str, Statistics]], console: Console) -> None:
     """Print what the learned policy's numbers are as shares of the others'."""
-    own = scores.pop(LEARNED[scenario])
+    own = scores[LEARNED[scenario]]
+    console.print(f"{LEARNED[scenario]} on {scenario}")
     for label, other in scores.items():
+        if other is own:
+            continue
         parts = []
         for column in COLUMNS:
             mine, theirs = own[column], other[column]
@@ -106,8 +114,8 @@ def times_per_row(name: str, worlds: int, steps: int = 2000) -> tuple[float, flo
     return found[0], found[1], found[2]
 
 
-def throughput(console: Console, steps: int) -> None:
-    """Print robot steps per second of `lissajous train` with the default network, and the environment's share."""
+def throughput(steps: int) -> tuple[float, float]:
+    """Robot steps per second of `lissajous train` with the default network, and the environment's share of the time."""
     from training.sb3 import RobotVecEnv
     from training.sb3.trainer import train
     from training.settings import TrainingSettings
@@ -128,8 +136,7 @@ def throughput(console: Console, steps: int) -> None:
         settings = TrainingSettings("intruders", steps=steps, teacher="none", rivals=(), evaluate_every=10 * steps,
                          evaluation_episodes=1, out=Path(folder))  # fmt: skip
         history = train(settings, Console(quiet=True))
-    rate, share = history.steps / history.seconds, in_env[0] / history.seconds
-    console.print(f"training: {rate:,.0f} robot steps per second, {100 * share:.1f} % of the time in the environment")
+    return history.steps / history.seconds, in_env[0] / history.seconds
 
 
 def main() -> None:
@@ -138,17 +145,29 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=len(HELD_OUT))
     parser.add_argument("--training", action="store_true", help="measure training too")
     parser.add_argument("--training-steps", type=int, default=5_000_000)
+    parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
     options = parser.parse_args()
-    console = Console(width=140)
+    scores = {scenario: compare(scenario, options.episodes) for scenario in options.scenarios}
+    tables = {"learned": as_table(scores)}
+    figures.show(f"{options.episodes} held-out episodes", tables["learned"])
     for scenario in options.scenarios:
-        ratios(scenario, compare(scenario, options.episodes, console), console)
+        ratios(scenario, scores[scenario], Console(width=140))
+    rows = []
     for name in dict.fromkeys(LEARNED[scenario] for scenario in options.scenarios):
         for worlds in (1, 32, 1024):
-            whole, alone, by_matrices = times_per_row(name, worlds, 2000 if worlds < 100 else 100)
-            words = f"{whole:.2f} us per robot, {alone:.2f} of it the network; by NumPy's matrices {by_matrices:.2f}"
-            console.print(f"{name}, {worlds} worlds: {words}")
+            times = times_per_row(name, worlds, 2000 if worlds < 100 else 100)
+            rows.append([f"`{name}`, {worlds:,} world{'s' * (worlds > 1)}", *map(number, times)])
+    columns = ["time of a robot, median", "act [us]", "its network [us]", "its matrices by NumPy [us]"]
+    tables["learned-act"] = {"columns": columns, "rows": rows}
+    figures.show("time of a learned policy", tables["learned-act"])
     if options.training:
-        throughput(console, options.training_steps)
+        rate, share = throughput(options.training_steps)
+        columns = ["", "robot steps per second", "in the environment [% of the time]"]
+        rows = [["`lissajous train`", f"{rate:,.0f}", number(100 * share)]]
+        tables["learned-training"] = {"columns": columns, "rows": rows}
+        figures.show("training", tables["learned-training"])
+    if options.store:
+        figures.store(tables)
 
 
 if __name__ == "__main__":

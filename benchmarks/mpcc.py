@@ -2,15 +2,17 @@
 
 Two sets of problems, started from the same guess on both sides: states met in closed loop on the paper's experiment
 (guess: the last solution shifted by a stage) and random states near its curve (guess: straight on at the speed wanted
-at the start). All on one thread; `--states 30` makes it short.
+at the start). All on one thread; `--states 30` makes it short, `--store` puts what is found into docs/figures.json.
 """
 
 import argparse
 import time
 from dataclasses import dataclass
 
+import figures
 import numpy as np
 
+from baselines.benchmark.tables import number
 from baselines.mpcc.solver import Mpcc, MpccParameters
 from lissajous_env.extras import missing
 from lissajous_env.parameters.scenario import Curve, Robot
@@ -211,8 +213,8 @@ def timed(mpcc: Mpcc, problems: Problems, guess: bool, repeats: int = 5):
     return solution, min(times)
 
 
-def compare(name: str, problems: Problems, curve: Curve, p: MpccParameters, ipopt: Ipopt) -> None:
-    """Print our side and IPOPT's on one set."""
+def compare(problems: Problems, curve: Curve, p: MpccParameters, ipopt: Ipopt) -> dict[str, str]:
+    """Our side and IPOPT's on one set, in words."""
     count = len(problems.phase_rate)
     mpcc = Mpcc(curve, p, batch=count, threads=1)
     _, cold = timed(mpcc, problems, guess=False)
@@ -226,20 +228,27 @@ def compare(name: str, problems: Problems, curve: Curve, p: MpccParameters, ipop
         [ipopt.cost(problems.state[k], problems.phase_rate[k], solution.control[k].astype(float)) for k in range(count)]
     )
     excess = ours / np.array(costs) - 1
-    print(f"{name}: {count} states")
-    print(f"  solve            {guessed * 1e6:8.1f} us from the guess, {cold * 1e6:.1f} us without one")
-    print(f"  IPOPT            {np.median(times) * 1e3:8.2f} ms, {np.median(times) / guessed:.0f} times as long")
-    print(f"  excess cost      {np.median(excess):8.1e} median, {np.percentile(excess, 99):.2e} 99th percentile")
-    close, closer = 100 * np.mean(excess <= 0.01), 100 * np.mean(excess <= 0.001)
-    print(f"  within 1 %       {close:8.2f} % of the states, {closer:.1f} % within 0.1 %")
-    print(f"  better by 1 %    {100 * np.mean(excess < -0.01):8.2f} %")
-    print(f"  NaN, failures    {np.isnan(solution.control).any(axis=(1, 2)).sum():8d}, {int(solution.failed.sum())}")
+    return {
+        "states": str(count),
+        "solve without a guess [us]": number(cold * 1e6),
+        "solve from the guess [us]": number(guessed * 1e6),
+        "IPOPT from the guess, median [us]": number(float(np.median(times)) * 1e6),
+        "IPOPT takes, times as long": number(float(np.median(times)) / guessed),
+        "cost above IPOPT's, median": f"{np.median(excess):.1e}",
+        "cost above IPOPT's, 99th percentile": f"{np.percentile(excess, 99):.1e}",
+        "at most 1 % above IPOPT's [% of the states]": number(100 * float(np.mean(excess <= 0.01))),
+        "at most 0.1 % above IPOPT's [% of the states]": number(100 * float(np.mean(excess <= 0.001))),
+        "better than IPOPT by 1 % [% of the states]": number(100 * float(np.mean(excess < -0.01))),
+        "NaN": str(np.isnan(solution.control).any(axis=(1, 2)).sum()),
+        "failures": str(int(solution.failed.sum())),
+    }
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--states", type=int, default=500, help="problems in each set")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
     curve, p = Curve(), MpccParameters()
@@ -248,10 +257,15 @@ def main():
     steps = max(600, -(-options.states // len(RING)) + 1)
     runs = [closed_loop(Mpcc(curve, p, len(RING), threads=1), curve, steps) for _ in range(3)]
     met, warm = runs[0][0], np.min([run[1] for run in runs], axis=0)
-    print(f"warm solve in closed loop {warm.mean() * 1e6:.1f} us mean, {np.median(warm) * 1e6:.1f} us median")
     met = met[rng.permutation(len(met.phase_rate))[: options.states]]
-    compare("closed loop", met, curve, p, ipopt)
-    compare("random", random_problems(options.states, curve, p, rng), curve, p, ipopt)
+    in_loop = compare(met, curve, p, ipopt)
+    near = compare(random_problems(options.states, curve, p, rng), curve, p, ipopt)
+    rows = [[name, words, near[name]] for name, words in in_loop.items()]
+    rows.insert(1, ["warm solve in closed loop, mean [us]", number(float(warm.mean()) * 1e6), ""])
+    table = {"columns": ["", "closed loop", "random"], "rows": rows}
+    figures.show("contouring controller, one thread", table)
+    if options.store:
+        figures.store({"mpcc": table})
 
 
 if __name__ == "__main__":

@@ -1,32 +1,36 @@
 """What the collision filter costs and what it buys: `python benchmarks/safety.py`.
 
 Time of the filter per robot and step on one thread, on observations met in episodes; then collisions, spacing and the
-rest of each policy with the filter and without it, on the same seeds, in one run. `--seeds 16` makes it short.
+rest of each policy without a filter, with `-safe` and with `-close`, on the same seeds, in one run. `--seeds 16` makes
+it short, `--store` puts what is found into docs/figures.json.
 """
 
 import argparse
 import time
 
+import figures
 import numpy as np
 
 import baselines
 import lissajous_env
+from baselines.benchmark.tables import number
 from baselines.safety.filter import Safe
 
 POLICIES = ("kuramoto-mpcc", "open-loop-mpcc", "tracked-reference-mpcc", "consensus-gvf", "sweep", "random")
-COLUMNS = (
-    "collisions",
-    "min_separation",
-    "spacing_factor",
-    "tracking_error_mean",
-    "phase_error",
-    "detection_time_mean",
-)
+FILTERS = ("-safe", "-close")
+COLUMNS = {
+    "collisions": "collisions",
+    "min_separation": "smallest distance [m]",
+    "spacing_factor": "spacing factor",
+    "tracking_error_mean": "tracking error, mean [m]",
+    "phase_error": "phase error [rad]",
+    "detection_time_mean": "detection [s]",
+}
 
 
 def time_per_action(name: str, scenario: str, worlds: int = 64) -> tuple[float, float, float]:
-    """Time of the filter per robot and step [us], mean and in the slowest step; the share of actions it changed."""
-    policy = baselines.make(f"{name}-safe", scenario, num_worlds=worlds)
+    """Time of a policy's filter per robot and step [us], mean and in the slowest step; the share of actions changed."""
+    policy = baselines.make(name, scenario, num_worlds=worlds)
     assert isinstance(policy, Safe)
     simulation = lissajous_env.Simulation(scenario, num_worlds=worlds)
     policy.reset()
@@ -50,27 +54,43 @@ def scores(name: str, scenario: str, seeds: int) -> dict[str, float]:
     return {column: float(np.nanmean([row[column] for row in rows])) for column in COLUMNS}
 
 
+def as_table(scored: dict[tuple[str, str], dict[str, float]]) -> figures.Table:
+    """Scores by scenario and policy as a table; beside the collisions with a filter, their share of those without."""
+    rows = []
+    for (scenario, name), score in scored.items():
+        plain = scored[scenario, name.removesuffix("-safe").removesuffix("-close")]
+        share = ""
+        if score is not plain and plain["collisions"]:
+            share = number(100 * score["collisions"] / plain["collisions"])
+        first, *others = (number(score[column]) for column in COLUMNS)
+        rows.append([f"{scenario}, `{name}`", first, share, *others])
+    first, *others = COLUMNS.values()
+    return {"columns": ["mean of an episode", first, "of those without the filter [%]", *others], "rows": rows}
+
+
 def main():
     parser = argparse.ArgumentParser(description="What the collision filter costs and what it buys.")
     parser.add_argument("--seeds", type=int, default=64, help="episodes of each policy")
     parser.add_argument("--scenarios", nargs="+", default=["experiment", "rough", "intruders"])
+    parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
     options = parser.parse_args()
 
-    print("filter, us per robot and step on one thread")
+    rows = []
     for name, scenario in (("kuramoto-mpcc", "experiment"), ("kuramoto-mpcc", "rough"), ("random", "rough")):
-        mean, most, changed = time_per_action(name, scenario)
-        print(
-            f"  {name:24s}{scenario:12s}{mean:6.2f} mean, {most:.2f} in the slowest step; changed {100 * changed:.1f} %"
-        )
+        for ending in FILTERS:
+            mean, most, changed = time_per_action(f"{name}{ending}", scenario)
+            rows.append([f"{scenario}, `{name}{ending}`", number(mean), number(most), number(100 * changed)])
+    columns = ["filter on one thread", "a robot and step [us]", "in the slowest step [us]", "actions it changed [%]"]
+    cost: figures.Table = {"columns": columns, "rows": rows}
+    figures.show("what the filter costs", cost)
 
-    print(f"\nmeans of {options.seeds} episodes{'':19s}" + "".join(f"{column:>21s}" for column in COLUMNS))
-    for scenario in options.scenarios:
-        for name in POLICIES:
-            plain, safe = scores(name, scenario, options.seeds), scores(f"{name}-safe", scenario, options.seeds)
-            for label, score in ((name, plain), (f"{name}-safe", safe)):
-                print(f"{scenario:12s}{label:28s}" + "".join(f"{score[column]:21.3f}" for column in COLUMNS))
-            if plain["collisions"]:
-                print(f"{'':12s}{'':28s}{100 * safe['collisions'] / plain['collisions']:19.1f} %")
+    labels = [f"{name}{ending}" for name in POLICIES for ending in ("", *FILTERS)]
+    scored = {(scenario, name): scores(name, scenario, options.seeds)
+              for scenario in options.scenarios for name in labels}  # fmt: skip
+    table = as_table(scored)
+    figures.show(f"what it buys, {options.seeds} episodes", table)
+    if options.store:
+        figures.store({"filter": cost, "safety": table})
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
     pip install ".[bench]" && python benchmarks/throughput.py
 
 Sides: `ParallelEnv.step` against mpe2 `simple_spread_v3` with 5 agents, and the batch against VMAS `discovery` with
-5 agents and 20 targets. Figures are medians over rounds in which the sides take turns; the best round stands beside.
+5 agents and 20 targets; then what following contamination costs. Figures are medians over rounds in which the sides
+take turns; the best round stands beside. `--store` puts them into docs/figures.json, with the machine.
 """
 
 import argparse
@@ -14,17 +15,25 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
+import figures
 import numpy as np
+import warp
 
 import baselines
 import lissajous_env
+from baselines.benchmark.tables import number
 from lissajous_env.extras import missing
 
 ROBOTS, TARGETS = 5, 20
 SETTINGS = {"targets.count": TARGETS, "targets.arrival_rate": 0.0}
 # Targets that stay when they are detected, so that no step is an easy one.
 STAYING = SETTINGS | {"targets.leave": False}
+SPREAD, DISCOVERY = "mpe2 simple_spread", "VMAS discovery"
+
+Times = tuple[float, float]
+"""Median and least time of a call [us]."""
 
 
 def microseconds(step: Callable[[], object], calls: int) -> float:
@@ -35,8 +44,8 @@ def microseconds(step: Callable[[], object], calls: int) -> float:
     return (time.perf_counter() - begin) / calls * 1e6
 
 
-def measured(sides: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, tuple[float, float]]:
-    """Median and least time of a call of each side [us]; they take turns, so that a slow moment hits them alike."""
+def measured(sides: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, Times]:
+    """Times of each side; they take turns, so that a slow moment hits them alike."""
     for step, _ in sides.values():
         step()
     times: dict[str, list[float]] = {name: [] for name in sides}
@@ -101,21 +110,9 @@ def ours_in_formation(worlds: int, threads: int, contamination: tuple[int, int] 
     return step
 
 
-def print_contamination(worlds: int, threads: int, rounds: int) -> None:
-    """Print what following contamination costs, in formation."""
-    print("\nThe experiment driven by kuramoto-mpcc, with contamination and without: median (best) [us a step]")
-    for count in (1, worlds):
-        sides = {
-            name: (ours_in_formation(count, threads, grid), 100)
-            for name, grid in {"without": None, "36 x 16": (36, 16), "90 x 40": (90, 40)}.items()
-        }
-        times = measured(sides, rounds)
-        for name, (median, best) in times.items():
-            ratio = median / times["without"][0]
-            print(f"  {count} worlds, {name:10s} {median:10.1f} ({best:.1f})  {ratio:5.2f} times that without")
-
-
 def vmas_batch(worlds: int) -> Callable[[], object]:
+    # Threads of torch that wait for each other in a loop take ten times as long where another program has a core.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import torch
     import vmas
 
@@ -126,34 +123,61 @@ def vmas_batch(worlds: int) -> Callable[[], object]:
     return lambda: env.step(actions)
 
 
+def machine(threads: int) -> figures.Table:
+    """What is measured on."""
+    told = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
+    models = [line.partition(": ")[2] for line in told.splitlines() if line.startswith("model name")]
+    of = {
+        "processor": models[0] if models else platform.processor() or platform.machine(),
+        "cores": str(os.cpu_count()),
+        "threads": str(threads),
+        "Python": platform.python_version(),
+        "Warp": warp.__version__,
+    }
+    return {"columns": ["", *of], "rows": [["measured on", *of.values()]]}
+
+
+def speed_rows(times: dict[str, Times], worlds: int, rival: str) -> list[list[str]]:
+    """A row for each of our sides, beside the rival if it is among them; each call steps so many worlds."""
+    rows = []
+    beside = times[rival][0] / worlds if rival in times else None
+    for name, (median, best) in times.items():
+        if name == rival:
+            continue
+        own = median / worlds
+        row = [name, f"{worlds:,}", number(own), number(best / worlds), number(1 / own)]
+        rows.append(row + ([rival, number(beside), number(beside / own)] if beside else ["", "", ""]))
+    return rows
+
+
+def contamination_rows(times: dict[str, Times], where: str, worlds: int) -> list[list[str]]:
+    """A row for each grid, beside the side that is called `without`."""
+    rows, least = [], times["without"][0]
+    for name, (median, best) in times.items():
+        beside = ["", ""] if name == "without" else [number((median - least) / worlds), number(median / least)]
+        rows.append([f"{where}, {name}", f"{worlds:,}", number(median / worlds), number(best / worlds), *beside])
+    return rows
+
+
 def main() -> None:
-    """Print the figures."""
+    """Measure, print and store."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", type=int, default=4096)
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--without-rivals", action="store_true", help="leave out mpe2 and VMAS")
+    parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
     given = parser.parse_args()
-    print(f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores, {given.threads} threads")
+    tables = {"machine": machine(given.threads)}
+    figures.show("machine", tables["machine"])
 
-    sides = {name: (ours_single(name), 500) for name in ("experiment", "intruders")}
+    sides = {f"{name}, `ParallelEnv.step`": (ours_single(name), 500) for name in ("experiment", "intruders")}
     if not given.without_rivals:
         try:
-            sides["mpe2 simple_spread"] = (mpe2_single(), 200)
+            sides[SPREAD] = (mpe2_single(), 200)
         except ImportError as error:
             sys.exit(f"error: {missing('benchmarks/throughput.py', 'bench', error)}")
-    single = measured(sides, given.rounds)
-    print(
-        f"\nParallelEnv.step, {ROBOTS} cars, {TARGETS} moving targets that stay, coverage grid on: median (best) [us]"
-    )
-    for name, (median, best) in single.items():
-        print(f"  {name:34s} {median:8.1f} ({best:.1f})")
-    if not given.without_rivals:
-        rival = single["mpe2 simple_spread"][0]
-        ratios = (f"{name} {rival / single[name][0]:.1f}" for name in ("experiment", "intruders"))
-        print("  times faster by the medians: " + ", ".join(ratios))
-
-    print_contamination(given.worlds, given.threads, given.rounds)
+    rows = speed_rows(measured(sides, given.rounds), 1, SPREAD)
 
     batch = {}
     for name, settings in {
@@ -164,17 +188,32 @@ def main() -> None:
         scenario = name.partition(",")[0]
         for words, grid in {"no grid": None, "36 x 16 grid": (36, 16)}.items():
             step = ours_batch(scenario, given.worlds, given.threads, settings, grid)
-            batch[f"{name}, {words}"] = (step, 20)
+            batch[f"batch, {name}, {words}"] = (step, 20)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     if not given.without_rivals:
-        batch["VMAS discovery"] = (vmas_batch(given.worlds), 1)
-    rates = {name: [given.worlds / time for time in times] for name, times in measured(batch, given.rounds).items()}
-    print(f"\nBatch of {given.worlds} worlds: median (best) [million steps of a world per second]")
-    for name, (median, best) in rates.items():
-        ratio = "" if given.without_rivals else f"  {median / rates['VMAS discovery'][0]:6.1f} times VMAS"
-        print(f"  {name:34s} {median:8.3f} ({best:.3f}){ratio}")
-    print(f"\nPeak memory of this process with six batches of {given.worlds} worlds: {peak:.0f} MB")
+        batch[DISCOVERY] = (vmas_batch(given.worlds), 1)
+    rows += speed_rows(measured(batch, given.rounds), given.worlds, DISCOVERY)
+    columns = ["", "worlds", "step of a world [us]", "best [us]", "million steps of a world per second", "rival",
+               "its step of a world [us]", "ratio"]  # fmt: skip
+    tables["speed"] = {"columns": columns, "rows": rows}
+    title = f"{ROBOTS} cars, {TARGETS} moving targets; `ParallelEnv.step`: targets that stay, coverage grid on; medians"
+    figures.show(title, tables["speed"])
+    tables["memory"] = {"columns": ["", "worlds in each", "peak [MB]"],
+                        "rows": [["six batches", f"{given.worlds:,}", f"{peak:.0f}"]]}  # fmt: skip
+    figures.show("memory of the process", tables["memory"])
+
+    rows = []
+    for where, worlds in (("one world", 1), ("batch", given.worlds)):
+        grids = {"without": None, "36 x 16 cells": (36, 16), "90 x 40 cells": (90, 40)}
+        sides = {name: (ours_in_formation(worlds, given.threads, grid), 100) for name, grid in grids.items()}
+        rows += contamination_rows(measured(sides, given.rounds), where, worlds)
+    columns = ["", "worlds", "step of a world [us]", "best [us]", "more than without [us]", "ratio"]
+    tables["contamination"] = {"columns": columns, "rows": rows}
+    figures.show("experiment driven by kuramoto-mpcc, what following contamination costs; medians",
+                 tables["contamination"])  # fmt: skip
+    if given.store:
+        figures.store(tables)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

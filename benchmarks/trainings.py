@@ -7,7 +7,7 @@ trainings and episodes (`baselines.benchmark.statistics.two_level_interval`).
 
 FOLDER holds a folder for each seed, as `lissajous train` leaves it, the rows of its episodes, and `trainings.json`.
 Killed and called again it goes on, and what is there is neither trained nor played again. Options that this script does
-not know are those of `lissajous train`.
+not know are those of `lissajous train`. `--store` puts the table into docs/figures.json.
 """
 
 import argparse
@@ -19,20 +19,26 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import figures
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 from tuning import HELD_OUT
 
 import baselines
 import lissajous_env
 import training
 from baselines.benchmark.statistics import interquartile_mean, paired, summarize, two_level_interval
+from baselines.benchmark.tables import between, number
 from lissajous_env.console.terminal import plain
 from lissajous_env.storage.files import read_json, write_atomically
 from training.learned import checkpoint
 
-COLUMNS = {"detection_time_mean": "detection [s]", "collisions": "collisions", "sensed_fraction": "sensed"}
+COLUMNS = {
+    "detection_time_mean": ("detection [s]", "sooner"),
+    "collisions": ("collisions", "fewer"),
+    "sensed_fraction": ("sensed", "more"),
+}
+"""Titles of a column, and of the probability that it is better than the reference's."""
 REFERENCE = "kuramoto-mpcc"
 _ROLLOUT = 200_000
 """Steps by which a training may go beyond what it was asked for: it ends with a rollout."""
@@ -91,35 +97,41 @@ def judged(rows_by_training: Sequence[list[dict[str, Any]]], reference: list[dic
     return found
 
 
-def print_judgement(console: Console, steps: int, judgement: dict[str, Any]) -> None:
-    """Print a row for each training, for all of them, and for the reference."""
-
-    def cell(value: float, interval: Sequence[float] | None) -> str:
-        return f"{value:.3g}" if interval is None else f"{value:.3g} ({interval[0]:.3g} to {interval[1]:.3g})"
-
-    def of(numbers: dict[str, Any], rare: bool) -> str:
-        names = ("mean", "mean_low", "mean_high") if rare else ("iqm", "low", "high")
-        value, *interval = (numbers[name] for name in names)
-        return cell(value, interval)
-
-    head = [title for name in COLUMNS.values() for title in (name, "better")]
-    table = Table("training", *head, title=f"after {steps:,} steps, on {judgement['episodes']} held-out episodes")
-    columns = [judgement["columns"][column] for column in COLUMNS]
-    for k, seed in enumerate(judgement["seeds"]):
+def as_table(after: dict[str, dict[str, Any]]) -> figures.Table:
+    """What was judged after some numbers of steps: a row for each training, for all, and one for the reference."""
+    rows = []
+    for steps, judgement in after.items():
+        where, columns = f"after {int(steps) / 1e6:g} million steps", [judgement["columns"][name] for name in COLUMNS]
+        for k, seed in enumerate(judgement["seeds"]):
+            cells = []
+            for each in columns:
+                against = each["trainings_against"][k]
+                cells += [_alone(each["trainings"][k], each["statistic"]),
+                          _share(against["better"], (against["better_low"], against["better_high"]))]  # fmt: skip
+            rows.append([f"{where}, seed {seed}", *cells])
         cells = []
         for each in columns:
-            against = each["trainings_against"][k]
-            cells += [of(each["trainings"][k], each["statistic"] == "mean"),
-                      cell(against["better"], (against["better_low"], against["better_high"]))]  # fmt: skip
-        table.add_row(f"seed {seed}", *cells)
-    table.add_section()
-    everything, theirs = [], []
-    for each in columns:
-        everything += [cell(each["value"], each["interval"]), cell(each["better"], each["better_interval"])]
-        theirs += [of(each["reference"], each["statistic"] == "mean"), ""]
-    table.add_row("all", *everything)
-    table.add_row(REFERENCE, *theirs)
-    console.print(table)
+            cells += [_spread(each["value"], each["interval"]), _share(each["better"], each["better_interval"])]
+        rows.append([f"{where}, all", *cells])
+    theirs = [cell for each in columns for cell in (_alone(each["reference"], each["statistic"]), "")]
+    rows.append([f"`{REFERENCE}`", *theirs])
+    return {"columns": ["training", *(title for titles in COLUMNS.values() for title in titles)], "rows": rows}
+
+
+def _alone(numbers: dict[str, Any], statistic: str) -> str:
+    names = ("mean", "mean_low", "mean_high") if statistic == "mean" else ("iqm", "low", "high")
+    value, *ends = (numbers[name] for name in names)
+    return _spread(value, ends)
+
+
+def _spread(value: float, ends: Sequence[float] | None) -> str:
+    words = between(*ends) if ends else ""
+    return f"{number(value)} ({words})" if words else number(value)
+
+
+def _share(value: float, ends: Sequence[float] | None) -> str:
+    words = between(*ends, times=100) if ends else ""
+    return f"{100 * value:.0f} % ({words})" if words else f"{100 * value:.0f} %"
 
 
 def main() -> None:
@@ -129,6 +141,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, nargs="+", default=[5_000_000, 15_000_000])
     parser.add_argument("--episodes", type=int, default=len(HELD_OUT))
     parser.add_argument("--out", type=Path, default=Path("results/trainings"))
+    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options, more = parser.parse_known_args()
     console = Console(width=160)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -146,10 +159,13 @@ def main() -> None:
     for steps, tables in by_steps.items():
         result[str(steps)] = {"episodes": options.episodes, "seeds": list(range(options.seeds)),
                               "reference": REFERENCE, "columns": judged(tables, reference)}  # fmt: skip
-        print_judgement(console, steps, result[str(steps)])
     command = f"lissajous train --scenario {options.scenario} {' '.join(more)}".strip()
     text = {"command": command, "scenario": options.scenario, "after": result}
     write_atomically(options.out / "trainings.json", json.dumps(plain(text), indent=2) + "\n")
+    table = as_table(result)
+    figures.show(f"{command}, {options.episodes} held-out episodes", table)
+    if options.store:
+        figures.store({"trainings": table})
 
 
 if __name__ == "__main__":

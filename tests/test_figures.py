@@ -39,6 +39,18 @@ def test_a_typed_number_is_replaced():
     assert figures.filled(right, TABLES) == right
 
 
+def test_a_row_by_its_whole_name_is_not_another_that_goes_on():
+    # Story: a policy, and the same one with a filter below it.
+    tables = {"speeds": {"columns": SPEEDS["columns"], "rows": [["fast, safe", "1"], ["fast", "2"]]}}
+    assert ">2<" in figures.filled("<!-- figures: speeds / fast / speed [m/s] --><!-- end -->", tables)
+
+
+def test_a_shown_table_keeps_its_units(capsys):
+    figures.show("how fast", SPEEDS)
+    shown = capsys.readouterr().out
+    assert all(words in shown for words in ("how fast", "speed [m/s]", "slow|er"))
+
+
 def test_a_table_is_written_and_tables_are_joined():
     alone = figures.filled("<!-- figures: others -->old<!-- end -->", TABLES)
     assert alone.splitlines()[2:5] == ["| policy | speed [m/s] |", "| --- | --- |", "| other | 5 |"]
@@ -51,7 +63,7 @@ def test_a_table_is_written_and_tables_are_joined():
     ("asked", "said"),
     [
         ("speed", "got 'speed'"),
-        ("speeds / fast / speed [m/s]", "got 2 rows"),
+        ("speeds / fas / speed [m/s]", "got 2 rows"),
         ("speeds / slow / time [s]", "a column be 'time \\[s\\]'"),
         ("speeds, times", "same columns, got speeds and times"),
     ],

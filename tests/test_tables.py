@@ -9,13 +9,17 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
+import figures
+import learned
+import safety
 import table
+import throughput
 import trainings
 
 import lissajous_env
 from baselines.benchmark.comparison import compare
 from baselines.benchmark.rows import NUMBER_COLUMNS
-from baselines.benchmark.statistics import interquartile_mean, two_level_interval
+from baselines.benchmark.statistics import interquartile_mean, summarize, two_level_interval
 
 
 def rows(policy, times, scenario="intruders"):
@@ -73,3 +77,74 @@ def test_episodes_of_a_training_that_are_there_are_not_played_again(tmp_path, mo
     assert trainings.scored(tmp_path, "intruders", 0, 1000, 2, ()) == kept
     with pytest.raises(BaseException, match="trained again"):
         trainings.scored(tmp_path, "intruders", 0, 1000, 3, ())
+
+
+def cell(made, row, column):
+    mark = f"<!-- figures: made / {row} / {column} -->"
+    return figures.filled(f"{mark}<!-- end -->", {"made": made}).removeprefix(mark).removesuffix("<!-- end -->")
+
+
+def test_the_table_of_trainings_has_each_of_them_all_and_the_reference():
+    # Oracle: by hand. The second training is better on half of the seeds.
+    reference = list(rows("kuramoto-mpcc", [2.0] * 4))
+    tables = [list(rows("a", [1.0] * 4)), list(rows("b", [1.0, 1.0, 3.0, 3.0]))]
+    judgement = {"seeds": [0, 1], "columns": trainings.judged(tables, reference)}
+    made = trainings.as_table({"5000000": judgement, "15000000": judgement})
+    assert [row[0] for row in made["rows"]][2:] == [
+        "after 5 million steps, all",
+        *(f"after 15 million steps, {who}" for who in ("seed 0", "seed 1", "all")),
+        "`kuramoto-mpcc`",
+    ]
+    assert cell(made, "after 5 million steps, seed 0", "detection [s]") == "1"
+    assert cell(made, "after 5 million steps, seed 0", "sooner") == "100 %"
+    assert cell(made, "after 15 million steps, seed 1", "sooner").startswith("50 % (")
+    assert cell(made, "after 15 million steps, all", "sooner").startswith("75 % (")
+    assert cell(made, "`kuramoto-mpcc`", "detection [s]") == "2"
+    assert cell(made, "`kuramoto-mpcc`", "sooner") == ""
+
+
+def test_a_step_of_a_batch_stands_beside_the_rivals_per_world():
+    # Oracle: by hand; 8 us for 4 worlds are 2 us a world, half a million a second, and 80 us are ten times that.
+    times = {"ours": (8.0, 4.0), "rival": (80.0, 80.0)}
+    assert throughput.speed_rows(times, 4, "rival") == [["ours", "4", "2", "1", "0.500", "rival", "20", "10"]]
+    assert throughput.speed_rows({"ours": times["ours"]}, 4, "rival")[0][5:] == ["", "", ""]
+
+
+def test_contamination_stands_beside_a_step_without_it():
+    times = {"without": (8.0, 8.0), "grid": (20.0, 16.0)}
+    assert throughput.contamination_rows(times, "batch", 4) == [
+        ["batch, without", "4", "2", "2", "", ""],
+        ["batch, grid", "4", "5", "4", "3", "2.50"],
+    ]
+
+
+def test_the_machine_is_a_row():
+    made = throughput.machine(3)
+    assert cell(made, "measured on", "threads") == "3"
+    assert cell(made, "measured on", "Python") == ".".join(map(str, sys.version_info[:3]))
+    assert all(made["rows"][0])
+
+
+def test_collisions_with_a_filter_stand_beside_those_without():
+    numbers = dict.fromkeys(safety.COLUMNS, 1.0)
+    counts = {"sweep": 8.0, "sweep-safe": 2.0, "sweep-close": 4.0, "still": 0.0, "still-safe": 0.0}
+    made = safety.as_table({("rough", name): numbers | {"collisions": count} for name, count in counts.items()})
+    column = "of those without the filter [%]"
+    assert cell(made, "rough, `sweep`", "collisions") == "8"
+    shares = [cell(made, f"rough, `{name}`", column) for name in counts]
+    assert shares == ["", "25", "50", "", ""]
+
+
+def test_the_learned_ones_time_stands_beside_the_others():
+    def scores(time):
+        numbers = {"detection_time_mean": time, "collisions": 1.0, "recovery_time": np.nan}
+        return {column: summarize([number] * 4) for column, number in numbers.items()}
+
+    made = learned.as_table(
+        {"intruders": {"learned-intruders": scores(1.0), "laps": scores(2.0), "laps, tuned (fast)": scores(4.0)}}
+    )
+    assert made["columns"][1:4] == ["detection [s]", "collisions", "recovery [s]"]
+    assert made["rows"][1:] == [
+        ["intruders, `laps`", "2", "1", "\N{EM DASH}", "0.500"],
+        ["intruders, `laps`, tuned (fast)", "4", "1", "\N{EM DASH}", "0.250"],
+    ]

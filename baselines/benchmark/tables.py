@@ -131,7 +131,7 @@ def print_scores(console: Console, policy: str, scenario: str, columns: dict[str
     for name, of in columns.items():
         mean, std, least, most = (number(value) for value in (of.mean, of.std, of.min, of.max))
         counted = str(of.n) if of.n_finite == of.n else f"{of.n_finite}/{of.n}"
-        interval = _interval(of.low, of.high) if of.n_finite > 1 else _DASH
+        interval = between(of.low, of.high) if of.n_finite > 1 else _DASH
         rows.append([name, Text(number(of.iqm), "bold"), interval, counted, mean, std, least, most])
     left_out = print_table(console, [Column("score", left=True, style="cyan"), *map(Column, names)], rows)
     console.print()
@@ -173,7 +173,7 @@ def in_words(of: Mapping[str, Statistics], shown: Shown) -> tuple[str, str]:
         return _DASH, ""
     value, low, high = (cell.mean, cell.mean_low, cell.mean_high) if shown.mean else (cell.iqm, cell.low, cell.high)
     is_open = shown.column == "guaranteed_detection_time" and OPEN in of and of[OPEN].mean > 0
-    return f"> {number(value)}" if is_open else number(value), _interval(low, high)
+    return f"> {number(value)}" if is_open else number(value), between(low, high)
 
 
 def _title(scenario: Scenario) -> Text:
@@ -211,11 +211,11 @@ def _print_against(
         cells: list[Text | str] = [Text(shown_name(name), "italic" if name == clairvoyant.NAME else "")]
         for column in columns:
             pair = of[column]
-            share = _two_lines(f"{100 * pair.better:.0f} %", _interval(pair.better_low, pair.better_high, 100))
+            share = _two_lines(f"{100 * pair.better:.0f} %", between(pair.better_low, pair.better_high, 100))
             cells.append(share if pair.n else _DASH)
             off = number(pair.difference)
             off = off if off.startswith(("-", _DASH)) or not pair.difference else f"+{off}"
-            cells.append(_two_lines(off, _interval(pair.difference_low, pair.difference_high)))
+            cells.append(_two_lines(off, between(pair.difference_low, pair.difference_high)))
         rows.append(cells)
     _print_title(console, Text.assemble((scenario, "bold"), " against ", (reference, "bold"), ", seed by seed"))
     left_out = print_table(console, head, rows)
@@ -282,7 +282,8 @@ def _two_lines(value: str, below: str, style: str = "") -> Text:
     return Text.assemble((value, style), (f"\n{below} ", "dim") if below else "")
 
 
-def _interval(low: float, high: float, times: float = 1.0) -> str:
+def between(low: float, high: float, times: float = 1.0) -> str:
+    """Both ends as tables show them, in units of 1 / `times`; "" for NaN and where both read the same."""
     if low != low:
         return ""
     ends = (f"{times * low:.0f}", f"{times * high:.0f}") if times != 1 else (number(low), number(high))
