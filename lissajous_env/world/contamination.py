@@ -97,9 +97,10 @@ def disc_run(place: wp.vec2, radius: float, y: float) -> wp.vec2:
 
 
 @wp.func
-def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float, last: wp.vec2) -> wp.vec2:
-    """Least and greatest x at a height y of what a disc passes over from a to b [m]; `last` is `disc_run` at b."""
+def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float) -> wp.vec2:
+    """Least and greatest x at a height y of what a disc passes over that moves from a to b [m]."""
     first = disc_run(a, radius, y)
+    last = disc_run(b, radius, y)
     low = wp.min(first[0], last[0])
     high = wp.max(first[1], last[1])
     way = wp.length(b - a)
@@ -130,14 +131,25 @@ def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float, last: wp.vec2) ->
 
 
 @wp.func
-def columns_of(run: wp.vec2, half_width: float, columns: int) -> wp.vec2i:
-    """First and last column whose centre lies in a run of x [m]; the first is above the last where none does."""
-    scale = float(columns) / (2.0 * half_width)
+def columns_of(run: wp.vec2, half_width: float, scale: float, columns: int) -> wp.vec2i:
+    """First and last column whose centre lies in a run of x [m]; the first is above the last where none does.
+
+    `scale` is how many columns there are on a metre.
+    """
     low = wp.ceil((run[0] + half_width) * scale - 0.5)
     high = wp.floor((run[1] + half_width) * scale - 0.5)
     # Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
     first = int(wp.clamp(low, 0.0, float(columns)))
     return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
+
+
+@wp.func
+def rows_of(low: float, high: float, half_height: float, rows: int, lane: int, lanes: int) -> wp.vec2i:
+    """First row of a lane that a run of y [m] meets, and the row after the last one that it does."""
+    scale = float(rows) / (2.0 * half_height)
+    first = int(wp.clamp((low + half_height) * scale, 0.0, float(rows)))
+    after = int(wp.clamp((high + half_height) * scale, -1.0, float(rows - 1))) + 1
+    return wp.vec2i(first + (lane + lanes - first % lanes) % lanes, after)
 
 
 @wp.func
@@ -173,6 +185,7 @@ def clear_cells(
     rows = contamination.sensed.shape[1]
     words = contamination.sensed.shape[2]
     cell_height = 2.0 * curve.half_height / float(rows)
+    scale = float(hops.columns) / (2.0 * curve.half_width)
     slot = slot_of(clock.step[w], tick, hops)
     # Under the labels of the tick before, in the ring that the first tick of an episode does not have yet.
     latest = (slot - 1 + hops.ring) % hops.ring
@@ -180,41 +193,43 @@ def clear_cells(
         latest = slot
     for row in range(lane, rows, lanes):
         for word in range(words):
-            passed = contamination.swept[w, row, word] & ~contamination.wiped[w, row, word]
+            sensed = contamination.sensed[w, row, word]
+            passed = (sensed | contamination.swept[w, row, word]) & ~contamination.wiped[w, row, word]
             while passed != wp.uint32(0):
                 place = place_of_cell(row, 32 * word + lowest(passed), hops.columns)
                 passed &= passed - wp.uint32(1)
                 for k in range(hops.ring):
                     if k != latest:
                         contamination.labels[w, k, place] = NONE
-            contamination.wiped[w, row, word] = contamination.sensed[w, row, word]
+            contamination.wiped[w, row, word] = sensed
             contamination.swept[w, row, word] = wp.uint32(0)
             contamination.sensed[w, row, word] = wp.uint32(0)
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < 0.5 * NOWHERE:
+            end = along(robots.track, w, i, float(tick + 1) / float(hops.ticks))
+            reach = rows_of(end[1] - hops.radius, end[1] + hops.radius, curve.half_height, rows, lane, lanes)
+            for row in range(reach[0], reach[1], lanes):
+                y = (float(row) + 0.5) * cell_height - curve.half_height
+                run = columns_of(disc_run(end, hops.radius, y), curve.half_width, scale, hops.columns)
+                for word in range(run[0] / 32, run[1] / 32 + 1):
+                    contamination.sensed[w, row, word] |= run_of_bits(word, run[0], run[1])
+            # On a short way the disc passes over no more than what it covers at its ends, but for a sliver.
             start = along(robots.track, w, i, float(tick) / float(hops.ticks))
-            # The way is taken as straight where it is short beside the disc.
-            way = wp.length(robots.sensor[w, i] - along(robots.track, w, i, 0.0)) / float(hops.ticks)
-            pieces = 1 + hops.swept * int(wp.clamp(3.0 * way / hops.radius, 0.0, float(robots.track.shape[2] - 2)))
-            for piece in range(1, pieces + 1):
-                end = along(robots.track, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks))
-                low = wp.min(start[1], end[1]) - hops.radius + curve.half_height
-                high = wp.max(start[1], end[1]) + hops.radius + curve.half_height
-                first_row = int(wp.clamp(low / cell_height, 0.0, float(rows)))
-                last_row = int(wp.clamp(high / cell_height, -1.0, float(rows - 1)))
-                for row in range(first_row + (lane + lanes - first_row % lanes) % lanes, last_row + 1, lanes):
-                    y = (float(row) + 0.5) * cell_height - curve.half_height
-                    at_end = disc_run(end, hops.radius, y)
-                    if piece == pieces:
-                        run = columns_of(at_end, curve.half_width, hops.columns)
-                        for word in range(run[0] / 32, run[1] / 32 + 1):
-                            contamination.sensed[w, row, word] |= run_of_bits(word, run[0], run[1])
-                            contamination.swept[w, row, word] |= run_of_bits(word, run[0], run[1])
-                    if hops.swept == 1:
-                        run = columns_of(swept_run(start, end, hops.radius, y, at_end), curve.half_width, hops.columns)
+            way = wp.length_sq(robots.sensor[w, i] - along(robots.track, w, i, 0.0)) / float(hops.ticks * hops.ticks)
+            if hops.swept == 1 and way > hops.radius * wp.min(cell_height, 1.0 / scale):
+                pieces = robots.track.shape[2] - 1
+                for piece in range(1, pieces + 1):
+                    end = along(robots.track, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks))
+                    low = wp.min(start[1], end[1]) - hops.radius
+                    high = wp.max(start[1], end[1]) + hops.radius
+                    reach = rows_of(low, high, curve.half_height, rows, lane, lanes)
+                    for row in range(reach[0], reach[1], lanes):
+                        y = (float(row) + 0.5) * cell_height - curve.half_height
+                        span = swept_run(start, end, hops.radius, y)
+                        run = columns_of(span, curve.half_width, scale, hops.columns)
                         for word in range(run[0] / 32, run[1] / 32 + 1):
                             contamination.swept[w, row, word] |= run_of_bits(word, run[0], run[1])
-                start = end
+                    start = end
 
 
 @wp.kernel
@@ -343,7 +358,7 @@ def spread(
         ages = wp.int64(0)
         for word in range(contamination.sensed.shape[2]):
             sensed = contamination.sensed[w, row, word]
-            swept = contamination.swept[w, row, word]
+            swept = sensed | contamination.swept[w, row, word]
             settled = contamination.settled[w, row, word] & ~swept
             if settled != wp.uint32(0):
                 row_oldest = oldest

@@ -148,7 +148,7 @@ class Contamination:
     sensed: wp.array3d(dtype=wp.uint32)
     """(W, R, B) a bit for each cell that a robot senses now."""
     swept: wp.array3d(dtype=wp.uint32)
-    """(W, R, B) a bit for each cell that a robot has sensed since the tick before."""
+    """(W, R, B) a bit for each cell that a robot has sensed on a long way since the tick before."""
     wiped: wp.array3d(dtype=wp.uint32)
     """(W, R, B) a bit for each cell that has no label in any tick."""
     settled: wp.array3d(dtype=wp.uint32)
