@@ -142,3 +142,15 @@ def test_design_says_what_rogues_can_do(capsys):
     assert "can stay unseen for ever" in said
     code, _, said = told(capsys, "design", "--rogue-speed", -1)
     assert (code, "rogue_speed must be from 0 to 100 [m/s], got -1" in said) == (2, True)
+
+
+def test_a_benchmark_shows_it(tmp_path, capsys):
+    out = tmp_path / "b"
+    asked = ["benchmark", "--scenarios", "evaders", "--policies", "still", "kuramoto-mpcc", "--episodes", 2]
+    code, said, _ = told(capsys, *asked, "--set", "task.duration=2", "--out", out)
+    assert code == 0
+    assert "in formation 3." in said
+    assert "> 2" in said, "an open guarantee is a lower bound"
+    assert (out / "guaranteed.png").read_bytes().startswith(b"\x89PNG")
+    told_of = json.loads((out / "summary.json").read_text())["guarantees"]["evaders"]
+    assert 0 < told_of["limit"] < 0.1 < told_of["formation"] < 4.2

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from baselines.benchmark.comparison import limit_of
+from baselines.benchmark.comparison import OPEN, limit_of
 from baselines.benchmark.looks import Look, look
 from baselines.benchmark.statistics import Statistics
 from baselines.benchmark.tables import number, shown_name
@@ -59,12 +59,12 @@ def draw(
     played, most = list(cells), max(map(len, cells.values()))
 
     def times(axes: Axes, name: str) -> None:
-        _points(axes, {policy: of["detection_time_mean"] for policy, of in cells[name].items()}, looks)
+        _points(axes, {policy: of["detection_time_mean"] for policy, of in cells[name].items()}, looks, linear=0.1)
         _mark_bound(axes, scenarios[name])
         axes.set_xlabel(f"mean detection time [s]{_mark_limit(axes, scenarios[name])}")
 
     def collisions(axes: Axes, name: str) -> None:
-        _points(axes, {policy: of["collisions"] for policy, of in cells[name].items()}, looks, many=True)
+        _points(axes, {policy: of["collisions"] for policy, of in cells[name].items()}, looks, linear=1)
         axes.set_xlabel("collisions per episode")
 
     def distribution(axes: Axes, name: str) -> None:
@@ -73,8 +73,18 @@ def draw(
         axes.set_xlabel("time since the target appeared [s]")
         axes.set_ylabel("share detected")
 
+    def guarantee(axes: Axes, name: str) -> None:
+        _points(axes, {policy: of["guaranteed_detection_time"] for policy, of in cells[name].items()}, looks, linear=1)
+        _mark_bound(axes, scenarios[name])
+        for place, of in enumerate(cells[name].values()):
+            if OPEN in of and of[OPEN].mean > 0:
+                axes.text(of["guaranteed_detection_time"].iqm, place - 0.18, ">", ha="center", va="bottom", fontsize=8)
+        axes.set_xlabel("guaranteed time [s]; >: open in some")
+
+    followed = [name for name in played if scenarios[name].task.contamination is not None]
     with rc_context(STYLE):
-        return {
+        drawn = {"guaranteed.png": _panels(followed, "Guaranteed detection", guarantee, most)} if followed else {}
+        return drawn | {
             "detection_time.png": _panels(played, "Detection time", times, most),
             "collisions.png": _panels(played, "Collisions", collisions, most),
             "detection_time_distribution.png": _panels(
@@ -114,8 +124,8 @@ def _panels(
     return file.getvalue()
 
 
-def _points(axes: Axes, of: dict[str, Statistics], looks: dict[str, Look], many: bool = False) -> None:
-    """One line for each policy, the first on top; `many` stretches the scale at the small numbers."""
+def _points(axes: Axes, of: dict[str, Statistics], looks: dict[str, Look], linear: float) -> None:
+    """One line for each policy, the first on top, on a scale that is linear up to `linear`, then logarithmic."""
     for place, (policy, values) in enumerate(of.items()):
         if values.n_finite == 0:
             axes.text(0.02, place, "no number", transform=axes.get_yaxis_transform(), va="center", color="#777777")
@@ -128,16 +138,12 @@ def _points(axes: Axes, of: dict[str, Statistics], looks: dict[str, Look], many:
     axes.set_ylim(len(of) - 0.5, -0.5)
     axes.tick_params(axis="y", length=0)
     axes.grid(False, axis="y")
-    if many:
-        axes.set_xscale("symlog", linthresh=1, linscale=0.5)
-        axes.set_xlim(left=-0.15)
-        largest = max((values.high for values in of.values() if values.n_finite > 1), default=1)
-        ticks = [0, *(10**k for k in range(int(np.log10(max(largest, 1))) + 2))]
-        axes.set_xticks(ticks, [str(tick) for tick in ticks])
-        axes.minorticks_off()
-    else:
-        largest = max((values.iqm for values in of.values() if values.n_finite), default=0)
-        axes.set_xlim(0, None if largest else 0.1)
+    axes.set_xscale("symlog", linthresh=linear, linscale=0.5)
+    axes.set_xlim(left=-0.15 * linear)
+    largest = max((values.high for values in of.values() if values.n_finite > 1), default=linear)
+    ticks = [0.0, *(linear * 10**k for k in range(int(np.log10(max(largest / linear, 1))) + 2))]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
 
 
 def _steps(axes: Axes, curves: Mapping[str, tuple[Any, Any]], looks: dict[str, Look]) -> None:

@@ -23,7 +23,10 @@ from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.score import COLUMNS
 
-NAMES = ("episodes.csv", "summary.json", "detection_time.png", "detection_time_distribution.png", "collisions.png")
+NAMES = (
+    "episodes.csv", "summary.json", "detection_time.png", "detection_time_distribution.png", "collisions.png",
+    "guaranteed.png",
+)  # fmt: skip
 """Files that are made from the episodes."""
 
 
