@@ -27,7 +27,7 @@ def test_the_list_is_on_one_screen_and_every_stage_says_what_it_does(make):
     # Oracle: the source, and the docstrings of the kernels.
     lines = inspect.getsource(make).splitlines()
     assert len(lines) <= 30
-    for stage in make(lissajous_env.scenario("experiment")):
+    for stage in [*make(lissajous_env.scenario("experiment")), *make(lissajous_env.scenario("evaders"))]:
         assert stage.about.endswith("."), stage.name
         assert stage.is_kernel
         assert len(inspect.getsource(stage.run.func).splitlines()) <= 60, stage.name

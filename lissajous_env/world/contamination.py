@@ -144,12 +144,46 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, columns: int) -> w
 
 
 @wp.func
-def rows_of(low: float, high: float, half_height: float, rows: int, lane: int, lanes: int) -> wp.vec2i:
-    """First row of a lane that a run of y [m] meets, and the row after the last one that it does."""
-    scale = float(rows) / (2.0 * half_height)
-    first = int(wp.clamp((low + half_height) * scale, 0.0, float(rows)))
-    after = int(wp.clamp((high + half_height) * scale, -1.0, float(rows - 1))) + 1
-    return wp.vec2i(first + (lane + lanes - first % lanes) % lanes, after)
+def mark(
+    w: int,
+    a: wp.vec2,
+    b: wp.vec2,
+    lane: int,
+    lanes: int,
+    curve: CurveStruct,
+    hops: Hops,
+    marks: wp.array3d(dtype=wp.uint32),
+):
+    """Mark the cells, in the rows of a lane, that a disc covers which moves from a to b [m]."""
+    rows = marks.shape[1]
+    row_scale = float(rows) / (2.0 * curve.half_height)
+    scale = float(hops.columns) / (2.0 * curve.half_width)
+    low = (wp.min(a[1], b[1]) - hops.radius + curve.half_height) * row_scale
+    high = (wp.max(a[1], b[1]) + hops.radius + curve.half_height) * row_scale
+    first = int(wp.clamp(low, 0.0, float(rows)))
+    after = int(wp.clamp(high, -1.0, float(rows - 1))) + 1
+    for row in range(first + (lane + lanes - first % lanes) % lanes, after, lanes):
+        y = (float(row) + 0.5) / row_scale - curve.half_height
+        run = columns_of(swept_run(a, b, hops.radius, y), curve.half_width, scale, hops.columns)
+        for word in range(run[0] / 32, run[1] / 32 + 1):
+            marks[w, row, word] |= run_of_bits(word, run[0], run[1])
+
+
+@wp.func
+def forget_seen(w: int, row: int, latest: int, hops: Hops, contamination: Contamination):
+    """Forget who was in the cells of a row that were seen in the tick before, but for who came there since."""
+    for word in range(contamination.sensed.shape[2]):
+        sensed = contamination.sensed[w, row, word]
+        passed = (sensed | contamination.swept[w, row, word]) & ~contamination.wiped[w, row, word]
+        while passed != wp.uint32(0):
+            place = place_of_cell(row, 32 * word + lowest(passed), hops.columns)
+            passed &= passed - wp.uint32(1)
+            for k in range(hops.ring):
+                if k != latest:
+                    contamination.labels[w, k, place] = NONE
+        contamination.wiped[w, row, word] = sensed
+        contamination.swept[w, row, word] = wp.uint32(0)
+        contamination.sensed[w, row, word] = wp.uint32(0)
 
 
 @wp.func
@@ -182,53 +216,29 @@ def clear_cells(
     w = first + tid
     if clock.active[w] == 0:
         return
-    rows = contamination.sensed.shape[1]
-    words = contamination.sensed.shape[2]
-    cell_height = 2.0 * curve.half_height / float(rows)
-    scale = float(hops.columns) / (2.0 * curve.half_width)
     slot = slot_of(clock.step[w], tick, hops)
     # Under the labels of the tick before, in the ring that the first tick of an episode does not have yet.
     latest = (slot - 1 + hops.ring) % hops.ring
     if hops.period > 1 and clock.step[w] % hops.period != 0:
         latest = slot
+    rows = contamination.sensed.shape[1]
     for row in range(lane, rows, lanes):
-        for word in range(words):
-            sensed = contamination.sensed[w, row, word]
-            passed = (sensed | contamination.swept[w, row, word]) & ~contamination.wiped[w, row, word]
-            while passed != wp.uint32(0):
-                place = place_of_cell(row, 32 * word + lowest(passed), hops.columns)
-                passed &= passed - wp.uint32(1)
-                for k in range(hops.ring):
-                    if k != latest:
-                        contamination.labels[w, k, place] = NONE
-            contamination.wiped[w, row, word] = sensed
-            contamination.swept[w, row, word] = wp.uint32(0)
-            contamination.sensed[w, row, word] = wp.uint32(0)
+        forget_seen(w, row, latest, hops, contamination)
+    cell = 2.0 * wp.min(
+        curve.half_width / float(hops.columns), curve.half_height / float(contamination.sensed.shape[1])
+    )
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < 0.5 * NOWHERE:
             end = along(robots.track, w, i, float(tick + 1) / float(hops.ticks))
-            reach = rows_of(end[1] - hops.radius, end[1] + hops.radius, curve.half_height, rows, lane, lanes)
-            for row in range(reach[0], reach[1], lanes):
-                y = (float(row) + 0.5) * cell_height - curve.half_height
-                run = columns_of(disc_run(end, hops.radius, y), curve.half_width, scale, hops.columns)
-                for word in range(run[0] / 32, run[1] / 32 + 1):
-                    contamination.sensed[w, row, word] |= run_of_bits(word, run[0], run[1])
+            mark(w, end, end, lane, lanes, curve, hops, contamination.sensed)
             # On a short way the disc passes over no more than what it covers at its ends, but for a sliver.
             start = along(robots.track, w, i, float(tick) / float(hops.ticks))
             way = wp.length_sq(robots.sensor[w, i] - along(robots.track, w, i, 0.0)) / float(hops.ticks * hops.ticks)
-            if hops.swept == 1 and way > hops.radius * wp.min(cell_height, 1.0 / scale):
+            if hops.swept == 1 and way > hops.radius * cell:
                 pieces = robots.track.shape[2] - 1
                 for piece in range(1, pieces + 1):
                     end = along(robots.track, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks))
-                    low = wp.min(start[1], end[1]) - hops.radius
-                    high = wp.max(start[1], end[1]) + hops.radius
-                    reach = rows_of(low, high, curve.half_height, rows, lane, lanes)
-                    for row in range(reach[0], reach[1], lanes):
-                        y = (float(row) + 0.5) * cell_height - curve.half_height
-                        span = swept_run(start, end, hops.radius, y)
-                        run = columns_of(span, curve.half_width, scale, hops.columns)
-                        for word in range(run[0] / 32, run[1] / 32 + 1):
-                            contamination.swept[w, row, word] |= run_of_bits(word, run[0], run[1])
+                    mark(w, start, end, lane, lanes, curve, hops, contamination.swept)
                     start = end
 
 
@@ -318,6 +328,69 @@ def is_same(w: int, place: int, label: int, slot: int, labels: wp.array3d(dtype=
     return same
 
 
+@wp.struct
+class Now:
+    """What is the same for all cells of a world in a tick."""
+
+    step: int
+    slot: int
+    """Where the labels of this tick stand."""
+    latest: int
+    """Where those stand that rogues who stay have: of the tick before, or of this one where it goes on."""
+    aged: int
+    """Bits of them that are kept: after a tick, a rogue came a tick ago or more."""
+    hops: bool
+    """Whether rogues hop in this step."""
+    entry: int
+    """Label of a rogue that is introduced now."""
+    oldest: int
+    """Earliest introduction of any rogue of this world."""
+    at: Five
+    """Where the labels stand that the five lengths of hops ask for."""
+    before: Five
+    """The same, a tick earlier."""
+    shares: Five
+
+
+@wp.func
+def now_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> Now:
+    """Put together what is the same for all cells."""
+    now = Now()
+    now.step = step
+    passed = ticks_passed(step, tick, hops)
+    now.slot = passed % hops.ring
+    now.latest = now.slot
+    now.aged = -1
+    moves = step % hops.period == 0 and step > 0
+    if moves:
+        now.latest = (passed - 1 + hops.ring) % hops.ring
+        now.aged = ~_SHARES
+    now.hops = moves and hops.delays.shape[0] > 0
+    now.entry = wp.where(arrives and step > 0, step * 256 + _SHARES, NONE)
+    now.oldest = oldest
+    for k in range(hops.delays.shape[0]):
+        now.at[k] = (passed - hops.delays[k] + 2 * hops.ring) % hops.ring
+        now.before[k] = (passed - hops.delays[k] - 1 + 2 * hops.ring) % hops.ring
+        now.shares[k] = hops.shares[k]
+    return now
+
+
+@wp.func
+def label_of(w: int, place: int, up: int, seen: bool, enters: bool, now: Now, labels: wp.array3d(dtype=int)) -> int:
+    """Oldest of the rogues that stay in a cell, hop to it and are introduced there; who stayed may have been seen."""
+    label = int(NONE)
+    if not seen:
+        label = labels[w, now.latest, place]
+        if label < NONE:
+            label &= now.aged
+    if enters:
+        label = wp.min(label, now.entry)
+    # What is as old as any in this world gets no older.
+    if now.hops and label / 256 > now.oldest:
+        label = wp.min(label, oldest_hop(w, place, up, now.at, now.before, now.shares, labels))
+    return label
+
+
 @wp.kernel
 def spread(
     first: int,
@@ -333,36 +406,19 @@ def spread(
     w = first + tid
     if clock.active[w] == 0:
         return
-    now = clock.step[w]
-    passed = ticks_passed(now, tick, hops)
-    moves = now % hops.period == 0 and now > 0
-    hop = moves and hops.delays.shape[0] > 0
-    enters = now > 0 and target.arrival_rate > 0.0
-    ring = hops.ring
-    slot = passed % ring
-    latest = (passed - 1 + ring) % ring
-    # Where the labels stand that the five lengths of hops ask for; all the same where rogues stand still.
-    at = Five()
-    before = Five()
-    share = Five()
-    for k in range(hops.delays.shape[0]):
-        at[k] = (passed - hops.delays[k] + 2 * ring) % ring
-        before[k] = (passed - hops.delays[k] - 1 + 2 * ring) % ring
-        share[k] = hops.shares[k]
+    now = now_of(clock.step[w], tick, contamination.oldest[w], target.arrival_rate > 0.0, hops)
     rows = contamination.sensed.shape[1]
-    up = hops.columns + 2 * MARGIN
     labels = contamination.labels
-    oldest = contamination.oldest[w]
     for row in range(lane, rows, lanes):
         row_oldest = int(NEVER)
         ages = wp.int64(0)
         for word in range(contamination.sensed.shape[2]):
             sensed = contamination.sensed[w, row, word]
-            swept = sensed | contamination.swept[w, row, word]
-            settled = contamination.settled[w, row, word] & ~swept
+            seen = sensed | contamination.swept[w, row, word]
+            settled = contamination.settled[w, row, word] & ~seen
             if settled != wp.uint32(0):
-                row_oldest = oldest
-                ages += wp.int64(int(wp.bit_count(settled)) * (now - oldest))
+                row_oldest = now.oldest
+                ages += wp.int64(int(wp.bit_count(settled)) * (now.step - now.oldest))
             todo = run_of_bits(word, 0, hops.columns - 1) & ~(sensed & contamination.wiped[w, row, word]) & ~settled
             while todo != wp.uint32(0):
                 bit = todo & (~todo + wp.uint32(1))
@@ -371,22 +427,15 @@ def spread(
                 place = place_of_cell(row, column, hops.columns)
                 label = int(NONE)
                 if (sensed & bit) == wp.uint32(0):
-                    if (swept & bit) == wp.uint32(0):
-                        # Who stayed where discs passed was seen; who hops here now was not.
-                        label = labels[w, wp.where(moves, latest, slot), place]
-                        if moves and label < NONE:
-                            label &= ~_SHARES  # came a tick ago or more
-                    if enters and is_entry(target.entry, row, column, rows, hops.columns):
-                        label = wp.min(label, now * 256 + _SHARES)
-                    # What is as old as any in this world gets no older.
-                    if hop and label / 256 > oldest:
-                        label = wp.min(label, oldest_hop(w, place, up, at, before, share, labels))
+                    enters = is_entry(target.entry, row, column, rows, hops.columns)
+                    was_seen = (seen & bit) != wp.uint32(0)
+                    label = label_of(w, place, hops.columns + 2 * MARGIN, was_seen, enters, now, labels)
                     if label < NONE:
                         row_oldest = wp.min(row_oldest, label / 256)
-                        ages += wp.int64(now - label / 256)
-                        if label == oldest * 256 and is_same(w, place, label, slot, labels):
+                        ages += wp.int64(now.step - label / 256)
+                        if label == now.oldest * 256 and is_same(w, place, label, now.slot, labels):
                             settled |= bit
-                labels[w, slot, place] = label
+                labels[w, now.slot, place] = label
             contamination.settled[w, row, word] = settled
         contamination.row_oldest[w, row] = row_oldest
         contamination.row_ages[w, row] = ages

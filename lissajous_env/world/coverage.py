@@ -52,6 +52,69 @@ def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
         cells.idle_max[w, row] = 0
 
 
+@wp.func
+def find_in_discs(
+    w: int, row: int, y: float, radius: float, half_width: float, robots: Robots, cells: Cells
+) -> wp.int64:
+    """Find the cells of a row at a height y [m] that are sensed now; returns how many are new to a robot.
+
+    A robot's disc meets a row in one run of columns.
+    """
+    columns = cells.sensed_at.shape[2]
+    cell_width = 2.0 * half_width / float(columns)
+    fresh_each = wp.int64(0)
+    for word in range(cells.coming.shape[2]):
+        cells.coming[w, row, word] = wp.uint32(0)
+    for i in range(robots.sensor.shape[1]):
+        place = robots.sensor[w, i]
+        half = radius * radius - (y - place[1]) * (y - place[1])
+        if half > 0.0:
+            half = wp.sqrt(half)
+            middle = place[0] + half_width
+            # Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
+            low = int(wp.clamp(wp.ceil((middle - half) / cell_width - 0.5), 0.0, float(columns)))
+            high = int(wp.clamp(wp.floor((middle + half) / cell_width - 0.5), -1.0, float(columns - 1)))
+            for word in range(wp.min(low, columns - 1) / 32, wp.max(high, 0) / 32 + 1):
+                run = run_of_bits(word, low, high)
+                new_to_it = run & ~cells.sensed_by[w, row, i, word]
+                if new_to_it != wp.uint32(0):
+                    fresh_each += wp.int64(wp.bit_count(new_to_it))
+                    cells.sensed_by[w, row, i, word] |= new_to_it
+                cells.coming[w, row, word] |= run
+    return fresh_each
+
+
+@wp.func
+def count_visits(w: int, row: int, now: int, cells: Cells) -> wp.int64:
+    """Count the visits of a row's cells, from what is sensed now and what was; returns the idleness that they end."""
+    ended = wp.int64(0)
+    squares = cells.idle_squares[w, row]
+    longest = cells.idle_max[w, row]
+    for word in range(cells.in_discs.shape[2]):
+        before = cells.in_discs[w, row, word]
+        after = cells.coming[w, row, word]
+        staying = wp.int64(wp.bit_count(before & after))
+        if staying > wp.int64(0):  # each for a step
+            squares += staying
+            ended += staying
+            longest = wp.max(longest, 1)
+        changed = before ^ after
+        while changed != wp.uint32(0):
+            column = 32 * word + lowest(changed)
+            if (before & changed & (~changed + wp.uint32(1))) != wp.uint32(0):
+                cells.sensed_at[w, row, column] = now - 1
+            else:
+                gap = now - cells.sensed_at[w, row, column]
+                squares += wp.int64(gap) * wp.int64(gap)
+                ended += wp.int64(gap)
+                longest = wp.max(longest, gap)
+            changed &= changed - wp.uint32(1)
+        cells.in_discs[w, row, word] = after
+    cells.idle_squares[w, row] = squares
+    cells.idle_max[w, row] = longest
+    return ended
+
+
 @wp.kernel
 def cover(
     first: int,
@@ -64,67 +127,25 @@ def cover(
     latest: Latest,
     tally: Tally,
 ):
-    """Mark the cells that are sensed now, row by row: a robot's disc meets a row in one run of columns."""
+    """Mark the cells that are sensed now, row by row, and count their visits."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
         return
-    now = clock.step[w]
     rows = cells.sensed_at.shape[1]
-    columns = cells.sensed_at.shape[2]
-    cell_width = 2.0 * curve.half_width / float(columns)
     cell_height = 2.0 * curve.half_height / float(rows)
     ended = wp.int64(0)
     fresh = wp.int64(0)
     fresh_each = wp.int64(0)
     for row in range(lane, rows, lanes):
         y = (float(row) + 0.5) * cell_height - curve.half_height
+        fresh_each += find_in_discs(w, row, y, sensing.radius, curve.half_width, robots, cells)
+        ended += count_visits(w, row, clock.step[w], cells)
         for word in range(cells.sensed.shape[2]):
-            cells.coming[w, row, word] = wp.uint32(0)
-        for i in range(robots.sensor.shape[1]):
-            place = robots.sensor[w, i]
-            half = sensing.radius * sensing.radius - (y - place[1]) * (y - place[1])
-            if half > 0.0:
-                half = wp.sqrt(half)
-                middle = place[0] + curve.half_width
-                # Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
-                low = int(wp.clamp(wp.ceil((middle - half) / cell_width - 0.5), 0.0, float(columns)))
-                high = int(wp.clamp(wp.floor((middle + half) / cell_width - 0.5), -1.0, float(columns - 1)))
-                for word in range(wp.min(low, columns - 1) / 32, wp.max(high, 0) / 32 + 1):
-                    run = run_of_bits(word, low, high)
-                    new_to_it = run & ~cells.sensed_by[w, row, i, word]
-                    if new_to_it != wp.uint32(0):
-                        fresh_each += wp.int64(wp.bit_count(new_to_it))
-                        cells.sensed_by[w, row, i, word] |= new_to_it
-                    cells.coming[w, row, word] |= run
-        squares = cells.idle_squares[w, row]
-        longest = cells.idle_max[w, row]
-        for word in range(cells.sensed.shape[2]):
-            before = cells.in_discs[w, row, word]
-            after = cells.coming[w, row, word]
-            staying = wp.int64(wp.bit_count(before & after))
-            if staying > wp.int64(0):  # each for a step
-                squares += staying
-                ended += staying
-                longest = wp.max(longest, 1)
-            changed = before ^ after
-            if changed != wp.uint32(0):
-                cells.in_discs[w, row, word] = after
-                ever = cells.sensed[w, row, word]
-                fresh += wp.int64(wp.bit_count(after & ~ever))
-                cells.sensed[w, row, word] = ever | after
-            while changed != wp.uint32(0):
-                column = 32 * word + lowest(changed)
-                if (before & changed & (~changed + wp.uint32(1))) != wp.uint32(0):
-                    cells.sensed_at[w, row, column] = now - 1
-                else:
-                    gap = now - cells.sensed_at[w, row, column]
-                    squares += wp.int64(gap) * wp.int64(gap)
-                    ended += wp.int64(gap)
-                    longest = wp.max(longest, gap)
-                changed &= changed - wp.uint32(1)
-        cells.idle_squares[w, row] = squares
-        cells.idle_max[w, row] = longest
+            new = cells.in_discs[w, row, word] & ~cells.sensed[w, row, word]
+            if new != wp.uint32(0):
+                fresh += wp.int64(wp.bit_count(new))
+                cells.sensed[w, row, word] |= new
     if ended > wp.int64(0):
         wp.atomic_add(latest.idle_ended, w, ended)
     if fresh_each > wp.int64(0):
