@@ -2,6 +2,8 @@
 
 import json
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -123,6 +125,7 @@ def test_the_command_draws_what_it_says(tmp_path, capsys):
         (["intruders", "--policies", "still"], "task.contamination of intruders must be"),
         (["nowhere"], "scenario must be one of"),
         (["--policies", "kuramto"], "kuramto"),
+        (["experiment", "--set", "targets.speed_limit=50"], "the speed of rogues must be at most 12 m/s"),
     ],
 )
 def test_the_command_refuses_by_name(arguments, words, tmp_path, capsys):
@@ -154,3 +157,19 @@ def test_a_benchmark_shows_it(tmp_path, capsys):
     assert (out / "guaranteed.png").read_bytes().startswith(b"\x89PNG")
     told_of = json.loads((out / "summary.json").read_text())["guarantees"]["evaders"]
     assert 0 < told_of["limit"] < 0.1 < told_of["formation"] < 4.2
+
+
+def test_simulations_are_made_in_threads():
+    # Kernels are loaded, and standard error is silent, in one thread at a time.
+    code = """
+import sys
+from concurrent.futures import ThreadPoolExecutor
+import lissajous_env
+names = ["experiment", "team", "knot", "evaders", "ideal", "intruders", "swarm", "redundant"] * 2
+with ThreadPoolExecutor(8) as threads:
+    made = list(threads.map(lissajous_env.Simulation, names))
+sys.stderr.write(" ".join(each.scenario.name for each in made))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert done.stderr.endswith("swarm redundant")

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -106,19 +107,29 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
+_compiling = threading.RLock()
+"""Held while kernels are compiled or loaded, of which Warp does not bear two at once, or standard error is silent."""
+
+
 @contextlib.contextmanager
 def compile_quietly() -> Iterator[None]:
-    """Keep Warp from printing its banner and a line for each module that it loads."""
-    level = wp.config.log_level
-    wp.config.log_level = max(level, wp.LOG_ERROR)
-    try:
-        yield
-    finally:
-        wp.config.log_level = level
+    """Keep Warp from printing its banner and a line for each module, and other threads from loading any meanwhile."""
+    with _compiling:
+        level = wp.config.log_level
+        wp.config.log_level = max(level, wp.LOG_ERROR)
+        try:
+            yield
+        finally:
+            wp.config.log_level = level
+
+
+def _start() -> None:
+    with _compiling:
+        _started()
 
 
 @cache
-def _start() -> None:
+def _started() -> None:
     with compile_quietly():
         kernel_cache.start(silent_stderr)
 

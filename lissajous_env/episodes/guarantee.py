@@ -84,9 +84,16 @@ def in_formation(scenario: Scenario, radius: float | None = None, speed: float =
         radius: r_s [m]; that of the scenario by default.
         speed: Of the rogues [m/s].
         cells: Of the grid, along the longer side of the rectangle.
+
+    Raises:
+        ValueError: rogues that are too fast for the grid.
     """
     curve, known = scenario.curve, scenario.resolve()
     side = 2 * max(curve.half_width, curve.half_height) / cells
+    limit = 30 * side / scenario.task.step
+    if speed > limit:
+        rule = f"must be at most {limit:.3g} m/s where cells are {side:.3g} m and a step {scenario.task.step:g} s"
+        raise ValueError(f"the speed of rogues {rule}, got {speed:g}")
     columns, rows = (max(round(2 * half / side), 1) for half in (curve.half_width, curve.half_height))
     rate = scenario.formation.phase_rate / scenario.alpha
     duration = math.ceil(ROUNDS * scenario.detection_time_bound / scenario.task.step) * scenario.task.step

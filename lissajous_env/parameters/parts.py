@@ -245,7 +245,7 @@ class Targets(Checked):
     def _check_together(self) -> None:
         total = self.drifting + self.wandering + self.fleeing + self.custom
         self._require(total < 1 + 1e-9, "fleeing", "must leave drifting + wandering + fleeing + custom at 1 or below")
-        rule = f"must be None or at least what these targets move at, {self.speed_max:g} m/s,"
+        rule = f"must be None or at least what these targets move at, {self.speed_max:g} m/s"
         self._require(self.speed_limit is None or self.speed_limit >= self.speed_max, "speed_limit", rule)
 
     @property
