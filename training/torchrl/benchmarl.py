@@ -132,7 +132,12 @@ class LissajousTask(Task):
     EXPERIMENT = None
     EXPERIMENT_PRINTED = None
     INTRUDERS = None
+    EVADERS = None
+    EVADERS_FAILURE = None
     ROUGH = None
+    ROUGH_LOST = None
+    TEAM = None
+    REDUNDANT = None
     KNOT = None
     SWARM = None
 
