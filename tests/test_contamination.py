@@ -9,7 +9,8 @@ import baselines
 import lissajous_env
 from lissajous_env.episodes.evaluation import Referee
 from lissajous_env.parameters.spreading import HOPS
-from lissajous_env.world.contamination import NONE, swept_run
+from lissajous_env.world.contamination import NONE
+from lissajous_env.world.discs import swept_run
 
 POINTS = {
     "robot.kind": "curve",

@@ -271,8 +271,7 @@ HUGE = {
 @pytest.fixture(scope="module")
 def drawn():
     """What each of them took: memory that drawing added to the largest [MiB], and whether something is to be seen."""
-    # A process of its own for each, in which there is room for pictures but not for what is drawn. They are forked
-    # from one that has loaded all and drawn a picture.
+    # A fork of its own for each, of a process that has drawn, with room for pictures but not for what is drawn.
     code = f"""
 import os, resource
 import lissajous_env

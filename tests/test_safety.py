@@ -16,8 +16,7 @@ from lissajous_env.theory.geometry import top_speed
 from lissajous_env.world.observation import layout
 
 QUIET = {"print_iter": False, "print_header": False, "print_info": False, "print_time": False, "error_on_fail": False}
-WEIGHT = SafetyParameters().throttle_weight
-TOUCH = 0.25
+WEIGHT, TOUCH = SafetyParameters().throttle_weight, 0.25
 """Distance at which two cars of the experiment touch [m]."""
 TWO_CARS = lissajous_env.scenario(
     "experiment",
@@ -58,7 +57,8 @@ def agrees_with_independent_solvers(rows, top, wanted, action):
     exact, found = program_by_casadi(rows, top, wanted, least + 1e-8)
     looser, also = program_by_casadi(rows, top, wanted, least + 2 * float(TOLERANCE))
     if found and also:
-        assert cost_of(looser, wanted) - 2e-3 <= cost_of(action, wanted) <= cost_of(exact, wanted) + 2e-3
+        cost, low, high = (cost_of(each, wanted) for each in (action, looser, exact))
+        assert low - 5e-4 * (1 + low) <= cost <= high + 5e-4 * (1 + high)
     return least < 1e-9, found and also
 
 
@@ -351,7 +351,6 @@ def test_names_of_the_safe_policies():
     cars = [name for name in baselines.names("experiment") if not name.endswith(("-safe", "-close"))]
     safe = [name for name in baselines.names() if name.endswith(("-safe", "-close"))]
     assert safe == [name + suffix for suffix in ("-safe", "-close") for name in cars]
-    assert baselines.make("kuramoto-mpcc-safe", "experiment").name == "kuramoto-mpcc-safe"
     assert not set(safe) & set(baselines.names("failure"))
     with pytest.raises(ValueError, match="must drive robots of kind curve"):
         baselines.make("sweep-safe", "failure")

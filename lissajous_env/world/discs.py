@@ -1,0 +1,102 @@
+"""Which cells of a grid discs cover, and pass over on their way, as bits of the rows that they meet."""
+
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.world.coverage import run_of_bits
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.func
+def along(track: wp.array3d(dtype=wp.vec3), w: int, i: int, share: float) -> wp.vec2:
+    """Place of a robot at a share of the latest step [m]."""
+    last = track.shape[2] - 1
+    s = wp.min(int(share * float(last)), last - 1)
+    place = wp.lerp(track[w, i, s], track[w, i, s + 1], share * float(last) - float(s))
+    return wp.vec2(place[0], place[1])
+
+
+@wp.func
+def disc_run(place: wp.vec2, radius: float, y: float) -> wp.vec2:
+    """Least and greatest x of a disc at a height y [m]; nothing where the first is above the second."""
+    square = radius * radius - (y - place[1]) * (y - place[1])
+    if square < 0.0 or radius <= 0.0:
+        return wp.vec2(1.0e30, -1.0e30)
+    half = wp.sqrt(square)
+    return wp.vec2(place[0] - half, place[0] + half)
+
+
+@wp.func
+def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float) -> wp.vec2:
+    """Least and greatest x at a height y of what a disc passes over that moves from a to b [m]."""
+    first = disc_run(a, radius, y)
+    last = disc_run(b, radius, y)
+    low = wp.min(first[0], last[0])
+    high = wp.max(first[1], last[1])
+    way = wp.length(b - a)
+    if way > 1.0e-6 and radius > 0.0:
+        # The rectangle between the two discs: within the radius of the line, and between the ends of the way.
+        u = (b - a) / way
+        above = y - a[1]
+        least = float(-1.0e30)
+        most = float(1.0e30)
+        if wp.abs(u[1]) > 1.0e-6:
+            middle = a[0] + above * u[0] / u[1]
+            reach = radius / wp.abs(u[1])
+            least = middle - reach
+            most = middle + reach
+        elif wp.abs(above) > radius:
+            return wp.vec2(low, high)
+        if wp.abs(u[0]) > 1.0e-6:
+            start = a[0] - above * u[1] / u[0]
+            end = start + way / u[0]
+            least = wp.max(least, wp.min(start, end))
+            most = wp.min(most, wp.max(start, end))
+        elif above * u[1] < 0.0 or above * u[1] > way:
+            return wp.vec2(low, high)
+        if least <= most:
+            low = wp.min(low, least)
+            high = wp.max(high, most)
+    return wp.vec2(low, high)
+
+
+@wp.func
+def columns_of(run: wp.vec2, half_width: float, scale: float, columns: int) -> wp.vec2i:
+    """First and last column whose centre lies in a run of x [m]; the first is above the last where none does.
+
+    `scale` is how many columns there are on a metre.
+    """
+    low = wp.ceil((run[0] + half_width) * scale - 0.5)
+    high = wp.floor((run[1] + half_width) * scale - 0.5)
+    # Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
+    first = int(wp.clamp(low, 0.0, float(columns)))
+    return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
+
+
+@wp.func
+def mark(
+    w: int,
+    a: wp.vec2,
+    b: wp.vec2,
+    lane: int,
+    lanes: int,
+    curve: CurveStruct,
+    radius: float,
+    columns: int,
+    marks: wp.array3d(dtype=wp.uint32),
+):
+    """Mark the cells, in the rows of a lane, that a disc covers which moves from a to b [m]."""
+    rows = marks.shape[1]
+    row_scale = float(rows) / (2.0 * curve.half_height)
+    scale = float(columns) / (2.0 * curve.half_width)
+    low = (wp.min(a[1], b[1]) - radius + curve.half_height) * row_scale
+    high = (wp.max(a[1], b[1]) + radius + curve.half_height) * row_scale
+    first = int(wp.clamp(low, 0.0, float(rows)))
+    after = int(wp.clamp(high, -1.0, float(rows - 1))) + 1
+    for row in range(first + (lane + lanes - first % lanes) % lanes, after, lanes):
+        y = (float(row) + 0.5) / row_scale - curve.half_height
+        run = columns_of(swept_run(a, b, radius, y), curve.half_width, scale, columns)
+        for word in range(run[0] / 32, run[1] / 32 + 1):
+            marks[w, row, word] |= run_of_bits(word, run[0], run[1])
