@@ -98,3 +98,8 @@ def test_learned_policies_are_told_from_classical_ones():
     assert {name for name in learned if not name.endswith(("-safe", "-close"))} == set(training.names())
     assert {name.removesuffix("-safe").removesuffix("-close") for name in learned} == set(training.names())
     assert not registry.is_classical("nothing")
+
+
+def test_a_wrapped_policy_has_its_own_name():
+    for name in ("kuramoto-mpcc-safe", "kuramoto-mpcc-close"):
+        assert baselines.make(name, "experiment").name == name
