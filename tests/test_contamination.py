@@ -55,7 +55,7 @@ def labels_now(simulation):
     spreading = simulation.scenario.spreading
     passed = int(simulation.clock.step.numpy()[0]) * spreading.ticks // spreading.period
     labels = simulation.contamination.labels.numpy()[0, passed % spreading.ring]
-    inner = labels.reshape(spreading.rows + 4, spreading.columns + 4)[2:-2, 2:-2]
+    inner = labels[2:-2, 2 : 2 + spreading.columns]
     return np.where(inner >= int(NONE), 10**6, inner // 256)
 
 
@@ -77,7 +77,7 @@ def test_a_front_advances_at_the_rogues_speed_in_every_direction(speed):
     simulation = lissajous_env.Simulation(scenario)
     labels = simulation.contamination.labels.numpy()
     labels[:] = int(NONE)
-    labels[0, :, (columns + 4) * (columns // 2 + 2) + columns // 2 + 2] = 0
+    labels[0, :, columns // 2 + 2, columns // 2 + 2] = 0
     simulation.contamination.labels.assign(labels)
     simulation.contamination.settled.zero_()
     time = 3.0 / speed

@@ -18,7 +18,7 @@ SHARES = 255
 """Into how many a tick is divided."""
 HOPS = ((1, 0), (0, 1), (1, 1), (2, 1), (1, 2))
 """Columns and rows of the hops in the first quadrant, one for each length that there is."""
-_SHORTEST, _TICKS_MAX = 1.5, 32
+_SHORTEST, _TICKS_MAX = 0.99, 32
 """Ticks that the shortest hop takes at least where a tick is several steps; most ticks of a step."""
 _STRETCH_MAX = 1.5
 SHRINK, QUICKEN = 1.0, 1.05
@@ -77,7 +77,7 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
         rule = f"must make cells of at least 1/{_TICKS_MAX} of what a rogue moves in a step, {moved:.3g} m"
         raise ValueError(f"task.contamination {rule}, got {columns} x {rows} of {shortest:.3g} m")
     period = max(int(shortest / moved / _SHORTEST), 1)
-    takes = [math.hypot(i * sides[0], j * sides[1]) / moved * ticks / period for i, j in HOPS]
+    takes = [max(math.hypot(i * sides[0], j * sides[1]) / moved * ticks / period, 1.0) for i, j in HOPS]
     delays = tuple(int(time) for time in takes)
     shares = tuple(int((time - whole) * SHARES) for time, whole in zip(takes, delays, strict=True))
     return Spreading(columns, rows, radius, ticks, period, delays, shares)

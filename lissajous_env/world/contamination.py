@@ -23,15 +23,21 @@ from lissajous_env.device.structs import place_of
 from lissajous_env.parameters import parts
 from lissajous_env.parameters.spreading import HOPS, SHARES, Spreading
 from lissajous_env.world.coverage import lowest, run_of_bits
-from lissajous_env.world.discs import along, mark
+from lissajous_env.world.discs import along, mark_disc, mark_way
+from lissajous_env.world.sight import planar
 from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
 
-wp.set_module_options(OPTIONS)
+wp.set_module_options(OPTIONS | {"cpu_compiler_flags": OPTIONS["cpu_compiler_flags"].replace("-fno-slp-vectorize ", "")})
 
 MARGIN = wp.constant(2)
 """Cells around the grid in which no rogue is, so that hops need not ask for its edge."""
 NONE = wp.constant(0x7FFFFF00)
 """Labels from here on say that there is no rogue."""
+
+SIDE_BY_SIDE = wp.constant(8)
+"""Cells of a row that get their labels together."""
+
+_ALL = wp.constant(wp.uint32(2 ** int(SIDE_BY_SIDE) - 1))
 
 Five = wp.types.vector(len(HOPS), wp.int32)
 
@@ -65,10 +71,9 @@ def as_hops(spreading: Spreading, swept: bool, device: Any) -> Hops:
     return hops
 
 
-@wp.func
-def place_of_cell(row: int, column: int, columns: int) -> int:
-    """Where a cell stands among those of its world, the margin with them."""
-    return (row + MARGIN) * (columns + 2 * MARGIN) + column + MARGIN
+def across(columns: int) -> int:
+    """Cells from a row to the next one: a margin on both sides of as many as are labelled side by side."""
+    return -(-columns // int(SIDE_BY_SIDE)) * int(SIDE_BY_SIDE) + 2 * int(MARGIN)
 
 
 @wp.func
@@ -78,18 +83,33 @@ def is_entry(entry: int, row: int, column: int, rows: int, columns: int) -> bool
     return entry != _BOUNDARY or on_edge
 
 
+_FORGET_CELLS = f"""
+    const int lanes = {int(SIDE_BY_SIDE)};
+    for (int tick = 0; tick < labels.shape[1]; ++tick) {{
+        if (tick == kept)
+            continue;
+        int* label = &labels.data[w * (labels.strides[0] / sizeof(int)) + tick * (labels.strides[1] / sizeof(int))
+            + (row + {int(MARGIN)}) * (labels.strides[2] / sizeof(int)) + column + {int(MARGIN)}];
+        for (int l = 0; l < lanes; ++l)
+            label[l] = gone >> l & 1 ? {int(NONE)} : label[l];
+    }}
+"""
+
+
+@wp.func_native(_FORGET_CELLS)
+def forget_cells(labels: wp.array4d(dtype=wp.int32), w: int, row: int, column: int, gone: wp.uint32, kept: int): ...
+
+
 @wp.func
 def forget_seen(w: int, row: int, latest: int, hops: Hops, contamination: Contamination):
     """Forget who was in the cells of a row that were seen in the tick before, but for who came there since."""
     for word in range(contamination.sensed.shape[2]):
         sensed = contamination.sensed[w, row, word]
         passed = (sensed | contamination.swept[w, row, word]) & ~contamination.wiped[w, row, word]
-        while passed != wp.uint32(0):
-            place = place_of_cell(row, 32 * word + lowest(passed), hops.columns)
-            passed &= passed - wp.uint32(1)
-            for k in range(hops.ring):
-                if k != latest:
-                    contamination.labels[w, k, place] = NONE
+        for part in range(32 / SIDE_BY_SIDE):
+            gone = passed >> wp.uint32(part * SIDE_BY_SIDE)
+            if (gone & _ALL) != wp.uint32(0):
+                forget_cells(contamination.labels, w, row, 32 * word + part * SIDE_BY_SIDE, gone, latest)
         contamination.wiped[w, row, word] = sensed
         contamination.swept[w, row, word] = wp.uint32(0)
         contamination.sensed[w, row, word] = wp.uint32(0)
@@ -138,16 +158,18 @@ def clear_cells(
     )
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < 0.5 * NOWHERE:
-            end = along(robots.track, w, i, float(tick + 1) / float(hops.ticks))
-            mark(w, end, end, lane, lanes, curve, hops.radius, hops.columns, contamination.sensed)
+            end = robots.sensor[w, i]
+            start = planar(robots.track[w, i, 0])
+            if hops.ticks > 1:
+                end = along(robots.track, w, i, float(tick + 1) / float(hops.ticks))
+                start = along(robots.track, w, i, float(tick) / float(hops.ticks))
+            mark_disc(w, end, lane, lanes, curve, hops.radius, hops.columns, contamination.sensed)
             # On a short way the disc passes over no more than what it covers at its ends, but for a sliver.
-            start = along(robots.track, w, i, float(tick) / float(hops.ticks))
-            way = wp.length_sq(robots.sensor[w, i] - along(robots.track, w, i, 0.0)) / float(hops.ticks * hops.ticks)
-            if hops.swept == 1 and way > hops.radius * cell:
+            if hops.swept == 1 and wp.length_sq(end - start) > hops.radius * cell:
                 pieces = robots.track.shape[2] - 1
                 for piece in range(1, pieces + 1):
                     end = along(robots.track, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks))
-                    mark(w, start, end, lane, lanes, curve, hops.radius, hops.columns, contamination.swept)
+                    mark_way(w, start, end, lane, lanes, curve, hops.radius, hops.columns, contamination.swept)
                     start = end
 
 
@@ -176,65 +198,10 @@ def reset_labels(
             label = int(NONE)
             if target.count > 0 and is_entry(target.entry, row, column, rows, hops.columns):
                 label = 0
-            place = place_of_cell(row, column, hops.columns)
             for k in range(hops.ring):
-                contamination.labels[w, k, place] = label
+                contamination.labels[w, k, row + MARGIN, column + MARGIN] = label
     if lane == 0:
         contamination.oldest[w] = wp.where(target.count > 0, 0, NEVER)
-
-
-@wp.func
-def hopped(place: int, now: wp.array(dtype=int), before: wp.array(dtype=int), share: int) -> int:
-    """Label of a rogue that hops here from a cell at `place`.
-
-    A hop takes some ticks and a share of one. `now` are the labels of that many ticks ago, `before` those of a tick
-    earlier: who came within the share that is missing has not arrived yet.
-    """
-    came = before[place] & _SHARES
-    label = before[place] - came + wp.max(came + share - _SHARES, 0)
-    latest = now[place]
-    if (latest & _SHARES) + share <= _SHARES:
-        label = wp.min(label, latest + share)
-    return label
-
-
-@wp.func
-def oldest_hop(
-    w: int, place: int, up: int, at: Five, earlier: Five, shares: Five, labels: wp.array3d(dtype=int)
-) -> int:
-    """Oldest of the labels that hop here from the sixteen cells around, `up` cells from a row to the next one."""
-    label = int(NONE)
-    now, before, share = labels[w, at[0]], labels[w, earlier[0]], shares[0]
-    label = wp.min(label, hopped(place + 1, now, before, share))
-    label = wp.min(label, hopped(place - 1, now, before, share))
-    now, before, share = labels[w, at[1]], labels[w, earlier[1]], shares[1]
-    label = wp.min(label, hopped(place + up, now, before, share))
-    label = wp.min(label, hopped(place - up, now, before, share))
-    now, before, share = labels[w, at[2]], labels[w, earlier[2]], shares[2]
-    label = wp.min(label, hopped(place + up + 1, now, before, share))
-    label = wp.min(label, hopped(place + up - 1, now, before, share))
-    label = wp.min(label, hopped(place - up + 1, now, before, share))
-    label = wp.min(label, hopped(place - up - 1, now, before, share))
-    now, before, share = labels[w, at[3]], labels[w, earlier[3]], shares[3]
-    label = wp.min(label, hopped(place + up + 2, now, before, share))
-    label = wp.min(label, hopped(place + up - 2, now, before, share))
-    label = wp.min(label, hopped(place - up + 2, now, before, share))
-    label = wp.min(label, hopped(place - up - 2, now, before, share))
-    now, before, share = labels[w, at[4]], labels[w, earlier[4]], shares[4]
-    label = wp.min(label, hopped(place + 2 * up + 1, now, before, share))
-    label = wp.min(label, hopped(place + 2 * up - 1, now, before, share))
-    label = wp.min(label, hopped(place - 2 * up + 1, now, before, share))
-    label = wp.min(label, hopped(place - 2 * up - 1, now, before, share))
-    return label
-
-
-@wp.func
-def is_same(w: int, place: int, label: int, slot: int, labels: wp.array3d(dtype=int)) -> bool:
-    """Whether the labels of a cell in all ticks but that of a slot are the same one."""
-    same = bool(True)
-    for k in range(labels.shape[1]):
-        same = same and (k == slot or labels[w, k, place] == label)
-    return same
 
 
 @wp.struct
@@ -284,20 +251,87 @@ def now_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> Now:
     return now
 
 
+_LABEL_CELLS = f"""
+    const int lanes = {int(SIDE_BY_SIDE)}, shares = {SHARES}, none = {int(NONE)};
+    const size_t plane = labels.strides[1] / sizeof(int);
+    const int across = labels.strides[2] / sizeof(int);
+    const int* world = labels.data + w * (labels.strides[0] / sizeof(int))
+        + (row + {int(MARGIN)}) * across + column + {int(MARGIN)};
+    int label[lanes], same[lanes];
+    const int* stayed = world + now.latest * plane;
+    for (int l = 0; l < lanes; ++l) {{
+        const int kept = stayed[l] < none && (unseen >> l & 1) ? stayed[l] & now.aged : none;
+        label[l] = (enter >> l & 1) && now.entry < kept ? now.entry : kept;
+    }}
+    if (now.hops) {{
+        const int offsets[4][{len(HOPS)}] = {{
+            {{1, across, across + 1, across + 2, 2 * across + 1}}, {{-1, -across, across - 1, across - 2, 2 * across - 1}},
+            {{1, across, 1 - across, 2 - across, 1 - 2 * across}}, {{-1, -across, -across - 1, -across - 2, -2 * across - 1}}}};
+        int hopped[lanes];
+        for (int l = 0; l < lanes; ++l)
+            hopped[l] = none;
+        for (int length = 0; length < {len(HOPS)}; ++length) {{
+            const int share = now.shares[length], missing = share - shares;
+            for (int side = 0; side < (length < 2 ? 2 : 4); ++side) {{
+                const int* latest = world + now.at[length] * plane + offsets[side][length];
+                const int* before = world + now.before[length] * plane + offsets[side][length];
+                for (int l = 0; l < lanes; ++l) {{
+                    const int came = before[l] & shares;
+                    const int late = came + missing;
+                    const int early = before[l] - came + (late > 0 ? late : 0);
+                    const int timely = (latest[l] & shares) + share <= shares ? latest[l] + share : none;
+                    const int best = early < timely ? early : timely;
+                    hopped[l] = best < hopped[l] ? best : hopped[l];
+                }}
+            }}
+        }}
+        for (int l = 0; l < lanes; ++l)
+            label[l] = label[l] / 256 > now.oldest && hopped[l] < label[l] ? hopped[l] : label[l];
+    }}
+    int oldest = {int(NEVER)}, ages = 0, settled = 0;
+    for (int l = 0; l < lanes; ++l) {{
+        label[l] = free >> l & 1 ? label[l] : none;
+        const int since = label[l] / 256;
+        oldest = label[l] < none && since < oldest ? since : oldest;
+        ages += label[l] < none ? now.step - since : 0;
+        same[l] = label[l] == now.oldest * 256;
+    }}
+    for (int l = 0; l < lanes; ++l)
+        settled |= same[l] << l;
+    if (settled) {{
+        for (int tick = 0; tick < labels.shape[1]; ++tick)
+            for (int l = 0; l < lanes; ++l)
+                same[l] &= tick == now.slot || world[tick * plane + l] == label[l];
+        settled = 0;
+        for (int l = 0; l < lanes; ++l)
+            settled |= same[l] << l;
+    }}
+    int* out = labels.data + (world - labels.data) + now.slot * plane;
+    for (int l = 0; l < lanes; ++l)
+        out[l] = label[l];
+    return wp::vec_t<3, int>(oldest, ages, settled);
+"""
+
+
+@wp.func_native(_LABEL_CELLS)
+def label_cells(
+    labels: wp.array4d(dtype=wp.int32),
+    w: int,
+    row: int,
+    column: int,
+    free: wp.uint32,
+    unseen: wp.uint32,
+    enter: wp.uint32,
+    now: Now,
+) -> wp.vec3i: ...
+
+
 @wp.func
-def label_of(w: int, place: int, up: int, seen: bool, enters: bool, now: Now, labels: wp.array3d(dtype=int)) -> int:
-    """Oldest of the rogues that stay in a cell, hop to it and are introduced there; who stayed may have been seen."""
-    label = int(NONE)
-    if not seen:
-        label = labels[w, now.latest, place]
-        if label < NONE:
-            label &= now.aged
-    if enters:
-        label = wp.min(label, now.entry)
-    # What is as old as any in this world gets no older.
-    if now.hops and label / 256 > now.oldest:
-        label = wp.min(label, oldest_hop(w, place, up, now.at, now.before, now.shares, labels))
-    return label
+def entries(entry: int, word: int, row: int, rows: int, columns: int) -> wp.uint32:
+    """Bits of the cells of a word in which rogues are introduced."""
+    if entry != _BOUNDARY or row == 0 or row == rows - 1:
+        return run_of_bits(word, 0, columns - 1)
+    return run_of_bits(word, 0, 0) | run_of_bits(word, columns - 1, columns - 1)
 
 
 @wp.kernel
@@ -325,26 +359,24 @@ def spread(
             sensed = contamination.sensed[w, row, word]
             seen = sensed | contamination.swept[w, row, word]
             settled = contamination.settled[w, row, word] & ~seen
-            if settled != wp.uint32(0):
-                row_oldest = now.oldest
-                ages += wp.int64(int(wp.bit_count(settled)) * (now.step - now.oldest))
-            todo = run_of_bits(word, 0, hops.columns - 1) & ~(sensed & contamination.wiped[w, row, word]) & ~settled
-            while todo != wp.uint32(0):
-                bit = todo & (~todo + wp.uint32(1))
-                column = 32 * word + lowest(todo)
-                todo &= ~bit
-                place = place_of_cell(row, column, hops.columns)
-                label = int(NONE)
-                if (sensed & bit) == wp.uint32(0):
-                    enters = is_entry(target.entry, row, column, rows, hops.columns)
-                    was_seen = (seen & bit) != wp.uint32(0)
-                    label = label_of(w, place, hops.columns + 2 * MARGIN, was_seen, enters, now, labels)
-                    if label < NONE:
-                        row_oldest = wp.min(row_oldest, label / 256)
-                        ages += wp.int64(now.step - label / 256)
-                        if label == now.oldest * 256 and is_same(w, place, label, now.slot, labels):
-                            settled |= bit
-                labels[w, now.slot, place] = label
+            cells = run_of_bits(word, 0, hops.columns - 1)
+            todo = cells & ~(sensed & contamination.wiped[w, row, word]) & ~settled
+            enter = entries(target.entry, word, row, rows, hops.columns)
+            for part in range(32 / SIDE_BY_SIDE):
+                shift = wp.uint32(part * SIDE_BY_SIDE)
+                if ((todo >> shift) & _ALL) != wp.uint32(0):
+                    free = (cells & ~sensed) >> shift
+                    column = 32 * word + part * SIDE_BY_SIDE
+                    found = label_cells(
+                        labels, w, row, column, free, free & ~(seen >> shift), free & (enter >> shift), now
+                    )
+                    row_oldest = wp.min(row_oldest, found[0])
+                    ages += wp.int64(found[1])
+                    # Who was seen now is only forgotten in the next tick: its old labels are no reason to settle.
+                    settled = settled & ~(_ALL << shift) | wp.uint32(found[2]) << shift & ~seen
+                elif ((settled >> shift) & _ALL) != wp.uint32(0):
+                    row_oldest = now.oldest
+                    ages += wp.int64(int(wp.bit_count((settled >> shift) & _ALL)) * (now.step - now.oldest))
             contamination.settled[w, row, word] = settled
         contamination.row_oldest[w, row] = row_oldest
         contamination.row_ages[w, row] = ages

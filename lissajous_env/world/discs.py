@@ -75,8 +75,52 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, columns: int) -> w
     return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
 
 
+_MARK_DISC = """
+    const int together = 8, rows = marks.shape[1], stride = marks.strides[2] / sizeof(unsigned int);
+    const float row_scale = (float)rows / (2.0f * curve.half_height), scale = (float)columns / (2.0f * curve.half_width);
+    const float low = (place[1] - radius + curve.half_height) * row_scale;
+    const float high = (place[1] + radius + curve.half_height) * row_scale;
+    const int first = (int)wp::clamp(low, 0.0f, (float)rows), last = (int)wp::clamp(high, -1.0f, rows - 1.0f);
+    for (int row = first + (lane + lanes - first % lanes) % lanes; row <= last; row += together * lanes) {
+        int from[together], to[together];
+        for (int k = 0; k < together; ++k) {
+            const float up = (row + k * lanes + 0.5f) / row_scale - curve.half_height - place[1];
+            const float square = radius * radius - up * up, half = sqrtf(square > 0.0f ? square : 0.0f);
+            const float left = ceilf((place[0] - half + curve.half_width) * scale - 0.5f);
+            const float right = floorf((place[0] + half + curve.half_width) * scale - 0.5f);
+            const float most = right < columns - 1.0f ? right : columns - 1.0f;
+            // Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
+            from[k] = (int)(left > 0.0f ? (left < columns ? left : (float)columns) : 0.0f);
+            to[k] = square < 0.0f || radius <= 0.0f ? -1 : (int)(most > -1.0f ? most : -1.0f);
+        }
+        for (int k = 0; k < together && row + k * lanes <= last; ++k) {
+            unsigned int* bits = marks.data + w * (marks.strides[0] / sizeof(unsigned int))
+                + (row + k * lanes) * (marks.strides[1] / sizeof(unsigned int));
+            for (int word = from[k] / 32; word <= to[k] / 32 && from[k] <= to[k]; ++word) {
+                const int start = from[k] > 32 * word ? from[k] - 32 * word : 0;
+                const int stop = to[k] < 32 * word + 31 ? to[k] - 32 * word : 31;
+                bits[word * stride] |= (0xffffffffu >> (31 - (stop - start))) << start;
+            }
+        }
+    }
+"""
+
+
+@wp.func_native(_MARK_DISC)
+def mark_disc(
+    w: int,
+    place: wp.vec2,
+    lane: int,
+    lanes: int,
+    curve: CurveStruct,
+    radius: float,
+    columns: int,
+    marks: wp.array3d(dtype=wp.uint32),
+): ...
+
+
 @wp.func
-def mark(
+def mark_way(
     w: int,
     a: wp.vec2,
     b: wp.vec2,

@@ -1,5 +1,6 @@
 """The simulation: a batch of worlds of one scenario, stepped together on one device."""
 
+import math
 import os
 from typing import Any
 
@@ -14,7 +15,7 @@ from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.constants import constants_of
-from lissajous_env.world.contamination import MARGIN, NONE
+from lissajous_env.world.contamination import MARGIN, NONE, across
 from lissajous_env.world.extended import Extended
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
@@ -173,8 +174,8 @@ class Simulation:
         words = (columns + 31) // 32
         delay = round(scenario.noise.message_delay / scenario.task.step)
         hops = scenario.spreading
-        labels = (hops.columns + 2 * int(MARGIN)) * (hops.rows + 2 * int(MARGIN))
-        large = [t * _TARGET_BYTES, labels * hops.ring * 4, rows * columns * 4, rows * n * words * 4, n * n * 4]
+        labels = hops.ring, hops.rows + 2 * int(MARGIN), across(hops.columns)
+        large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 4, n * n * 4]
         check_room([*large, n * (delay + 1) * 16, 2 * n * self.layout.size * 4], w, self.device)
         each, robot = (w,), (w, n)
         self.clock = allocate(Clock, {}, each, self.device)
@@ -186,7 +187,7 @@ class Simulation:
         grid |= dict.fromkeys(("sensed", "in_discs", "coming"), (w, rows, words))
         self.cells = allocate(Cells, grid, (w, rows), self.device)
         bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
-        field = {"labels": (w, hops.ring, labels), "sensed": bits, "swept": bits, "wiped": bits, "settled": bits}
+        field = {"labels": (w, *labels), "sensed": bits, "swept": bits, "wiped": bits, "settled": bits}
         field |= {"row_oldest": field_row, "row_ages": field_row}
         self.contamination = allocate(Contamination, field, each, self.device)
         self.contamination.labels.fill_(NONE)

@@ -143,8 +143,8 @@ class Cells:
 class Contamination:
     """Where rogues may be that were never seen: `lissajous_env.world.contamination`."""
 
-    labels: wp.array3d(dtype=wp.int32)
-    """(W, K, L) label in each of the latest K ticks of each cell, with a margin of cells around the grid."""
+    labels: wp.array4d(dtype=wp.int32)
+    """(W, K, R + 4, C + 4 or more) label in each of the latest K ticks of each cell, with a margin around the grid."""
     sensed: wp.array3d(dtype=wp.uint32)
     """(W, R, B) a bit for each cell that a robot senses now."""
     swept: wp.array3d(dtype=wp.uint32)
