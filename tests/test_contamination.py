@@ -9,8 +9,9 @@ import baselines
 import lissajous_env
 from lissajous_env.episodes.evaluation import Referee
 from lissajous_env.parameters.spreading import HOPS
-from lissajous_env.world.contamination import NONE
 from lissajous_env.world.discs import swept_run
+from lissajous_env.world.labels import earliest
+from lissajous_env.world.state import NEVER
 
 POINTS = {
     "robot.kind": "curve",
@@ -52,11 +53,8 @@ def standing(radius, grid, duration=20.0, **overrides):
 
 def labels_now(simulation):
     """(rows, columns) e in control steps of the latest tick; a large number where nobody is."""
-    spreading = simulation.scenario.spreading
-    passed = int(simulation.clock.step.numpy()[0]) * spreading.ticks // spreading.period
-    labels = simulation.contamination.labels.numpy()[0, passed % spreading.ring]
-    inner = labels[2:-2, 2 : 2 + spreading.columns]
-    return np.where(inner >= int(NONE), 10**6, inner // 256)
+    e = earliest(simulation.contamination, simulation.scenario.spreading, simulation.clock.step.numpy())[0]
+    return np.where(e == int(NEVER), 10**6, e)
 
 
 def go(simulation, steps):
@@ -75,10 +73,9 @@ def test_a_front_advances_at_the_rogues_speed_in_every_direction(speed):
         **{"task.contamination": (columns, columns), "sensing.radius": 1e-5},
     )
     simulation = lissajous_env.Simulation(scenario)
-    labels = simulation.contamination.labels.numpy()
-    labels[:] = int(NONE)
-    labels[0, :, columns // 2 + 2, columns // 2 + 2] = 0
-    simulation.contamination.labels.assign(labels)
+    there = np.zeros_like(simulation.contamination.there.numpy())
+    there[0, columns // 2 + 2, columns // 2 // 32 + 1] = 1 << columns // 2 % 32
+    simulation.contamination.there.assign(there)
     simulation.contamination.settled.zero_()
     time = 3.0 / speed
     go(simulation, round(time / 0.1))

@@ -1,4 +1,7 @@
-"""Which cells of a grid discs cover, and pass over on their way, as bits of the rows that they meet."""
+"""Which cells of a grid discs cover, and pass over on their way, as bits of the rows that they meet.
+
+What covers a cell at one place is found in C++, for eight rows at once; what passes over it is rare.
+"""
 
 import warp as wp
 
@@ -77,7 +80,8 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, columns: int) -> w
 
 _MARK_DISC = """
     const int together = 8, rows = marks.shape[1], stride = marks.strides[2] / sizeof(unsigned int);
-    const float row_scale = (float)rows / (2.0f * curve.half_height), scale = (float)columns / (2.0f * curve.half_width);
+    const float row_scale = (float)rows / (2.0f * curve.half_height);
+    const float scale = (float)columns / (2.0f * curve.half_width);
     const float low = (place[1] - radius + curve.half_height) * row_scale;
     const float high = (place[1] + radius + curve.half_height) * row_scale;
     const int first = (int)wp::clamp(low, 0.0f, (float)rows), last = (int)wp::clamp(high, -1.0f, rows - 1.0f);
@@ -116,7 +120,9 @@ def mark_disc(
     radius: float,
     columns: int,
     marks: wp.array3d(dtype=wp.uint32),
-): ...
+):
+    """Mark the cells, in the rows of a lane, that a disc covers at a place [m]."""
+    ...
 
 
 @wp.func

@@ -3,7 +3,7 @@
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.world.contamination import Hops
+from lissajous_env.world.labels import Hops
 from lissajous_env.world.state import NEVER, WORKING, Clock, Contamination, Robots
 
 wp.set_module_options(OPTIONS)

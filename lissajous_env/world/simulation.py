@@ -15,8 +15,8 @@ from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.constants import constants_of
-from lissajous_env.world.contamination import MARGIN, NONE, across
 from lissajous_env.world.extended import Extended
+from lissajous_env.world.labels import MARGIN, across
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
 from lissajous_env.world.score import detection_times, score_rows
@@ -187,10 +187,10 @@ class Simulation:
         grid |= dict.fromkeys(("sensed", "in_discs", "coming"), (w, rows, words))
         self.cells = allocate(Cells, grid, (w, rows), self.device)
         bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
-        field = {"labels": (w, *labels), "sensed": bits, "swept": bits, "wiped": bits, "settled": bits}
+        field = {"labels": (w, *labels), "sensed": bits, "swept": bits, "settled": bits}
+        field["there"] = w, hops.rows + 2 * int(MARGIN), bits[2] + 2, hops.ring
         field |= {"row_oldest": field_row, "row_ages": field_row}
         self.contamination = allocate(Contamination, field, each, self.device)
-        self.contamination.labels.fill_(NONE)
         terms = {"in_sight": each, "waiting": each, "idle_ended": each, "terms": (w, n, len(self.reward_term_names))}
         self.latest = allocate(Latest, terms, robot, self.device)
         self.tally = allocate(Tally, {"contact": (w, n, n), "returns": robot}, each, self.device)

@@ -1,0 +1,268 @@
+"""Labels of the cells of contamination: how they are kept, and how those of a word of 32 cells are found.
+
+Two functions are written in C++, which Warp hands to the compiler as it is: what they do for neighbouring cells is laid
+out so that a CPU does it for eight at once.
+"""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.parameters.spreading import HOPS, SHARES, Spreading
+from lissajous_env.world.state import NEVER, Contamination
+
+wp.set_module_options(OPTIONS)
+
+MARGIN = wp.constant(2)
+"""Cells around the grid in which no rogue is, so that hops need not ask for its edge."""
+NONE = wp.constant(0x7FFFFF00)
+"""Labels from here on say that there is no rogue."""
+
+SIDE_BY_SIDE = wp.constant(8)
+"""Cells of a row that get their labels together."""
+
+Five = wp.types.vector(len(HOPS), wp.int32)
+_SHARES = wp.constant(SHARES)
+
+
+@wp.struct
+class Hops:
+    """`lissajous_env.parameters.spreading.Spreading` as kernels see it."""
+
+    columns: int
+    radius: float
+    ticks: int
+    period: int
+    ring: int
+    swept: int
+    """1 where what discs pass over between two ticks is sensed, 0 where what they cover at the ticks alone is."""
+    delays: wp.array(dtype=wp.int32)
+    shares: wp.array(dtype=wp.int32)
+
+
+def as_hops(spreading: Spreading, swept: bool, device: Any) -> Hops:
+    """Copy hops to a device."""
+    hops = Hops()
+    for name in ("columns", "radius", "ticks", "period", "ring"):
+        setattr(hops, name, getattr(spreading, name))
+    hops.swept = int(swept)
+    hops.delays = wp.array(spreading.delays, dtype=wp.int32, device=device)
+    hops.shares = wp.array(spreading.shares, dtype=wp.int32, device=device)
+    return hops
+
+
+def across(columns: int) -> int:
+    """Cells from a row to the next one: a margin on both sides of as many as are labelled side by side."""
+    return -(-columns // int(SIDE_BY_SIDE)) * int(SIDE_BY_SIDE) + 2 * int(MARGIN)
+
+
+@wp.func
+def slot_of(step: int, tick: int, hops: Hops) -> int:
+    """Where the labels of a tick stand, of those that are kept."""
+    return (ticks_passed(step, tick, hops) + hops.ring) % hops.ring
+
+
+@wp.func
+def ticks_passed(step: int, tick: int, hops: Hops) -> int:
+    """Ticks since the reset, the given one of the latest step with them."""
+    if hops.ticks > 1:
+        return (step - 1) * hops.ticks + tick + 1
+    return step / hops.period
+
+
+@wp.struct
+class Now:
+    """What is the same for all cells of a world in a tick."""
+
+    step: int
+    slot: int
+    """Where the labels of this tick stand."""
+    latest: int
+    """Where those stand that rogues who stay have: of the tick before, or of this one where it goes on."""
+    aged: int
+    """Bits of them that are kept: after a tick, a rogue came a tick ago or more."""
+    hops: bool
+    """Whether rogues hop in this step."""
+    entry: int
+    """Label of a rogue that is introduced now."""
+    oldest: int
+    """Earliest introduction of any rogue of this world."""
+    at: Five
+    """Where the labels stand that the five lengths of hops ask for."""
+    before: Five
+    """The same, a tick earlier."""
+    shares: Five
+
+
+@wp.func
+def now_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> Now:
+    """Put together what is the same for all cells."""
+    now = Now()
+    now.step = step
+    passed = ticks_passed(step, tick, hops)
+    now.slot = passed % hops.ring
+    now.latest = now.slot
+    now.aged = -1
+    moves = step % hops.period == 0 and step > 0
+    if moves:
+        now.latest = (passed - 1 + hops.ring) % hops.ring
+        now.aged = ~_SHARES
+    now.hops = moves and hops.delays.shape[0] > 0
+    now.entry = wp.where(arrives and step > 0, step * 256 + _SHARES, NONE)
+    now.oldest = oldest
+    for k in range(hops.delays.shape[0]):
+        now.at[k] = (passed - hops.delays[k] + 2 * hops.ring) % hops.ring
+        now.before[k] = (passed - hops.delays[k] - 1 + 2 * hops.ring) % hops.ring
+        now.shares[k] = hops.shares[k]
+    return now
+
+
+_FORGET_SEEN = f"""
+    const int words = sensed.shape[2], ring = there.shape[3];
+    unsigned int* bits = &wp::index(there, w, row + {int(MARGIN)}, 1, 0);
+    for (int word = 0; word < words; ++word, bits += ring) {{
+        unsigned int& now = wp::index(sensed, w, row, word);
+        unsigned int& passed = wp::index(swept, w, row, word);
+        for (int tick = 0; tick < ring; ++tick)
+            bits[tick] &= tick == kept ? 0xffffffffu : ~(now | passed);
+        now = passed = 0;
+    }}
+"""
+
+
+@wp.func_native(_FORGET_SEEN)
+def forget_seen(
+    w: int,
+    row: int,
+    kept: int,
+    sensed: wp.array3d(dtype=wp.uint32),
+    swept: wp.array3d(dtype=wp.uint32),
+    there: wp.array4d(dtype=wp.uint32),
+):
+    """Forget who was in the cells of a row that were seen in the tick before, but for who came in the slot `kept`."""
+    ...
+
+
+_LABEL_CELLS = f"""
+    const int lanes = {int(SIDE_BY_SIDE)}, lengths = {len(HOPS)}, shares = {SHARES}, none = {int(NONE)};
+    const int columns[lengths] = {{{", ".join(str(hop[0]) for hop in HOPS)}}};
+    const int rows[lengths] = {{{", ".join(str(hop[1]) for hop in HOPS)}}};
+    const int across = labels.strides[2] / sizeof(int), ring = there.shape[3];
+    const size_t plane = labels.strides[1] / sizeof(int);
+    int* here = &wp::index(labels, w, 0, row + {int(MARGIN)}, 32 * word + {int(MARGIN)});
+    unsigned int* bits = &wp::index(there, w, row + {int(MARGIN)}, word + 1, 0);
+    const int up = there.strides[1] / sizeof(unsigned int);
+    // Who may hop: a bit for each column from two before this word to two after it, above and below, now and before.
+    unsigned long long sources[lengths][2][2];
+    if (now.hops)
+        for (int length = 0; length < lengths; ++length)
+            for (int below = 0; below < 2; ++below)
+                for (int earlier = 0; earlier < 2; ++earlier) {{
+                    const unsigned int* source = bits + (below ? -rows[length] : rows[length]) * up
+                        + (earlier ? now.before[length] : now.at[length]);
+                    sources[length][below][earlier] = source[-ring] >> 30 | (unsigned long long)source[0] << 2
+                        | (unsigned long long)source[ring] << 34;
+                }}
+    const unsigned int stay = bits[now.latest] & unseen;
+    int oldest = {int(NEVER)}, ages = 0;
+    unsigned int contaminated = 0, settles = 0;
+    for (int first = 0; first < 32; first += lanes, here += lanes) {{
+        const unsigned int all = (1u << lanes) - 1;
+        if (!(todo >> first & all))
+            continue;
+        int label[lanes], hopped[lanes];
+        for (int l = 0; l < lanes; ++l) {{
+            const int kept = here[now.latest * plane + l] & now.aged;
+            label[l] = stay >> (first + l) & 1 ? kept : none;
+            hopped[l] = none;
+        }}
+        if (now.hops) {{
+            for (int length = 0; length < lengths; ++length) {{
+                const int share = now.shares[length], missing = share - shares;
+                for (int side = 0; side < 4; ++side) {{
+                    const int right = side & 1 ? -columns[length] : columns[length];
+                    if ((side & 1 && !columns[length]) || (side & 2 && !rows[length]))
+                        continue;
+                    const unsigned int has = sources[length][side >> 1][0] >> (first + 2 + right) & all;
+                    const unsigned int had = sources[length][side >> 1][1] >> (first + 2 + right) & all;
+                    if (!(has | had))
+                        continue;
+                    const int* from = here + (side & 2 ? -rows[length] : rows[length]) * across + right;
+                    const int* latest = from + now.at[length] * plane;
+                    const int* before = from + now.before[length] * plane;
+                    for (int l = 0; l < lanes; ++l) {{
+                        const int first = before[l], second = latest[l], came = first & shares;
+                        const int early = first - came + (came + missing > 0 ? came + missing : 0);
+                        const int is_on = (second & shares) + share <= shares ? -(int)(has >> l & 1) : 0;
+                        const int was_on = -(int)(had >> l & 1);
+                        const int one = (early & was_on) | (none & ~was_on);
+                        const int other = ((second + share) & is_on) | (none & ~is_on);
+                        const int best = one < other ? one : other;
+                        hopped[l] = best < hopped[l] ? best : hopped[l];
+                    }}
+                }}
+            }}
+        }}
+        unsigned int same_bits = 0;
+        for (int l = 0; l < lanes; ++l) {{
+            int found = (enter >> (first + l) & 1) && now.entry < label[l] ? now.entry : label[l];
+            found = found / 256 > now.oldest && hopped[l] < found ? hopped[l] : found;
+            const int since = found / 256;
+            const bool counts = found < none && (todo >> (first + l) & 1);
+            oldest = counts && since < oldest ? since : oldest;
+            ages += counts ? now.step - since : 0;
+            contaminated |= (counts ? 1u : 0u) << (first + l);
+            same_bits |= (counts && found == now.oldest * 256 ? 1u : 0u) << l;
+            label[l] = found;
+        }}
+        for (int tick = 0; tick < ring && same_bits; ++tick)
+            for (int l = 0; l < lanes; ++l) {{
+                const bool is_same = bits[tick] >> (first + l) & 1 && here[tick * plane + l] == label[l];
+                same_bits &= ~((tick == now.slot || is_same ? 0u : 1u) << l);
+            }}
+        settles |= same_bits << first;
+        for (int l = 0; l < lanes; ++l)
+            here[now.slot * plane + l] = label[l];
+    }}
+    return wp::vec_t<4, int>(oldest, ages, contaminated, settles);
+"""
+
+
+@wp.func_native(_LABEL_CELLS)
+def label_cells(
+    labels: wp.array4d(dtype=wp.int32),
+    there: wp.array4d(dtype=wp.uint32),
+    w: int,
+    row: int,
+    word: int,
+    todo: wp.uint32,
+    unseen: wp.uint32,
+    enter: wp.uint32,
+    now: Now,
+) -> wp.vec4i:
+    """Label the cells `todo` of a word; `unseen` and `enter` are bits of where rogues stay and are introduced.
+
+    Returns the earliest introduction of any rogue there, the time since then summed over the cells, the bits of the
+    cells that have a rogue, and of those that have the oldest of the world in every tick.
+    """
+    ...
+
+
+def earliest(contamination: Contamination, spreading: Spreading, steps: np.ndarray) -> np.ndarray:
+    """(W, R, C) int32 e of each cell now, in control steps since the reset; NEVER where there can be no rogue.
+
+    Args:
+        contamination: Of a simulation.
+        spreading: Of its scenario.
+        steps: (W,) control steps that were taken.
+    """
+    passed = steps // spreading.period if spreading.ticks == 1 else steps * spreading.ticks
+    worlds, slots = np.arange(len(steps)), passed % spreading.ring
+    margin = int(MARGIN)
+    there = contamination.there.numpy()[worlds, margin:-margin, 1:-1, slots]
+    columns = np.arange(spreading.columns)
+    bits = there[..., columns // 32] >> (columns % 32).astype(np.uint32) & 1
+    labels = contamination.labels.numpy()[worlds, slots, margin:-margin, margin : margin + spreading.columns]
+    return np.where(bits.astype(bool), labels // 256, int(NEVER)).astype(np.int32)
