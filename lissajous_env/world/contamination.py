@@ -19,7 +19,7 @@ from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters import parts
-from lissajous_env.world.coverage import run_of_bits
+from lissajous_env.world.bits import run_of_bits
 from lissajous_env.world.discs import along, mark_disc, mark_way
 from lissajous_env.world.labels import MARGIN, Hops, forget_seen, label_cells, now_of, slot_of
 from lissajous_env.world.sight import planar

@@ -12,25 +12,11 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct
-from lissajous_env.world.state import Cells, Clock, Latest, Robots, Tally
+from lissajous_env.world.bits import lowest
+from lissajous_env.world.discs import visit_disc
+from lissajous_env.world.state import NOWHERE, Cells, Clock, Latest, Robots, Tally
 
 wp.set_module_options(OPTIONS)
-
-
-@wp.func
-def run_of_bits(word: int, low: int, high: int) -> wp.uint32:
-    """Bits of columns low ... high that fall into the word with columns 32 word ... 32 word + 31."""
-    start = wp.max(low - 32 * word, 0)
-    stop = wp.min(high - 32 * word, 31)
-    if start > stop:
-        return wp.uint32(0)
-    return (~wp.uint32(0) >> wp.uint32(31 - (stop - start))) << wp.uint32(start)
-
-
-@wp.func
-def lowest(bits: wp.uint32) -> int:
-    """Place of the lowest bit that is set."""
-    return int(wp.bit_count((bits & (~bits + wp.uint32(1))) - wp.uint32(1)))
 
 
 @wp.kernel
@@ -50,38 +36,6 @@ def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
                 cells.sensed_by[w, row, i, word] = wp.uint32(0)
         cells.idle_squares[w, row] = wp.int64(0)
         cells.idle_max[w, row] = 0
-
-
-@wp.func
-def find_in_discs(
-    w: int, row: int, y: float, radius: float, half_width: float, robots: Robots, cells: Cells
-) -> wp.int64:
-    """Find the cells of a row at a height y [m] that are sensed now; returns how many are new to a robot.
-
-    A robot's disc meets a row in one run of columns.
-    """
-    columns = cells.sensed_at.shape[2]
-    cell_width = 2.0 * half_width / float(columns)
-    fresh_each = wp.int64(0)
-    for word in range(cells.coming.shape[2]):
-        cells.coming[w, row, word] = wp.uint32(0)
-    for i in range(robots.sensor.shape[1]):
-        place = robots.sensor[w, i]
-        half = radius * radius - (y - place[1]) * (y - place[1])
-        if half > 0.0:
-            half = wp.sqrt(half)
-            middle = place[0] + half_width
-            # Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
-            low = int(wp.clamp(wp.ceil((middle - half) / cell_width - 0.5), 0.0, float(columns)))
-            high = int(wp.clamp(wp.floor((middle + half) / cell_width - 0.5), -1.0, float(columns - 1)))
-            for word in range(wp.min(low, columns - 1) / 32, wp.max(high, 0) / 32 + 1):
-                run = run_of_bits(word, low, high)
-                new_to_it = run & ~cells.sensed_by[w, row, i, word]
-                if new_to_it != wp.uint32(0):
-                    fresh_each += wp.int64(wp.bit_count(new_to_it))
-                    cells.sensed_by[w, row, i, word] |= new_to_it
-                cells.coming[w, row, word] |= run
-    return fresh_each
 
 
 @wp.func
@@ -133,13 +87,20 @@ def cover(
     if clock.active[w] == 0:
         return
     rows = cells.sensed_at.shape[1]
-    cell_height = 2.0 * curve.half_height / float(rows)
+    columns = cells.sensed_at.shape[2]
     ended = wp.int64(0)
     fresh = wp.int64(0)
     fresh_each = wp.int64(0)
     for row in range(lane, rows, lanes):
-        y = (float(row) + 0.5) * cell_height - curve.half_height
-        fresh_each += find_in_discs(w, row, y, sensing.radius, curve.half_width, robots, cells)
+        for word in range(cells.coming.shape[2]):
+            cells.coming[w, row, word] = wp.uint32(0)
+    for i in range(robots.sensor.shape[1]):
+        place = robots.sensor[w, i]
+        if place[0] < 0.5 * NOWHERE:
+            fresh_each += wp.int64(
+                visit_disc(w, i, place, lane, lanes, curve, sensing.radius, columns, cells.coming, cells.sensed_by)
+            )
+    for row in range(lane, rows, lanes):
         ended += count_visits(w, row, clock.step[w], cells)
         for word in range(cells.sensed.shape[2]):
             new = cells.in_discs[w, row, word] & ~cells.sensed[w, row, word]

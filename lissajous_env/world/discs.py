@@ -7,7 +7,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.world.coverage import run_of_bits
+from lissajous_env.world.bits import run_of_bits
 
 wp.set_module_options(OPTIONS)
 
@@ -78,17 +78,23 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, columns: int) -> w
     return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
 
 
-_MARK_DISC = """
-    const int together = 8, rows = marks.shape[1], stride = marks.strides[2] / sizeof(unsigned int);
+def _over_runs(each: str) -> str:
+    """C++ that finds the run of columns of a disc in the rows of a lane, for eight at once; then `each` with them.
+
+    `each` knows `row`, `word` of those that the run meets, and `run`, the bits of its columns in that word.
+    """
+    return (
+        """
+    const int together = 8;
     const float row_scale = (float)rows / (2.0f * curve.half_height);
     const float scale = (float)columns / (2.0f * curve.half_width);
     const float low = (place[1] - radius + curve.half_height) * row_scale;
     const float high = (place[1] + radius + curve.half_height) * row_scale;
-    const int first = (int)wp::clamp(low, 0.0f, (float)rows), last = (int)wp::clamp(high, -1.0f, rows - 1.0f);
-    for (int row = first + (lane + lanes - first % lanes) % lanes; row <= last; row += together * lanes) {
+    const int top = (int)wp::clamp(low, 0.0f, (float)rows), last = (int)wp::clamp(high, -1.0f, rows - 1.0f);
+    for (int first = top + (lane + lanes - top % lanes) % lanes; first <= last; first += together * lanes) {
         int from[together], to[together];
         for (int k = 0; k < together; ++k) {
-            const float up = (row + k * lanes + 0.5f) / row_scale - curve.half_height - place[1];
+            const float up = (first + k * lanes + 0.5f) / row_scale - curve.half_height - place[1];
             const float square = radius * radius - up * up, half = sqrtf(square > 0.0f ? square : 0.0f);
             const float left = ceilf((place[0] - half + curve.half_width) * scale - 0.5f);
             const float right = floorf((place[0] + half + curve.half_width) * scale - 0.5f);
@@ -97,20 +103,23 @@ _MARK_DISC = """
             from[k] = (int)(left > 0.0f ? (left < columns ? left : (float)columns) : 0.0f);
             to[k] = square < 0.0f || radius <= 0.0f ? -1 : (int)(most > -1.0f ? most : -1.0f);
         }
-        for (int k = 0; k < together && row + k * lanes <= last; ++k) {
-            unsigned int* bits = marks.data + w * (marks.strides[0] / sizeof(unsigned int))
-                + (row + k * lanes) * (marks.strides[1] / sizeof(unsigned int));
+        for (int k = 0; k < together && first + k * lanes <= last; ++k) {
+            const int row = first + k * lanes;
             for (int word = from[k] / 32; word <= to[k] / 32 && from[k] <= to[k]; ++word) {
                 const int start = from[k] > 32 * word ? from[k] - 32 * word : 0;
                 const int stop = to[k] < 32 * word + 31 ? to[k] - 32 * word : 31;
-                bits[word * stride] |= (0xffffffffu >> (31 - (stop - start))) << start;
+                const unsigned int run = (0xffffffffu >> (31 - (stop - start))) << start;
+"""
+        + each
+        + """
             }
         }
     }
 """
+    )
 
 
-@wp.func_native(_MARK_DISC)
+@wp.func_native("const int rows = marks.shape[1];" + _over_runs("wp::index(marks, w, row, word) |= run;"))
 def mark_disc(
     w: int,
     place: wp.vec2,
@@ -122,6 +131,33 @@ def mark_disc(
     marks: wp.array3d(dtype=wp.uint32),
 ):
     """Mark the cells, in the rows of a lane, that a disc covers at a place [m]."""
+    ...
+
+
+_VISIT = """
+                wp::index(marks, w, row, word) |= run;
+                unsigned int& met = wp::index(met_before, w, row, i, word);
+                if (run & ~met) {
+                    fresh += wp::bit_count(run & ~met);
+                    met |= run;
+                }
+"""
+
+
+@wp.func_native("int fresh = 0; const int rows = marks.shape[1];" + _over_runs(_VISIT) + "return fresh;")
+def visit_disc(
+    w: int,
+    i: int,
+    place: wp.vec2,
+    lane: int,
+    lanes: int,
+    curve: CurveStruct,
+    radius: float,
+    columns: int,
+    marks: wp.array3d(dtype=wp.uint32),
+    met_before: wp.array4d(dtype=wp.uint32),
+) -> int:
+    """Mark the cells as `mark_disc` does, and among those that robot i has met; returns how many are new to it."""
     ...
 
 
