@@ -38,6 +38,7 @@ from lissajous_env.device.part_structs import SensingStruct, TaskStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.bits import lowest
 from lissajous_env.world.sight import planar
 from lissajous_env.world.state import REMOVED, WORKING, Clock, Latest, Links, Robots, Targets
 
@@ -93,9 +94,9 @@ def clear(w: int, i: int, start: int, stop: int, observation_out: wp.array3d(dty
 
 
 @wp.func
-def empty(w: int, i: int, start: int, width: int, room: int, observation_out: wp.array3d(dtype=float)):
-    """Zero the entries of a list that are in use: those before the first that is not present."""
-    for place in range(room):
+def empty(w: int, i: int, start: int, width: int, listed: int, room: int, observation_out: wp.array3d(dtype=float)):
+    """Zero the entries of a list after the first `listed`, up to the first that is zero."""
+    for place in range(listed, room):
         entry = start + place * width
         if observation_out[w, i, entry] == 0.0:
             break
@@ -104,29 +105,37 @@ def empty(w: int, i: int, start: int, width: int, room: int, observation_out: wp
 
 @wp.func
 def insert(
-    w: int, i: int, start: int, width: int, room: int, offset: wp.vec2, observation_out: wp.array3d(dtype=float)
+    w: int,
+    i: int,
+    start: int,
+    width: int,
+    listed: int,
+    room: int,
+    offset: wp.vec2,
+    observation_out: wp.array3d(dtype=float),
 ) -> int:
-    """Enter `offset` into a list of `room` entries sorted by distance; returns where its entry begins, or -1."""
-    place = int(room)
+    """Enter `offset` into a list of at most `room` entries, `listed` so far, sorted by distance.
+
+    Returns its place, or `room` where that many are nearer.
+    """
+    place = int(listed)
     square = wp.dot(offset, offset)
     while place > 0:
         before = start + (place - 1) * width
-        if observation_out[w, i, before] > 0.0:
-            x = observation_out[w, i, before + 1]
-            y = observation_out[w, i, before + 2]
-            if x * x + y * y <= square:
-                break
-            if place < room:
-                for k in range(width):
-                    observation_out[w, i, before + width + k] = observation_out[w, i, before + k]
+        x = observation_out[w, i, before + 1]
+        y = observation_out[w, i, before + 2]
+        if x * x + y * y <= square:
+            break
+        if place < room:
+            for k in range(width):
+                observation_out[w, i, before + width + k] = observation_out[w, i, before + k]
         place -= 1
-    if place >= room:
-        return -1
-    entry = start + place * width
-    observation_out[w, i, entry] = 1.0
-    observation_out[w, i, entry + 1] = offset[0]
-    observation_out[w, i, entry + 2] = offset[1]
-    return entry
+    if place < room:
+        entry = start + place * width
+        observation_out[w, i, entry] = 1.0
+        observation_out[w, i, entry + 1] = offset[0]
+        observation_out[w, i, entry + 2] = offset[1]
+    return place
 
 
 @wp.func
@@ -195,15 +204,74 @@ def observe_robots(
     w: int, i: int, sensing: SensingStruct, speed_unit: float, robots: Robots, observation_out: wp.array3d(dtype=float)
 ):
     """List the nearest robots in the disc."""
-    here = planar(robots.position[w, i])
-    for j in range(robots.status.shape[1]):
-        away = planar(robots.position[w, j]) - here
-        if wp.dot(away, away) < sensing.radius * sensing.radius and j != i and robots.status[w, j] != REMOVED:
-            entry = insert(w, i, OWN + 2 * LINK, ROBOT, sensing.robots_seen, away / sensing.radius, observation_out)
-            if entry >= 0:
-                relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
-                observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
-                observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
+    start = OWN + 2 * LINK
+    room = sensing.robots_seen
+    listed = int(0)
+    if room > 0 and robots.status[w, i] == WORKING:
+        here = planar(robots.position[w, i])
+        for j in range(robots.status.shape[1]):
+            away = planar(robots.position[w, j]) - here
+            if wp.dot(away, away) < sensing.radius * sensing.radius and j != i and robots.status[w, j] != REMOVED:
+                place = insert(w, i, start, ROBOT, listed, room, away / sensing.radius, observation_out)
+                if place < room:
+                    relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
+                    observation_out[w, i, start + place * ROBOT + 3] = wp.clamp(relative[0], -1.0, 1.0)
+                    observation_out[w, i, start + place * ROBOT + 4] = wp.clamp(relative[1], -1.0, 1.0)
+                    listed = wp.min(listed + 1, room)
+    empty(w, i, start, ROBOT, listed, room, observation_out)
+
+
+_IN_DISC = """
+    const int together = 32, left = in_sight.shape[1] - first;
+    const wp::vec2* positions = &wp::index(position, w, first);
+    const int* seen = &wp::index(in_sight, w, first);
+    const float square = radius * radius;
+    unsigned int near = 0;
+    for (int k = 0; k < (left < together ? left : together); ++k) {
+        const float x = positions[k][0] - place[0], y = positions[k][1] - place[1];
+        near |= (unsigned int)(seen[k] == 1 & x * x + y * y < square) << k;
+    }
+    return near;
+"""
+
+
+@wp.func_native(_IN_DISC)
+def in_disc(
+    w: int,
+    first: int,
+    place: wp.vec2,
+    radius: float,
+    position: wp.array2d(dtype=wp.vec2),
+    in_sight: wp.array2d(dtype=wp.int32),
+) -> wp.uint32:
+    """Bits of the targets, of the 32 from the first, that are in sight and in the disc at a place [m]."""
+    ...
+
+
+@wp.func
+def observe_targets(
+    w: int,
+    i: int,
+    sensing: SensingStruct,
+    robots: Robots,
+    targets: Targets,
+    latest: Latest,
+    observation_out: wp.array3d(dtype=float),
+):
+    """List the nearest targets in the disc."""
+    start = OWN + 2 * LINK + ROBOT * sensing.robots_seen
+    room = sensing.targets_seen
+    listed = int(0)
+    if room > 0 and latest.in_sight[w] > 0:
+        here = robots.sensor[w, i]
+        for first in range(0, targets.in_sight.shape[1], 32):
+            near = in_disc(w, first, here, sensing.radius, targets.position, targets.in_sight)
+            while near != wp.uint32(0):
+                away = targets.position[w, first + lowest(near)] - here
+                near &= near - wp.uint32(1)
+                place = insert(w, i, start, TARGET, listed, room, away / sensing.radius, observation_out)
+                listed = wp.where(place < room, wp.min(listed + 1, room), listed)
+    empty(w, i, start, TARGET, listed, room, observation_out)
 
 
 @wp.kernel
@@ -244,19 +312,8 @@ def observe(
     w = first + tid
     if clock.active[w] == 0:
         return
-    n = robots.status.shape[1]
-    start = OWN + 2 * LINK + ROBOT * sensing.robots_seen
-    for i in range(lane, n, lanes):
+    for i in range(lane, robots.status.shape[1], lanes):
         observe_self(w, i, curve, speed_unit, robots, observation_out)
         observe_ring(w, i, clock.step[w], curve, task, robots, links, observation_out)
-        empty(w, i, OWN + 2 * LINK, ROBOT, sensing.robots_seen, observation_out)
-        empty(w, i, start, TARGET, sensing.targets_seen, observation_out)
-        if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
-            observe_robots(w, i, sensing, speed_unit, robots, observation_out)
-    if sensing.targets_seen > 0 and latest.in_sight[w] > 0:
-        for t in range(targets.in_sight.shape[1]):
-            if targets.in_sight[w, t] == 1:
-                for i in range(lane, n, lanes):
-                    away = targets.position[w, t] - robots.sensor[w, i]
-                    if wp.dot(away, away) < sensing.radius * sensing.radius:
-                        insert(w, i, start, TARGET, sensing.targets_seen, away / sensing.radius, observation_out)
+        observe_robots(w, i, sensing, speed_unit, robots, observation_out)
+        observe_targets(w, i, sensing, robots, targets, latest, observation_out)
