@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from baselines.benchmark.comparison import OPEN, limit_of
+from baselines.benchmark.comparison import OPEN, OVER_LIMIT, guarantee_of, limit_of
 from baselines.benchmark.looks import Look, look
 from baselines.benchmark.statistics import Statistics
 from baselines.benchmark.tables import number, shown_name
@@ -62,6 +62,7 @@ def draw(
         _points(axes, {policy: of["detection_time_mean"] for policy, of in cells[name].items()}, looks, linear=0.1)
         _mark_bound(axes, scenarios[name])
         axes.set_xlabel(f"mean detection time [s]{_mark_limit(axes, scenarios[name])}")
+        _name_ratios(axes, "over limit", [of[OVER_LIMIT].mean for of in cells[name].values()])
 
     def collisions(axes: Axes, name: str) -> None:
         _points(axes, {policy: of["collisions"] for policy, of in cells[name].items()}, looks, linear=1)
@@ -80,6 +81,10 @@ def draw(
             if OPEN in of and of[OPEN].mean > 0:
                 axes.text(of["guaranteed_detection_time"].iqm, place - 0.18, ">", ha="center", va="bottom", fontsize=8)
         axes.set_xlabel("guaranteed time [s]; >: open in some")
+        formation = guarantee_of(scenarios[name])[1]
+        times = [of["guaranteed_detection_time"].iqm / formation for of in cells[name].values()]
+        still_open = [OPEN in of and of[OPEN].mean > 0 for of in cells[name].values()]
+        _name_ratios(axes, "over formation", times, still_open)
 
     followed = [name for name in played if scenarios[name].task.contamination is not None]
     with rc_context(STYLE):
@@ -117,8 +122,8 @@ def _panels(
         for line in shown.get_lines():
             line.set_linewidth(3)
     else:
-        meaning = "mark: interquartile mean, hollow with the collision filter; bar: 95 % bootstrap interval"
-        figure.supxlabel(meaning, fontsize=8.5, color="#555555")
+        meaning = "mark: interquartile mean, hollow with the collision filter", "bar: 95 % bootstrap interval"
+        figure.supxlabel(("\n" if columns == 1 else "; ").join(meaning), fontsize=8.5, color="#555555")
     file = io.BytesIO()
     figure.savefig(file, format="png", metadata={"Software": None})
     return file.getvalue()
@@ -181,3 +186,14 @@ def _mark_limit(axes: Axes, scenario: Scenario) -> str:
         return ""
     axes.axvline(limit, color="#444444", lw=1, ls=":", zorder=1)
     return f"; dotted: no policy below {number(limit)} s"
+
+
+def _name_ratios(axes: Axes, over: str, ratios: Sequence[float], at_least: Sequence[bool] = ()) -> None:
+    """Write a ratio to the right of each line that has one, and over what it is above them."""
+    words: dict[str, Any] = {"transform": axes.get_yaxis_transform(), "color": "#555555", "fontsize": 8.5}
+    for place, ratio in enumerate(ratios):
+        if np.isfinite(ratio):
+            more = "> " if at_least and at_least[place] else ""
+            axes.text(1.02, place, f"{more}{number(ratio)} x", va="center", **words)
+    if np.isfinite(ratios).any():
+        axes.text(1.02, -0.6, over, va="bottom", **words)
