@@ -1,0 +1,323 @@
+// The page: reads its data, puts episodes, charts and player together.
+
+import { Chart, chartsOf, number } from "./charts.js";
+import { coloursOf } from "./colours.js";
+import { unpackedEpisode } from "./episode.js";
+import { gradientOf } from "./ground.js";
+import { element, Inspector } from "./inspector.js";
+import { Player } from "./player.js";
+import { Space } from "./space.js";
+import { Stage } from "./stage.js";
+import { Timeline } from "./timeline.js";
+
+const FORMAT = "lissajous replay 1";
+const byId = (name) => document.getElementById(name);
+
+class Page {
+  constructor(episodes) {
+    this.episodes = episodes;
+    this.duration = Math.max(...episodes.map((episode) => episode.duration));
+    this.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+    this.selected = -1;
+    this.player = new Player(this.duration, episodes[0].step, () => this.move());
+    this.timeline = new Timeline(byId("timeline"), episodes, this.duration);
+    this.title();
+    this.views = episodes.map((episode, k) => this.view(episode, k));
+    this.layer = this.views[0].stage.ground.layers()[0][0];
+    this.charts = this.addCharts();
+    this.bind();
+    this.paint();
+    this.select(-1);
+    this.resize();
+    this.move();
+  }
+
+  get viewing() {
+    return { colours: coloursOf(this.theme), layer: this.layer, selected: this.selected };
+  }
+
+  title() {
+    const [first, second] = this.episodes.map((episode) => episode.raw);
+    const policies = second ? `${first.policy} against ${second.policy}` : first.policy;
+    byId("name").textContent = policies ? `${first.scenario.name} · ${policies}` : first.scenario.name;
+    byId("description").textContent = `${first.scenario.description} Seed ${first.seed}.`;
+    byId("length").textContent = ` / ${this.duration.toFixed(1)} s`;
+    const scrub = byId("scrub");
+    scrub.max = String(this.duration);
+    scrub.step = String(this.episodes[0].step);
+    byId("episodes").classList.toggle("two", this.episodes.length > 1);
+    byId("charts").classList.toggle("two", this.episodes.length > 1);
+  }
+
+  view(episode, k) {
+    const box = byId("episode").content.firstElementChild.cloneNode(true);
+    const canvas = box.querySelector("canvas");
+    const flat = episode.about.half[2] === 0 || !globalThis.THREE;
+    const stage = flat ? new Stage(canvas, episode) : new Space(canvas, episode);
+    box.querySelector(".policy").textContent = episode.raw.policy || "episode";
+    canvas.setAttribute("aria-label", `${episode.count} robots in ${episode.about.name}, played by ${episode.raw.policy}`);
+    const inspector = new Inspector(box.querySelector(".inspector"), episode, (robot) => this.select(robot));
+    canvas.addEventListener("click", (event) => {
+      const frame = canvas.getBoundingClientRect();
+      const robot = stage.pick(event.clientX - frame.left, event.clientY - frame.top);
+      this.select(robot === this.selected ? -1 : robot);
+    });
+    byId("episodes").append(box);
+    const view = { box, canvas, stage, inspector, episode, tiles: box.querySelector(".tiles") };
+    if (k === 0) this.addLayers(box.querySelector(".stage-foot .choices"), stage);
+    this.addTiles(view);
+    return view;
+  }
+
+  addLayers(box, stage) {
+    for (const [layer, words] of stage.ground.layers()) {
+      const button = element("button", "", words);
+      button.type = "button";
+      button.dataset.layer = layer;
+      button.addEventListener("click", () => this.lay(layer));
+      box.append(button);
+    }
+  }
+
+  addTiles(view) {
+    const { episode } = view, score = episode.raw.score;
+    const tile = (name, words) => {
+      const box = element("div", "tile"), value = element("b");
+      box.append(value, element("span", "", words));
+      view.tiles.append(box);
+      view[name] = value;
+    };
+    if (episode.raw.targets.count > 0) {
+      tile("seen", "seen");
+      tile("waited", "mean detection time");
+    }
+    tile("touched", "collisions");
+    if (episode.ground.ageWorst) tile("unseen", "unseen at worst");
+    view.box.dataset.detection = String(score.detection_time_mean);
+  }
+
+  addCharts() {
+    const made = this.episodes.map((episode) => chartsOf(episode));
+    const ids = [...new Set(made.flatMap((charts) => charts.map((chart) => chart.id)))];
+    const charts = [];
+    for (const id of ids) {
+      const same = [];
+      made.forEach((of, k) => {
+        const chart = of.find((each) => each.id === id);
+        if (!chart) return;
+        const figure = byId("chart").content.firstElementChild.cloneNode(true);
+        byId("charts").append(figure);
+        same.push(new Chart(figure, this.episodes[k], chart, (time) => this.player.seek(time)));
+        if (this.episodes.length > 1) figure.querySelector(".title").textContent += ` · ${this.episodes[k].raw.policy}`;
+      });
+      // Side by side they have one scale.
+      const shared = (chart) => {
+        const ranges = same.filter((each) => each.kind === chart.kind).map((each) => each.range(chart.colours));
+        return [Math.min(...ranges.map((range) => range[0])), Math.max(...ranges.map((range) => range[1]))];
+      };
+      for (const chart of same) chart.shared = shared;
+      charts.push(...same);
+    }
+    return charts;
+  }
+
+  bind() {
+    byId("play").addEventListener("click", () => this.player.toggle());
+    byId("back").addEventListener("click", () => this.step(this.timeline.before(this.player.time)));
+    byId("next").addEventListener("click", () => this.step(this.timeline.after(this.player.time)));
+    byId("speed").addEventListener("change", (event) => { this.player.speed = Number(event.target.value); });
+    byId("scrub").addEventListener("input", (event) => this.player.seek(Number(event.target.value)));
+    byId("theme").addEventListener("click", () => this.flip());
+    byId("help").addEventListener("click", () => {
+      byId("keys").hidden = !byId("keys").hidden;
+      byId("help").setAttribute("aria-expanded", String(!byId("keys").hidden));
+    });
+    this.bindTimeline();
+    document.addEventListener("keydown", (event) => this.key(event));
+    new ResizeObserver(() => this.resize()).observe(byId("episodes"));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (event) => {
+      this.theme = event.matches ? "dark" : "light";
+      this.paint();
+    });
+  }
+
+  // The marks lie under the slider: it is what is clicked, and says what the nearest mark is.
+  bindTimeline() {
+    const scrub = byId("scrub"), place = (event) => {
+      const box = byId("timeline").getBoundingClientRect();
+      return [event.clientX - box.left, event.clientY - box.top];
+    };
+    scrub.addEventListener("pointermove", (event) => {
+      const found = this.timeline.nearest(...place(event));
+      scrub.title = found ? `${found.time.toFixed(1)} s: ${found.words}` : "";
+    });
+    scrub.addEventListener("click", (event) => {
+      const found = event.detail > 0 && this.timeline.nearest(...place(event));
+      if (found) this.step(found);
+    });
+  }
+
+  step(event) {
+    if (!event) return;
+    this.player.toggle(false);
+    this.player.seek(event.time);
+    if (event.robots.length && event.robots[0] !== this.selected) this.select(event.robots[0]);
+  }
+
+  key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
+    const { player } = this, step = event.shiftKey ? 1 : player.step;
+    const speeds = byId("speed");
+    const pace = (by) => {
+      speeds.selectedIndex = Math.min(Math.max(speeds.selectedIndex + by, 0), speeds.length - 1);
+      player.speed = Number(speeds.value);
+    };
+    const keys = {
+      ArrowLeft: () => player.seek(player.time - step),
+      ArrowRight: () => player.seek(player.time + step),
+      Home: () => player.seek(0),
+      End: () => player.seek(this.duration),
+      "[": () => this.step(this.timeline.before(player.time)),
+      "]": () => this.step(this.timeline.after(player.time)),
+      "+": () => pace(1),
+      "-": () => pace(-1),
+      t: () => this.flip(),
+      g: () => this.nextLayer(),
+      Escape: () => this.select(-1),
+      "?": () => byId("help").click(),
+    };
+    if (event.key === " " && event.target.tagName !== "BUTTON") keys[" "] = () => player.toggle();
+    if (/^\d$/.test(event.key) && Number(event.key) < this.episodes[0].count) {
+      keys[event.key] = () => this.select(Number(event.key));
+    }
+    if (!keys[event.key]) return;
+    event.preventDefault();
+    keys[event.key]();
+  }
+
+  flip() {
+    this.theme = this.theme === "dark" ? "light" : "dark";
+    this.paint();
+  }
+
+  lay(layer) {
+    this.layer = layer;
+    this.legend();
+    this.draw();
+  }
+
+  nextLayer() {
+    const layers = this.views[0].stage.ground.layers().map(([layer]) => layer);
+    this.lay(layers[(layers.indexOf(this.layer) + 1) % layers.length]);
+  }
+
+  select(robot) {
+    this.selected = robot;
+    for (const view of this.views) view.inspector.select(robot < view.episode.count ? robot : -1);
+    for (const chart of this.charts) chart.select(robot);
+    document.body.dataset.robot = String(robot);
+    this.move();
+  }
+
+  paint() {
+    document.documentElement.dataset.theme = this.theme;
+    byId("theme").textContent = this.theme === "dark" ? "Light" : "Dark";
+    const { colours } = this.viewing;
+    for (const view of this.views) view.inspector.paint(colours);
+    this.legend();
+    for (const chart of this.charts) chart.build(colours);
+    if (this.timeline.width) this.timeline.draw(colours);
+    for (const chart of this.charts) chart.select(this.selected);
+    this.move();
+  }
+
+  legend() {
+    const { colours } = this.viewing;
+    for (const view of this.views) {
+      const box = view.box.querySelector(".legend");
+      box.replaceChildren(...view.stage.legend(this.layer).map(([mark, words]) => {
+        const entry = element("span");
+        const sign = element("i", `sign ${mark}`);
+        if (mark === "ramp") sign.style.background = gradientOf(this.layer, colours);
+        entry.append(sign, words);
+        return entry;
+      }));
+    }
+    for (const button of document.querySelectorAll("[data-layer]")) {
+      button.setAttribute("aria-pressed", String(button.dataset.layer === this.layer));
+    }
+  }
+
+  resize() {
+    const ratio = Math.min(globalThis.devicePixelRatio || 1, 2);
+    for (const view of this.views) {
+      const width = view.box.querySelector(".stage").clientWidth;
+      const height = view.stage.heightFor(width);
+      view.canvas.style.height = `${height}px`;
+      view.stage.resize(width, height, ratio);
+      view.box.style.setProperty("--stage", `${height}px`);
+    }
+    this.timeline.resize(byId("timeline").clientWidth, ratio);
+    this.timeline.draw(this.viewing.colours);
+    for (const chart of this.charts) chart.resize();
+    this.draw();
+  }
+
+  draw() {
+    for (const view of this.views) if (view.stage.width) view.stage.draw(this.player.time, this.viewing);
+  }
+
+  // The cursor has moved: everything that shows this moment follows.
+  move() {
+    const { time, playing } = this.player;
+    this.draw();
+    for (const chart of this.charts || []) chart.move(time);
+    for (const view of this.views) {
+      view.inspector.move(time);
+      this.count(view, time);
+    }
+    byId("now").textContent = time.toFixed(1);
+    byId("scrub").value = String(time);
+    byId("scrub").setAttribute("aria-valuetext", `${time.toFixed(1)} s`);
+    document.body.dataset.playing = String(playing);
+    for (const name of ["title", "aria-label"]) byId("play").setAttribute(name, playing ? "Pause" : "Play");
+    const event = this.timeline.latest(time), words = event ? `${event.time.toFixed(1)} s: ${event.words}` : "";
+    if (byId("event").textContent !== words) byId("event").textContent = words;
+  }
+
+  count(view, time) {
+    const { episode } = view, { moment, now } = episode.at(time), step = now * episode.raw.every;
+    if (view.countedAt === moment) return;
+    view.countedAt = moment;
+    const { appears, found } = episode.raw.targets;
+    let came = 0, seen = 0, waited = 0;
+    for (let t = 0; t < appears.length; t++) {
+      if (appears[t] > step) continue;
+      came += 1;
+      const done = found[t] >= 0 && found[t] <= step;
+      seen += done;
+      waited += Math.max((done ? found[t] : step) - appears[t], 0);
+    }
+    if (view.seen) {
+      view.seen.textContent = `${seen} / ${came}`;
+      view.waited.textContent = came ? `${number((waited / came) * episode.raw.step)} s` : "–";
+    }
+    view.touched.textContent = String(episode.collisions[moment]);
+    view.touched.classList.toggle("alarm", episode.collisions[moment] > 0);
+    if (view.unseen) view.unseen.textContent = `${number(episode.ground.ageWorst[moment])} s`;
+  }
+}
+
+async function begin() {
+  const data = JSON.parse(byId("data").textContent);
+  if (data.format !== FORMAT) throw new Error(`the data are no ${FORMAT}`);
+  const episodes = await Promise.all(data.episodes.map(unpackedEpisode));
+  globalThis.replay = new Page(episodes);
+  document.body.dataset.ready = "true";
+}
+
+begin().catch((error) => {
+  byId("notice").hidden = false;
+  byId("notice").textContent = `This episode cannot be shown: ${error.message}`;
+  throw error;
+});
