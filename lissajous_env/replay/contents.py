@@ -177,7 +177,7 @@ def _contacts(contact: np.ndarray, every: int) -> list[list[int]]:
     order = contact[np.lexsort((contact[:, 0], contact[:, 2], contact[:, 1]))].astype(np.int64)
     apart = np.diff(order, axis=0, prepend=-2)
     begins = np.flatnonzero((apart[:, 0] != 1) | apart[:, 1:].any(axis=1))
-    ends = np.append(begins[1:], len(order)) - 1
+    ends = np.append(begins[1:], len(order))[: len(begins)] - 1
     touches = np.stack([order[begins, 1], order[begins, 2], order[begins, 0] // every, order[ends, 0] // every], axis=1)
     return touches[np.argsort(touches[:, 2], kind="stable")][:_MOST_CONTACTS].tolist()
 

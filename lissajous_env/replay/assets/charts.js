@@ -11,11 +11,11 @@ export function chartsOf(episode) {
   const about = episode.about, found = [];
   const many = episode.count > MOST_LINES;
   if (about.ring.length > 1) {
-    found.push({ id: "phases", title: "Phases", unit: "rad", kinds: ["off the ring", "wrapped"], make: memo((kind) => (kind === "wrapped" ? wrapped(episode) : deviations(episode)), (rows, colours, kind) => robotLines(rows, colours, many, kind === "wrapped" ? "" : "largest", kind)) });
+    found.push({ id: "phases", title: "Phases", unit: "rad", kinds: ["relative", "wrapped"], make: memo((kind) => (kind === "wrapped" ? wrapped(episode) : deviations(episode)), (rows, colours, kind) => robotLines(rows, colours, many, kind === "wrapped" ? "" : "largest", kind)) });
     found.push({ id: "distances", title: "Ring distances", unit: "m", make: memo(() => ringDistances(episode), (rows, colours) => ({ ...edgeLines(rows, edges(episode), colours, many), bounds: [[2 * about.sensing, "2 r_s: discs part", colours.stuck], [2 * about.radius, "2 r: touch", colours.touch]], least: 0 })) });
   }
   if (episode.raw.targets.count > 0) {
-    found.push({ id: "detections", title: "Detections", unit: "rogues", make: memo(() => detections(episode), (rows, colours) => ({ series: [{ label: "entered", values: rows.appeared, colour: colours.muted, dash: [4, 3] }, { label: "seen", values: rows.detected, colour: colours.found, fill: true }], step: true, least: 0 })) });
+    found.push({ id: "detections", title: "Detections", unit: "rogues", make: memo(() => detections(episode), (rows, colours) => ({ series: [{ label: "entered", values: rows.appeared, decimals: 0, colour: colours.muted, dash: [4, 3] }, { label: "seen", values: rows.detected, decimals: 0, colour: colours.found, fill: true }], step: true, least: 0 })) });
   }
   if (episode.ground.ageWorst) {
     found.push({ id: "age", title: "A rogue can be unseen for", unit: "s", make: (kind, colours) => ({ series: [{ label: "worst", values: episode.ground.ageWorst, colour: colours.unseen, fill: true }, { label: "mean", values: episode.ground.ageMean, colour: colours.muted, dash: [4, 3] }], bounds: [[about.bound, "T_max", colours.stuck]], least: 0 }) });
@@ -132,7 +132,7 @@ export class Chart {
         ...(counted ? [{ ...axis, scale: "count", side: 1, size: 26, gap: 4, space: 30, grid: { show: false }, incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 10000] }] : []),
       ],
       series: [{}, ...made.series.map((series) => this.line(series, made.step))],
-      hooks: { drawAxes: [(plot) => drawBounds(plot, made.bounds || [], colours)] },
+      hooks: { draw: [(plot) => drawBounds(plot, made.bounds || [], colours)] },
     };
     if (this.plot) this.plot.destroy();
     const values = made.series.map((series) => (series.values instanceof Array ? series.values : Array.from(series.values)));
@@ -232,10 +232,12 @@ function drawBounds(plot, bounds, colours) {
     ctx.lineTo(bbox.left + bbox.width, y);
     ctx.stroke();
     ctx.font = `${10.5 * ratio}px system-ui, sans-serif`;
-    ctx.fillStyle = colours.muted;
     ctx.textAlign = "right";
-    const below = y - bbox.top < 14 * ratio;
-    ctx.fillText(words, bbox.left + bbox.width - 3 * ratio, y + (below ? 12 : -4) * ratio);
+    const below = y - bbox.top < 14 * ratio, right = bbox.left + bbox.width - 3 * ratio, wide = ctx.measureText(words).width;
+    ctx.fillStyle = faded(colours.card, 0.85);
+    ctx.fillRect(right - wide - 3 * ratio, y + (below ? 2 : -14) * ratio, wide + 6 * ratio, 12 * ratio);
+    ctx.fillStyle = colours.ink;
+    ctx.fillText(words, right, y + (below ? 12 : -4) * ratio);
     ctx.restore();
   }
 }
@@ -244,7 +246,7 @@ export function number(value) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
   if (size >= 1e5) return value.toExponential(1);
-  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3);
+  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3).replace(/^-(0\.0+)$/, "$1");
 }
 
 function short(value) {

@@ -108,7 +108,7 @@ export class Inspector {
     const first = robot * this.episode.moments;
     this.cells.push((moment) => {
       const now = values[first + moment], shown = Math.max(Math.min(now, 1), -1);
-      value.textContent = Math.abs(now) < 5e4 ? now.toFixed(3) : now.toExponential(1);
+      value.textContent = Math.abs(now) < 5e4 ? now.toFixed(3).replace(/^-(0\.0+)$/, "$1") : now.toExponential(1);
       bar.style.transform = `translateX(${shown < 0 ? 50 + 50 * shown : 50}%) scaleX(${Math.abs(shown) / 2})`;
     });
     return row;

@@ -7,7 +7,7 @@ import { gradientOf } from "./ground.js";
 import { element, Inspector } from "./inspector.js";
 import { Player } from "./player.js";
 import { Space } from "./space.js";
-import { Stage } from "./stage.js";
+import { shareExtents, Stage } from "./stage.js";
 import { Timeline } from "./timeline.js";
 
 const FORMAT = "lissajous replay 1";
@@ -22,7 +22,7 @@ class Page {
     this.player = new Player(this.duration, episodes[0].step, () => this.move());
     this.timeline = new Timeline(byId("timeline"), episodes, this.duration);
     this.title();
-    this.views = episodes.map((episode, k) => this.view(episode, k));
+    this.views = episodes.map((episode) => this.view(episode));
     this.layer = this.views[0].stage.ground.layers()[0][0];
     this.charts = this.addCharts();
     this.bind();
@@ -45,15 +45,15 @@ class Page {
     const scrub = byId("scrub");
     scrub.max = String(this.duration);
     scrub.step = String(this.episodes[0].step);
+    byId("lanes").replaceChildren(...this.timeline.names().map((words) => element("span", "", words)));
     byId("episodes").classList.toggle("two", this.episodes.length > 1);
     byId("charts").classList.toggle("two", this.episodes.length > 1);
   }
 
-  view(episode, k) {
+  view(episode) {
     const box = byId("episode").content.firstElementChild.cloneNode(true);
     const canvas = box.querySelector("canvas");
-    const flat = episode.about.half[2] === 0 || !globalThis.THREE;
-    const stage = flat ? new Stage(canvas, episode) : new Space(canvas, episode);
+    const stage = stageOf(canvas, episode);
     box.querySelector(".policy").textContent = episode.raw.policy || "episode";
     canvas.setAttribute("aria-label", `${episode.count} robots in ${episode.about.name}, played by ${episode.raw.policy}`);
     const inspector = new Inspector(box.querySelector(".inspector"), episode, (robot) => this.select(robot));
@@ -64,7 +64,7 @@ class Page {
     });
     byId("episodes").append(box);
     const view = { box, canvas, stage, inspector, episode, tiles: box.querySelector(".tiles") };
-    if (k === 0) this.addLayers(box.querySelector(".stage-foot .choices"), stage);
+    this.addLayers(box.querySelector(".stage-foot .choices"), stage);
     this.addTiles(view);
     return view;
   }
@@ -250,6 +250,7 @@ class Page {
 
   resize() {
     const ratio = Math.min(globalThis.devicePixelRatio || 1, 2);
+    shareExtents(this.views.map((view) => view.stage));
     for (const view of this.views) {
       const width = view.box.querySelector(".stage").clientWidth;
       const height = view.stage.heightFor(width);
@@ -306,6 +307,18 @@ class Page {
     view.touched.classList.toggle("alarm", episode.collisions[moment] > 0);
     if (view.unseen) view.unseen.textContent = `${number(episode.ground.ageWorst[moment])} s`;
   }
+}
+
+// Three dimensions where there are three and the browser can draw them; else from above.
+function stageOf(canvas, episode) {
+  if (episode.about.half[2] > 0 && globalThis.THREE) {
+    try {
+      return new Space(canvas, episode);
+    } catch {
+      return new Stage(canvas, episode);
+    }
+  }
+  return new Stage(canvas, episode);
 }
 
 async function begin() {

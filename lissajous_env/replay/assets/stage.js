@@ -4,7 +4,7 @@ import { faded, robotColour } from "./colours.js";
 import { edges, FLEEING, REMOVED, STUCK } from "./episode.js";
 import { Ground } from "./ground.js";
 
-const TRAIL = 3;
+export const TRAIL = 3;
 const FLASH = 1;
 const PARTS = { WHEEL: "wheel", GROUND: "card", GLASS: "glass" };
 
@@ -15,23 +15,22 @@ export class Stage {
     this.base = document.createElement("canvas");
     this.many = episode.count > 40;
     this.nearest = [];
+    this.extent = extentOf(episode);
   }
 
-  // Height of the stage for a width [px]: rectangle, and whatever of a robot on its edge stands out.
+  // Height of the stage for a width [px].
   heightFor(width) {
-    const { half, radius } = this.episode.about, around = 1.6 * radius;
-    return Math.round(Math.min(Math.max((width * (half[1] + around)) / (half[0] + around), 170), 620));
+    return Math.round(Math.min(Math.max((width * this.extent[1]) / this.extent[0], 170), 620));
   }
 
   resize(width, height, ratio) {
-    const { half, radius } = this.episode.about, around = 1.6 * radius;
+    const { radius } = this.episode.about, pad = 6;
     this.width = width;
     this.height = height;
     this.ratio = ratio;
     this.canvas.width = Math.round(width * ratio);
     this.canvas.height = Math.round(height * ratio);
-    const pad = 10;
-    this.scale = Math.min((width - 2 * pad) / (2 * (half[0] + around)), (height - 2 * pad) / (2 * (half[1] + around)));
+    this.scale = Math.min((width / 2 - pad) / this.extent[0], (height / 2 - pad) / this.extent[1]);
     this.body = Math.max(this.scale * radius, this.many ? 3.4 : 6.5);
     this.shapes = this.episode.about.shape.map(([outline, fill]) => [pathOf(outline, this.body), fill]);
     this.drop = dropOf(this.body);
@@ -348,6 +347,22 @@ export class Stage {
   }
 }
 
+// Half of what the picture shows [m]: the rectangle, and the robots wherever they went, unless that was far away.
+function extentOf(episode) {
+  const { half, radius } = episode.about, around = 1.6 * radius;
+  return [episode.robots.x, episode.robots.y].map((places, axis) => {
+    let reach = half[axis];
+    for (const place of places) reach = Math.max(reach, Math.abs(place));
+    return Math.min(reach, 1.25 * half[axis] + 2 * radius) + around;
+  });
+}
+
+// Pictures side by side have one scale.
+export function shareExtents(stages) {
+  const extents = stages.map((stage) => stage.extent).filter(Boolean);
+  for (const stage of stages) stage.extent &&= [0, 1].map((axis) => Math.max(...extents.map((each) => each[axis])));
+}
+
 export function legendOf(episode, ground, layer) {
   const { targets } = episode.raw, entries = [];
   const kinds = new Set(episode.events.map((event) => event.kind));
@@ -359,8 +374,8 @@ export function legendOf(episode, ground, layer) {
   if (kinds.has("fault")) entries.push(["stuck", "stuck"]);
   if (episode.losesMessages) entries.push(["lost", "message lost"]);
   const full = `${Number(ground.full(layer).toPrecision(2))} s`;
-  if (layer === "unseen") entries.push(["ramp", `a rogue can be here, unseen for 0 to ${full}`]);
-  if (layer === "idle") entries.push(["ramp", `not sensed for 0 to ${full}`]);
+  if (layer === "unseen") entries.push(["ramp", `a rogue can be unseen for 0 – ${full}`]);
+  if (layer === "idle") entries.push(["ramp", `not sensed for 0 – ${full}`]);
   return entries;
 }
 

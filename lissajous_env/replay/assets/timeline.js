@@ -23,6 +23,11 @@ export class Timeline {
 
   get height() { return Math.max(this.rows.length, 1) * LANE + 8; }
 
+  // Names of the lanes; side by side each episode has its own below the other's.
+  names() {
+    return this.rows.map((row) => row.words);
+  }
+
   resize(width, ratio) {
     this.width = width;
     this.ratio = ratio;
