@@ -196,6 +196,42 @@ class Recorder:
         return Recording(self.simulation.scenario, score, *names, **arrays)
 
 
+class Follower:
+    """Records whatever episode a world is in: `look` after each reset and each step; a reset begins a new recording.
+
+    Args:
+        simulation: Of which a world is followed.
+        world: Which one.
+    """
+
+    def __init__(self, simulation: Simulation, world: int = 0):
+        self.simulation, self.world = simulation, world
+        self._ended: Recording | None = None
+        self._recorder, self._taken = Recorder(simulation, world), -1
+
+    def look(self) -> None:
+        """Keep the world as it is now, where it has moved since it was looked at."""
+        step = int(self.simulation.clock.step.numpy()[self.world])
+        if step == 0:
+            self._recorder, self._taken = Recorder(self.simulation, self.world), -1
+        if step == self._taken:
+            return
+        self._recorder.take()
+        self._taken = step
+        if self.simulation.over[self.world]:
+            self._ended = self._recorder.recording()
+
+    def recording(self, policy: str = "", ended: bool = False) -> Recording:
+        """Make the recording of the episode so far, or where asked for of the latest that was played to its end.
+
+        Raises:
+            ValueError: there was no reset yet.
+        """
+        if ended and self._ended is not None:
+            return dataclasses.replace(self._ended, score=self._ended.score | {"policy": policy})
+        return self._recorder.recording(policy)
+
+
 def record(
     policy: ActingPolicy,
     scenario: str | Scenario,

@@ -82,7 +82,8 @@ def _about(recording: Recording) -> dict[str, Any]:
         "unseen": scenario.task.contamination is not None,
         "actions": list(model.actions),
         "shape": [
-            [np.round(outline, 3).tolist(), fill] for outline, fill in (model.shape(scenario.robot) if model.shape else [])
+            [np.round(outline, 3).tolist(), fill]
+            for outline, fill in (model.shape(scenario.robot) if model.shape else [])
         ],
     }
 

@@ -52,7 +52,7 @@ class Replay:
     def save(self, path: str | Path) -> None:
         """Write the page: under a temporary name first, then renamed."""
         with replacing(path) as temporary:
-            Path(temporary).write_text(self.html(), encoding="utf-8")
+            temporary.write_text(self.html(), encoding="utf-8")
 
     def _repr_html_(self) -> str:
         """Return a frame that holds the page, cut off from the notebook around it."""
