@@ -95,6 +95,9 @@ def replay(
     """
     check_file(out, *_FORMATS)
     check_pace(speed, fps)
+    if not names or (len(names) == 1 and not Path(names[0]).is_file()):
+        got = f"but there is no file {names[0]}" if names else "got nothing"
+        raise ValueError(f"names must be a scenario and a policy, or the file of a recording (.npz), {got}")
     if against is not None and (out is None or out.suffix.lower() != ".html"):
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     if out is None and not has_display():
@@ -115,14 +118,10 @@ def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, ov
 
     if len(names) > 1:
         scenarios, policy = told_apart(names)
-        return _played(
-            Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=parse_overrides(overrides)), output
-        )
+        changed = parse_overrides(overrides)
+        return _played(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=changed), output)
     if overrides:
         raise ValueError("overrides must be left out beside a recording, which was played as it is")
-    if not names or not Path(names[0]).is_file():
-        got = f"but there is no file {names[0]}" if names else "got nothing"
-        raise ValueError(f"names must be a scenario and a policy, or the file of a recording (.npz), {got}")
     return load(names[0])
 
 

@@ -38,7 +38,7 @@ class LissajousParallelEnv(ParallelEnv):
         discrete_actions: Whether actions are rows of `lissajous_env.envs.actions.action_table` instead of numbers.
         max_cycles: Steps of an episode, at least 1, in place of `task.duration`.
         device: Warp device.
-        record: Whether episodes are kept as they are played, for `replay`; it takes about as long as a step.
+        record: Whether episodes are kept as they are played, for `replay`; a step takes up to a millisecond longer.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
 
     Raises:

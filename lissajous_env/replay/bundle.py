@@ -30,7 +30,8 @@ def bundled(
     """Put a page together.
 
     Args:
-        template: Name of a template in `ASSETS`, with the slots `policy`, `styles`, `data`, `scripts` and those of `words`.
+        template: Name of a template in `ASSETS`, with the slots `policy`, `styles`, `data`, `scripts` and those of
+            `words`.
         entry: Name of the module that runs.
         data: What the page shows, as JSON can hold it; the page finds it as `script#data`.
         words: Texts by the slot that they fill; they are escaped.

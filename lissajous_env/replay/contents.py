@@ -1,8 +1,8 @@
 """What a page holds of a recording: its numbers, thinned and quantised to what the eye and the plots need.
 
 Positions, speeds, rewards and observations are kept to 1/65,535 of the range that each takes, angles to 1/65,536 of a
-turn, times to a control step. Of long episodes every so manieth moment is kept, of fine grids every so manieth cell, and
-the ground is kept every 0.2 s.
+turn, times to a control step. Of long episodes every so manieth moment is kept, of fine grids every so manieth cell, of
+the ground a picture every 0.2 s.
 """
 
 import math
@@ -66,6 +66,7 @@ def _about(recording: Recording) -> dict[str, Any]:
     scenario = recording.scenario
     curve, ring = scenario.curve, scenario.ring
     model = model_of(scenario.robot.kind)
+    parts = model.shape(scenario.robot) if model.shape else []
     return {
         "name": scenario.name,
         "description": scenario.description,
@@ -81,10 +82,7 @@ def _about(recording: Recording) -> dict[str, Any]:
         "idle": scenario.task.grid is not None,
         "unseen": scenario.task.contamination is not None,
         "actions": list(model.actions),
-        "shape": [
-            [np.round(outline, 3).tolist(), fill]
-            for outline, fill in (model.shape(scenario.robot) if model.shape else [])
-        ],
+        "shape": [[np.round(outline, 3).tolist(), fill] for outline, fill in parts],
     }
 
 

@@ -8,10 +8,10 @@ from lissajous_env.world.state import NEVER
 
 
 def introduced_at(simulation: Simulation, world: int = 0) -> np.ndarray:
-    """(R, C) int32 earliest step in which a rogue that may be in a cell now can have been introduced; the lowest row first.
+    """(R, C) int32 earliest step in which a rogue that may be in a cell now can have been introduced.
 
-    A rogue of a cell can have gone unseen since then. NEVER where none can be; (1, 1) NEVER where
-    `task.contamination` is None.
+    A rogue of a cell can have gone unseen since then. The lowest row comes first. NEVER where none can be; (1, 1)
+    NEVER where `task.contamination` is None.
     """
     hops, margin = simulation.scenario.spreading, int(MARGIN)
     if simulation.scenario.task.contamination is None:
