@@ -50,7 +50,8 @@ def bundled(
         "connect-src 'none'; base-uri 'none'; form-action 'none'"
     )
     made = [_element("script", text) for text in scripts] + [_element("script", module, ' type="module"')]
-    filled = {name: html.escape(text) for name, text in words.items()}
+    # Half of a pair of surrogates is a character in Python, and none in UTF-8.
+    filled = {name: html.escape(text.encode(errors="replace").decode()) for name, text in words.items()}
     filled |= {"styles": "\n".join(_element("style", text) for text in styles), "scripts": "\n".join(made)}
     filled |= {"policy": html.escape(policy, quote=True), "data": as_json(data)}
     return _SLOT.sub(lambda slot: filled[slot[1]], _text(template))

@@ -183,6 +183,6 @@ def _contacts(contact: np.ndarray, every: int) -> list[list[int]]:
 
 def _plain(value: Any) -> Any:
     """A value of a score row as JSON can hold it."""
-    if isinstance(value, str) or value is None:
-        return value
-    return float(np.clip(value, -FARTHEST, FARTHEST)) if math.isfinite(value) else None
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if isinstance(value, str) or value is None else min(max(value, -FARTHEST), FARTHEST)

@@ -223,6 +223,9 @@ class Page {
     document.documentElement.dataset.theme = this.theme;
     byId("theme").textContent = this.theme === "dark" ? "Light" : "Dark";
     const { colours } = this.viewing;
+    for (const [name, colour] of Object.entries(colours)) {
+      if (typeof colour === "string") document.documentElement.style.setProperty(`--${name}`, colour);
+    }
     for (const view of this.views) view.inspector.paint(colours);
     this.legend();
     for (const chart of this.charts) chart.build(colours);
