@@ -140,11 +140,11 @@ def test_a_minute_of_five_robots_and_fifty_targets_is_small_and_quickly_made():
 
 
 def test_long_episodes_and_fine_grids_are_thinned(recording):
-    overrides = SHORT | {"task.duration": 620.0, "task.grid": (300, 200)}
+    overrides = SHORT | {"task.duration": 620.0, "task.grid": (150, 130)}
     fixed = ("motion", "appears_at", "found_at", "found_early", "contact", "sensed_at")
     moments = np.arange(6_101) % len(recording)
     arrays = {name: getattr(recording, name)[moments] for name in ARRAYS if name not in fixed}
-    arrays["sensed_at"] = np.broadcast_to(np.int32(0), (6_101, 200, 300))
+    arrays["sensed_at"] = np.broadcast_to(np.int32(0), (6_101, 130, 150))
     long = dataclasses.replace(recording, scenario=lissajous_env.scenario("evaders", **overrides).resolve(), **arrays)
     kept = contents(long)
     assert (kept["every"], kept["moments"]) == (2, 3051)

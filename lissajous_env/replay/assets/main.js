@@ -153,7 +153,8 @@ class Page {
     });
     scrub.addEventListener("click", (event) => {
       const found = event.detail > 0 && this.timeline.nearest(...place(event));
-      if (found) this.step(found);
+      if (found && this.timeline.begins(found, place(event)[0])) this.step(found);
+      else if (found && found.robots.length) this.select(found.robots[0]);
     });
   }
 

@@ -9,6 +9,7 @@ const LANES = [
   ["fault", "faults"],
 ];
 const LANE = 11;
+const NEAR = 7;
 
 export class Timeline {
   constructor(canvas, episodes, duration) {
@@ -66,15 +67,20 @@ export class Timeline {
 
   x(time) { return this.duration > 0 ? (time / this.duration) * this.width : 0; }
 
-  // The event nearest to a place [px], within a few pixels; null for none.
+  // The event at a place [px], within a few pixels; null for none.
   nearest(x, y) {
     const row = this.rows[Math.floor((y - 4) / LANE)];
-    let best = null, least = 7;
+    let best = null, least = NEAR;
     for (const event of row ? this.episodes[row.k].events : []) {
-      const away = Math.abs(this.x(event.time) - x);
+      const away = Math.max(this.x(event.time) - x, x - this.x(event.until), 0);
       if (event.kind === row.kind && away < least) [best, least] = [event, away];
     }
     return best;
+  }
+
+  // Whether a place [px] is where an event begins, and not somewhere in its course.
+  begins(event, x) {
+    return Math.abs(this.x(event.time) - x) < NEAR;
   }
 
   before(time) { return this.all.findLast((event) => event.time < time - 1e-3) || null; }
