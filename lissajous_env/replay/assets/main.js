@@ -8,7 +8,7 @@ import { element, Inspector } from "./inspector.js";
 import { Player } from "./player.js";
 import { Space } from "./space.js";
 import { shareExtents, Stage } from "./stage.js";
-import { Timeline } from "./timeline.js";
+import { numeral, Timeline } from "./timeline.js";
 
 const FORMAT = "lissajous replay 1";
 const byId = (name) => document.getElementById(name);
@@ -50,11 +50,16 @@ class Page {
     byId("charts").classList.toggle("two", this.episodes.length > 1);
   }
 
+  named(episode) {
+    const policy = episode.raw.policy || "episode";
+    return this.episodes.length > 1 ? `${numeral(this.episodes.indexOf(episode))} ${policy}` : policy;
+  }
+
   view(episode) {
     const box = byId("episode").content.firstElementChild.cloneNode(true);
     const canvas = box.querySelector("canvas");
     const stage = stageOf(canvas, episode);
-    box.querySelector(".policy").textContent = episode.raw.policy || "episode";
+    box.querySelector(".policy").textContent = this.named(episode);
     canvas.setAttribute("aria-label", `${episode.count} robots in ${episode.about.name}, played by ${episode.raw.policy}`);
     const inspector = new Inspector(box.querySelector(".inspector"), episode, (robot) => this.select(robot));
     canvas.addEventListener("click", (event) => {
@@ -108,7 +113,7 @@ class Page {
         const figure = byId("chart").content.firstElementChild.cloneNode(true);
         byId("charts").append(figure);
         same.push(new Chart(figure, this.episodes[k], chart, (time) => this.player.seek(time)));
-        if (this.episodes.length > 1) figure.querySelector(".title").textContent += ` · ${this.episodes[k].raw.policy}`;
+        if (this.episodes.length > 1) figure.querySelector(".title").textContent += ` · ${this.named(this.episodes[k])}`;
       });
       // Side by side they have one scale.
       const shared = (chart) => {

@@ -17,7 +17,7 @@ export class Space {
     this.camera = new T.PerspectiveCamera(32, 2, 0.01, 1000);
     this.camera.up.set(0, 0, 1);
     const { half } = episode.about, reach = Math.hypot(half[0], half[1]);
-    this.camera.position.set(-0.75 * reach, -2.9 * reach, 1.9 * reach + half[2]);
+    this.camera.position.set(-0.6 * reach, -2.35 * reach, 1.55 * reach + half[2]);
     this.controls = new T.OrbitControls(this.camera, canvas);
     this.controls.target.set(0, 0, 0);
     this.controls.maxPolarAngle = 0.62 * Math.PI;
@@ -89,18 +89,20 @@ export class Space {
 
   addRobots() {
     const T = this.T, { about, count } = this.episode;
-    const body = new T.SphereGeometry(about.radius, 32, 20);
+    const body = new T.SphereGeometry(about.radius, 32, 20), around = new T.SphereGeometry(1.45 * about.radius, 32, 20);
     const disc = new T.RingGeometry(0.992 * about.sensing, about.sensing, 128);
     this.back = Math.round(TRAIL / this.episode.step);
     this.robots = Array.from({ length: count }, (_, i) => {
       const ball = new T.Mesh(body, new T.MeshLambertMaterial());
       ball.userData.robot = i;
+      const halo = new T.MeshBasicMaterial({ side: T.BackSide, transparent: true, opacity: 0.55, depthWrite: false });
+      const shell = new T.Mesh(around, halo);
       const sensed = new T.Mesh(disc, new T.MeshBasicMaterial({ transparent: true, opacity: 0.4, side: T.DoubleSide }));
       const sign = new T.Sprite(new T.SpriteMaterial({ depthTest: false }));
       sign.scale.setScalar(2.3 * about.radius);
       const fall = this.line(new Float32Array(6)), trail = this.line(new Float32Array(3 * (this.back + 2)));
-      this.scene.add(ball, sensed, sign);
-      return { ball, sensed, sign, fall, trail };
+      this.scene.add(ball, shell, sensed, sign);
+      return { ball, shell, sensed, sign, fall, trail };
     });
     this.links = this.edges.map(() => this.line(new Float32Array(6)));
   }
@@ -183,9 +185,10 @@ export class Space {
     const touches = episode.raw.contacts.some(
       ([one, other, first, last]) => (one === i || other === i) && first <= at.moment && at.moment <= last,
     );
-    robot.ball.material.emissive.set(touches ? view.colours.touch : status === STUCK ? view.colours.stuck : "#000000");
-    robot.ball.material.emissiveIntensity = 0.55;
-    robot.ball.scale.setScalar(i === view.selected ? 1.3 : 1);
+    const { colours } = view, stuck = status === STUCK;
+    robot.shell.visible = touches || stuck || i === view.selected;
+    robot.shell.material.color.set(touches ? colours.touch : stuck ? colours.stuck : colours.ink);
+    robot.shell.position.set(x, y, z);
     robot.sensed.position.set(x, y, 0.003);
     robot.sensed.visible = status === WORKING;
     robot.sign.position.set(x, y, z + 1.9 * episode.about.radius);

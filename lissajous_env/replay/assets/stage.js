@@ -156,7 +156,6 @@ export class Stage {
     const { context, episode } = this, { x, y } = episode.robots, moments = episode.moments;
     const back = Math.round((this.many ? 0.4 : 1) * (TRAIL / episode.step)), pieces = 4;
     const first = Math.max(at.moment - back, 0);
-    context.lineCap = "round";
     context.lineJoin = "round";
     context.lineWidth = Math.min(0.5 * this.body, 4);
     for (let i = 0; i < episode.count; i++) {
@@ -173,7 +172,6 @@ export class Stage {
         context.stroke();
       }
     }
-    context.lineCap = "butt";
   }
 
   paintTargets(at, colours) {
@@ -374,7 +372,7 @@ export function legendOf(episode, ground, layer) {
   if (kinds.has("fault")) entries.push(["stuck", "stuck"]);
   if (episode.losesMessages) entries.push(["lost", "message lost"]);
   const full = `${Number(ground.full(layer).toPrecision(2))} s`;
-  if (layer === "unseen") entries.push(["ramp", `a rogue can be unseen for 0 – ${full}`]);
+  if (layer === "unseen") entries.push(["ramp", `a rogue unseen for 0 – ${full}`]);
   if (layer === "idle") entries.push(["ramp", `not sensed for 0 – ${full}`]);
   return entries;
 }

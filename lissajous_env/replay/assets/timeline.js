@@ -15,7 +15,7 @@ export class Timeline {
   constructor(canvas, episodes, duration) {
     Object.assign(this, { canvas, episodes, duration });
     this.lanes = LANES.filter(([kind]) => episodes.some((episode) => episode.events.some((event) => event.kind === kind)));
-    this.rows = this.lanes.flatMap(([kind, words]) => episodes.map((episode, k) => ({ kind, words: k ? "" : words, k })));
+    this.rows = this.lanes.flatMap(([kind, words]) => episodes.map((_, k) => ({ kind, words: k ? "" : words, k })));
     // All that can be stepped to, each time once.
     this.all = episodes
       .flatMap((episode, k) => episode.events.map((event) => ({ ...event, episode: k })))
@@ -24,9 +24,9 @@ export class Timeline {
 
   get height() { return Math.max(this.rows.length, 1) * LANE + 8; }
 
-  // Names of the lanes; side by side each episode has its own below the other's.
+  // Names of the lanes; of two episodes each has its own, one below the other.
   names() {
-    return this.rows.map((row) => row.words);
+    return this.rows.map((row) => (this.episodes.length > 1 ? `${row.words} ${numeral(row.k)}` : row.words));
   }
 
   resize(width, ratio) {
@@ -90,4 +90,9 @@ export class Timeline {
   latest(time) {
     return this.all.findLast((event) => event.time <= time + 1e-6 && time - event.time < 2) || null;
   }
+}
+
+// What tells two episodes apart.
+export function numeral(k) {
+  return ["①", "②"][k];
 }
