@@ -8,6 +8,7 @@ import json
 import re
 import time
 import zlib
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 
 import baselines
 import lissajous_env
+from lissajous_env.console.cli import main
 from lissajous_env.episodes.recording import ARRAYS, Follower, Recorder, load, record
 from lissajous_env.replay import Replay, bundle, page
 from lissajous_env.replay.contents import contents
@@ -152,6 +154,48 @@ def test_long_episodes_and_fine_grids_are_thinned(recording):
     assert rows <= 128
     assert columns <= 128
     np.testing.assert_allclose(unpacked(kept["robots"]["x"]), long.position[::2, :, 0], atol=1e-3)
+
+
+def called(*arguments):
+    """Exit code of `lissajous`."""
+    with pytest.raises(SystemExit) as ended:
+        main([str(each) for each in arguments])
+    return ended.value.code or 0
+
+
+def test_commands_write_pages(tmp_path, monkeypatch, capsys):
+    # Story: an episode is played to a page, to a recording, and that beside another policy to a page of two.
+    monkeypatch.chdir(tmp_path)
+    short = ("--seed", 3, "--set", "task.duration=1")
+    assert called("run", "failure", "kuramoto", "--out", "a.html", *short) == 0
+    assert called("replay", "failure", "kuramoto", "--out", "b.html", *short) == 0
+    assert Path("a.html").read_text() == Path("b.html").read_text()
+    assert called("run", "failure", "kuramoto", "--out", "c.npz", *short) == 0
+    assert called("replay", "c.npz", "--out", "c.html") == 0
+    assert Path("a.html").read_text() == Path("c.html").read_text()
+    assert called("replay", "c.npz", "--against", "open-loop", "--out", "d.html") == 0
+    one, other = data_of(Path("d.html").read_text())["episodes"]
+    assert (one["policy"], other["policy"], one["seed"], other["seed"]) == ("kuramoto", "open-loop", 3, 3)
+    assert one == data_of(Path("a.html").read_text())["episodes"][0]
+    assert other["targets"]["x"] == one["targets"]["x"]
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["failure", "kuramoto", "--against", "still", "--out", "a.gif"], "out must end in .html beside --against"),
+        (["failure", "knot", "kuramoto", "--out", "a.html"], "scenario must be one alone, got failure, knot"),
+        (["nowhere.npz", "--out", "a.html"], "there is no file nowhere.npz"),
+        (["failure", "kuramoto", "--against", "stil", "--out", "a.html"], "did you mean still?"),
+        (["--out", "a.html"], "got nothing"),
+    ],
+)
+def test_what_cannot_be_shown_is_said(tmp_path, monkeypatch, capsys, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert called("replay", *arguments) == 2
+    assert words in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def hostile(recording):

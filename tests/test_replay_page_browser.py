@@ -117,6 +117,9 @@ def test_the_page_unpacks_what_was_recorded(browser, folder, recording):
     np.testing.assert_array_equal(numbers(run, "collisions"), recording.collisions)
     scored = recording.score["guaranteed_detection_time"]
     assert numbers(run, "ground.ageWorst").max() == pytest.approx(scored, abs=1e-3)
+    run("replay.player.seek(replay.duration)")
+    tiles = run("return [...document.querySelectorAll('.tile b')].map((tile) => tile.textContent)")
+    assert float(tiles[1].split()[0]) == pytest.approx(recording.score["detection_time_mean"], abs=6e-4)
     found = recording.found_at < f
     seen = run(
         "const { episode } = replay.views[0]; return episode.events.filter((e) => e.kind === 'detection').length"

@@ -15,7 +15,7 @@ from lissajous_env.episodes.evaluation import ActingPolicy, Referee
 from lissajous_env.episodes.recording_checks import check, made_scenario
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.render.snapshot import Snapshot
+from lissajous_env.render.snapshot import Snapshot, of_world
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.introduction import introduced_at
 from lissajous_env.world.simulation import Simulation, fold_seed
@@ -172,15 +172,15 @@ class Recorder:
     def _others(self) -> dict[str, np.ndarray]:
         """What a picture does not show."""
         sim, w = self.simulation, self.world
-        action = np.clip(np.nan_to_num(sim.action.numpy()[w]), -1.0, 1.0)
+        action = np.clip(np.nan_to_num(of_world(sim.action, w)), -1.0, 1.0)
         return {
-            "speed": sim.robots.speed.numpy()[w],
-            "phase": sim.robots.phase.numpy()[w],
-            "heard_at": sim.links.heard_at.numpy()[w],
+            "speed": of_world(sim.robots.speed, w),
+            "phase": of_world(sim.robots.phase, w),
+            "heard_at": of_world(sim.links.heard_at, w),
             "introduced_at": introduced_at(sim, w),
-            "observation": sim.observation.numpy()[w],
-            "action": action if sim.clock.step.numpy()[w] > 0 else np.zeros_like(action),
-            "reward_terms": sim.reward_terms.numpy()[w],
+            "observation": of_world(sim.observation, w),
+            "action": action if of_world(sim.clock.step, w) > 0 else np.zeros_like(action),
+            "reward_terms": of_world(sim.reward_terms, w),
         }
 
     def recording(self, policy: str = "") -> Recording:

@@ -52,7 +52,7 @@ def contents(recording: Recording) -> dict[str, Any]:
         "collisions": counts(recording.collisions[kept], int(recording.collisions.max())),
         "reward": {
             "names": list(recording.reward_names),
-            "terms": quantised_each(recording.reward_terms.mean(axis=1)[kept]),
+            "terms": quantised_each(_since_kept(recording.reward_terms.mean(axis=1), every)),
         },
     }
 
@@ -60,6 +60,11 @@ def contents(recording: Recording) -> dict[str, Any]:
 def quantised_each(table: np.ndarray) -> list[dict[str, Any]]:
     """Pack each column of a table (F, ..., K) to 1/65,535 of its own range."""
     return [quantised(table[..., k]) for k in range(table.shape[-1])]
+
+
+def _since_kept(values: np.ndarray, every: int) -> np.ndarray:
+    """Sum numbers (F, ...) of steps over those since the moment before that is kept."""
+    return np.diff(np.cumsum(values, axis=0, dtype=np.float64)[::every], axis=0, prepend=0.0)
 
 
 def _about(recording: Recording) -> dict[str, Any]:

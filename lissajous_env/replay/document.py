@@ -4,7 +4,7 @@ import html
 from pathlib import Path
 
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.replay.bundle import bundled
+from lissajous_env.replay.bundle import ASSETS, bundled
 from lissajous_env.replay.contents import FORMAT, contents
 from lissajous_env.storage.files import replacing
 
@@ -56,5 +56,5 @@ class Replay:
 
     def _repr_html_(self) -> str:
         """Return a frame that holds the page, cut off from the notebook around it."""
-        template = (Path(__file__).parent / "assets" / "frame.html").read_text(encoding="utf-8")
+        template = (ASSETS / "frame.html").read_text(encoding="utf-8")
         return template.replace("{height}", str(FRAME_HEIGHT)).replace("{page}", html.escape(self.html(), quote=True))

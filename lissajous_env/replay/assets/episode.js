@@ -9,11 +9,14 @@ export const REMOVED = 2;
 export const FLEEING = 3;
 
 const TURN = 2 * Math.PI;
-const MOST_PAIRS = 20000;
 
 export async function unpackedEpisode(raw) {
-  const robots = {}, targets = {}, ground = {};
-  const fill = async (into, name, made) => { into[name] = (await made).values; };
+  const robots = {},
+    targets = {},
+    ground = {};
+  const fill = async (into, name, made) => {
+    into[name] = (await made).values;
+  };
   const work = [];
   for (const name of ["x", "y", "z", "heading", "speed", "phase", "reward"]) {
     work.push(fill(robots, name, reals(raw.robots[name])));
@@ -22,7 +25,9 @@ export async function unpackedEpisode(raw) {
   for (const name of ["x", "y"]) work.push(fill(targets, name, reals(raw.targets[name])));
   const each = async (list) => Promise.all(list.map(async (packed) => (await reals(packed)).values));
   const series = async (list, into, names) => {
-    (await each(list)).forEach((values, k) => { into[names[k]] = values; });
+    (await each(list)).forEach((values, k) => {
+      into[names[k]] = values;
+    });
   };
   const pictures = async (name) => {
     if (!raw.ground[name]) return;
@@ -33,9 +38,21 @@ export async function unpackedEpisode(raw) {
   work.push(pictures("sensed"), pictures("unseen"));
   if (raw.ground.idle) work.push(series(raw.ground.idle, ground, ["idleWorst", "idleMean"]));
   if (raw.ground.age) work.push(series(raw.ground.age, ground, ["ageWorst", "ageMean"]));
-  work.push(each(raw.robots.observation).then((list) => { robots.observation = list; }));
-  work.push(each(raw.robots.action).then((list) => { robots.action = list; }));
-  work.push(each(raw.reward.terms).then((list) => { found.terms = list; }));
+  work.push(
+    each(raw.robots.observation).then((list) => {
+      robots.observation = list;
+    }),
+  );
+  work.push(
+    each(raw.robots.action).then((list) => {
+      robots.action = list;
+    }),
+  );
+  work.push(
+    each(raw.reward.terms).then((list) => {
+      found.terms = list;
+    }),
+  );
   work.push(fill(found, "collisions", wholes(raw.collisions)));
   const curve = await reals(raw.curve);
   await Promise.all(work);
@@ -77,102 +94,24 @@ export class Episode {
 
   // Whether a message of the neighbour on a side (0, 1) came in the step of a moment, or should have.
   isLost(robot, side, moment) {
-    const raw = this.about, step = moment * this.raw.every;
+    const raw = this.about,
+      step = moment * this.raw.every;
     if (raw.neighbours[robot][side] < 0 || step <= raw.delay) return false;
     const silent = this.robots.silent[(2 * robot + side) * this.moments + moment];
     return silent > raw.delay + this.raw.every - 1;
+  }
+
+  // Whether a message between two ring neighbours, in either direction, did not come.
+  isCut(i, j, moment) {
+    const lost = (of, from) =>
+      [0, 1].some((side) => this.about.neighbours[of][side] === from && this.isLost(of, side, moment));
+    return lost(i, j) || lost(j, i);
   }
 }
 
 // An angle in [-pi, pi).
 export function turned(angle) {
   return angle - TURN * Math.floor((angle + Math.PI) / TURN);
-}
-
-// Deviation of each phase from the equilibrium, turned so that it is zero on the mean [rad].
-export function deviations(episode) {
-  const { count, moments } = episode, phase = episode.robots.phase;
-  const rows = Array.from({ length: count }, () => new Float32Array(moments));
-  for (let f = 0; f < moments; f++) {
-    let x = 0, y = 0;
-    for (let i = 0; i < count; i++) {
-      const angle = phase[i * moments + f] - episode.about.equilibrium[i];
-      x += Math.cos(angle);
-      y += Math.sin(angle);
-    }
-    const mean = Math.atan2(y, x);
-    for (let i = 0; i < count; i++) rows[i][f] = turned(phase[i * moments + f] - episode.about.equilibrium[i] - mean);
-  }
-  return rows;
-}
-
-// Phases in [0, 2 pi), with a gap where one begins anew.
-export function wrapped(episode) {
-  const { count, moments } = episode, phase = episode.robots.phase;
-  return Array.from({ length: count }, (_, i) => {
-    const row = Array.from(phase.subarray(i * moments, (i + 1) * moments));
-    return row.map((value, f) => (f > 0 && Math.abs(value - row[f - 1]) > Math.PI ? null : value));
-  });
-}
-
-export function distance(episode, i, j, f) {
-  const { x, y, z } = episode.robots, a = i * episode.moments + f, b = j * episode.moments + f;
-  return Math.hypot(x[a] - x[b], y[a] - y[b], z[a] - z[b]);
-}
-
-// Pairs of ring neighbours, each once.
-export function edges(episode) {
-  const ring = episode.about.ring;
-  if (ring.length < 2) return [];
-  return ring.length === 2 ? [[ring[0], ring[1]]] : ring.map((robot, k) => [robot, ring[(k + 1) % ring.length]]);
-}
-
-export function ringDistances(episode) {
-  return edges(episode).map(([i, j]) => Float32Array.from(episode.x, (_, f) => distance(episode, i, j, f)));
-}
-
-// Smallest distance of any two robots that are there; null for crowds, of which it would take too long.
-export function separations(episode) {
-  const { count, moments } = episode, status = episode.robots.status;
-  if (count < 2 || (count * (count - 1)) / 2 > MOST_PAIRS) return null;
-  return Array.from(episode.x, (_, f) => {
-    let least = Infinity;
-    for (let i = 1; i < count; i++) {
-      if (status[i * moments + f] === REMOVED) continue;
-      for (let j = 0; j < i; j++) {
-        if (status[j * moments + f] !== REMOVED) least = Math.min(least, distance(episode, i, j, f));
-      }
-    }
-    return least === Infinity ? null : least;
-  });
-}
-
-// Targets that have appeared and been detected up to each moment.
-export function detections(episode) {
-  const { appears, found } = episode.raw.targets;
-  const appeared = new Float64Array(episode.moments), detected = new Float64Array(episode.moments);
-  const enter = (into, step) => {
-    const f = Math.ceil(step / episode.raw.every - 1e-9);
-    if (f < episode.moments) into[Math.max(f, 0)] += 1;
-  };
-  appears.forEach((step) => enter(appeared, step));
-  found.forEach((step) => { if (step >= 0) enter(detected, step); });
-  for (let f = 1; f < episode.moments; f++) {
-    appeared[f] += appeared[f - 1];
-    detected[f] += detected[f - 1];
-  }
-  return { appeared, detected };
-}
-
-// Terms of the reward that are not always zero, summed up to each moment: [{name, values}].
-export function returns(episode) {
-  const rows = episode.terms.map((values, k) => {
-    let sum = 0;
-    return { name: episode.raw.reward.names[k], values: Float64Array.from(values, (value) => (sum += value * episode.raw.every)) };
-  });
-  const used = rows.filter((_, k) => episode.terms[k].some((value) => Math.abs(value) > 1e-9));
-  const all = Float64Array.from(episode.x, (_, f) => used.reduce((sum, row) => sum + row.values[f], 0));
-  return { used, all };
 }
 
 function losesMessages(episode) {
@@ -184,7 +123,9 @@ function losesMessages(episode) {
 
 // What happened: [{kind, time, until, robots, words}], by time.
 function eventsOf(episode) {
-  const { moments, step, count } = episode, every = episode.raw.every, events = [];
+  const { moments, step, count } = episode,
+    every = episode.raw.every,
+    events = [];
   for (let i = 0; i < count; i++) {
     for (let f = 0; f < moments; f++) {
       const status = episode.robots.status[i * moments + f];
@@ -204,8 +145,16 @@ function eventsOf(episode) {
     const seen = found[t] >= 0;
     const time = ((seen ? found[t] : appeared) * step) / every;
     const waited = seen ? ((found[t] - appeared) * step) / every : 0;
-    const words = seen ? `rogue ${t} seen after ${Math.max(waited, 0).toFixed(2)} s` : `rogue ${t} enters; it is never seen`;
-    events.push({ kind: seen ? "detection" : "missed", time, until: seen ? time : episode.duration, robots: [], words });
+    const words = seen
+      ? `rogue ${t} seen after ${Math.max(waited, 0).toFixed(2)} s`
+      : `rogue ${t} enters; it is never seen`;
+    events.push({
+      kind: seen ? "detection" : "missed",
+      time,
+      until: seen ? time : episode.duration,
+      robots: [],
+      words,
+    });
   });
   return events.sort((one, other) => one.time - other.time);
 }

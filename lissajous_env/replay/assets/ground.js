@@ -40,7 +40,8 @@ export class Ground {
     const image = context.createImageData(columns, rows);
     const pixels = new Uint32Array(image.data.buffer);
     const ramp = rampOf(layer === "unseen" ? colours.unseen : colours.idle, layer === "unseen" ? 0.62 : 0.5);
-    const now = index * kept.stride, scale = (RAMP - 1) / (this.full(layer) / this.episode.raw.step);
+    const now = index * kept.stride,
+      scale = (RAMP - 1) / (this.full(layer) / this.episode.raw.step);
     for (let row = 0; row < rows; row++) {
       for (let column = 0; column < columns; column++) {
         const since = kept.values[(row * columns + column) * pictures + index];

@@ -1,8 +1,8 @@
 // What one robot sees and does at this moment: its observation row, named, and its action.
 
-import { number } from "./charts.js";
 import { robotColour } from "./colours.js";
 import { REMOVED, STUCK } from "./episode.js";
+import { decimals, element, number } from "./words.js";
 
 const STATUS = { 0: "works", [STUCK]: "stuck", [REMOVED]: "lost" };
 const MOST_CHIPS = 40;
@@ -45,7 +45,8 @@ export class Inspector {
   invite() {
     const words = document.createElement("p");
     words.className = "invite";
-    words.textContent = "Pick a robot, here or on the picture: what it observes at this moment, by name, and what it does.";
+    words.textContent =
+      "Pick a robot, here or on the picture: what it observes at this moment, by name, and what it does.";
     this.panel.replaceChildren(words);
   }
 
@@ -66,7 +67,8 @@ export class Inspector {
   fact(list, name, robot) {
     const value = element("dd");
     list.append(element("dt", "", name), value);
-    const { robots } = this.episode, row = robot * this.episode.moments;
+    const { robots } = this.episode,
+      row = robot * this.episode.moments;
     this.cells.push((moment) => {
       const status = robots.status[row + moment];
       if (name === "status") value.textContent = STATUS[status];
@@ -94,21 +96,25 @@ export class Inspector {
   }
 
   heading(words) {
-    const row = element("tr", "group"), cell = element("th", "", words);
+    const row = element("tr", "group"),
+      cell = element("th", "", words);
     cell.colSpan = 4;
     row.append(cell);
     return row;
   }
 
   row(index, name, values, robot) {
-    const row = element("tr"), value = element("td", "value"), bar = element("i");
+    const row = element("tr"),
+      value = element("td", "value"),
+      bar = element("i");
     const track = element("td", "bar");
     track.append(bar);
     row.append(element("td", "index", index), element("td", "entry", name), value, track);
     const first = robot * this.episode.moments;
     this.cells.push((moment) => {
-      const now = values[first + moment], shown = Math.max(Math.min(now, 1), -1);
-      value.textContent = Math.abs(now) < 5e4 ? now.toFixed(3).replace(/^-(0\.0+)$/, "$1") : now.toExponential(1);
+      const now = values[first + moment],
+        shown = Math.max(Math.min(now, 1), -1);
+      value.textContent = Math.abs(now) < 5e4 ? decimals(now, 3) : now.toExponential(1);
       bar.style.transform = `translateX(${shown < 0 ? 50 + 50 * shown : 50}%) scaleX(${Math.abs(shown) / 2})`;
     });
     return row;
@@ -126,11 +132,4 @@ export class Inspector {
 function parted(name) {
   const found = /^(neighbour|robot|target)_(\d+)_(.+)$/.exec(name);
   return found ? [`${found[1]} ${found[2]}`, found[3].replaceAll("_", " ")] : ["itself", name.replaceAll("_", " ")];
-}
-
-export function element(kind, name = "", words = "") {
-  const made = document.createElement(kind);
-  if (name) made.className = name;
-  if (words) made.textContent = words;
-  return made;
 }

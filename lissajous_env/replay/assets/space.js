@@ -1,9 +1,11 @@
 // The world of a scenario in three dimensions, by three.js: the knot, the robots on it, what they sense on the ground.
 
 import { robotColour } from "./colours.js";
-import { edges, REMOVED, STUCK, WORKING } from "./episode.js";
+import { edges } from "./derived.js";
+import { REMOVED, STUCK, WORKING } from "./episode.js";
 import { Ground } from "./ground.js";
-import { isCut, legendOf, TRAIL } from "./stage.js";
+import { legendOf } from "./legend.js";
+import { trailOf } from "./stage.js";
 
 const THIN = 0.006;
 
@@ -16,7 +18,8 @@ export class Space {
     this.scene = new T.Scene();
     this.camera = new T.PerspectiveCamera(32, 2, 0.01, 1000);
     this.camera.up.set(0, 0, 1);
-    const { half } = episode.about, reach = Math.hypot(half[0], half[1]);
+    const { half } = episode.about,
+      reach = Math.hypot(half[0], half[1]);
     this.camera.position.set(-0.6 * reach, -2.35 * reach, 1.55 * reach + half[2]);
     this.controls = new T.OrbitControls(this.camera, canvas);
     this.controls.target.set(0, 0, 0);
@@ -52,7 +55,8 @@ export class Space {
   }
 
   line(points, closed = false) {
-    const T = this.T, geometry = new T.BufferGeometry();
+    const T = this.T,
+      geometry = new T.BufferGeometry();
     geometry.setAttribute("position", new T.Float32BufferAttribute(points, 3));
     const made = new (closed ? T.LineLoop : T.Line)(geometry, new T.LineBasicMaterial({ transparent: true }));
     made.frustumCulled = false;
@@ -61,19 +65,30 @@ export class Space {
   }
 
   addGround() {
-    const T = this.T, [a, b] = this.episode.about.half;
+    const T = this.T,
+      [a, b] = this.episode.about.half;
     const shape = new T.PlaneGeometry(2 * a, 2 * b);
-    this.plane = new T.Mesh(shape, new T.MeshBasicMaterial({ side: T.DoubleSide, transparent: true, opacity: 0.45, depthWrite: false }));
+    this.plane = new T.Mesh(
+      shape,
+      new T.MeshBasicMaterial({ side: T.DoubleSide, transparent: true, opacity: 0.45, depthWrite: false }),
+    );
     this.plane.position.z = -0.004;
-    this.heat = new T.Mesh(shape, new T.MeshBasicMaterial({ transparent: true, side: T.DoubleSide, depthWrite: false }));
+    this.heat = new T.Mesh(
+      shape,
+      new T.MeshBasicMaterial({ transparent: true, side: T.DoubleSide, depthWrite: false }),
+    );
     this.scene.add(this.plane, this.heat);
     this.edge = this.line([-a, -b, 0, a, -b, 0, a, b, 0, -a, b, 0], true);
   }
 
   addCurve() {
-    const T = this.T, { curve } = this.episode, count = curve.length / 3, every = Math.ceil(count / 900);
+    const T = this.T,
+      { curve } = this.episode,
+      count = curve.length / 3,
+      every = Math.ceil(count / 900);
     const points = [];
-    for (let k = 0; k < count - 1; k += every) points.push(new T.Vector3(curve[k], curve[count + k], curve[2 * count + k]));
+    for (let k = 0; k < count - 1; k += every)
+      points.push(new T.Vector3(curve[k], curve[count + k], curve[2 * count + k]));
     const way = new T.CatmullRomCurve3(points, true);
     const thick = THIN * this.episode.about.half[0];
     this.knot = new T.Mesh(new T.TubeGeometry(way, 1200, thick, 8, true), new T.MeshLambertMaterial());
@@ -81,17 +96,21 @@ export class Space {
   }
 
   addTargets() {
-    const T = this.T, size = 0.022 * this.episode.about.half[0], count = Math.max(this.episode.raw.targets.count, 1);
+    const T = this.T,
+      size = 0.022 * this.episode.about.half[0],
+      count = Math.max(this.episode.raw.targets.count, 1);
     this.targets = new T.InstancedMesh(new T.SphereGeometry(size, 12, 8), new T.MeshLambertMaterial(), count);
     this.targets.frustumCulled = false;
     this.scene.add(this.targets);
   }
 
   addRobots() {
-    const T = this.T, { about, count } = this.episode;
-    const body = new T.SphereGeometry(about.radius, 32, 20), around = new T.SphereGeometry(1.45 * about.radius, 32, 20);
+    const T = this.T,
+      { about, count } = this.episode;
+    const body = new T.SphereGeometry(about.radius, 32, 20),
+      around = new T.SphereGeometry(1.45 * about.radius, 32, 20);
     const disc = new T.RingGeometry(0.992 * about.sensing, about.sensing, 128);
-    this.back = Math.round(TRAIL / this.episode.step);
+    this.back = trailOf(this.episode);
     this.robots = Array.from({ length: count }, (_, i) => {
       const ball = new T.Mesh(body, new T.MeshLambertMaterial());
       ball.userData.robot = i;
@@ -100,7 +119,8 @@ export class Space {
       const sensed = new T.Mesh(disc, new T.MeshBasicMaterial({ transparent: true, opacity: 0.4, side: T.DoubleSide }));
       const sign = new T.Sprite(new T.SpriteMaterial({ depthTest: false }));
       sign.scale.setScalar(2.3 * about.radius);
-      const fall = this.line(new Float32Array(6)), trail = this.line(new Float32Array(3 * (this.back + 2)));
+      const fall = this.line(new Float32Array(6)),
+        trail = this.line(new Float32Array(3 * (this.back + 2)));
       this.scene.add(ball, shell, sensed, sign);
       return { ball, shell, sensed, sign, fall, trail };
     });
@@ -125,7 +145,8 @@ export class Space {
   }
 
   numbered(robot, colours) {
-    const canvas = document.createElement("canvas"), context = canvas.getContext("2d");
+    const canvas = document.createElement("canvas"),
+      context = canvas.getContext("2d");
     canvas.width = canvas.height = 96;
     context.font = "700 58px system-ui, sans-serif";
     context.textAlign = "center";
@@ -143,13 +164,15 @@ export class Space {
 
   draw(time, view) {
     this.latest = [time, view];
-    const at = this.episode.at(time), { colours } = view;
+    const at = this.episode.at(time),
+      { colours } = view;
     this.paint(colours);
     this.lay(view, at);
     const places = this.robots.map((_, i) => this.place(i, at));
     this.robots.forEach((robot, i) => this.move(robot, i, places[i], at, view));
     this.links.forEach((link, k) => {
-      const [i, j] = this.edges[k], lost = isCut(this.episode, i, j, at.moment);
+      const [i, j] = this.edges[k],
+        lost = this.episode.isCut(i, j, at.moment);
       this.stretch(link, [...places[i], ...places[j]]);
       link.material.color.set(lost ? colours.lost : colours.link);
       link.material.opacity = lost ? 0.9 : 0.5;
@@ -168,7 +191,8 @@ export class Space {
   }
 
   lay(view, at) {
-    const picture = this.ground.picture(view.layer, at.now, view.colours), key = `${view.layer} ${this.ground.shown}`;
+    const picture = this.ground.picture(view.layer, at.now, view.colours),
+      key = `${view.layer} ${this.ground.shown}`;
     this.heat.visible = picture !== null;
     if (!picture || key === this.laid) return;
     this.laid = key;
@@ -179,13 +203,15 @@ export class Space {
   }
 
   move(robot, i, [x, y, z], at, view) {
-    const { episode } = this, status = episode.robots.status[i * episode.moments + at.moment];
+    const { episode } = this,
+      status = episode.robots.status[i * episode.moments + at.moment];
     robot.ball.position.set(x, y, z);
     robot.ball.visible = robot.fall.visible = status !== REMOVED;
     const touches = episode.raw.contacts.some(
       ([one, other, first, last]) => (one === i || other === i) && first <= at.moment && at.moment <= last,
     );
-    const { colours } = view, stuck = status === STUCK;
+    const { colours } = view,
+      stuck = status === STUCK;
     robot.shell.visible = touches || stuck || i === view.selected;
     robot.shell.material.color.set(touches ? colours.touch : stuck ? colours.stuck : colours.ink);
     robot.shell.position.set(x, y, z);
@@ -193,7 +219,8 @@ export class Space {
     robot.sensed.visible = status === WORKING;
     robot.sign.position.set(x, y, z + 1.9 * episode.about.radius);
     this.stretch(robot.fall, [x, y, z, x, y, 0]);
-    const trail = robot.trail.geometry.attributes.position, row = i * episode.moments;
+    const trail = robot.trail.geometry.attributes.position,
+      row = i * episode.moments;
     for (let k = 0; k <= this.back; k++) {
       const f = row + Math.max(at.moment - this.back + k, 0);
       trail.setXYZ(k, episode.robots.x[f], episode.robots.y[f], episode.robots.z[f]);
@@ -208,12 +235,17 @@ export class Space {
   }
 
   moveTargets(at, colours) {
-    const T = this.T, { raw, targets } = this.episode, step = at.now * raw.every;
-    const matrix = new T.Matrix4(), colour = new T.Color();
+    const T = this.T,
+      { raw, targets } = this.episode,
+      step = at.now * raw.every;
+    const matrix = new T.Matrix4(),
+      colour = new T.Color();
     for (let t = 0; t < this.targets.count; t++) {
-      const found = raw.targets.found[t], seen = found >= 0 && found <= step;
-      const age = seen ? ((step - found) * raw.step) : 0;
-      const shown = t < raw.targets.count && raw.targets.appears[t] <= step && (!seen || age < 1 || !this.episode.about.leave);
+      const found = raw.targets.found[t],
+        seen = found >= 0 && found <= step;
+      const age = seen ? (step - found) * raw.step : 0;
+      const shown =
+        t < raw.targets.count && raw.targets.appears[t] <= step && (!seen || age < 1 || !this.episode.about.leave);
       const size = !shown ? 0 : seen && this.episode.about.leave ? 1 + age * (1 - age) * 3 : 1;
       matrix.makeScale(size, size, size);
       if (shown) matrix.setPosition(this.episode.between(targets.x, t, at), this.episode.between(targets.y, t, at), 0);

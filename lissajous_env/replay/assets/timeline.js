@@ -14,7 +14,9 @@ const NEAR = 7;
 export class Timeline {
   constructor(canvas, episodes, duration) {
     Object.assign(this, { canvas, episodes, duration });
-    this.lanes = LANES.filter(([kind]) => episodes.some((episode) => episode.events.some((event) => event.kind === kind)));
+    this.lanes = LANES.filter(([kind]) =>
+      episodes.some((episode) => episode.events.some((event) => event.kind === kind)),
+    );
     this.rows = this.lanes.flatMap(([kind, words]) => episodes.map((_, k) => ({ kind, words: k ? "" : words, k })));
     // All that can be stepped to, each time once.
     this.all = episodes
@@ -22,7 +24,9 @@ export class Timeline {
       .sort((one, other) => one.time - other.time);
   }
 
-  get height() { return Math.max(this.rows.length, 1) * LANE + 8; }
+  get height() {
+    return Math.max(this.rows.length, 1) * LANE + 8;
+  }
 
   // Names of the lanes; of two episodes each has its own, one below the other.
   names() {
@@ -48,12 +52,14 @@ export class Timeline {
     context.font = "10px system-ui, sans-serif";
     context.textBaseline = "middle";
     this.rows.forEach((row, k) => {
-      const y = 4 + k * LANE, colour = this.colour(row.kind, colours);
+      const y = 4 + k * LANE,
+        colour = this.colour(row.kind, colours);
       context.fillStyle = colours.grid;
       context.fillRect(0, y + LANE / 2 - 0.5, this.width, 1);
       for (const event of this.episodes[row.k].events) {
         if (event.kind !== row.kind) continue;
-        const x = this.x(event.time), wide = Math.max(this.x(event.until) - x, 2);
+        const x = this.x(event.time),
+          wide = Math.max(this.x(event.until) - x, 2);
         context.fillStyle = row.kind === "missed" || row.kind === "fault" ? faded(colour, 0.45) : colour;
         if (row.kind === "detection") context.fillRect(x - 1, y + 1, 2, LANE - 3);
         else {
@@ -65,12 +71,15 @@ export class Timeline {
     });
   }
 
-  x(time) { return this.duration > 0 ? (time / this.duration) * this.width : 0; }
+  x(time) {
+    return this.duration > 0 ? (time / this.duration) * this.width : 0;
+  }
 
   // The event at a place [px], within a few pixels; null for none.
   nearest(x, y) {
     const row = this.rows[Math.floor((y - 4) / LANE)];
-    let best = null, least = NEAR;
+    let best = null,
+      least = NEAR;
     for (const event of row ? this.episodes[row.k].events : []) {
       const away = Math.max(this.x(event.time) - x, x - this.x(event.until), 0);
       if (event.kind === row.kind && away < least) [best, least] = [event, away];
@@ -83,8 +92,12 @@ export class Timeline {
     return Math.abs(this.x(event.time) - x) < NEAR;
   }
 
-  before(time) { return this.all.findLast((event) => event.time < time - 1e-3) || null; }
-  after(time) { return this.all.find((event) => event.time > time + 1e-3) || null; }
+  before(time) {
+    return this.all.findLast((event) => event.time < time - 1e-3) || null;
+  }
+  after(time) {
+    return this.all.find((event) => event.time > time + 1e-3) || null;
+  }
 
   // What was last before a time, within two seconds.
   latest(time) {

@@ -7,7 +7,8 @@ export async function wholes(packed) {
   const bytes = Uint8Array.from(atob(packed.data), (letter) => letter.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
   const planes = new Uint8Array(await new Response(stream).arrayBuffer());
-  const size = packed.bits / 8, count = planes.length / size;
+  const size = packed.bits / 8,
+    count = planes.length / size;
   const values = new KINDS[packed.bits](count);
   for (let plane = 0; plane < size; plane++) {
     for (let k = 0; k < count; k++) values[k] |= planes[plane * count + k] << (8 * plane);
