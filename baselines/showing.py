@@ -116,13 +116,14 @@ def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, ov
     """Read the recording of a file, or play a policy on a scenario."""
     from lissajous_env.episodes.recording import load
 
-    if len(names) > 1:
+    file, *others = names
+    if others:
         scenarios, policy = told_apart(names)
         changed = parse_overrides(overrides)
         return _played(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=changed), output)
     if overrides:
         raise ValueError("overrides must be left out beside a recording, which was played as it is")
-    return load(names[0])
+    return load(file)
 
 
 def _played(settings: Benchmark, output: Output, scenario: Scenario | None = None) -> "Recording":

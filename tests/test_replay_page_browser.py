@@ -12,7 +12,7 @@ import pytest
 import baselines
 import lissajous_env
 from lissajous_env.episodes.recording import record
-from lissajous_env.replay import page
+from lissajous_env.replay import Replay, page
 
 if os.environ.get("CI"):
     from selenium import webdriver
@@ -269,3 +269,16 @@ def test_the_knot_stands_in_space(browser, folder):
     said, asked = complaints(browser)
     assert [words for words in said if "WebGL" not in words] == []
     assert asked == []
+
+
+def test_a_notebook_shows_it_in_a_frame_of_its_own(browser, folder, recording):
+    # Story: a notebook puts what the object returns into a page of its own; the frame plays, and cannot reach out.
+    (folder / "notebook.html").write_text(f"<body>{Replay(recording)._repr_html_()}</body>", encoding="utf-8")
+    browser.get((folder / "notebook.html").as_uri())
+    browser.switch_to.frame(0)
+    wait(lambda: browser.execute_script("return document.body.dataset.ready === 'true'"))
+    browser.execute_script("document.getElementById('play').click()")
+    wait(lambda: browser.execute_script("return replay.player.time") > 0.2)
+    assert browser.execute_script("return self.origin") == "null"
+    browser.switch_to.default_content()
+    assert browser.execute_script("return document.body.dataset.ready") is None

@@ -21,6 +21,7 @@ export class Stage {
     Object.assign(this, { canvas, episode, ground: new Ground(episode), edges: edges(episode) });
     this.context = canvas.getContext("2d");
     this.base = document.createElement("canvas");
+    this.floor = document.createElement("canvas");
     this.many = episode.count > 40;
     this.nearest = [];
     this.extent = extentOf(episode);
@@ -43,7 +44,7 @@ export class Stage {
     this.body = Math.max(this.scale * radius, this.many ? 3.4 : 6.5);
     this.bodies = new Bodies(this);
     this.rogues = new Rogues(this);
-    this.painted = "";
+    this.painted = this.laid = "";
   }
 
   // What the picture shows: [sign, words].
@@ -104,20 +105,12 @@ export class Stage {
 
   paintGround(view, at) {
     const { context, episode } = this,
-      colours = view.colours,
-      box = this.rectangle();
-    context.fillStyle = colours.ground;
-    context.fillRect(...box);
+      colours = view.colours;
+    context.drawImage(this.floorOf(view, at), 0, 0, this.width, this.height);
     context.save();
     context.beginPath();
-    context.rect(...box);
+    context.rect(...this.rectangle());
     context.clip();
-    const picture = this.ground.picture(view.layer, at.now, colours);
-    if (picture) {
-      context.imageSmoothingEnabled = view.layer !== "unseen" || picture.width > 60;
-      context.imageSmoothingQuality = "high";
-      context.drawImage(picture, ...box);
-    }
     // Discs of a crowd would make one surface.
     const strength = episode.count <= 6 ? 1 : episode.count <= 40 ? 0.55 : 0.15;
     context.fillStyle = faded(colours.sensing, 0.07 * strength);
@@ -131,6 +124,23 @@ export class Stage {
       context.stroke();
     }
     context.restore();
+  }
+
+  // The rectangle with its cells: drawn anew when these change, not with every picture.
+  floorOf(view, at) {
+    const picture = this.ground.picture(view.layer, at.now, view.colours);
+    const key = `${this.width} ${this.ratio} ${view.colours.card} ${picture ? this.ground.shown : ""}`;
+    if (key === this.laid) return this.floor;
+    this.laid = key;
+    this.floor.width = this.canvas.width;
+    this.floor.height = this.canvas.height;
+    const context = this.floor.getContext("2d"),
+      box = this.rectangle();
+    context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    context.fillStyle = view.colours.ground;
+    context.fillRect(...box);
+    if (picture) context.drawImage(picture, ...box);
+    return this.floor;
   }
 
   // What never changes: curve and edge.
