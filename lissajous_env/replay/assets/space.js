@@ -187,7 +187,7 @@ export class Space {
 
   place(i, at) {
     const { x, y, z } = this.episode.robots;
-    return [x, y, z].map((values) => this.episode.between(values, i, at));
+    return [x, y, z].map((values) => this.episode.glide(values, i, at));
   }
 
   lay(view, at) {
