@@ -41,7 +41,7 @@ export class Space {
   }
 
   heightFor(width) {
-    return Math.round(Math.min(Math.max(0.62 * width, 240), 560));
+    return Math.round(Math.max(0.62 * width, 240));
   }
 
   resize(width, height, ratio) {

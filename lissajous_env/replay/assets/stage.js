@@ -29,7 +29,7 @@ export class Stage {
 
   // Height of the stage for a width [px].
   heightFor(width) {
-    return Math.round(Math.min(Math.max((width * this.extent[1]) / this.extent[0], 170), 620));
+    return Math.round(Math.max((width * this.extent[1]) / this.extent[0], 170));
   }
 
   resize(width, height, ratio) {
