@@ -1,35 +1,23 @@
-"""Commands that put policies to work: benchmark, evaluate, run; and the list of the policies."""
+"""Commands that compare policies: benchmark, evaluate; and the list of the policies."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, replace
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.running import Benchmark, Cell, measure, plan, play
+from baselines.benchmark.running import Benchmark, measure, plan, play
 from baselines.policies import registry
-from baselines.policies.factories import as_factory, is_imported, told_apart
+from baselines.policies.factories import told_apart
+from baselines.showing import made, naming, progress_console
 from lissajous_env.console.commands import check_file
-from lissajous_env.console.terminal import (
-    AS_USUAL,
-    Column,
-    CommandError,
-    Output,
-    Speech,
-    make_console,
-    print_left_out,
-    print_table,
-)
+from lissajous_env.console.terminal import AS_USUAL, Column, CommandError, Speech, print_left_out, print_table
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
-from lissajous_env.wording import where_raised
 
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
-_PolicyName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
-_ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 _ScenarioOrNone = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]")]
 _Names = Annotated[
     tuple[str, ...],
@@ -55,7 +43,7 @@ def benchmark(
 
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
     try:
-        outcome = measure(settings, console=output.console(), progress=_progress(output))
+        outcome = measure(settings, console=output.console(), progress=progress_console(output))
     except KeyboardInterrupt:
         words = f"finished episodes are kept in {settings.out}, the same command goes on from there"
         raise KeyboardInterrupt(words) from None
@@ -103,12 +91,12 @@ def evaluate(
     cells = plan(settings)
     rows: list[dict[str, Any]] = []
     numbers = list(range(episodes))
-    with Progress([(cell, numbers) for cell in cells], _progress(output)) as progress:
+    with Progress([(cell, numbers) for cell in cells], progress_console(output)) as progress:
         for cell in cells:
             progress.begin(cell)
-            made = _made(cell, settings)
-            with _naming(cell):
-                for finished in play(made, settings, numbers, progress.step):
+            ready = made(cell, settings)
+            with naming(cell):
+                for finished in play(ready, settings, numbers, progress.step):
                     rows += finished.rows
                     progress.finished(len(finished.rows))
             progress.end()
@@ -123,52 +111,6 @@ def evaluate(
         console.print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
     of = {name: {column: asdict(of) for column, of in by[policy].items()} for name, by in statistics.items()}
     output.give({"policy": policy, "statistics": of, "episodes": rows})
-
-
-def run(
-    scenario: _ScenarioName,
-    policy: _PolicyName,
-    seed: int = 0,
-    device: str = "cpu",
-    out: _Out = None,
-    output: Speech = AS_USUAL,
-    overrides: Overrides = (),
-) -> None:
-    """Play one episode: in a window, or to a GIF, PNG or NPZ file.
-
-    Args:
-        scenario: name of the scenario, .toml file, or module:attribute.
-        policy: name of the policy, folder of a checkpoint, or module:factory.
-        seed: seed of the episode.
-        device: cpu, cuda or cuda:k.
-        out: .gif, .png or .npz to write; without it a window opens where there is a display.
-        output: How it speaks.
-        overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
-    """
-    from baselines.benchmark import tables
-    from lissajous_env.console.commands import has_display, show
-    from lissajous_env.episodes.recording import record
-
-    scenarios, policy = told_apart((scenario, policy))
-    check_file(out, ".gif", ".png", ".npz")
-    settings = Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=parse_overrides(overrides))
-    (cell,) = plan(settings)
-    notes = _progress(output)
-    with Progress([(cell, [0])], notes) as progress:
-        progress.begin(cell)
-        acting = _made(cell, settings).factory(cell.scenario, 1, device)
-        with _naming(cell):
-            recording = record(acting, cell.scenario, seed, device, on_step=lambda: progress.step(1))
-        progress.finished(1)
-        progress.end()
-    row = recording.score | {"policy": policy}
-    tables.print_row(output.console(), row)
-    output.give(row)
-    if out is not None or has_display():
-        show(recording, out, output)
-    else:
-        words = "there is no display to open a window on; --out writes a .gif, .png or .npz instead"
-        notes.print(words, highlight=False, soft_wrap=True)
 
 
 def policies(scenario: _ScenarioOrNone = None, output: Speech = AS_USUAL) -> None:
@@ -200,27 +142,3 @@ def policies(scenario: _ScenarioOrNone = None, output: Speech = AS_USUAL) -> Non
 
 def _described(name: str, kind: str | None, made_for: Sequence[str], learned: bool, description: str) -> list[str]:
     return [name, kind or "any", "learned" if learned else "classical", ", ".join(made_for) or "any", description]
-
-
-def _progress(output: Output) -> Any:
-    return make_console(stderr=True, quiet=output.quiet)
-
-
-def _made(cell: Cell, settings: Benchmark) -> Cell:
-    """Make the policy of a cell: what is wrong with a name or a folder is bad input, what fails later is the policy's.
-
-    Returns:
-        The cell, with the policy that was made as its factory's result.
-    """
-    with _naming(cell) if is_imported(cell.policy) else nullcontext():
-        policy = cell.factory(cell.scenario, settings.worlds, settings.device)
-    return replace(cell, factory=as_factory(policy, cell.policy))
-
-
-@contextmanager
-def _naming(cell: Cell) -> Iterator[None]:
-    """Say which policy it was that failed, and where."""
-    try:
-        yield
-    except Exception as error:
-        raise CommandError(f"{cell.policy} failed on {cell.scenario.name}: {where_raised(error)}") from error

@@ -137,7 +137,7 @@ def test_an_unknown_scenario_is_one_clear_line_and_exit_code_2(tmp_path):
         (["design", "--sensor-radius", "1e-300"], "sensor_radius must be from 1e-06 to 1e+06 [m]"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),
-        (["run", "failure", "kuramoto", "--out", "film.mov"], "must end in .gif"),
+        (["run", "failure", "kuramoto", "--out", "film.mov"], "must end in .html or .gif"),
         (["replay", "nowhere.npz"], "nowhere.npz"),
     ],
 )

@@ -1,5 +1,6 @@
 """Pictures for colour-blind readers: what meets in one picture differs in a colour that they see, or in its mark."""
 
+import re
 from itertools import combinations
 
 import numpy as np
@@ -10,6 +11,7 @@ from baselines.benchmark.looks import COLOURS, MARKS, look
 from baselines.policies.registry import unwrapped
 from baselines.reproduce import drawing
 from lissajous_env.render import palette
+from lissajous_env.replay.bundle import ASSETS
 
 # What is seen without one kind of cones, in linear RGB, at full severity. Oracle: G. M. Machado, M. M. Oliveira and
 # L. A. F. Fernandes, "A physiologically-based model for simulation of color vision deficiency", IEEE TVCG 15(6), 2009.
@@ -76,3 +78,21 @@ def test_curves_of_one_picture_are_told_apart_by_every_reader(seen):
 def test_what_meets_in_a_film_is_told_apart_by_every_reader(seen):
     for one, other in combinations(FILM, 2):
         assert distance(getattr(palette, one), getattr(palette, other), seen) > APART, (one, other)
+
+
+def page_colours(theme):
+    """Colours of the robots, and the others by name, of a theme of the replay page."""
+    text = re.search(rf"const {theme} = {{(.*?)}};", (ASSETS / "colours.js").read_text(), re.DOTALL)[1]
+    robots, others = text.split("],", 1)
+    return re.findall("#[0-9a-f]{6}", robots), dict(re.findall(r'(\w+): "(#[0-9a-f]{6})"', others))
+
+
+@pytest.mark.parametrize("seen", SEEN)
+@pytest.mark.parametrize("theme", ["LIGHT", "DARK"])
+def test_robots_and_marks_of_a_replay_page_are_told_apart_by_every_reader(theme, seen):
+    robots, others = page_colours(theme)
+    assert len(robots) == 8
+    for one, other in combinations([*robots, others["ground"]], 2):
+        assert distance(from_hex(one), from_hex(other), seen) > APART, (one, other)
+    for one, other in combinations(("rogue", "found", "stuck", "touch", "unseen", "ground"), 2):
+        assert distance(from_hex(others[one]), from_hex(others[other]), seen) > APART, (one, other)

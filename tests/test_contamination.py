@@ -10,7 +10,7 @@ import lissajous_env
 from lissajous_env.episodes.evaluation import Referee
 from lissajous_env.parameters.spreading import HOPS
 from lissajous_env.world.discs import swept_run
-from lissajous_env.world.labels import earliest
+from lissajous_env.world.introduction import introduced_at
 from lissajous_env.world.state import NEVER
 
 POINTS = {
@@ -53,7 +53,7 @@ def standing(radius, grid, duration=20.0, **overrides):
 
 def labels_now(simulation):
     """(rows, columns) e in control steps of the latest tick; a large number where nobody is."""
-    e = earliest(simulation.contamination, simulation.scenario.spreading, simulation.clock.step.numpy())[0]
+    e = introduced_at(simulation)
     return np.where(e == int(NEVER), 10**6, e)
 
 

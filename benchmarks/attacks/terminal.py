@@ -94,7 +94,8 @@ _OPTIONS = {
         "--steering-max": [*_REAL, "0", "2", "1e300"], "--num-robots": [*_WHOLE[:-1], "0", "1", "1000000"],
         "--rows": ["x", "1.5", "", "-1", "0"],
     },
-    "replay": {"--speed": [*_REAL, "0", "1e-9", "1e9"], "--fps": [*_REAL, "0", "1e-9", "1000"], "--out": _FILES},
+    "replay": {"--speed": [*_REAL, "0", "1e-9", "1e9"], "--fps": [*_REAL, "0", "1e-9", "1000"], "--out": _FILES,
+               "--against": _NAMES, "--seed": [*_WHOLE, "99999999999"], "--device": _DEVICES},
     "reproduce": {"--seed": [*_WHOLE, "99999999999"], "--device": _DEVICES, "--out": ["file", "file/x", ""]},
     "policies": {}, "scenarios": {},
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Commands about the world itself: which scenarios there are, and recordings of episodes."""
+"""Which scenarios there are; and how commands show a recording or write it to a file."""
 
 import dataclasses
 import math
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 _Scenarios = Annotated[
     tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")
 ]
-_File = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
-_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _MOST_PICTURES = 20_000
 """Of a GIF."""
 
@@ -98,35 +96,15 @@ def _print_settings(console: "Console", given: "Scenario") -> None:
     console.print(f"{given.name}: what differs from the defaults; digest {given.digest()}.", style="dim", markup=False)
 
 
-def replay(file: _File, out: _Out = None, speed: float = 1.0, fps: float = 10.0, output: Speech = AS_USUAL) -> None:
-    """Show a recording: in a window, or as a GIF or PNG file.
+def check_pace(speed: float, fps: float) -> None:
+    """Refuse a pace at which nothing can be shown.
 
-    Args:
-        file: recording, as `lissajous run SCENARIO POLICY --out FILE.npz` writes it.
-        out: .gif or .png to write; without it a window opens: space pauses, left and right step, escape quits.
-        speed: seconds of the episode shown in one second, from 0.01 to 1000.
-        fps: pictures a second of a GIF, from 0.1 to 50.
-        output: How it speaks.
+    Raises:
+        ValueError: a speed below 0.01 or above 1000, or pictures a second below 0.1 or above 50.
     """
-    from lissajous_env.episodes.recording import load
-
-    check_file(out, ".gif", ".png")
     for name, value, least, most in (("speed", speed, 0.01, 1000), ("fps", fps, 0.1, 50)):
         if not least <= value <= most:
             raise ValueError(f"{name} must be from {least:g} to {most:g}, got {value:g}")
-    if not file.is_file():
-        raise ValueError(f"file must be a recording (.npz), but there is no file {file}")
-    if out is None and not has_display():
-        raise ValueError("out must be given (.gif or .png): there is no display to open a window on")
-    recording = load(file)
-    if (pictures := recording.duration * fps / speed) > _MOST_PICTURES and out is not None:
-        raise ValueError(
-            f"speed must be such that a GIF has at most {_MOST_PICTURES:,} pictures, got {speed:g} with "
-            f"{math.ceil(pictures):,}"
-        )
-    row = recording.score
-    show(recording, out, output, speed, fps)
-    output.give({"file": file, "wrote": out, "score": row})
 
 
 def has_display() -> bool:
@@ -152,23 +130,41 @@ def check_file(out: Path | None, *suffixes: str) -> None:
 
 
 def show(
-    recording: "Recording", out: Path | None, output: Output | None = None, speed: float = 1.0, fps: float = 10.0
+    recording: "Recording",
+    out: Path | None,
+    output: Output | None = None,
+    speed: float = 1.0,
+    fps: float = 10.0,
+    against: "Recording | None" = None,
 ) -> None:
-    """Show a recording in a window or, given a file, write it there in the format of its suffix."""
+    """Show a recording in a window or, given a file, write it there in the format of its suffix.
+
+    Raises:
+        ValueError: a GIF of more than 20,000 pictures.
+    """
     from rich.progress import Progress
 
     from lissajous_env.render import film
+    from lissajous_env.replay import Replay
 
     output = output or Output()
+    suffix = "" if out is None else out.suffix.lower()
+    if suffix == ".gif" and (pictures := recording.duration * fps / speed) > _MOST_PICTURES:
+        raise ValueError(
+            f"speed must be such that a GIF has at most {_MOST_PICTURES:,} pictures, got {speed:g} with "
+            f"{math.ceil(pictures):,}"
+        )
     if out is None:
         film.play(recording, speed=speed)
         return
     console = make_console(stderr=True, quiet=output.quiet)
     with Progress(console=console, transient=True, disable=not console.is_interactive or output.quiet) as progress:
         task = progress.add_task("drawing", total=max(recording.duration * fps / speed, 1))
-        if out.suffix.lower() == ".gif":
+        if suffix == ".html":
+            Replay(recording, against).save(out)
+        elif suffix == ".gif":
             film.save_gif(recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
-        elif out.suffix.lower() == ".png":
+        elif suffix == ".png":
             film.save_png(recording, out)
         else:
             recording.save(out)

@@ -1,6 +1,6 @@
 """The Gymnasium environment of one world: the whole team as one agent."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -10,6 +10,9 @@ from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.simulation import Simulation
+
+if TYPE_CHECKING:
+    from lissajous_env.replay import Replay
 
 
 def team_spaces(simulation: Simulation, discrete: bool, flat: bool) -> tuple[gymnasium.spaces.Box, gymnasium.Space]:
@@ -90,6 +93,10 @@ class LissajousEnv(gymnasium.Env):
     def render(self) -> Any:
         """Draw the world, as `LissajousParallelEnv.render`."""
         return self.parallel.render()
+
+    def replay(self, policy: str = "") -> "Replay":
+        """Return the episode so far as a page, as `LissajousParallelEnv.replay`, of one made with `record=True`."""
+        return self.parallel.replay(policy)
 
     def close(self) -> None:
         """Close the window, if there is one."""

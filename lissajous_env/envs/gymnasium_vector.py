@@ -1,7 +1,7 @@
 """The Gymnasium environment of a batch of worlds, whose rows are teams or, for one agent each, robots."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -12,11 +12,15 @@ from gymnasium.vector.utils import batch_space
 from lissajous_env.envs.actions import action_space, action_table
 from lissajous_env.envs.gymnasium_env import team_spaces
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
+from lissajous_env.envs.recorded import followed, replay_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.seeding import drawn_seeds
 from lissajous_env.world.simulation import Simulation, fold_seed
+
+if TYPE_CHECKING:
+    from lissajous_env.replay import Replay
 
 
 class LissajousVectorEnv(VectorEnv):
@@ -46,6 +50,7 @@ class LissajousVectorEnv(VectorEnv):
         autoreset_mode: `NEXT_STEP` (the step after the end resets), `SAME_STEP` or `DISABLED`, or the enum.
         device: Warp device.
         threads: CPU threads; all cores by default.
+        record: World whose episodes are kept as they are played, for `replay`; None keeps none.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
 
     Raises:
@@ -66,6 +71,7 @@ class LissajousVectorEnv(VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         device: Any = "cpu",
         threads: int | None = None,
+        record: int | None = None,
         **overrides: Any,
     ):
         modes = {mode.name: mode for mode in AutoresetMode}
@@ -101,6 +107,7 @@ class LissajousVectorEnv(VectorEnv):
         self._begun = np.zeros(num_envs, dtype=bool)
         self._gone = np.zeros(self.simulation.action_shape[:2], dtype=bool)
         self._gallery: Any = None
+        self._follower = followed(self.simulation, record)
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -130,6 +137,7 @@ class LissajousVectorEnv(VectorEnv):
             if len(first) < len(worlds):
                 self.simulation.reset(worlds[self._begun[worlds]])
         self._ended[worlds], self._begun[worlds], self._gone[worlds] = False, True, False
+        self._look()
         return self._observed(), {}
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -144,10 +152,12 @@ class LissajousVectorEnv(VectorEnv):
         sim = self.simulation
         begins = self._ended & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
         sim.step(self._of_robots(actions))
+        self._look()
         if begins.any():
             # A world that ended stood still in the step above; what it returns is its new beginning.
             sim.reset(begins)
             self._gone[begins] = False
+            self._look()
         robot_reward, ended = sim.reward.numpy().copy(), sim.over
         terminated, truncated = self._flags(ended)
         invalid = np.repeat(sim.invalid.numpy() != 0, self._rows_each)
@@ -180,9 +190,24 @@ class LissajousVectorEnv(VectorEnv):
         pictures = self._gallery.draw(self.simulation)
         return tuple(picture for picture in pictures for _ in range(self._rows_each))
 
+    def replay(self, policy: str = "") -> "Replay":
+        """Return the latest episode of the recorded world that has ended, or else the one that is played, as a page.
+
+        Args:
+            policy: Name of who plays, for the page.
+
+        Raises:
+            ValueError: the environment was made without `record`, or there was no reset yet.
+        """
+        return replay_of(self._follower, policy, "record=0, the number of a world", ended=True)
+
     def close_extras(self, **_: Any) -> None:
         """Free what pictures were drawn on."""
         self._gallery = None
+
+    def _look(self) -> None:
+        if self._follower is not None:
+            self._follower.look()
 
     def _masked(self, options: Any) -> np.ndarray:
         """Indices of the worlds that the options of a reset ask for."""
@@ -241,6 +266,7 @@ class LissajousVectorEnv(VectorEnv):
             return
         last = self._observed()
         self.simulation.reset(newly)
+        self._look()
         self._ended[:] = False
         self._gone[newly] = False
         final = np.full(self.num_envs, None, dtype=object)

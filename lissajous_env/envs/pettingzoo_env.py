@@ -2,7 +2,7 @@
 
 import operator
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -11,12 +11,16 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec, wrappers
 
 from lissajous_env.envs.actions import LARGE, ActionReader, action_space
+from lissajous_env.envs.recorded import followed, replay_of
 from lissajous_env.envs.true_state import state_names, state_rows
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.seeding import drawn_seeds
 from lissajous_env.world.simulation import Simulation, fold_seed
+
+if TYPE_CHECKING:
+    from lissajous_env.replay import Replay
 
 
 class LissajousParallelEnv(ParallelEnv):
@@ -34,6 +38,7 @@ class LissajousParallelEnv(ParallelEnv):
         discrete_actions: Whether actions are rows of `lissajous_env.envs.actions.action_table` instead of numbers.
         max_cycles: Steps of an episode, at least 1, in place of `task.duration`.
         device: Warp device.
+        record: Whether episodes are kept as they are played, for `replay`; a step takes up to a millisecond longer.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
 
     Raises:
@@ -56,6 +61,7 @@ class LissajousParallelEnv(ParallelEnv):
         discrete_actions: bool = False,
         max_cycles: int | None = None,
         device: Any = "cpu",
+        record: bool = False,
         **overrides: Any,
     ):
         known = isinstance(render_mode, str) and render_mode in self.metadata["render_modes"]
@@ -75,6 +81,7 @@ class LissajousParallelEnv(ParallelEnv):
         self.action_spaces = {agent: action_space(self.scenario, discrete_actions) for agent in self.possible_agents}
         self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (self._state_size(),), np.float32)
         self._discrete_actions = discrete_actions
+        self._follower = followed(self.simulation, 0 if record else None)
         self._bind()
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Space:
@@ -98,6 +105,8 @@ class LissajousParallelEnv(ParallelEnv):
             self.simulation.reset()
         self._begun = True
         self.agents = list(self.possible_agents)
+        if self._follower is not None:
+            self._follower.look()
         self._begin_rendering()
         if self._on_device:
             self._fetch()
@@ -120,6 +129,8 @@ class LissajousParallelEnv(ParallelEnv):
         if self._on_device:
             self.simulation.action.assign(self._action.reshape(self.simulation.action_shape))
         self.simulation.advance()
+        if self._follower is not None:
+            self._follower.look()
         if self._on_device:
             self._fetch()
         observation, terms = self._observation.copy(), self._terms.copy()
@@ -166,6 +177,17 @@ class LissajousParallelEnv(ParallelEnv):
             return frame
         self._renderer.show(self.metadata["render_fps"])
         return None
+
+    def replay(self, policy: str = "") -> "Replay":
+        """Return the episode so far as a page that a notebook shows and that `save` writes to a file.
+
+        Args:
+            policy: Name of who plays, for the page.
+
+        Raises:
+            ValueError: the environment was made without `record=True`, or there was no reset yet.
+        """
+        return replay_of(self._follower, policy, "record=True")
 
     def close(self) -> None:
         """Close the window, if there is one."""

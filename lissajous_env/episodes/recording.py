@@ -12,25 +12,34 @@ import numpy as np
 
 from lissajous_env.episodes import archive
 from lissajous_env.episodes.evaluation import ActingPolicy, Referee
+from lissajous_env.episodes.recording_checks import check, made_scenario
 from lissajous_env.parameters import named
-from lissajous_env.parameters.scenario import PARTS, Scenario
-from lissajous_env.render.snapshot import Snapshot
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.render.snapshot import Snapshot, of_world
 from lissajous_env.storage.files import replacing
+from lissajous_env.world.introduction import introduced_at
 from lissajous_env.world.simulation import Simulation, fold_seed
-from lissajous_env.world.state import NEVER
 
-FORMAT = "lissajous recording 2"
+FORMAT = "lissajous recording 3"
 """Written into every file; one with another is refused."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One episode. F = steps + 1 moments from the reset on, N robots, T target slots, R rows and C columns."""
+    """One episode.
+
+    F = steps + 1 moments from the reset on, N robots, T target slots, R rows and C columns of the coverage grid, P rows
+    and Q columns of that of contamination, D entries of an observation, A of an action, K terms of the reward.
+    """
 
     scenario: Scenario
     """What was played."""
     score: dict[str, Any]
     """Score row of the episode: the columns of `lissajous_env.world.score.COLUMNS`."""
+    observation_names: tuple[str, ...]
+    """Names of the D entries, as `lissajous_env.world.observation.layout` has them."""
+    reward_names: tuple[str, ...]
+    """Names of the K terms: `lissajous_env.world.reward.TERMS`, then those that extensions brought."""
     position: np.ndarray
     """(F, N, 3) float32 x, y, z of the robots [m]."""
     heading: np.ndarray
@@ -57,6 +66,18 @@ class Recording:
     """(M, 3) int32 moment and two robots that have collided and not yet parted."""
     collisions: np.ndarray
     """(F,) int32 collisions so far."""
+    heard_at: np.ndarray
+    """(F, N, 2) int32 step in which what a robot last heard of its ring neighbours was sent; -1 for nothing yet."""
+    introduced_at: np.ndarray
+    """(F, P, Q) int32 step from which on a rogue in a cell can have gone unseen; NEVER where none can be, and (F, 1, 1)
+    NEVER where `task.contamination` is None."""
+    observation: np.ndarray
+    """(F, N, D) float32 what the robots observed."""
+    action: np.ndarray
+    """(F, N, A) float32 action of the step that led to a moment, in [-1, 1]; zero at the reset. The answer to
+    `observation[f]` is `action[f + 1]`."""
+    reward_terms: np.ndarray
+    """(F, N, K) float32 terms of the reward of that step; zero at the reset."""
 
     def __len__(self) -> int:
         return len(self.position)
@@ -94,7 +115,8 @@ class Recording:
         """
         scenario = self.scenario.resolve().to_dict()
         del scenario["extensions"]  # a file must not say what is imported
-        about = {"format": FORMAT, "scenario": scenario, "score": self.score}
+        names = {"observation_names": self.observation_names, "reward_names": self.reward_names}
+        about = {"format": FORMAT, "scenario": scenario, "score": self.score, **names}
         arrays = {name: getattr(self, name).astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
         _check_size(sum(array.nbytes for array in arrays.values()))
         with replacing(path) as temporary, open(temporary, "wb") as file:
@@ -103,7 +125,9 @@ class Recording:
 
 _SINGLE, _COUNT = np.dtype(np.float32), np.dtype(np.int32)
 _OTHERS = {"phase": np.dtype(np.float64), "status": np.dtype(np.int8)}
-_COUNTS = ("motion", "appears_at", "found_at", "sensed_at", "contact", "collisions")
+_COUNTS = (
+    "motion", "appears_at", "found_at", "sensed_at", "contact", "collisions", "heard_at", "introduced_at",
+)  # fmt: skip
 
 ARRAYS = {
     field.name: _OTHERS.get(field.name, _COUNT if field.name in _COUNTS else _SINGLE)
@@ -114,10 +138,6 @@ ARRAYS = {
 
 _FIXED = ("motion", "appears_at", "found_at", "found_early")
 """Those that do not change from moment to moment, or whose last state tells all."""
-
-
-_PLAIN = (str, int, float, type(None))
-"""Types of what a score row may hold; a bool is an int."""
 
 
 class Recorder:
@@ -137,17 +157,31 @@ class Recorder:
             ValueError: this is not one step after the moment before, or the first is not the beginning; or the
                 recording would hold more than a gibibyte.
         """
-        now, robots = Snapshot.of(self.simulation, self.world), self.simulation.robots
+        now = Snapshot.of(self.simulation, self.world)
         due = 0 if self._last is None else self._last.step + 1
         if now.step != due:
             raise ValueError(f"a recording must take every step once: step {due} is due, got {now.step}")
-        both = {"speed": robots.speed.numpy()[self.world], "phase": robots.phase.numpy()[self.world]}
+        others = self._others()
         for name, kept in self._moments.items():
-            kept.append(np.array(both[name] if name in both else getattr(now, name)))
+            kept.append(np.array(others[name] if name in others else getattr(now, name)))
         self._contact.append(np.insert(now.contact, 0, now.step, axis=1).astype(np.int32))
         self._bytes += sum(kept[-1].nbytes for kept in (*self._moments.values(), self._contact))
         _check_size(self._bytes)
         self._last = now
+
+    def _others(self) -> dict[str, np.ndarray]:
+        """What a picture does not show."""
+        sim, w = self.simulation, self.world
+        action = np.clip(np.nan_to_num(of_world(sim.action, w)), -1.0, 1.0)
+        return {
+            "speed": of_world(sim.robots.speed, w),
+            "phase": of_world(sim.robots.phase, w),
+            "heard_at": of_world(sim.links.heard_at, w),
+            "introduced_at": introduced_at(sim, w),
+            "observation": of_world(sim.observation, w),
+            "action": action if of_world(sim.clock.step, w) > 0 else np.zeros_like(action),
+            "reward_terms": of_world(sim.reward_terms, w),
+        }
 
     def recording(self, policy: str = "") -> Recording:
         """Make the recording of what was taken so far, with the score of now and the name of who played."""
@@ -158,7 +192,44 @@ class Recorder:
         arrays["contact"] = np.concatenate(self._contact)
         arrays = {name: arrays[name].astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
         score = {"policy": policy, "episode": 0} | self.simulation.score([self.world])[0]
-        return Recording(scenario=self.simulation.scenario, score=score, **arrays)
+        names = self.simulation.layout.names, self.simulation.reward_term_names
+        return Recording(self.simulation.scenario, score, *names, **arrays)
+
+
+class Follower:
+    """Records whatever episode a world is in: `look` after each reset and each step; a reset begins a new recording.
+
+    Args:
+        simulation: Of which a world is followed.
+        world: Which one.
+    """
+
+    def __init__(self, simulation: Simulation, world: int = 0):
+        self.simulation, self.world = simulation, world
+        self._ended: Recording | None = None
+        self._recorder, self._taken = Recorder(simulation, world), -1
+
+    def look(self) -> None:
+        """Keep the world as it is now, where it has moved since it was looked at."""
+        step = int(self.simulation.clock.step.numpy()[self.world])
+        if step == 0:
+            self._recorder, self._taken = Recorder(self.simulation, self.world), -1
+        if step == self._taken:
+            return
+        self._recorder.take()
+        self._taken = step
+        if self.simulation.over[self.world]:
+            self._ended = self._recorder.recording()
+
+    def recording(self, policy: str = "", ended: bool = False) -> Recording:
+        """Make the recording of the episode so far, or where asked for of the latest that was played to its end.
+
+        Raises:
+            ValueError: there was no reset yet.
+        """
+        if ended and self._ended is not None:
+            return dataclasses.replace(self._ended, score=self._ended.score | {"policy": policy})
+        return self._recorder.recording(policy)
 
 
 def record(
@@ -213,62 +284,11 @@ def _loaded(file: BinaryIO) -> Recording:
         about = archive.read_json(stored, "about")
         if not isinstance(about, dict) or about.get("format") != FORMAT:
             raise ValueError(f"its format is not {FORMAT!r}")
-        scenario = _scenario(about["scenario"])
-        recording = Recording(scenario=scenario, score=about["score"], **archive.read_arrays(stored, ARRAYS))
-    _check(recording)
+        scenario = made_scenario(about["scenario"])
+        names = (tuple(about["observation_names"]), tuple(about["reward_names"]))
+        recording = Recording(scenario, about["score"], *names, **archive.read_arrays(stored, ARRAYS))
+    check(recording, _FIXED)
     return recording
-
-
-def _scenario(saved: dict[str, Any]) -> Scenario:
-    """Make the scenario of a recording.
-
-    Raises:
-        ValueError: a rule forbids it, or what is derived from other fields is not filled in.
-    """
-    parts: dict[str, Any] = {name: part(**saved.pop(name)) for name, part in PARTS.items()}
-    derived = {"robot": ("count", "phase_rate_max"), "formation": ("p", "alpha", "ring"), "sensing": ("radius",)}
-    for part, fields in derived.items():
-        for field in fields:
-            if getattr(parts[part], field) is None:
-                raise ValueError(f"its {part}.{field} must be given")
-    words = {name: saved.pop(name) for name in ("name", "description")}
-    if saved or not all(isinstance(text, str) for text in words.values()):
-        raise ValueError("its scenario must hold a name, a description and the parts")
-    return Scenario(**words, **parts)
-
-
-def _check(recording: Recording) -> None:
-    """Refuse arrays that do not fit the scenario or each other."""
-    f, n, t = len(recording.position), recording.scenario.num_robots, len(recording.motion)
-    latest = int(NEVER)
-    columns, rows = recording.scenario.task.grid or (1, 1)
-    of_robots, of_targets = (f, n), (t,)
-    shapes = dict.fromkeys(("heading", "speed", "phase", "status"), of_robots) | dict.fromkeys(_FIXED, of_targets)
-    shapes |= {"position": (f, n, 3), "target_position": (f, t, 2), "sensed_at": (f, rows, columns)}
-    shapes |= {"contact": (len(recording.contact), 3), "collisions": (f,)}
-    for name, shape in shapes.items():
-        array = getattr(recording, name)
-        if array.shape != shape or f == 0:
-            raise ValueError(f"its {name} must have shape {shape}, got {array.shape}")
-        if not np.isfinite(array).all():
-            raise ValueError(f"its {name} must hold finite numbers")
-        if array.dtype.kind == "i" and array.size and not -latest <= array.min() <= array.max() <= latest:
-            raise ValueError(f"its {name} must hold numbers from {-latest} to {latest}")
-    if ((recording.found_early < 0) | (recording.found_early > 1)).any():
-        raise ValueError("its found_early must hold shares from 0 to 1")
-    contact = recording.contact
-    if (contact < 0).any() or (contact >= [f, n, n]).any():
-        raise ValueError("its contact must hold moments and robots that are there")
-    if f > recording.scenario.task.steps + 1:
-        raise ValueError(
-            f"its moments must be at most the {recording.scenario.task.steps} steps and the reset, got {f}"
-        )
-    score = recording.score
-    if not isinstance(score, dict) or not all(isinstance(value, _PLAIN) for value in score.values()):
-        raise ValueError("its score must hold numbers and words by name")
-    seed = score.get("seed")
-    if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**31:
-        raise ValueError("its score must hold the seed, a whole number from 0 to 2147483647")
 
 
 def _check_size(size: int) -> None:

@@ -58,32 +58,32 @@ class Snapshot:
             most_cells: Rows and columns of the grid at most, evenly chosen; None takes all.
         """
         clock, robots, targets = simulation.clock, simulation.robots, simulation.targets
-        step, cells = int(_of(clock.step, world)), simulation.cells
+        step, cells = int(of_world(clock.step, world)), simulation.cells
         rows, columns = (
             slice(None) if most_cells is None else _every(length, most_cells[axis])
             for axis, length in enumerate(cells.sensed_at.shape[1:])
         )
         kept = np.arange(cells.sensed_at.shape[2])[columns]
-        sensed_at = _of(cells.sensed_at, world, (rows, columns))
-        sensed_at = last_sensed(sensed_at, _of(cells.in_discs, world, rows), step, kept)
-        status = _of(robots.status, world)
+        sensed_at = of_world(cells.sensed_at, world, (rows, columns))
+        sensed_at = last_sensed(sensed_at, of_world(cells.in_discs, world, rows), step, kept)
+        status = of_world(robots.status, world)
         # A pair of which one was removed never parts; it is in contact no longer all the same.
         there = status != int(REMOVED)
         return cls(
             step=step,
             world=world,
-            seed=int(_of(clock.seed, world)),
-            position=_of(robots.position, world),
-            heading=_of(robots.heading, world),
+            seed=int(of_world(clock.seed, world)),
+            position=of_world(robots.position, world),
+            heading=of_world(robots.heading, world),
             status=status,
-            target_position=_of(targets.position, world),
-            motion=_of(targets.motion, world),
-            appears_at=_of(targets.appears_at, world),
-            found_at=_of(targets.found_at, world),
-            found_early=_of(targets.found_early, world),
+            target_position=of_world(targets.position, world),
+            motion=of_world(targets.motion, world),
+            appears_at=of_world(targets.appears_at, world),
+            found_at=of_world(targets.found_at, world),
+            found_early=of_world(targets.found_early, world),
             sensed_at=sensed_at,
-            contact=np.argwhere(_of(simulation.tally.contact, world) * np.outer(there, there)),
-            collisions=int(_of(simulation.tally.collisions, world)),
+            contact=np.argwhere(of_world(simulation.tally.contact, world) * np.outer(there, there)),
+            collisions=int(of_world(simulation.tally.collisions, world)),
         )
 
     @property
@@ -117,7 +117,7 @@ def _every(length: int, limit: int) -> slice:
     return slice(stride // 2, None, stride)
 
 
-def _of(array: Any, world: int, part: Any = ...) -> np.ndarray:
+def of_world(array: Any, world: int, part: Any = ...) -> np.ndarray:
     """Return a part of one world of a device array, copied to the host without the others."""
     whole = array.device.is_cpu or array.ndim == 1 or array.size == 0
     return np.array((array.numpy()[world] if whole else array[world].numpy())[part])

@@ -6,12 +6,11 @@ out so that a CPU does it for eight at once.
 
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.parameters.spreading import HOPS, SHARES, Spreading
-from lissajous_env.world.state import NEVER, Contamination
+from lissajous_env.world.state import NEVER
 
 wp.set_module_options(OPTIONS)
 
@@ -248,21 +247,3 @@ def label_cells(
     cells that have a rogue, and of those that have the oldest of the world in every tick.
     """
     ...
-
-
-def earliest(contamination: Contamination, spreading: Spreading, steps: np.ndarray) -> np.ndarray:
-    """(W, R, C) int32 e of each cell now, in control steps since the reset; NEVER where there can be no rogue.
-
-    Args:
-        contamination: Of a simulation.
-        spreading: Of its scenario.
-        steps: (W,) control steps that were taken.
-    """
-    passed = steps // spreading.period if spreading.ticks == 1 else steps * spreading.ticks
-    worlds, slots = np.arange(len(steps)), passed % spreading.ring
-    margin = int(MARGIN)
-    there = contamination.there.numpy()[worlds, margin:-margin, 1:-1, slots]
-    columns = np.arange(spreading.columns)
-    bits = there[..., columns // 32] >> (columns % 32).astype(np.uint32) & 1
-    labels = contamination.labels.numpy()[worlds, slots, margin:-margin, margin : margin + spreading.columns]
-    return np.where(bits.astype(bool), labels // 256, int(NEVER)).astype(np.int32)

@@ -1,0 +1,79 @@
+"""What a recording's file says must hold: its scenario can be made, and its arrays fit it and each other."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from lissajous_env.parameters.scenario import PARTS, Scenario
+from lissajous_env.world.state import NEVER
+
+_PLAIN = (str, int, float, type(None))
+"""Types of what a score row may hold; a bool is an int."""
+
+
+def made_scenario(saved: dict[str, Any]) -> Scenario:
+    """Make the scenario of a recording.
+
+    Raises:
+        ValueError: a rule forbids it, or what is derived from other fields is not filled in.
+    """
+    parts: dict[str, Any] = {name: part(**saved.pop(name)) for name, part in PARTS.items()}
+    derived = {"robot": ("count", "phase_rate_max"), "formation": ("p", "alpha", "ring"), "sensing": ("radius",)}
+    for part, fields in derived.items():
+        for field in fields:
+            if getattr(parts[part], field) is None:
+                raise ValueError(f"its {part}.{field} must be given")
+    words = {name: saved.pop(name) for name in ("name", "description")}
+    if saved or not all(isinstance(text, str) for text in words.values()):
+        raise ValueError("its scenario must hold a name, a description and the parts")
+    return Scenario(**words, **parts)
+
+
+def check(recording: Any, fixed: Sequence[str]) -> None:
+    """Refuse a recording whose arrays do not fit the scenario or each other; `fixed` ones are (T,).
+
+    Raises:
+        ValueError: an array, a name or the score is not what it must be.
+    """
+    f, scenario, latest = len(recording.position), recording.scenario, int(NEVER)
+    for name, shape in _shapes(recording, fixed).items():
+        array = getattr(recording, name)
+        if array.shape != shape or f == 0:
+            raise ValueError(f"its {name} must have shape {shape}, got {array.shape}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"its {name} must hold finite numbers")
+        if array.dtype.kind == "i" and array.size and not -latest <= array.min() <= array.max() <= latest:
+            raise ValueError(f"its {name} must hold numbers from {-latest} to {latest}")
+    if ((recording.found_early < 0) | (recording.found_early > 1)).any():
+        raise ValueError("its found_early must hold shares from 0 to 1")
+    contact = recording.contact
+    if (contact < 0).any() or (contact >= [f, scenario.num_robots, scenario.num_robots]).any():
+        raise ValueError("its contact must hold moments and robots that are there")
+    if f > scenario.task.steps + 1:
+        raise ValueError(f"its moments must be at most the {scenario.task.steps} steps and the reset, got {f}")
+    for name in ("observation_names", "reward_names"):
+        if not all(isinstance(each, str) for each in getattr(recording, name)):
+            raise ValueError(f"its {name} must hold words")
+    _check_score(recording.score)
+
+
+def _shapes(recording: Any, fixed: Sequence[str]) -> dict[str, tuple[int, ...]]:
+    scenario = recording.scenario
+    f, n, t = len(recording.position), scenario.num_robots, len(recording.motion)
+    columns, rows = scenario.task.grid or (1, 1)
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("heading", "speed", "phase", "status"), (f, n))
+    shapes |= dict.fromkeys(fixed, (t,))
+    shapes |= {"position": (f, n, 3), "target_position": (f, t, 2), "sensed_at": (f, rows, columns)}
+    shapes |= {"contact": (len(recording.contact), 3), "collisions": (f,), "heard_at": (f, n, 2)}
+    shapes |= {"introduced_at": (f, scenario.spreading.rows, scenario.spreading.columns)}
+    shapes |= {"observation": (f, n, len(recording.observation_names)), "action": (f, n, scenario.action_size)}
+    return shapes | {"reward_terms": (f, n, len(recording.reward_names))}
+
+
+def _check_score(score: Any) -> None:
+    if not isinstance(score, dict) or not all(isinstance(value, _PLAIN) for value in score.values()):
+        raise ValueError("its score must hold numbers and words by name")
+    seed = score.get("seed")
+    if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**31:
+        raise ValueError("its score must hold the seed, a whole number from 0 to 2147483647")

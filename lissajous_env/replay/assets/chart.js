@@ -1,0 +1,209 @@
+// A chart over time with one playhead: drawn once by uPlot; the playhead and the reading move with the player.
+
+import { faded } from "./colours.js";
+import { element, mark, number } from "./words.js";
+
+const HEIGHT = 150;
+const COUNTS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 10000, 100000];
+
+export class Chart {
+  constructor(figure, episode, chart, onSeek) {
+    Object.assign(this, { figure, episode, chart, onSeek, kind: chart.kinds[0] || "", plot: null });
+    this.computed = new Map();
+    this.box = figure.querySelector(".plot");
+    this.reading = figure.querySelector(".reading");
+    figure.dataset.chart = chart.id;
+    figure.querySelector(".title").textContent = chart.title;
+    figure.querySelector(".of").textContent = chart.unit ? `[${chart.unit}]` : "";
+    this.head = element("div", "playhead");
+    this.addChoices();
+  }
+
+  addChoices() {
+    const box = this.figure.querySelector(".choices");
+    for (const kind of this.chart.kinds) {
+      const button = element("button", "", kind);
+      button.type = "button";
+      button.setAttribute("aria-pressed", String(kind === this.kind));
+      button.addEventListener("click", () => {
+        this.kind = kind;
+        for (const other of box.children) other.setAttribute("aria-pressed", String(other === button));
+        this.build(this.colours);
+        this.move(this.time);
+      });
+      box.append(button);
+    }
+  }
+
+  // The lines; what takes long is computed once.
+  lines(colours) {
+    const { chart, kind } = this;
+    if (!this.computed.has(kind)) this.computed.set(kind, chart.compute(kind));
+    return chart.dress(this.computed.get(kind), colours, kind);
+  }
+
+  // The ends of the vertical axis, so that charts side by side can share them.
+  range(colours) {
+    const made = this.lines(colours);
+    let low = made.least ?? Infinity,
+      high = made.most ?? -Infinity;
+    for (const series of made.series) {
+      if (series.scale) continue;
+      for (const value of series.values) {
+        if (value === null || !Number.isFinite(value)) continue;
+        if (value < low) low = value;
+        if (value > high) high = value;
+      }
+    }
+    // A bound that is far from the numbers would press them together.
+    for (const [value] of made.bounds || []) if (value < 2.2 * high) high = Math.max(high, value);
+    return low <= high ? [low, high] : [0, 1];
+  }
+
+  build(colours, shared = this.shared) {
+    this.colours = colours;
+    this.shared = shared;
+    const made = (this.made = this.lines(colours));
+    if (this.plot) this.plot.destroy();
+    const values = made.series.map((series) => Array.from(series.values));
+    this.plot = new globalThis.uPlot(this.options(made, colours), [this.episode.x, ...values], this.box);
+    this.plot.over.append(this.head);
+    this.plot.over.addEventListener("pointerdown", (event) => this.drag(event));
+    this.shownMoment = -1;
+  }
+
+  options(made, colours) {
+    const [low, high] = (this.shared && this.shared(this)) || this.range(colours);
+    const pad = 0.06 * (high - low || 1),
+      counted = made.series.some((series) => series.scale);
+    const axis = {
+      stroke: colours.muted,
+      font: "11px system-ui, sans-serif",
+      ticks: { show: false },
+      grid: { stroke: colours.grid, width: 1 },
+    };
+    const plain = { ...axis, grid: { show: false } };
+    const right = { ...plain, scale: "count", side: 1, size: 26, gap: 4, space: 30, incrs: COUNTS };
+    return {
+      width: Math.max(this.box.clientWidth, 120),
+      height: HEIGHT,
+      padding: [8, 8, 0, 0],
+      legend: { show: false },
+      cursor: { show: false },
+      scales: {
+        x: { time: false, range: [0, Math.max(this.episode.duration, 1e-9)] },
+        y: { range: [made.least === 0 && low >= 0 ? 0 : low - pad, high + pad] },
+        ...(counted ? { count: { range: (_, __, most) => [0, Math.max(most, 4) * 1.06] } } : {}),
+      },
+      axes: [
+        { ...plain, size: 22, gap: 2, values: (_, marks) => marks.map(mark) },
+        { ...axis, size: 40, gap: 4, space: 26, values: (_, marks) => marks.map(mark) },
+        ...(counted ? [right] : []),
+      ],
+      series: [{}, ...made.series.map((series) => this.line(series, made.step))],
+      hooks: { draw: [(plot) => drawBounds(plot, made.bounds || [], colours)] },
+    };
+  }
+
+  line(series, step) {
+    const paths = step || series.step ? globalThis.uPlot.paths.stepped({ align: 1 }) : undefined;
+    return {
+      scale: series.scale || "y",
+      stroke: series.colour,
+      width: series.width || 1.4,
+      dash: series.dash,
+      fill: series.fill ? faded(series.colour, 0.12) : undefined,
+      points: { show: false },
+      spanGaps: false,
+      ...(paths ? { paths } : {}),
+    };
+  }
+
+  drag(event) {
+    const over = this.plot.over;
+    over.setPointerCapture(event.pointerId);
+    const seek = (moved) => {
+      const box = over.getBoundingClientRect();
+      this.onSeek(((moved.clientX - box.left) / box.width) * this.episode.duration);
+    };
+    const stop = () => over.removeEventListener("pointermove", seek);
+    seek(event);
+    over.addEventListener("pointermove", seek);
+    over.addEventListener("pointerup", stop, { once: true });
+    over.addEventListener("pointercancel", stop, { once: true });
+  }
+
+  resize() {
+    const width = Math.max(this.box.clientWidth, 120);
+    if (this.plot && Math.abs(this.plot.width - width) > 1) this.plot.setSize({ width, height: HEIGHT });
+    this.move(this.time);
+  }
+
+  select(robot) {
+    if (!this.plot || !this.made.series.some((series) => series.robot !== undefined)) return;
+    this.made.series.forEach((series, k) => {
+      const picked = robot < 0 || series.robot === robot;
+      this.plot.series[k + 1].alpha = picked ? 1 : 0.18;
+      this.plot.series[k + 1].width = picked && robot >= 0 ? 2 : 1.4;
+    });
+    this.plot.redraw(false);
+  }
+
+  move(time) {
+    this.time = time;
+    if (!this.plot || time === undefined) return;
+    const share = this.episode.duration > 0 ? Math.min(time / this.episode.duration, 1) : 0;
+    this.head.style.transform = `translateX(${(share * this.plot.over.clientWidth).toFixed(1)}px)`;
+    const { moment } = this.episode.at(time);
+    if (moment === this.shownMoment) return;
+    this.shownMoment = moment;
+    this.read(moment);
+  }
+
+  // What the lines say now: of one line for each robot the largest, else each by its name.
+  read(moment) {
+    const made = this.made;
+    if (made.series.length > 3 && made.summary !== undefined) {
+      const all = made.series.map((series) => Math.abs(series.values[moment] ?? 0));
+      this.reading.textContent = made.summary ? `${made.summary} ${number(Math.max(...all))}` : "";
+      return;
+    }
+    this.reading.replaceChildren(
+      ...made.series.map((series) => {
+        const entry = element("span"),
+          sign = element("i"),
+          value = series.values[moment];
+        sign.style.background = series.colour;
+        entry.append(sign, `${series.label} ${value === null ? "–" : series.decimals === 0 ? value : number(value)}`);
+        return entry;
+      }),
+    );
+  }
+}
+
+function drawBounds(plot, bounds, colours) {
+  const { ctx, bbox } = plot,
+    ratio = globalThis.devicePixelRatio || 1;
+  for (const [value, words, colour] of bounds) {
+    const y = Math.round(plot.valToPos(value, "y", true));
+    if (y < bbox.top - 1 || y > bbox.top + bbox.height) continue;
+    ctx.save();
+    ctx.strokeStyle = colour;
+    ctx.lineWidth = ratio;
+    ctx.setLineDash([5 * ratio, 4 * ratio]);
+    ctx.beginPath();
+    ctx.moveTo(bbox.left, y);
+    ctx.lineTo(bbox.left + bbox.width, y);
+    ctx.stroke();
+    ctx.font = `${10.5 * ratio}px system-ui, sans-serif`;
+    ctx.textAlign = "right";
+    const below = y - bbox.top < 14 * ratio,
+      wide = ctx.measureText(words).width;
+    const right = bbox.left + bbox.width - 3 * ratio;
+    ctx.fillStyle = faded(colours.card, 0.85);
+    ctx.fillRect(right - wide - 3 * ratio, y + (below ? 2 : -14) * ratio, wide + 6 * ratio, 12 * ratio);
+    ctx.fillStyle = colours.ink;
+    ctx.fillText(words, right, y + (below ? 12 : -4) * ratio);
+    ctx.restore();
+  }
+}

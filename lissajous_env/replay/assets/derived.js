@@ -1,0 +1,107 @@
+// What is derived of an episode for the charts. A row is an array over the moments.
+
+import { REMOVED, turned } from "./episode.js";
+
+const MOST_PAIRS = 20000;
+
+// Deviation of each phase from the equilibrium, turned so that it is zero on the mean [rad].
+export function deviations(episode) {
+  const { count, moments } = episode,
+    phase = episode.robots.phase;
+  const rows = Array.from({ length: count }, () => new Float32Array(moments));
+  for (let f = 0; f < moments; f++) {
+    let x = 0,
+      y = 0;
+    for (let i = 0; i < count; i++) {
+      const angle = phase[i * moments + f] - episode.about.equilibrium[i];
+      x += Math.cos(angle);
+      y += Math.sin(angle);
+    }
+    const mean = Math.atan2(y, x);
+    for (let i = 0; i < count; i++) rows[i][f] = turned(phase[i * moments + f] - episode.about.equilibrium[i] - mean);
+  }
+  return rows;
+}
+
+// Phases in [0, 2 pi), with a gap where one begins anew.
+export function wrapped(episode) {
+  const { count, moments } = episode,
+    phase = episode.robots.phase;
+  return Array.from({ length: count }, (_, i) => {
+    const row = Array.from(phase.subarray(i * moments, (i + 1) * moments));
+    return row.map((value, f) => (f > 0 && Math.abs(value - row[f - 1]) > Math.PI ? null : value));
+  });
+}
+
+export function distance(episode, i, j, f) {
+  const { x, y, z } = episode.robots,
+    a = i * episode.moments + f,
+    b = j * episode.moments + f;
+  return Math.hypot(x[a] - x[b], y[a] - y[b], z[a] - z[b]);
+}
+
+// Pairs of ring neighbours, each once.
+export function edges(episode) {
+  const ring = episode.about.ring;
+  if (ring.length < 2) return [];
+  return ring.length === 2 ? [[ring[0], ring[1]]] : ring.map((robot, k) => [robot, ring[(k + 1) % ring.length]]);
+}
+
+export function ringDistances(episode) {
+  return edges(episode).map(([i, j]) => Float32Array.from(episode.x, (_, f) => distance(episode, i, j, f)));
+}
+
+// Smallest distance of any two robots that are there; null for crowds, of which it would take too long.
+export function separations(episode) {
+  const { count, moments } = episode,
+    status = episode.robots.status;
+  if (count < 2 || (count * (count - 1)) / 2 > MOST_PAIRS) return null;
+  return Array.from(episode.x, (_, f) => {
+    let least = Infinity;
+    for (let i = 1; i < count; i++) {
+      if (status[i * moments + f] === REMOVED) continue;
+      for (let j = 0; j < i; j++) {
+        if (status[j * moments + f] !== REMOVED) least = Math.min(least, distance(episode, i, j, f));
+      }
+    }
+    return least === Infinity ? null : least;
+  });
+}
+
+// Targets that have appeared and been detected up to each moment.
+export function detections(episode) {
+  const { appears, found } = episode.raw.targets;
+  const appeared = new Float64Array(episode.moments),
+    detected = new Float64Array(episode.moments);
+  const enter = (into, step) => {
+    const f = Math.ceil(step / episode.raw.every - 1e-9);
+    if (f < episode.moments) into[Math.max(f, 0)] += 1;
+  };
+  appears.forEach((step) => enter(appeared, step));
+  found.forEach((step) => {
+    if (step >= 0) enter(detected, step);
+  });
+  for (let f = 1; f < episode.moments; f++) {
+    appeared[f] += appeared[f - 1];
+    detected[f] += detected[f - 1];
+  }
+  return { appeared, detected };
+}
+
+// Terms of the reward of the steps up to each moment from the one before that are not always zero, and their sum: {used: [{name, values}], all}.
+export function stepRewards(episode) {
+  const rows = episode.terms.map((values, k) => ({ name: episode.raw.reward.names[k], values }));
+  const used = rows.filter((row) => row.values.some((value) => Math.abs(value) > 1e-9));
+  const all = Float64Array.from(episode.x, (_, f) => used.reduce((sum, row) => sum + row.values[f], 0));
+  return { used, all };
+}
+
+// The same, summed up to each moment.
+export function returns(episode) {
+  const { used, all } = stepRewards(episode);
+  const summed = (values) => {
+    let sum = 0;
+    return Float64Array.from(values, (value) => (sum += value));
+  };
+  return { used: used.map(({ name, values }) => ({ name, values: summed(values) })), all: summed(all) };
+}

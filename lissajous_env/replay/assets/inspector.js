@@ -1,0 +1,143 @@
+// What one robot sees and does at this moment: its observation row, named, and its action.
+
+import { robotColour } from "./colours.js";
+import { REMOVED, STUCK } from "./episode.js";
+import { decimals, element, number, rounded } from "./words.js";
+
+const STATUS = { 0: "works", [STUCK]: "stuck", [REMOVED]: "lost" };
+const MOST_CHIPS = 40;
+const NOT_SCORED = ["episode", "seed"];
+
+export class Inspector {
+  constructor(box, episode, onPick) {
+    Object.assign(this, { box, episode, onPick, robot: -1 });
+    this.chips = box.querySelector(".chips");
+    this.panel = box.querySelector(".robot");
+    this.addChips();
+  }
+
+  addChips() {
+    for (let i = 0; i < Math.min(this.episode.count, MOST_CHIPS); i++) {
+      const chip = document.createElement("button");
+      chip.type = "button";
+      chip.className = "chip";
+      chip.textContent = String(i);
+      chip.setAttribute("aria-label", `Robot ${i}`);
+      chip.addEventListener("click", () => this.onPick(this.robot === i ? -1 : i));
+      this.chips.append(chip);
+    }
+  }
+
+  paint(colours) {
+    [...this.chips.children].forEach((chip, i) => {
+      chip.style.setProperty("--robot", robotColour(colours, i));
+    });
+  }
+
+  select(robot) {
+    this.robot = robot;
+    [...this.chips.children].forEach((chip, i) => chip.setAttribute("aria-pressed", String(i === robot)));
+    this.cells = [];
+    this.shownMoment = -1;
+    if (robot < 0) this.invite();
+    else this.lay(robot);
+  }
+
+  // With no robot, how the whole episode was scored.
+  invite() {
+    const words = "Pick a robot, here or on the picture: what it observes at this moment, by name, and what it does.";
+    const section = element("section", "rows"),
+      body = element("table");
+    for (const [name, value] of Object.entries(this.episode.raw.score)) {
+      if (typeof value !== "number" || NOT_SCORED.includes(name)) continue;
+      const row = element("tr");
+      row.append(element("td", "entry", name.replaceAll("_", " ")), element("td", "value", rounded(value)));
+      body.append(row);
+    }
+    section.append(element("h3", "", "Score of the episode"), body);
+    this.panel.replaceChildren(element("p", "invite", words), section);
+  }
+
+  lay(robot) {
+    const { robots } = this.episode.raw;
+    const facts = element("dl", "facts");
+    for (const name of ["status", "speed", "reward of this step"]) this.fact(facts, name, robot);
+    const parts = [facts];
+    if (robot < robots.watched) {
+      parts.push(this.table("Action", this.episode.about.actions, this.episode.robots.action, robot, false));
+      parts.push(this.table("Observation", robots.names, this.episode.robots.observation, robot, true));
+    } else {
+      parts.push(element("p", "invite", "The page holds no observations of this robot: there are too many."));
+    }
+    this.panel.replaceChildren(...parts);
+  }
+
+  fact(list, name, robot) {
+    const value = element("dd");
+    list.append(element("dt", "", name), value);
+    const { robots } = this.episode,
+      row = robot * this.episode.moments;
+    this.cells.push((moment) => {
+      const status = robots.status[row + moment];
+      if (name === "status") value.textContent = STATUS[status];
+      else if (name === "speed") value.textContent = `${number(robots.speed[row + moment])} m/s`;
+      else value.textContent = number(robots.reward[row + moment]);
+    });
+  }
+
+  // Rows of index, name, value and a bar of [-1, 1], in groups of one sender or one thing seen.
+  table(title, names, columns, robot, indexed) {
+    const section = element("section", "rows");
+    section.append(element("h3", "", title));
+    const body = element("table");
+    let group = null;
+    names.forEach((name, k) => {
+      const [of, rest] = parted(name);
+      if (indexed && of !== group) {
+        group = of;
+        body.append(this.heading(of));
+      }
+      body.append(this.row(indexed ? String(k) : "", indexed ? rest : name, columns[k], robot));
+    });
+    section.append(body);
+    return section;
+  }
+
+  heading(words) {
+    const row = element("tr", "group"),
+      cell = element("th", "", words);
+    cell.colSpan = 4;
+    row.append(cell);
+    return row;
+  }
+
+  row(index, name, values, robot) {
+    const row = element("tr"),
+      value = element("td", "value"),
+      bar = element("i");
+    const track = element("td", "bar");
+    track.append(bar);
+    row.append(element("td", "index", index), element("td", "entry", name), value, track);
+    const first = robot * this.episode.moments;
+    this.cells.push((moment) => {
+      const now = values[first + moment],
+        shown = Math.max(Math.min(now, 1), -1);
+      value.textContent = Math.abs(now) < 5e4 ? decimals(now, 3) : now.toExponential(1);
+      bar.style.transform = `translateX(${shown < 0 ? 50 + 50 * shown : 50}%) scaleX(${Math.abs(shown) / 2})`;
+    });
+    return row;
+  }
+
+  move(time) {
+    const { moment } = this.episode.at(time);
+    if (this.robot < 0 || moment === this.shownMoment) return;
+    this.shownMoment = moment;
+    for (const fill of this.cells) fill(moment);
+  }
+}
+
+// "neighbour_0_cos_phase" is "cos phase" of "neighbour 0"; other names are of the robot itself.
+function parted(name) {
+  const found = /^(neighbour|robot|target)_(\d+)_(.+)$/.exec(name);
+  return found ? [`${found[1]} ${found[2]}`, found[3].replaceAll("_", " ")] : ["itself", name.replaceAll("_", " ")];
+}

@@ -1,0 +1,282 @@
+// The page: puts episodes, charts and player together, and keeps them at one moment.
+
+import { Chart } from "./chart.js";
+import { coloursOf } from "./colours.js";
+import { bindControls } from "./controls.js";
+import { gradientOf } from "./ground.js";
+import { Inspector } from "./inspector.js";
+import { Player } from "./player.js";
+import { chartsOf } from "./series.js";
+import { Space } from "./space.js";
+import { shareExtents, Stage } from "./stage.js";
+import { numeral, Timeline } from "./timeline.js";
+import { element, number } from "./words.js";
+
+const byId = (name) => document.getElementById(name);
+
+export class Page {
+  constructor(episodes) {
+    this.episodes = episodes;
+    this.duration = Math.max(...episodes.map((episode) => episode.duration));
+    this.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+    this.selected = -1;
+    this.player = new Player(this.duration, episodes[0].step, () => this.move());
+    this.timeline = new Timeline(byId("timeline"), episodes, this.duration);
+    this.title();
+    this.views = episodes.map((episode) => this.view(episode));
+    this.layer = this.views[0].stage.ground.layers()[0][0];
+    this.charts = this.addCharts();
+    bindControls(this);
+    new ResizeObserver(() => this.resize()).observe(byId("episodes"));
+    addEventListener("resize", () => this.resize());
+    this.paint();
+    this.select(-1);
+    this.resize();
+    this.move();
+  }
+
+  get viewing() {
+    return { colours: coloursOf(this.theme), layer: this.layer, selected: this.selected };
+  }
+
+  title() {
+    const [first, second] = this.episodes.map((episode) => episode.raw);
+    const policies = second ? `${first.policy} against ${second.policy}` : first.policy;
+    byId("name").textContent = policies ? `${first.scenario.name} · ${policies}` : first.scenario.name;
+    byId("description").textContent = `${first.scenario.description} Seed ${first.seed}.`;
+    byId("length").textContent = ` / ${this.duration.toFixed(1)} s`;
+    const scrub = byId("scrub");
+    scrub.max = String(this.duration);
+    scrub.step = String(this.episodes[0].step);
+    byId("lanes").replaceChildren(...this.timeline.names().map((words) => element("span", "", words)));
+    byId("episodes").classList.toggle("two", this.episodes.length > 1);
+    byId("charts").classList.toggle("two", this.episodes.length > 1);
+  }
+
+  named(episode) {
+    const policy = episode.raw.policy || "episode";
+    return this.episodes.length > 1 ? `${numeral(this.episodes.indexOf(episode))} ${policy}` : policy;
+  }
+
+  view(episode) {
+    const box = byId("episode").content.firstElementChild.cloneNode(true);
+    const canvas = box.querySelector("canvas");
+    const stage = stageOf(canvas, episode);
+    box.querySelector(".policy").textContent = this.named(episode);
+    canvas.setAttribute(
+      "aria-label",
+      `${episode.count} robots in ${episode.about.name}, played by ${episode.raw.policy}`,
+    );
+    const inspector = new Inspector(box.querySelector(".inspector"), episode, (robot) => this.select(robot));
+    canvas.addEventListener("click", (event) => {
+      const frame = canvas.getBoundingClientRect();
+      const robot = stage.pick(event.clientX - frame.left, event.clientY - frame.top);
+      this.select(robot === this.selected ? -1 : robot);
+    });
+    byId("episodes").append(box);
+    const view = { box, canvas, stage, inspector, episode, tiles: box.querySelector(".tiles") };
+    this.addLayers(box.querySelector(".stage-foot .choices"), stage);
+    this.addTiles(view);
+    return view;
+  }
+
+  addLayers(box, stage) {
+    for (const [layer, words] of stage.ground.layers()) {
+      const button = element("button", "", words);
+      button.type = "button";
+      button.dataset.layer = layer;
+      button.addEventListener("click", () => this.lay(layer));
+      box.append(button);
+    }
+  }
+
+  addTiles(view) {
+    const { episode } = view;
+    const tile = (name, words) => {
+      const box = element("div", "tile"),
+        value = element("b");
+      box.append(value, element("span", "", words));
+      view.tiles.append(box);
+      view[name] = value;
+    };
+    if (episode.raw.targets.count > 0) {
+      tile("seen", "seen");
+      tile("waited", "mean detection time");
+    }
+    tile("touched", "collisions");
+    if (episode.ground.ageWorst) tile("unseen", "unseen at worst");
+  }
+
+  addCharts() {
+    const made = this.episodes.map((episode) => chartsOf(episode));
+    const ids = [...new Set(made.flatMap((charts) => charts.map((chart) => chart.id)))];
+    const charts = [];
+    for (const id of ids) {
+      const same = [];
+      made.forEach((of, k) => {
+        const chart = of.find((each) => each.id === id);
+        if (!chart) return;
+        const figure = byId("chart").content.firstElementChild.cloneNode(true);
+        byId("charts").append(figure);
+        same.push(new Chart(figure, this.episodes[k], chart, (time) => this.player.seek(time)));
+        if (this.episodes.length > 1)
+          figure.querySelector(".title").textContent += ` · ${this.named(this.episodes[k])}`;
+      });
+      // Side by side they have one scale.
+      const shared = (chart) => {
+        const ranges = same.filter((each) => each.kind === chart.kind).map((each) => each.range(chart.colours));
+        return [Math.min(...ranges.map((range) => range[0])), Math.max(...ranges.map((range) => range[1]))];
+      };
+      for (const chart of same) chart.shared = shared;
+      charts.push(...same);
+    }
+    return charts;
+  }
+
+  // Go to an event, and to the robot that it is about.
+  step(event) {
+    if (!event) return;
+    this.player.toggle(false);
+    this.player.seek(event.time);
+    if (event.robots.length && event.robots[0] !== this.selected) this.select(event.robots[0]);
+  }
+
+  selectIfThere(robot) {
+    if (robot < this.episodes[0].count) this.select(robot);
+  }
+
+  flip() {
+    this.theme = this.theme === "dark" ? "light" : "dark";
+    this.paint();
+  }
+
+  lay(layer) {
+    this.layer = layer;
+    this.legend();
+    this.draw();
+  }
+
+  nextLayer() {
+    const layers = this.views[0].stage.ground.layers().map(([layer]) => layer);
+    this.lay(layers[(layers.indexOf(this.layer) + 1) % layers.length]);
+  }
+
+  select(robot) {
+    this.selected = robot;
+    for (const view of this.views) view.inspector.select(robot < view.episode.count ? robot : -1);
+    for (const chart of this.charts) chart.select(robot);
+    this.move();
+  }
+
+  paint() {
+    document.documentElement.dataset.theme = this.theme;
+    byId("theme").textContent = this.theme === "dark" ? "Light" : "Dark";
+    const { colours } = this.viewing;
+    for (const [name, colour] of Object.entries(colours)) {
+      if (typeof colour === "string") document.documentElement.style.setProperty(`--${name}`, colour);
+    }
+    for (const view of this.views) view.inspector.paint(colours);
+    this.legend();
+    for (const chart of this.charts) chart.build(colours);
+    if (this.timeline.width) this.timeline.draw(colours);
+    for (const chart of this.charts) chart.select(this.selected);
+    this.move();
+  }
+
+  legend() {
+    const { colours } = this.viewing;
+    for (const view of this.views) {
+      const box = view.box.querySelector(".legend");
+      box.replaceChildren(
+        ...view.stage.legend(this.layer).map(([mark, words]) => {
+          const entry = element("span");
+          const sign = element("i", `sign ${mark}`);
+          if (mark === "ramp") sign.style.background = gradientOf(this.layer, colours);
+          entry.append(sign, words);
+          return entry;
+        }),
+      );
+    }
+    for (const button of document.querySelectorAll("[data-layer]")) {
+      button.setAttribute("aria-pressed", String(button.dataset.layer === this.layer));
+    }
+  }
+
+  resize() {
+    const ratio = Math.min(globalThis.devicePixelRatio || 1, 2);
+    // With its head and foot, the picture fits above the player.
+    const room = Math.min(Math.max(globalThis.innerHeight - 330, 280), 640);
+    shareExtents(this.views.map((view) => view.stage));
+    for (const view of this.views) {
+      const width = view.box.querySelector(".stage").clientWidth;
+      const height = Math.min(view.stage.heightFor(width), room);
+      view.canvas.style.height = `${height}px`;
+      view.stage.resize(width, height, ratio);
+    }
+    this.timeline.resize(byId("timeline").clientWidth, ratio);
+    this.timeline.draw(this.viewing.colours);
+    for (const chart of this.charts) chart.resize();
+    this.draw();
+  }
+
+  draw() {
+    for (const view of this.views) if (view.stage.width) view.stage.draw(this.player.time, this.viewing);
+  }
+
+  // The cursor has moved: everything that shows this moment follows.
+  move() {
+    const { time, playing } = this.player;
+    this.draw();
+    for (const chart of this.charts || []) chart.move(time);
+    for (const view of this.views) {
+      view.inspector.move(time);
+      this.count(view, time);
+    }
+    byId("now").textContent = time.toFixed(1);
+    byId("scrub").value = String(time);
+    byId("scrub").setAttribute("aria-valuetext", `${time.toFixed(1)} s`);
+    document.body.dataset.playing = String(playing);
+    for (const name of ["title", "aria-label"]) byId("play").setAttribute(name, playing ? "Pause" : "Play");
+    const event = this.timeline.latest(time),
+      words = event ? `${event.time.toFixed(1)} s: ${event.words}` : "";
+    if (byId("event").textContent !== words) byId("event").textContent = words;
+  }
+
+  count(view, time) {
+    const { episode } = view,
+      { moment, now } = episode.at(time),
+      step = now * episode.raw.every;
+    if (view.countedAt === moment) return;
+    view.countedAt = moment;
+    const { appears, found } = episode.raw.targets;
+    let came = 0,
+      seen = 0,
+      waited = 0;
+    for (let t = 0; t < appears.length; t++) {
+      if (appears[t] > step) continue;
+      came += 1;
+      const done = found[t] >= 0 && found[t] <= step;
+      seen += done;
+      waited += Math.max((done ? found[t] : step) - appears[t], 0);
+    }
+    if (view.seen) {
+      view.seen.textContent = `${seen} / ${came}`;
+      view.waited.textContent = came ? `${number((waited / came) * episode.raw.step)} s` : "–";
+    }
+    view.touched.textContent = String(episode.collisions[moment]);
+    view.touched.classList.toggle("alarm", episode.collisions[moment] > 0);
+    if (view.unseen) view.unseen.textContent = `${number(episode.ground.ageWorst[moment])} s`;
+  }
+}
+
+// Three dimensions where there are three and the browser can draw them; else from above.
+function stageOf(canvas, episode) {
+  if (episode.about.half[2] > 0 && globalThis.THREE) {
+    try {
+      return new Space(canvas, episode);
+    } catch {
+      return new Stage(canvas, episode);
+    }
+  }
+  return new Stage(canvas, episode);
+}

@@ -1,0 +1,35 @@
+// The clock of the page: one cursor for all episodes, charts and the timeline.
+
+export class Player {
+  constructor(duration, step, onMove) {
+    Object.assign(this, { duration, step, onMove, time: 0, speed: 1, playing: false, before: 0 });
+    this.frames = [];
+  }
+
+  seek(time) {
+    this.time = Math.min(Math.max(time, 0), this.duration);
+    this.onMove(this);
+  }
+
+  toggle(playing = !this.playing) {
+    if (playing && this.time >= this.duration - 1e-9) this.time = 0;
+    this.playing = playing;
+    this.before = 0;
+    if (playing) requestAnimationFrame((now) => this.tick(now));
+    this.onMove(this);
+  }
+
+  tick(now) {
+    if (!this.playing) return;
+    const passed = this.before ? Math.min((now - this.before) / 1000, 0.25) : 0;
+    this.before = now;
+    this.time = Math.min(this.time + passed * this.speed, this.duration);
+    if (this.time >= this.duration) this.playing = false;
+    const start = performance.now();
+    this.onMove(this);
+    // How long pictures take [ms], the latest of them, for whoever measures.
+    this.frames.push(performance.now() - start);
+    if (this.frames.length > 600) this.frames.shift();
+    if (this.playing) requestAnimationFrame((later) => this.tick(later));
+  }
+}

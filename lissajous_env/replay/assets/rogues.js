@@ -1,0 +1,86 @@
+// The rogues on the picture: at large, just seen, and those that nobody sees until the end.
+
+import { faded } from "./colours.js";
+import { FLEEING } from "./episode.js";
+
+const FLASH = 1;
+
+export class Rogues {
+  constructor(stage) {
+    Object.assign(this, { stage, context: stage.context });
+  }
+
+  paint(at, colours) {
+    const { context, stage } = this,
+      { episode } = stage,
+      { x, y } = episode.targets,
+      raw = episode.raw.targets;
+    const step = at.now * episode.raw.every,
+      second = FLASH / episode.raw.step;
+    const size = raw.count > 400 ? 1.8 : raw.count > 150 ? 2.6 : 3.8;
+    const groups = { plain: [], flees: [], missed: [], stays: [] };
+    for (let t = 0; t < raw.count; t++) {
+      if (raw.appears[t] > step) continue;
+      const found = raw.found[t],
+        place = [stage.px(episode.between(x, t, at)), stage.py(episode.between(y, t, at))];
+      if (found >= 0 && found <= step) {
+        const age = (step - found) / second;
+        if (age < 1) this.paintFlash(place, age, size, colours);
+        if (!episode.about.leave) groups.stays.push(place);
+      } else {
+        groups[found < 0 ? "missed" : raw.motion[t] === FLEEING ? "flees" : "plain"].push(place);
+      }
+    }
+    const dots = (places, colour, radius) => {
+      context.fillStyle = colour;
+      context.beginPath();
+      for (const [px, py] of places) {
+        context.moveTo(px + radius, py);
+        context.arc(px, py, radius, 0, 2 * Math.PI);
+      }
+      context.fill();
+    };
+    dots(groups.stays, colours.found, size);
+    if (size > 2) dots([...groups.plain, ...groups.flees], colours.card, size + 1.2);
+    dots(groups.plain, colours.rogue, size);
+    dots(groups.flees, colours.rogue, size);
+    dots(groups.flees, colours.card, 0.42 * size);
+    this.paintMissed(groups.missed, size, colours);
+  }
+
+  // One that nobody sees until the end: a cross in a ring.
+  paintMissed(places, size, colours) {
+    const { context } = this,
+      arm = 0.62 * size;
+    for (const [colour, wider] of [
+      [colours.card, 2.4],
+      [colours.rogue, 0],
+    ]) {
+      context.strokeStyle = colour;
+      context.lineWidth = (size > 2 ? 1.7 : 1) + wider;
+      context.beginPath();
+      for (const [x, y] of places) {
+        context.moveTo(x + 1.35 * size, y);
+        context.arc(x, y, 1.35 * size, 0, 2 * Math.PI);
+        context.moveTo(x - arm, y - arm);
+        context.lineTo(x + arm, y + arm);
+        context.moveTo(x - arm, y + arm);
+        context.lineTo(x + arm, y - arm);
+      }
+      context.stroke();
+    }
+  }
+
+  paintFlash([x, y], age, size, colours) {
+    const { context } = this;
+    context.fillStyle = faded(colours.found, (1 - age) ** 1.5);
+    context.beginPath();
+    context.arc(x, y, size, 0, 2 * Math.PI);
+    context.fill();
+    context.strokeStyle = faded(colours.found, 1 - age);
+    context.lineWidth = 2;
+    context.beginPath();
+    context.arc(x, y, size * (1.6 + 2.6 * age), 0, 2 * Math.PI);
+    context.stroke();
+  }
+}

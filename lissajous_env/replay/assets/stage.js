@@ -1,0 +1,240 @@
+// The world from above on a canvas: ground, sensors, curve, ring, trails, rogues, robots.
+
+import { Bodies } from "./bodies.js";
+import { faded, robotColour } from "./colours.js";
+import { edges } from "./derived.js";
+import { REMOVED, STUCK } from "./episode.js";
+import { Ground } from "./ground.js";
+import { legendOf } from "./legend.js";
+import { Rogues } from "./rogues.js";
+
+const TRAIL = 3;
+const MOST_TRAIL = 300;
+
+// Moments that a trail goes back.
+export function trailOf(episode) {
+  return Math.min(Math.round(TRAIL / episode.step), MOST_TRAIL);
+}
+
+export class Stage {
+  constructor(canvas, episode) {
+    Object.assign(this, { canvas, episode, ground: new Ground(episode), edges: edges(episode) });
+    this.context = canvas.getContext("2d");
+    this.base = document.createElement("canvas");
+    this.floor = document.createElement("canvas");
+    this.many = episode.count > 40;
+    this.nearest = [];
+    this.extent = extentOf(episode);
+  }
+
+  // Height of the stage for a width [px].
+  heightFor(width) {
+    return Math.round(Math.max((width * this.extent[1]) / this.extent[0], 170));
+  }
+
+  resize(width, height, ratio) {
+    const { radius } = this.episode.about,
+      pad = 6;
+    this.width = width;
+    this.height = height;
+    this.ratio = ratio;
+    this.canvas.width = Math.round(width * ratio);
+    this.canvas.height = Math.round(height * ratio);
+    this.scale = Math.min((width / 2 - pad) / this.extent[0], (height / 2 - pad) / this.extent[1]);
+    this.body = Math.max(this.scale * radius, this.many ? 3.4 : 6.5);
+    this.bodies = new Bodies(this);
+    this.rogues = new Rogues(this);
+    this.painted = this.laid = "";
+  }
+
+  // What the picture shows: [sign, words].
+  legend(layer) {
+    return legendOf(this.episode, this.ground, layer);
+  }
+
+  px(x) {
+    return this.width / 2 + this.scale * x;
+  }
+  py(y) {
+    return this.height / 2 - this.scale * y;
+  }
+
+  draw(time, view) {
+    const { context, episode } = this,
+      colours = view.colours,
+      at = episode.at(time);
+    context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    context.clearRect(0, 0, this.width, this.height);
+    this.paintGround(view, at);
+    this.paintBase(colours);
+    context.drawImage(this.base, 0, 0, this.width, this.height);
+    const places = this.places(at);
+    this.paintRing(places, at, colours);
+    this.paintTrails(at, view);
+    this.rogues.paint(at, colours);
+    this.bodies.paintTouches(places, at, colours);
+    this.bodies.paint(places, at, view);
+    this.nearest = places;
+  }
+
+  places(at) {
+    const { x, y, heading, status } = this.episode.robots;
+    return Array.from({ length: this.episode.count }, (_, i) => ({
+      x: this.px(this.episode.glide(x, i, at)),
+      y: this.py(this.episode.glide(y, i, at)),
+      heading: this.episode.angleBetween(heading, i, at),
+      status: status[i * this.episode.moments + at.moment],
+    }));
+  }
+
+  // The robot at a place [px], or -1.
+  pick(x, y) {
+    let best = -1,
+      least = Math.max(1.6 * this.body, 18);
+    this.nearest.forEach((place, i) => {
+      const away = Math.hypot(place.x - x, place.y - y);
+      if (away < least) [best, least] = [i, away];
+    });
+    return best;
+  }
+
+  rectangle() {
+    const { half } = this.episode.about;
+    return [this.px(-half[0]), this.py(half[1]), 2 * half[0] * this.scale, 2 * half[1] * this.scale];
+  }
+
+  paintGround(view, at) {
+    const { context, episode } = this,
+      colours = view.colours;
+    context.drawImage(this.floorOf(view, at), 0, 0, this.width, this.height);
+    context.save();
+    context.beginPath();
+    context.rect(...this.rectangle());
+    context.clip();
+    // Discs of a crowd would make one surface.
+    const strength = episode.count <= 6 ? 1 : episode.count <= 40 ? 0.55 : 0.15;
+    context.fillStyle = faded(colours.sensing, 0.07 * strength);
+    context.strokeStyle = faded(colours.sensing, 0.5 * strength);
+    context.lineWidth = 1;
+    for (const place of this.places(at)) {
+      if (place.status === REMOVED || place.status === STUCK) continue;
+      context.beginPath();
+      context.arc(place.x, place.y, this.scale * episode.about.sensing, 0, 2 * Math.PI);
+      context.fill();
+      context.stroke();
+    }
+    context.restore();
+  }
+
+  // The rectangle with its cells: drawn anew when these change, not with every picture.
+  floorOf(view, at) {
+    const picture = this.ground.picture(view.layer, at.now, view.colours);
+    const key = `${this.width} ${this.ratio} ${view.colours.card} ${picture ? this.ground.shown : ""}`;
+    if (key === this.laid) return this.floor;
+    this.laid = key;
+    this.floor.width = this.canvas.width;
+    this.floor.height = this.canvas.height;
+    const context = this.floor.getContext("2d"),
+      box = this.rectangle();
+    context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    context.fillStyle = view.colours.ground;
+    context.fillRect(...box);
+    if (picture) context.drawImage(picture, ...box);
+    return this.floor;
+  }
+
+  // What never changes: curve and edge.
+  paintBase(colours) {
+    const key = `${this.width} ${this.height} ${this.ratio} ${colours.card}`;
+    if (key === this.painted) return;
+    this.painted = key;
+    this.base.width = this.canvas.width;
+    this.base.height = this.canvas.height;
+    const context = this.base.getContext("2d"),
+      curve = this.episode.curve,
+      count = curve.length / 3;
+    context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    context.strokeStyle = faded(colours.curve, this.many ? 0.35 : 0.8);
+    context.lineWidth = this.many ? 0.7 : 1.4;
+    context.lineJoin = "round";
+    context.beginPath();
+    for (let k = 0; k < count; k++) context.lineTo(this.px(curve[k]), this.py(curve[count + k]));
+    context.closePath();
+    context.stroke();
+    context.strokeStyle = colours.edge;
+    context.lineWidth = 1;
+    context.strokeRect(...this.rectangle());
+  }
+
+  paintRing(places, at, colours) {
+    const { context, episode } = this;
+    context.lineWidth = 1.3;
+    for (const [i, j] of this.edges) {
+      if (places[i].status === REMOVED || places[j].status === REMOVED) continue;
+      const lost = episode.isCut(i, j, at.moment);
+      context.strokeStyle = lost ? colours.lost : faded(colours.link, this.many ? 0.25 : 0.45);
+      context.setLineDash(lost ? [3, 5] : []);
+      context.beginPath();
+      context.moveTo(places[i].x, places[i].y);
+      context.lineTo(places[j].x, places[j].y);
+      context.stroke();
+    }
+    context.setLineDash([]);
+  }
+
+  paintTrails(at, view) {
+    const { context, episode } = this,
+      { x, y } = episode.robots,
+      moments = episode.moments;
+    const back = Math.round((this.many ? 0.4 : 1) * trailOf(episode)),
+      pieces = 4;
+    const first = Math.max(at.moment - back, 0);
+    context.lineJoin = "round";
+    context.lineWidth = Math.min(0.5 * this.body, 4);
+    for (let i = 0; i < episode.count; i++) {
+      const colour = robotColour(view.colours, i),
+        row = i * moments;
+      for (let piece = 0; piece < pieces; piece++) {
+        const from = first + Math.floor(((at.moment - first) * piece) / pieces);
+        const to = first + Math.floor(((at.moment - first) * (piece + 1)) / pieces);
+        context.strokeStyle = faded(colour, (0.5 * (piece + 1)) / pieces);
+        context.beginPath();
+        context.moveTo(this.px(x[row + from]), this.py(y[row + from]));
+        for (let f = from; f < to; f++) this.curveOn(x, y, row, f);
+        if (piece === pieces - 1) context.lineTo(this.px(episode.glide(x, i, at)), this.py(episode.glide(y, i, at)));
+        context.stroke();
+      }
+    }
+  }
+
+  // The way from a moment to the next one, as `Episode.glide` goes it.
+  curveOn(x, y, row, f) {
+    const last = this.episode.moments - 1,
+      [a, b, c, d] = [f - 1, f, f + 1, f + 2].map((k) => row + Math.min(Math.max(k, 0), last));
+    this.context.bezierCurveTo(
+      this.px(x[b] + (x[c] - x[a]) / 6),
+      this.py(y[b] + (y[c] - y[a]) / 6),
+      this.px(x[c] - (x[d] - x[b]) / 6),
+      this.py(y[c] - (y[d] - y[b]) / 6),
+      this.px(x[c]),
+      this.py(y[c]),
+    );
+  }
+}
+
+// Half of what the picture shows [m]: the rectangle, and the robots wherever they went, unless that was far away.
+function extentOf(episode) {
+  const { half, radius } = episode.about,
+    around = 1.6 * radius;
+  return [episode.robots.x, episode.robots.y].map((places, axis) => {
+    let reach = half[axis];
+    for (const place of places) reach = Math.max(reach, Math.abs(place));
+    return Math.min(reach, 1.25 * half[axis] + 2 * radius) + around;
+  });
+}
+
+// Pictures side by side have one scale.
+export function shareExtents(stages) {
+  const extents = stages.map((stage) => stage.extent).filter(Boolean);
+  for (const stage of stages) stage.extent &&= [0, 1].map((axis) => Math.max(...extents.map((each) => each[axis])));
+}

@@ -1,0 +1,111 @@
+// What happened, marked over time: a lane for each kind and each episode; a click goes there.
+
+import { faded } from "./colours.js";
+
+const LANES = [
+  ["detection", "seen"],
+  ["missed", "missed"],
+  ["touch", "touches"],
+  ["fault", "faults"],
+];
+const LANE = 11;
+const NEAR = 7;
+
+export class Timeline {
+  constructor(canvas, episodes, duration) {
+    Object.assign(this, { canvas, episodes, duration });
+    this.lanes = LANES.filter(([kind]) =>
+      episodes.some((episode) => episode.events.some((event) => event.kind === kind)),
+    );
+    this.rows = this.lanes.flatMap(([kind, words]) => episodes.map((_, k) => ({ kind, words: k ? "" : words, k })));
+    // All that can be stepped to, each time once.
+    this.all = episodes
+      .flatMap((episode, k) => episode.events.map((event) => ({ ...event, episode: k })))
+      .sort((one, other) => one.time - other.time);
+  }
+
+  get height() {
+    return Math.max(this.rows.length, 1) * LANE + 8;
+  }
+
+  // Names of the lanes; of two episodes each has its own, one below the other.
+  names() {
+    return this.rows.map((row) => (this.episodes.length > 1 ? `${row.words} ${numeral(row.k)}` : row.words));
+  }
+
+  resize(width, ratio) {
+    this.width = width;
+    this.ratio = ratio;
+    this.canvas.width = Math.round(width * ratio);
+    this.canvas.height = Math.round(this.height * ratio);
+    this.canvas.style.height = `${this.height}px`;
+  }
+
+  colour(kind, colours) {
+    return { detection: colours.found, missed: colours.rogue, touch: colours.touch, fault: colours.stuck }[kind];
+  }
+
+  draw(colours) {
+    const context = this.canvas.getContext("2d");
+    context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+    context.clearRect(0, 0, this.width, this.height);
+    context.font = "10px system-ui, sans-serif";
+    context.textBaseline = "middle";
+    this.rows.forEach((row, k) => {
+      const y = 4 + k * LANE,
+        colour = this.colour(row.kind, colours);
+      context.fillStyle = colours.grid;
+      context.fillRect(0, y + LANE / 2 - 0.5, this.width, 1);
+      for (const event of this.episodes[row.k].events) {
+        if (event.kind !== row.kind) continue;
+        const x = this.x(event.time),
+          wide = Math.max(this.x(event.until) - x, 2);
+        context.fillStyle = row.kind === "missed" || row.kind === "fault" ? faded(colour, 0.45) : colour;
+        if (row.kind === "detection") context.fillRect(x - 1, y + 1, 2, LANE - 3);
+        else {
+          context.fillRect(x, y + 2, wide, LANE - 5);
+          context.fillStyle = colour;
+          context.fillRect(x - 1, y + 1, 2.5, LANE - 3);
+        }
+      }
+    });
+  }
+
+  x(time) {
+    return this.duration > 0 ? (time / this.duration) * this.width : 0;
+  }
+
+  // The event at a place [px], within a few pixels; null for none.
+  nearest(x, y) {
+    const row = this.rows[Math.floor((y - 4) / LANE)];
+    let best = null,
+      least = NEAR;
+    for (const event of row ? this.episodes[row.k].events : []) {
+      const away = Math.max(this.x(event.time) - x, x - this.x(event.until), 0);
+      if (event.kind === row.kind && away < least) [best, least] = [event, away];
+    }
+    return best;
+  }
+
+  // Whether a place [px] is where an event begins, and not somewhere in its course.
+  begins(event, x) {
+    return Math.abs(this.x(event.time) - x) < NEAR;
+  }
+
+  before(time) {
+    return this.all.findLast((event) => event.time < time - 1e-3) || null;
+  }
+  after(time) {
+    return this.all.find((event) => event.time > time + 1e-3) || null;
+  }
+
+  // What was last before a time, within two seconds.
+  latest(time) {
+    return this.all.findLast((event) => event.time <= time + 1e-6 && time - event.time < 2) || null;
+  }
+}
+
+// What tells two episodes apart.
+export function numeral(k) {
+  return ["①", "②"][k];
+}

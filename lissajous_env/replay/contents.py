@@ -1,0 +1,193 @@
+"""What a page holds of a recording: its numbers, thinned and quantised to what the eye and the plots need.
+
+Positions, speeds, rewards and observations are kept to 1/65,535 of the range that each takes, angles to 1/65,536 of a
+turn, times to a control step. Of long episodes every so manieth moment is kept, of fine grids every so manieth cell, of
+the ground a picture every 0.2 s.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from lissajous_env.episodes.recording import Recording
+from lissajous_env.render.snapshot import thinned
+from lissajous_env.replay.packing import FARTHEST, angles, counts, quantised
+from lissajous_env.theory import closed_forms
+from lissajous_env.world.robots.table import model_of
+from lissajous_env.world.state import NEVER
+
+FORMAT = "lissajous replay 1"
+MOST_MOMENTS = 6_000
+MOST_CELLS = (128, 128)
+"""Rows and columns of a grid."""
+GROUND_EVERY = 0.2
+"""Time between two pictures of the ground [s]."""
+_MOST_GROUND = 2**24
+"""Numbers of all pictures of the ground."""
+_MOST_OBSERVED = 6_000_000
+"""Numbers of all observations: those of robots beyond are left out."""
+_MOST_PLACES = 6_000_000
+"""Places of all targets in all moments: targets beyond are left out."""
+_MOST_CONTACTS = 2_000
+
+
+def contents(recording: Recording) -> dict[str, Any]:
+    """Put a recording into what JSON can hold."""
+    scenario, every = recording.scenario, max(math.ceil(len(recording) / MOST_MOMENTS), 1)
+    kept = slice(None, None, every)
+    return {
+        "scenario": _about(recording),
+        "policy": str(recording.score.get("policy", "")),
+        "seed": recording.score["seed"],
+        "score": {str(name): _plain(value) for name, value in recording.score.items()},
+        "step": scenario.task.step,
+        "every": every,
+        "moments": len(recording.position[kept]),
+        "curve": quantised(_curve(recording)),
+        "robots": _robots(recording, kept),
+        "targets": _targets(recording, kept),
+        "ground": _ground(recording, every),
+        "contacts": _contacts(recording.contact, every),
+        "collisions": counts(recording.collisions[kept], int(recording.collisions.max())),
+        "reward": {
+            "names": list(recording.reward_names),
+            "terms": quantised_each(_since_kept(recording.reward_terms.mean(axis=1), every)),
+        },
+    }
+
+
+def quantised_each(table: np.ndarray) -> list[dict[str, Any]]:
+    """Pack each column of a table (F, ..., K) to 1/65,535 of its own range."""
+    return [quantised(table[..., k]) for k in range(table.shape[-1])]
+
+
+def _since_kept(values: np.ndarray, every: int) -> np.ndarray:
+    """Sum numbers (F, ...) of steps over those since the moment before that is kept."""
+    return np.diff(np.cumsum(values, axis=0, dtype=np.float64)[::every], axis=0, prepend=0.0)
+
+
+def _about(recording: Recording) -> dict[str, Any]:
+    scenario = recording.scenario
+    curve, ring = scenario.curve, scenario.ring
+    model = model_of(scenario.robot.kind)
+    parts = model.shape(scenario.robot) if model.shape else []
+    return {
+        "name": scenario.name,
+        "description": scenario.description,
+        "half": [curve.half_width, curve.half_height, curve.half_depth],
+        "radius": scenario.robot.radius,
+        "sensing": scenario.sensing_radius,
+        "bound": scenario.detection_time_bound,
+        "ring": list(ring) if len(ring) > 1 else [],
+        "neighbours": scenario.neighbours.tolist(),
+        "equilibrium": scenario.equilibrium.tolist(),
+        "delay": round(scenario.noise.message_delay / scenario.task.step),
+        "leave": scenario.targets.leave,
+        "idle": scenario.task.grid is not None,
+        "unseen": scenario.task.contamination is not None,
+        "actions": list(model.actions),
+        "shape": [[np.round(outline, 3).tolist(), fill] for outline, fill in parts],
+    }
+
+
+def _curve(recording: Recording) -> np.ndarray:
+    """(K, 3) points of the curve [m]."""
+    curve = recording.scenario.curve
+    lap = np.linspace(0.0, 2 * np.pi, int(np.clip(90 * curve.oscillations, 600, 12_000)))
+    return closed_forms.curve_point_3d(curve, lap)
+
+
+def _robots(recording: Recording, kept: slice) -> dict[str, Any]:
+    observed = recording.observation[kept]
+    f, n, d = observed.shape
+    watched = min(n, _MOST_OBSERVED // max(f * d, 1))
+    # The answer to an observation is the action of the step after it.
+    answers = np.concatenate([recording.action[1:], recording.action[-1:]])[kept]
+    now = np.arange(len(recording))[:, None, None]
+    return {
+        "count": n,
+        "x": quantised(recording.position[kept, :, 0]),
+        "y": quantised(recording.position[kept, :, 1]),
+        "z": quantised(recording.position[kept, :, 2]),
+        "heading": angles(recording.heading[kept]),
+        "speed": quantised(recording.speed[kept]),
+        "phase": angles(recording.phase[kept]),
+        "status": counts(recording.status[kept], 2),
+        "silent": counts(np.where(recording.heard_at < 0, -1, now - recording.heard_at)[kept], 253),
+        "watched": watched,
+        "names": list(recording.observation_names),
+        "observation": quantised_each(observed[:, :watched]),
+        "action": quantised_each(answers[:, :watched]),
+        "reward": quantised(recording.reward_terms.sum(axis=-1)[kept]),
+    }
+
+
+def _targets(recording: Recording, kept: slice) -> dict[str, Any]:
+    places = recording.target_position[kept]
+    total = places.shape[1]
+    # A slot in which nothing appeared until the end is no target.
+    came = np.flatnonzero(recording.appears_at < len(recording))
+    most = max(_MOST_PLACES // max(2 * len(places), 1), 1)
+    came = came[:: max(math.ceil(len(came) / most), 1)]
+    found = recording.found_at[came]
+    return {
+        "count": len(came),
+        "total": int(np.count_nonzero(recording.appears_at < len(recording))) if total else 0,
+        "x": quantised(places[:, came, 0]),
+        "y": quantised(places[:, came, 1]),
+        "motion": recording.motion[came].tolist(),
+        "appears": recording.appears_at[came].tolist(),
+        "found": np.where(found < len(recording), found - recording.found_early[came], -1.0).round(4).tolist(),
+    }
+
+
+def _ground(recording: Recording, every: int) -> dict[str, Any]:
+    """Steps in which cells were last sensed, and since when a rogue can be in them unseen; series of age are exact."""
+    task, found = recording.scenario.task, {}
+    stride = every * max(round(GROUND_EVERY / (task.step * every)), 1)
+    if task.grid is not None:
+        cells = np.stack([thinned(each, MOST_CELLS) for each in recording.sensed_at[::stride]])
+        found["sensed"] = _pictures(cells, stride, len(recording))
+        found["idle"] = _worst_and_mean(recording.sensed_at, every, task.step)
+    if task.contamination is not None:
+        cells = np.stack([_oldest(each) for each in recording.introduced_at[::stride]])
+        found["unseen"] = _pictures(cells, stride, len(recording))
+        found["age"] = _worst_and_mean(recording.introduced_at, every, task.step)
+    return found
+
+
+def _pictures(cells: np.ndarray, stride: int, moments: int) -> dict[str, Any]:
+    fewer = max(math.ceil(cells.size / _MOST_GROUND), 1)
+    return {"stride": stride * fewer, "cells": counts(cells[::fewer], moments)}
+
+
+def _worst_and_mean(since: np.ndarray, every: int, step: float) -> list[dict[str, Any]]:
+    """Largest and mean age over all cells [s], 0 where there is none, in the moments that are kept."""
+    ages = [np.where(cells >= int(NEVER), 0, now - cells) for now, cells in list(enumerate(since))[::every]]
+    worst, mean = (np.array([each.max() for each in ages]), np.array([each.mean() for each in ages]))
+    return [quantised(step * worst), quantised(step * mean)]
+
+
+def _oldest(cells: np.ndarray) -> np.ndarray:
+    """Of a grid that is too fine, the oldest rogue of each block of cells."""
+    sizes = [max(math.ceil(length / most), 1) for length, most in zip(cells.shape, MOST_CELLS, strict=True)]
+    rows, columns = (np.arange(0, length, size) for length, size in zip(cells.shape, sizes, strict=True))
+    return np.minimum.reduceat(np.minimum.reduceat(cells, rows, axis=0), columns, axis=1)
+
+
+def _contacts(contact: np.ndarray, every: int) -> list[list[int]]:
+    """Touches as [first robot, second robot, first moment, last moment], of the moments that are kept."""
+    order = contact[np.lexsort((contact[:, 0], contact[:, 2], contact[:, 1]))].astype(np.int64)
+    apart = np.diff(order, axis=0, prepend=-2)
+    begins = np.flatnonzero((apart[:, 0] != 1) | apart[:, 1:].any(axis=1))
+    ends = np.append(begins[1:], len(order))[: len(begins)] - 1
+    touches = np.stack([order[begins, 1], order[begins, 2], order[begins, 0] // every, order[ends, 0] // every], axis=1)
+    return touches[np.argsort(touches[:, 2], kind="stable")][:_MOST_CONTACTS].tolist()
+
+
+def _plain(value: Any) -> Any:
+    """A value of a score row as JSON can hold it."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if isinstance(value, str) or value is None else min(max(value, -FARTHEST), FARTHEST)

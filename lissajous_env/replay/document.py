@@ -1,0 +1,60 @@
+"""The replay page of a recording, and the object that shows it in a notebook."""
+
+import html
+from pathlib import Path
+
+from lissajous_env.episodes.recording import Recording
+from lissajous_env.replay.bundle import ASSETS, bundled
+from lissajous_env.replay.contents import FORMAT, contents
+from lissajous_env.storage.files import replacing
+
+FRAME_HEIGHT = 860
+"""Height of the frame in a notebook [px]."""
+
+
+def page(recording: Recording, against: Recording | None = None) -> str:
+    """Make the page of an episode, or of two side by side with one cursor.
+
+    Args:
+        recording: The episode.
+        against: Another, such as another policy's on the same seed.
+
+    Returns:
+        HTML that needs no other file and no network.
+    """
+    episodes = [recording] if against is None else [recording, against]
+    in_space = any(each.scenario.curve.half_depth > 0 for each in episodes)
+    policies = " against ".join(str(each.score.get("policy", "")) or "an episode" for each in episodes)
+    return bundled(
+        "page.html",
+        "main.js",
+        {"format": FORMAT, "episodes": [contents(each) for each in episodes]},
+        {"title": f"{recording.scenario.name}: {policies}"},
+        ["uPlot", "three"] if in_space else ["uPlot"],
+    )
+
+
+class Replay:
+    """A page that a notebook shows where it is the last value of a cell, and that can be saved.
+
+    Args:
+        recording: The episode.
+        against: Another, to stand beside it.
+    """
+
+    def __init__(self, recording: Recording, against: Recording | None = None):
+        self.recording, self.against = recording, against
+
+    def html(self) -> str:
+        """Return the page, as `page` makes it."""
+        return page(self.recording, self.against)
+
+    def save(self, path: str | Path) -> None:
+        """Write the page: under a temporary name first, then renamed."""
+        with replacing(path) as temporary:
+            temporary.write_text(self.html(), encoding="utf-8")
+
+    def _repr_html_(self) -> str:
+        """Return a frame that holds the page, cut off from the notebook around it."""
+        template = (ASSETS / "frame.html").read_text(encoding="utf-8")
+        return template.replace("{height}", str(FRAME_HEIGHT)).replace("{page}", html.escape(self.html(), quote=True))

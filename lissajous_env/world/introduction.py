@@ -1,0 +1,29 @@
+"""Since when a rogue can have been where it is now, cell by cell: the labels of contamination on the host."""
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.world.labels import MARGIN
+from lissajous_env.world.simulation import Simulation
+from lissajous_env.world.state import NEVER
+
+
+def introduced_at(simulation: Simulation, world: int = 0) -> np.ndarray:
+    """(R, C) int32 earliest step in which a rogue that may be in a cell now can have been introduced.
+
+    A rogue of a cell can have gone unseen since then. The lowest row comes first. NEVER where none can be; (1, 1)
+    NEVER where `task.contamination` is None.
+    """
+    hops, margin = simulation.scenario.spreading, int(MARGIN)
+    if simulation.scenario.task.contamination is None:
+        return np.full((1, 1), int(NEVER), dtype=np.int32)
+    slot = int(simulation.clock.step.numpy()[world]) * hops.ticks // hops.period % hops.ring
+    inside, columns = slice(margin, hops.rows + margin), np.arange(hops.columns)
+    words = _of_world(simulation.contamination.there, world)[inside, 1:-1, slot]
+    there = words[:, columns // 32] >> (columns % 32).astype(np.uint32) & 1
+    labels = _of_world(simulation.contamination.labels, world)[slot, inside, margin : margin + hops.columns]
+    return np.where(there == 1, labels // 256, int(NEVER)).astype(np.int32)
+
+
+def _of_world(array: wp.array, world: int) -> np.ndarray:
+    return array.numpy()[world] if array.device.is_cpu else array[world].numpy()

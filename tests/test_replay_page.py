@@ -1,0 +1,310 @@
+"""Replay pages without a browser: what they hold, that nothing of a recording is run, and how they come about."""
+
+import base64
+import dataclasses
+import hashlib
+import html
+import json
+import re
+import time
+import zlib
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+from lissajous_env.console.cli import main
+from lissajous_env.episodes.recording import ARRAYS, Follower, Recorder, load, record
+from lissajous_env.replay import Replay, bundle, page
+from lissajous_env.replay.contents import contents
+from lissajous_env.replay.packing import angles, counts, quantised
+from lissajous_env.world.state import NEVER
+
+SHORT = {"task.duration": 6.0, "task.contamination": (45, 20), "targets.arrival_rate": 2.0}
+HOSTILE = "</script><img src=x onerror=alert(1)><!-- <script>alert(2)</script> &lt; \u2028 \ud800 '\""
+
+
+def played(scenario="evaders", policy="kuramoto-mpcc", seed=1, **overrides):
+    made = lissajous_env.scenario(scenario, **overrides)
+    return record(baselines.make(policy, made), made, seed)
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return played(**SHORT)
+
+
+def unpacked(packed):
+    """What a page makes of a packed array; oracle: the format as packing.py describes it, read the other way round."""
+    size = packed["bits"] // 8
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8).reshape(size, -1)
+    whole = sum(plane.astype(np.uint64) << np.uint64(8 * k) for k, plane in enumerate(planes))
+    series = np.cumsum(whole.reshape(packed["shape"]), axis=-1, dtype=np.uint64) % 2 ** packed["bits"]
+    return np.moveaxis(packed["low"] + packed["scale"] * series.astype(float), -1, 0)
+
+
+def data_of(text):
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])
+
+
+@pytest.mark.parametrize("shape", [(50,), (50, 3), (50, 2, 4), (1, 3), (50, 0)])
+def test_numbers_come_back_to_what_is_stated(shape):
+    draw = np.random.default_rng(0)
+    numbers = draw.normal(0, 3, shape)
+    span = np.ptp(numbers) if numbers.size else 1.0
+    np.testing.assert_allclose(unpacked(quantised(numbers)), numbers, atol=span / 65_535 * 0.51)
+    away = unpacked(angles(numbers)) - numbers
+    assert (np.abs(away - 2 * np.pi * np.rint(away / (2 * np.pi))) <= 2 * np.pi / 65_536 * 0.51).all()
+    for most in (200, 60_000, 10**6):
+        whole = draw.integers(-3, most + 4, shape)
+        kept = np.where((whole < 0) | (whole > most), most + 1, whole)
+        np.testing.assert_array_equal(unpacked(counts(whole, most)), kept)
+
+
+def test_a_recording_knows_where_a_rogue_can_be_unseen():
+    # Oracle: the age of which the score is made, and its mean over the cells, in every step.
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("evaders", **SHORT), seed=3)
+    recorder = Recorder(simulation)
+    recorder.take()
+    ages, means = [0], [0.0]
+    for _ in range(40):
+        simulation.step(np.full(simulation.action_shape, 0.3, np.float32))
+        recorder.take()
+        ages.append(int(simulation.contamination.age.numpy()[0]))
+        means.append(float(simulation.contamination.mean_age.numpy()[0]))
+    since = recorder.recording().introduced_at
+    age = np.where(since == int(NEVER), 0, np.arange(41)[:, None, None] - since)
+    np.testing.assert_array_equal(age.max(axis=(1, 2)), ages)
+    np.testing.assert_allclose(age.mean(axis=(1, 2)), means, rtol=1e-5)
+    assert max(ages) > 10
+
+
+def test_a_recording_holds_what_each_robot_saw_and_did():
+    # Oracle: the same episode, played by hand.
+    scenario = lissajous_env.scenario("rough", **{"task.duration": 2.0})
+    kept = played("rough", seed=5, **{"task.duration": 2.0})
+    simulation = lissajous_env.Simulation(scenario, seed=5)
+    policy = baselines.make("kuramoto-mpcc", scenario)
+    policy.reset()
+    assert not kept.action[0].any()
+    for f in range(20):
+        np.testing.assert_array_equal(kept.observation[f], simulation.observation.numpy()[0])
+        np.testing.assert_array_equal(kept.heard_at[f], simulation.links.heard_at.numpy()[0])
+        action = policy.act(simulation.observation)
+        np.testing.assert_array_equal(kept.action[f + 1], np.clip(action.numpy()[0], -1, 1))
+        simulation.step(action)
+        np.testing.assert_array_equal(kept.reward_terms[f + 1], simulation.reward_terms.numpy()[0])
+    assert kept.observation_names == simulation.layout.names
+    assert (np.diff(kept.heard_at, axis=0) == 0).any()  # messages were lost
+
+
+def test_what_was_seen_and_done_is_saved(recording, tmp_path):
+    recording.save(tmp_path / "a.npz")
+    loaded = load(tmp_path / "a.npz")
+    for name in ("heard_at", "introduced_at", "observation", "action", "reward_terms"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(recording, name))
+    assert loaded.observation_names == recording.observation_names
+    assert loaded.reward_names == recording.reward_names
+    assert page(loaded) == page(recording)
+
+
+def test_a_page_holds_the_recording(recording):
+    (kept,) = data_of(page(recording))["episodes"]
+    assert (kept["policy"], kept["seed"]) == ("kuramoto-mpcc", 1)
+    x = unpacked(kept["robots"]["x"])
+    np.testing.assert_allclose(x, recording.position[..., 0], atol=np.ptp(x) / 65_535)
+    observation = np.stack([unpacked(each) for each in kept["robots"]["observation"]], axis=-1)
+    np.testing.assert_allclose(observation, recording.observation, atol=8 / 65_535)
+    np.testing.assert_allclose(unpacked(kept["robots"]["action"][0])[:-1], recording.action[1:, :, 0], atol=2 / 65_535)
+    assert kept["robots"]["names"] == list(recording.observation_names)
+    pictures, stride = unpacked(kept["ground"]["unseen"]["cells"]), kept["ground"]["unseen"]["stride"]
+    assert stride == 2
+    since = recording.introduced_at[::stride]
+    np.testing.assert_array_equal(pictures, np.where(since == int(NEVER), len(recording) + 1, since))
+    found = np.array(kept["targets"]["found"])
+    assert np.count_nonzero(found >= 0) == np.count_nonzero(recording.found_at < len(recording))
+
+
+def test_a_minute_of_five_robots_and_fifty_targets_is_small_and_quickly_made():
+    # Oracle: the stated limits, 2 MB and 5 s with the simulation, once kernels are compiled.
+    setting = {"targets.count": 25, "targets.arrival_rate": 0.45, "task.duration": 60.0}
+    played(**setting | {"task.duration": 1.0})
+    begun = time.process_time()
+    recording = played(**setting)
+    text = page(recording)
+    assert time.process_time() - begun < 5
+    assert len(recording.motion) >= 50
+    assert len(text.encode()) < 2e6
+    assert "THREE" not in text.partition('id="data"')[0]
+
+
+def test_long_episodes_and_fine_grids_are_thinned(recording):
+    overrides = SHORT | {"task.duration": 620.0, "task.grid": (150, 130)}
+    fixed = ("motion", "appears_at", "found_at", "found_early", "contact", "sensed_at")
+    moments = np.arange(6_101) % len(recording)
+    arrays = {name: getattr(recording, name)[moments] for name in ARRAYS if name not in fixed}
+    arrays["sensed_at"] = np.broadcast_to(np.int32(0), (6_101, 130, 150))
+    long = dataclasses.replace(recording, scenario=lissajous_env.scenario("evaders", **overrides).resolve(), **arrays)
+    kept = contents(long)
+    assert (kept["every"], kept["moments"]) == (2, 3051)
+    rows, columns, _ = kept["ground"]["sensed"]["cells"]["shape"]
+    assert rows <= 128
+    assert columns <= 128
+    np.testing.assert_allclose(unpacked(kept["robots"]["x"]), long.position[::2, :, 0], atol=1e-3)
+
+
+def called(*arguments):
+    """Exit code of `lissajous`."""
+    with pytest.raises(SystemExit) as ended:
+        main([str(each) for each in arguments])
+    return ended.value.code or 0
+
+
+def test_commands_write_pages(tmp_path, monkeypatch, capsys):
+    # Story: an episode is played to a page, to a recording, and that beside another policy to a page of two.
+    monkeypatch.chdir(tmp_path)
+    short = ("--seed", 3, "--set", "task.duration=1")
+    assert called("run", "failure", "kuramoto", "--out", "a.html", *short) == 0
+    assert called("replay", "failure", "kuramoto", "--out", "b.html", *short) == 0
+    assert Path("a.html").read_text() == Path("b.html").read_text()
+    assert called("run", "failure", "kuramoto", "--out", "c.npz", *short) == 0
+    assert called("replay", "c.npz", "--out", "c.html") == 0
+    assert Path("a.html").read_text() == Path("c.html").read_text()
+    assert called("replay", "c.npz", "--against", "open-loop", "--out", "d.html") == 0
+    one, other = data_of(Path("d.html").read_text())["episodes"]
+    assert (one["policy"], other["policy"], one["seed"], other["seed"]) == ("kuramoto", "open-loop", 3, 3)
+    assert one == data_of(Path("a.html").read_text())["episodes"][0]
+    assert other["targets"]["x"] == one["targets"]["x"]
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["failure", "kuramoto", "--against", "still", "--out", "a.gif"], "out must end in .html beside --against"),
+        (["failure", "knot", "kuramoto", "--out", "a.html"], "scenario must be one alone, got failure, knot"),
+        (["nowhere.npz", "--out", "a.html"], "there is no file nowhere.npz"),
+        (["failure", "kuramoto", "--against", "stil", "--out", "a.html"], "did you mean still?"),
+        (["--out", "a.html"], "got nothing"),
+    ],
+)
+def test_what_cannot_be_shown_is_said(tmp_path, monkeypatch, capsys, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert called("replay", *arguments) == 2
+    assert words in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def hostile(recording):
+    """The same with names that would be script, numbers that are none, and places far away."""
+    scenario = dataclasses.replace(recording.scenario, name=HOSTILE, description=HOSTILE)
+    position = recording.position.copy()
+    position[10:20] *= np.float32(1e30)
+    score = recording.score | {"policy": HOSTILE, HOSTILE: float("nan"), "return_mean": float("inf"), "x": 10**400}
+    names = (HOSTILE, *recording.observation_names[1:])
+    changes = {"position": position, "score": score, "observation_names": names, "scenario": scenario}
+    return dataclasses.replace(recording, **changes)
+
+
+def test_nothing_of_a_recording_becomes_markup(recording):
+    text = page(hostile(recording))
+    markup = re.sub(r'<script type="application/json" id="data">.*?</script>', "", text, flags=re.DOTALL)
+    assert HOSTILE not in text
+    assert markup.count(html.escape(HOSTILE.replace("\ud800", "?"))) == 2  # scenario and policy in the title
+    assert "<img" not in text
+    assert data_of(text)["episodes"][0]["scenario"]["name"] == HOSTILE
+    assert data_of(text)["episodes"][0]["score"]["return_mean"] is None
+
+
+def test_a_page_runs_its_own_scripts_alone_and_asks_no_address(recording):
+    # Oracle: the hashes of Content Security Policy Level 3, computed over what stands between the tags.
+    text = page(recording, recording)
+    policy = html.unescape(re.search(r'http-equiv="Content-Security-Policy" content="(.*?)"', text)[1])
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules["default-src"] == rules["connect-src"] == rules["base-uri"] == "'none'"
+    found = {
+        "script": re.findall(r'<script(?: type="module")?>(.*?)</script>', text, re.DOTALL),
+        "style": re.findall("<style>(.*?)</style>", text, re.DOTALL),
+    }
+    for kind, parts in found.items():
+        hashes = [f"'sha256-{base64.b64encode(hashlib.sha256(part.encode()).digest()).decode()}'" for part in parts]
+        assert rules[f"{kind}-src"].split() == hashes
+    assert len(found["script"]) == 2
+    assert not re.search(
+        r'(?:src|href)="?(?:https?:)?//|@import|url\(', re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
+    )
+
+
+def test_modules_that_cannot_be_joined_are_refused(monkeypatch):
+    files = {
+        "a.js": 'import { x } from "./b.js";\nexport const y = x;\n',
+        "b.js": "export const x = 1;\nconst y = 2;\n",
+    }
+    monkeypatch.setattr(bundle, "_text", files.__getitem__)
+    bundle.joined.cache_clear()
+    with pytest.raises(ValueError, match=r"a\.js must not declare y, which b\.js does"):
+        bundle.joined("a.js")
+    files["a.js"] = 'import * as b from "./b.js";\n'
+    with pytest.raises(ValueError, match=r"a\.js must import names"):
+        bundle.joined("a.js")
+    files["a.js"] = 'import { x } from "./b.js";\nexport const z = x;\n'
+    assert bundle.joined("a.js").split("\n")[:3] == ["const x = 1;", "const y = 2;", ""]
+    bundle.joined.cache_clear()
+
+
+def test_environments_show_what_they_played(tmp_path):
+    env = lissajous_env.parallel_env("failure", record=True, max_cycles=7)
+    with pytest.raises(ValueError, match="at least one moment"):
+        env.replay()
+    env.reset(seed=3)
+    while env.agents:
+        env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+    replay = env.replay("by hand")
+    assert (len(replay.recording), replay.recording.score["seed"], replay.recording.score["policy"]) == (
+        8,
+        3,
+        "by hand",
+    )
+    replay.save(tmp_path / "a.html")
+    assert [file.name for file in tmp_path.iterdir()] == ["a.html"]
+    assert data_of((tmp_path / "a.html").read_text())["episodes"][0]["moments"] == 8
+    frame = replay._repr_html_()
+    assert html.unescape(re.search(r'srcdoc="(.*?)"', frame, re.DOTALL)[1]) == replay.html()
+    assert 'sandbox="allow-scripts"' in frame
+    env.reset(seed=4)
+    assert len(env.replay().recording) == 1
+    with pytest.raises(ValueError, match="made with record=True"):
+        lissajous_env.parallel_env("failure").replay()
+    single = gymnasium.make("lissajous_env:lissajous/failure-v0", record=True)
+    single.reset(seed=2)
+    single.step(single.action_space.sample())
+    assert len(single.unwrapped.replay().recording) == 2
+
+
+@pytest.mark.parametrize("mode", ["NEXT_STEP", "SAME_STEP", "DISABLED"])
+def test_a_batch_shows_the_latest_episode_that_ended(mode):
+    # Story: world 1 has seed 11; its first episode of five steps ends, another begins, and the first is shown whole.
+    envs = lissajous_env.vector_env("failure", 3, record=1, autoreset_mode=mode, max_cycles=5)
+    envs.reset(seed=10)
+    assert len(envs.replay().recording) == 1
+    for _ in range(8):
+        envs.step(np.zeros(envs.action_space.shape, np.float32))
+    replay = envs.replay("still")
+    assert (len(replay.recording), replay.recording.score["seed"], replay.recording.score["policy"]) == (6, 11, "still")
+    for world in (3, -1, True, "a"):
+        with pytest.raises(ValueError, match="record must be None or a world from 0 to 2"):
+            lissajous_env.vector_env("failure", 3, record=world)
+
+
+def test_a_follower_takes_each_moment_once():
+    simulation = lissajous_env.Simulation("failure", 2)
+    follower = Follower(simulation, 1)
+    for _ in range(3):
+        follower.look()
+        follower.look()
+        simulation.step(np.zeros(simulation.action_shape, np.float32))
+    assert len(follower.recording()) == 3
+    assert isinstance(Replay(follower.recording()), Replay)
