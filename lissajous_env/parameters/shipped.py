@@ -12,7 +12,7 @@ _ARRIVING = Targets(count=20, arrival_rate=0.5)
 
 _EXPERIMENT = Scenario(
     name="experiment",
-    description="Section VII: five cars on curve (16); robots 1 and 5 stop from 24.5 s to 34.5 s (Fig. 7 and 8).",
+    description="Section VII: five cars on curve (16); robots 0 and 4 stop from 24.5 s to 34.5 s (Fig. 7, 8).",
     curve=Curve(half_width=1.8, half_height=0.8, a=3, b=2),
     formation=Formation(phase_rate=0.3, coupling=1.0, p=2, ring=_EXPERIMENT_RING, start_noise=0.02),
     robot=Robot(kind="car", radius=0.125, model_offset=3.804),
@@ -88,7 +88,7 @@ SHIPPED = (
     ),
     Scenario(
         name="perturbation",
-        description="Fig. 4: ten points on the curve, robot 1 displaced along it by 0.25 rad.",
+        description="Fig. 4: ten points on the curve, robot 0 displaced along it by 0.25 rad.",
         curve=Curve(half_width=5.0, half_height=5.0, a=7, b=3),
         formation=Formation(phase_rate=0.3, p=3, displaced=((0, 0.25),)),
         robot=Robot(kind="curve", radius=0.125),
@@ -96,7 +96,7 @@ SHIPPED = (
     ),
     Scenario(
         name="failure",
-        description="Fig. 6: five points on curve (16), robots 1 and 2 stuck from 9.6 s to 19.5 s.",
+        description="Fig. 6: five points on curve (16), robots 0 and 1 stuck from 9.6 s to 19.5 s.",
         curve=Curve(half_width=1.8, half_height=0.8, a=3, b=2),
         formation=Formation(phase_rate=0.3, p=2, start="rotated"),
         robot=Robot(kind="curve", radius=0.125),
@@ -116,7 +116,7 @@ SHIPPED = (
     dataclasses.replace(
         _EVADERS,
         name="evaders-failure",
-        description="The same, in which robots 1 and 5 stop from 24.5 s to 34.5 s.",
+        description="The same, in which robots 0 and 4 stop from 24.5 s to 34.5 s.",
         faults=_EXPERIMENT.faults,
     ),
     _ROUGH,
