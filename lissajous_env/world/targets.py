@@ -22,7 +22,7 @@ CUSTOM = wp.constant(4)
 """Moved by a stage of the scenario's own."""
 
 _BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
-_PLACES = wp.constant(64)
+PLACES = wp.constant(64)
 """Places that are tried for a target that appears unseen."""
 
 
@@ -44,7 +44,16 @@ def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
 
 
 @wp.kernel
-def reset_targets(first: int, lanes: int, curve: CurveStruct, target: TargetStruct, clock: Clock, targets: Targets):
+def reset_targets(
+    first: int,
+    lanes: int,
+    part: int,
+    parts: int,
+    curve: CurveStruct,
+    target: TargetStruct,
+    clock: Clock,
+    targets: Targets,
+):
     """Draw place, heading and motion of every slot; those of the start appear at step 0.
 
     The place of a target that appears unseen is drawn anew at that moment.
@@ -54,7 +63,8 @@ def reset_targets(first: int, lanes: int, curve: CurveStruct, target: TargetStru
     if clock.active[w] == 0:
         return
     key = randomness.step_key(clock.seed[w], 0)
-    for t in range(lane, targets.stage.shape[1], lanes):
+    size = targets.stage.shape[1]
+    for t in range(part * size // parts + lane, (part + 1) * size // parts, lanes):
         draw = randomness.stream(key, t, randomness.ENTRY)
         x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
         y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
@@ -98,7 +108,7 @@ def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Cl
 def place_unseen(
     first: int, lanes: int, curve: CurveStruct, sensing: SensingStruct, clock: Clock, robots: Robots, targets: Targets
 ):
-    """Put each target that appears now at the first of `_PLACES` uniform random places that is unseen, or the last."""
+    """Put each target that appears now at the first of `PLACES` uniform random places that is unseen, or the last."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -110,7 +120,7 @@ def place_unseen(
             break  # the slots are in the order of their times
         if targets.stage[w, t] == HIDDEN:
             draw = randomness.stream(key, t, randomness.UNSEEN)
-            for _ in range(_PLACES):
+            for _ in range(PLACES):
                 x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
                 y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
                 targets.position[w, t] = wp.vec2(x, y)
@@ -171,33 +181,18 @@ def move_target(
 
 
 @wp.func
-def detect(
-    w: int,
-    t: int,
-    now: int,
-    nearest: wp.vec2,
-    before: wp.vec2,
-    after: wp.vec2,
-    radius: float,
-    reach: float,
-    robots: Robots,
-    targets: Targets,
-    latest: Latest,
-) -> int:
+def detect(w: int, t: int, now: int, nearest: wp.vec2, sight: wp.vec2, radius: float, targets: Targets) -> int:
     """Let a robot detect a target: the first on its way or else, if it is seen there, the nearest at its end.
 
-    The way is from `before` to `after` [m], and not looked at where `reach` is 0. Returns the robot, or -1 for none.
+    `nearest` is of `nearest_sensor`, `sight` of `first_sight`. Returns the robot, or -1 for none.
     """
     found = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
-    if reach > 0.0:
-        sight = first_sight(w, before, after, radius, reach, robots)
-        if sight[1] <= 1.0:
-            found = int(sight[0])
-            targets.found_early[w, t] = 1.0 - sight[1]
+    if sight[1] <= 1.0:
+        found = int(sight[0])
+        targets.found_early[w, t] = 1.0 - sight[1]
     targets.stage[w, t] = wp.where(found >= 0, FOUND, PRESENT)
     if found >= 0:
         targets.found_at[w, t] = now
-        wp.atomic_add(latest.detections, w, found, 1)
     return found
 
 
@@ -255,8 +250,14 @@ def move_and_detect(
             sighted += seen
             targets.in_sight[w, t] = seen
             if stage != FOUND:
-                finder = detect(w, t, now, nearest, before, place, radius, reach, robots, targets, latest)
-                waiting += wp.where(finder < 0, 1, 0)
+                sight = wp.vec2(-1.0, 2.0)
+                if reach > 0.0:
+                    sight = first_sight(w, before, place, radius, reach, robots)
+                finder = detect(w, t, now, nearest, sight, radius, targets)
+                if finder >= 0:
+                    wp.atomic_add(latest.detections, w, finder, 1)
+                else:
+                    waiting += 1
     if waiting > 0:
         wp.atomic_add(latest.waiting, w, waiting)
     if sighted > 0:

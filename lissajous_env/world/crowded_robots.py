@@ -1,0 +1,233 @@
+"""Collisions, and the robots and targets that a robot sees, where robots or targets are many: through bins.
+
+The same numbers as those of `lissajous_env.world.collisions` and `observation`, to the last bit.
+"""
+
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.part_structs import RobotStruct, SensingStruct, TaskStruct
+from lissajous_env.world.bins import Bins, bin_of, column_of, columns_of, row_of, rows_of
+from lissajous_env.world.collisions import PARTED, compare_pair
+from lissajous_env.world.observation import (
+    LINK,
+    OWN,
+    ROBOT,
+    TARGET,
+    clear,
+    observe_ring,
+    observe_self,
+    velocity,
+)
+from lissajous_env.world.sight import longest_way, planar
+from lissajous_env.world.state import REMOVED, WORKING, Clock, Latest, Links, Robots, Tally, Targets
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.func
+def compare_with_all(
+    w: int, i: int, touch: float, beyond: float, way: float, robots: Robots, latest: Latest, tally: Tally
+) -> float:
+    """`compare_pair` with the robots after this one, of which none goes farther than `way` [m] in the step."""
+    last = robots.track.shape[2] - 1
+    nearest = float(1.0e30)
+    apart = beyond + 2.0 * way
+    for j in range(i + 1, robots.status.shape[1]):
+        if wp.length_sq(robots.track[w, i, last] - robots.track[w, j, last]) <= apart * apart:
+            if robots.status[w, j] != REMOVED:
+                nearest = wp.min(nearest, compare_pair(w, i, j, touch, beyond, robots, latest, tally))
+    return nearest
+
+
+@wp.func
+def compare_with_listed(
+    w: int,
+    i: int,
+    k: int,
+    now: int,
+    touch: float,
+    beyond: float,
+    robots: Robots,
+    bins: Bins,
+    latest: Latest,
+    tally: Tally,
+) -> float:
+    """`compare_pair` with the robots after this one that are in the list of bin k, each once in a step."""
+    nearest = float(1.0e30)
+    entry = bins.entry[w, bins.first[w, k]]
+    while entry[0] >= 0:
+        j = entry[0]
+        if j > i and bins.compared_at[w, i, j] != now:
+            bins.compared_at[w, i, j] = now
+            nearest = wp.min(nearest, compare_pair(w, i, j, touch, beyond, robots, latest, tally))
+        entry = bins.entry[w, entry[1]]
+    return nearest
+
+
+@wp.kernel
+def find_listed_collisions(
+    first: int, lanes: int, robot: RobotStruct, clock: Clock, robots: Robots, bins: Bins, latest: Latest, tally: Tally
+):
+    """Compare robot i with the robots after it that came near it, over the sub-steps of the latest step."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    now = clock.step[w]
+    touch = 2.0 * robot.radius
+    beyond = wp.max(tally.min_separation[w], PARTED * touch)
+    # In the first step of an episode, and as long as no two robots were within reach, the nearest is in no list.
+    ask_all = beyond > bins.reach
+    way = float(1.0e30)
+    if beyond < 1.0e30:
+        way = longest_way(w, robots)
+    nearest = float(1.0e30)
+    for i in range(lane, robots.status.shape[1], lanes):
+        if robots.status[w, i] != REMOVED:
+            if ask_all or bins.is_everywhere[w, i] == 1:
+                nearest = wp.min(nearest, compare_with_all(w, i, touch, beyond, way, robots, latest, tally))
+            else:
+                rows = rows_of(w, i, robots, bins)
+                for row in range(rows[0], rows[1] + 1):
+                    columns = columns_of(w, i, row, robots, bins)
+                    for column in range(columns[0], columns[1] + 1):
+                        k = row * bins.columns + column
+                        least = compare_with_listed(w, i, k, now, touch, beyond, robots, bins, latest, tally)
+                        nearest = wp.min(nearest, least)
+    if nearest < 1.0e30:
+        wp.atomic_min(tally.min_separation, w, wp.sqrt(nearest))
+
+
+@wp.func
+def comes_next(square: float, index: int, than: wp.vec2, before: wp.vec2) -> bool:
+    """Whether (square, index) is after `than` and before `before`, in the order of squares, then of indices."""
+    after = square > than[0] or (square == than[0] and float(index) > than[1])
+    return after and (square < before[0] or (square == before[0] and float(index) < before[1]))
+
+
+@wp.func
+def next_robot(w: int, i: int, than: wp.vec2, radius: float, robots: Robots, bins: Bins) -> wp.vec2:
+    """(squared distance [radius^2], robot) of the robot in the disc that is next after `than`; robot -1 for none."""
+    here = planar(robots.position[w, i])
+    found = wp.vec2(1.0e30, -1.0)
+    entry = bins.entry[w, bins.first[w, bin_of(here, bins)]]
+    while entry[0] >= 0:
+        j = entry[0]
+        away = planar(robots.position[w, j]) - here
+        if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
+            offset = away / radius
+            square = wp.dot(offset, offset)
+            if comes_next(square, j, than, found):
+                found = wp.vec2(square, float(j))
+        entry = bins.entry[w, entry[1]]
+    return found
+
+
+@wp.func
+def next_target(w: int, i: int, than: wp.vec2, radius: float, robots: Robots, targets: Targets, bins: Bins) -> wp.vec2:
+    """(squared distance [radius^2], target) of the target in the disc that is next after `than`; target -1 for none."""
+    here = robots.sensor[w, i]
+    found = wp.vec2(1.0e30, -1.0)
+    left = column_of(here[0] - bins.widened, bins)
+    right = column_of(here[0] + bins.widened, bins)
+    for row in range(row_of(here[1] - bins.widened, bins), row_of(here[1] + bins.widened, bins) + 1):
+        for column in range(left, right + 1):
+            for part in range(bins.first_seen.shape[1]):
+                t = bins.first_seen[w, part, row * bins.columns + column]
+                while t >= 0:
+                    away = targets.position[w, t] - here
+                    if wp.dot(away, away) < radius * radius:
+                        offset = away / radius
+                        square = wp.dot(offset, offset)
+                        if comes_next(square, t, than, found):
+                            found = wp.vec2(square, float(t))
+                    t = bins.next_seen[w, t]
+    return found
+
+
+@wp.func
+def list_robots_seen(
+    w: int,
+    i: int,
+    sensing: SensingStruct,
+    speed_unit: float,
+    robots: Robots,
+    bins: Bins,
+    observation_out: wp.array3d(dtype=float),
+):
+    """List the nearest robots in the disc."""
+    than = wp.vec2(-1.0, -1.0)
+    start = OWN + 2 * LINK
+    for k in range(sensing.robots_seen):
+        if than[0] < 1.0e30 and robots.status[w, i] == WORKING:
+            than = next_robot(w, i, than, sensing.radius, robots, bins)
+        else:
+            than = wp.vec2(1.0e30, -1.0)
+        clear(w, i, start + ROBOT * k, start + ROBOT * (k + 1), observation_out)
+        if than[1] >= 0.0:
+            j = int(than[1])
+            offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.radius
+            relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
+            observation_out[w, i, start + ROBOT * k] = 1.0
+            observation_out[w, i, start + ROBOT * k + 1] = offset[0]
+            observation_out[w, i, start + ROBOT * k + 2] = offset[1]
+            observation_out[w, i, start + ROBOT * k + 3] = wp.clamp(relative[0], -1.0, 1.0)
+            observation_out[w, i, start + ROBOT * k + 4] = wp.clamp(relative[1], -1.0, 1.0)
+
+
+@wp.func
+def list_targets_seen(
+    w: int,
+    i: int,
+    sensing: SensingStruct,
+    robots: Robots,
+    targets: Targets,
+    bins: Bins,
+    observation_out: wp.array3d(dtype=float),
+):
+    """List the nearest targets in the disc."""
+    than = wp.vec2(-1.0, -1.0)
+    start = OWN + 2 * LINK + ROBOT * sensing.robots_seen
+    for k in range(sensing.targets_seen):
+        if than[0] < 1.0e30 and robots.status[w, i] == WORKING:
+            than = next_target(w, i, than, sensing.radius, robots, targets, bins)
+        else:
+            than = wp.vec2(1.0e30, -1.0)
+        clear(w, i, start + TARGET * k, start + TARGET * (k + 1), observation_out)
+        if than[1] >= 0.0:
+            offset = (targets.position[w, int(than[1])] - robots.sensor[w, i]) / sensing.radius
+            observation_out[w, i, start + TARGET * k] = 1.0
+            observation_out[w, i, start + TARGET * k + 1] = offset[0]
+            observation_out[w, i, start + TARGET * k + 2] = offset[1]
+
+
+@wp.kernel
+def observe_listed(
+    first: int,
+    lanes: int,
+    part: int,
+    parts: int,
+    curve: CurveStruct,
+    sensing: SensingStruct,
+    task: TaskStruct,
+    speed_unit: float,
+    clock: Clock,
+    robots: Robots,
+    links: Links,
+    targets: Targets,
+    bins: Bins,
+    observation_out: wp.array3d(dtype=float),
+):
+    """Fill the row of each robot."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    n = robots.status.shape[1]
+    for i in range(part * n // parts + lane, (part + 1) * n // parts, lanes):
+        observe_self(w, i, curve, speed_unit, robots, observation_out)
+        observe_ring(w, i, clock.step[w], curve, task, robots, links, observation_out)
+        list_robots_seen(w, i, sensing, speed_unit, robots, bins, observation_out)
+        list_targets_seen(w, i, sensing, robots, targets, bins, observation_out)
