@@ -31,7 +31,7 @@ _MOST_LAUNCHES = 64
 _BLOCK = 256
 """Worlds below which a CPU thread of its own costs more than it saves."""
 
-_PART = 4096
+_PART = 8192
 """Targets, or other entities of all worlds together, below which it does."""
 
 
@@ -44,7 +44,7 @@ class Stage:
     run: Any
     """A Warp kernel, or a function without arguments that is called on the host."""
     over: str = WORLD
-    """What the kernel goes over: WORLD, ROBOT, TARGET, ROW (of the coverage grid), FIELD_ROW (of contamination) or BIN."""
+    """What the kernel goes over: WORLD, ROBOT, TARGET, ROW (of the grid), FIELD_ROW (of contamination) or BIN."""
     when: bool = True
     """Whether the program has it."""
     own: Mapping[str, Any] = field(default_factory=dict)

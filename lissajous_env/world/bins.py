@@ -22,14 +22,15 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.collisions import PARTED
 from lissajous_env.world.sight import planar
-from lissajous_env.world.state import REMOVED, Clock, Latest, Robots
+from lissajous_env.world.state import REMOVED, Clock, Robots
 
 wp.set_module_options(OPTIONS)
 
-MANY_ROBOTS = 48
-"""Robots from which on bins are faster than to ask every robot."""
-MANY_TARGETS = 8192
-"""Targets from which on they are, whatever the number of robots, as threads can share them."""
+MANY = 100
+"""Robots from which on bins are faster than to ask every robot, whatever the number of targets."""
+_SOME = 16
+_PAIRS = 10_000
+"""Pairs of a robot and a target from which on they are where robots are not many, but some."""
 
 _BINS_PER_ROBOT = 16
 _FEWEST_BINS = 1024
@@ -71,12 +72,6 @@ class Bins:
     """(W, P, K) first target in sight of each bin, or -1."""
     next_seen: wp.array2d(dtype=wp.int32)
     """(W, T) next one of the same bin and part, or -1."""
-    detections: wp.array3d(dtype=wp.int32)
-    """(W, P, N) targets that a robot was the first to detect in this step."""
-    waiting: wp.array2d(dtype=wp.int32)
-    """(W, P) undetected targets present."""
-    in_sight: wp.array2d(dtype=wp.int32)
-    """(W, P) targets in some working robot's disc."""
 
 
 @wp.func
@@ -98,22 +93,22 @@ def bin_of(place: wp.vec2, bins: Bins) -> int:
 
 
 @wp.func
-def rows_of(w: int, i: int, robots: Robots, bins: Bins) -> wp.vec2i:
-    """First and last row that a robot's way through the step, widened, touches."""
+def rows_of(w: int, i: int, widened: float, robots: Robots, bins: Bins) -> wp.vec2i:
+    """First and last row that a robot's way through the step, `widened` [m] to both sides, touches."""
     low = robots.track[w, i, 0][1]
     high = low
     for s in range(1, robots.track.shape[2]):
         low = wp.min(low, robots.track[w, i, s][1])
         high = wp.max(high, robots.track[w, i, s][1])
-    return wp.vec2i(row_of(low - bins.widened, bins), row_of(high + bins.widened, bins))
+    return wp.vec2i(row_of(low - widened, bins), row_of(high + widened, bins))
 
 
 @wp.func
-def columns_of(w: int, i: int, row: int, robots: Robots, bins: Bins) -> wp.vec2i:
+def columns_of(w: int, i: int, row: int, widened: float, robots: Robots, bins: Bins) -> wp.vec2i:
     """First and last column in one of these rows."""
     bottom = float(row) * bins.size - bins.half_height
-    low = wp.where(row == 0, -1.0e30, bottom - bins.widened)
-    high = wp.where(row == bins.rows - 1, 1.0e30, bottom + bins.size + bins.widened)
+    low = wp.where(row == 0, -1.0e30, bottom - widened)
+    high = wp.where(row == bins.rows - 1, 1.0e30, bottom + bins.size + widened)
     left = float(1.0e30)
     right = float(-1.0e30)
     start = planar(robots.track[w, i, 0])
@@ -137,15 +132,15 @@ def columns_of(w: int, i: int, row: int, robots: Robots, bins: Bins) -> wp.vec2i
         start = end
     if left > right:
         return wp.vec2i(0, -1)
-    return wp.vec2i(column_of(left - bins.widened, bins), column_of(right + bins.widened, bins))
+    return wp.vec2i(column_of(left - widened, bins), column_of(right + widened, bins))
 
 
 @wp.func
 def list_robot(w: int, i: int, robots: Robots, bins: Bins) -> int:
     """Put a robot into the lists of the bins that it comes near; returns 1 where there is no room for it."""
-    rows = rows_of(w, i, robots, bins)
+    rows = rows_of(w, i, bins.widened, robots, bins)
     for row in range(rows[0], rows[1] + 1):
-        columns = columns_of(w, i, row, robots, bins)
+        columns = columns_of(w, i, row, bins.widened, robots, bins)
         for column in range(columns[0], columns[1] + 1):
             entry = wp.atomic_add(bins.used, w, 1)
             if entry >= bins.room:
@@ -181,34 +176,18 @@ def list_robots(first: int, lanes: int, clock: Clock, robots: Robots, bins: Bins
         return
     for i in range(lane, robots.status.shape[1], lanes):
         bins.is_everywhere[w, i] = 0
-        if robots.status[w, i] != REMOVED:
-            if list_robot(w, i, robots, bins) == 1:
-                bins.is_everywhere[w, i] = 1
-                last = bins.room + wp.atomic_add(bins.everywhere, w, 1)
-                bins.entry[w, last] = wp.vec2i(i, last + 1)
-
-
-@wp.kernel
-def gather_parts(first: int, lanes: int, clock: Clock, latest: Latest, bins: Bins):
-    """Sum up what the parts of the targets counted, and forget it."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for part in range(bins.waiting.shape[1]):
-        for i in range(lane, latest.detections.shape[1], lanes):
-            latest.detections[w, i] += bins.detections[w, part, i]
-            bins.detections[w, part, i] = 0
-        if lane == 0:
-            latest.waiting[w] += bins.waiting[w, part]
-            latest.in_sight[w] += bins.in_sight[w, part]
-            bins.waiting[w, part] = 0
-            bins.in_sight[w, part] = 0
+        if robots.status[w, i] == REMOVED:
+            continue
+        if list_robot(w, i, robots, bins) == 1:
+            bins.is_everywhere[w, i] = 1
+            last = bins.room + wp.atomic_add(bins.everywhere, w, 1)
+            bins.entry[w, last] = wp.vec2i(i, last + 1)
 
 
 def has_bins(scenario: Scenario) -> bool:
     """Whether a resolved scenario is large enough for bins to pay."""
-    return scenario.num_robots >= MANY_ROBOTS or scenario.target_capacity >= MANY_TARGETS
+    n = scenario.num_robots
+    return n >= MANY or (n >= _SOME and n * scenario.target_capacity >= _PAIRS)
 
 
 def bins_of(scenario: Scenario, speed: float, num_worlds: int, parts: int, device: Any) -> Bins:
@@ -233,5 +212,4 @@ def bins_of(scenario: Scenario, speed: float, num_worlds: int, parts: int, devic
     filled.first, filled.entry = array(bins), array(filled.room + n + 1, dtype=wp.vec2i)
     filled.used, filled.everywhere, filled.is_everywhere, filled.compared_at = array(), array(), array(n), array(n, n)
     filled.first_seen, filled.next_seen = array(parts, bins), array(scenario.target_capacity)
-    filled.detections, filled.waiting, filled.in_sight = array(parts, n), array(parts), array(parts)
     return filled

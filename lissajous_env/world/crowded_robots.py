@@ -35,9 +35,9 @@ def compare_with_all(
     nearest = float(1.0e30)
     apart = beyond + 2.0 * way
     for j in range(i + 1, robots.status.shape[1]):
-        if wp.length_sq(robots.track[w, i, last] - robots.track[w, j, last]) <= apart * apart:
-            if robots.status[w, j] != REMOVED:
-                nearest = wp.min(nearest, compare_pair(w, i, j, touch, beyond, robots, latest, tally))
+        away = robots.track[w, i, last] - robots.track[w, j, last]
+        if wp.length_sq(away) <= apart * apart and robots.status[w, j] != REMOVED:
+            nearest = wp.min(nearest, compare_pair(w, i, j, touch, beyond, robots, latest, tally))
     return nearest
 
 
@@ -89,9 +89,10 @@ def find_listed_collisions(
             if ask_all or bins.is_everywhere[w, i] == 1:
                 nearest = wp.min(nearest, compare_with_all(w, i, touch, beyond, way, robots, latest, tally))
             else:
-                rows = rows_of(w, i, robots, bins)
+                # Whoever comes within reach of a place on its way is in the list of that place's bin.
+                rows = rows_of(w, i, 0.0, robots, bins)
                 for row in range(rows[0], rows[1] + 1):
-                    columns = columns_of(w, i, row, robots, bins)
+                    columns = columns_of(w, i, row, 0.0, robots, bins)
                     for column in range(columns[0], columns[1] + 1):
                         k = row * bins.columns + column
                         least = compare_with_listed(w, i, k, now, touch, beyond, robots, bins, latest, tally)
@@ -207,8 +208,6 @@ def list_targets_seen(
 def observe_listed(
     first: int,
     lanes: int,
-    part: int,
-    parts: int,
     curve: CurveStruct,
     sensing: SensingStruct,
     task: TaskStruct,
@@ -225,8 +224,7 @@ def observe_listed(
     w = first + tid
     if clock.active[w] == 0:
         return
-    n = robots.status.shape[1]
-    for i in range(part * n // parts + lane, (part + 1) * n // parts, lanes):
+    for i in range(lane, robots.status.shape[1], lanes):
         observe_self(w, i, curve, speed_unit, robots, observation_out)
         observe_ring(w, i, clock.step[w], curve, task, robots, links, observation_out)
         list_robots_seen(w, i, sensing, speed_unit, robots, bins, observation_out)

@@ -11,7 +11,7 @@ from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
 from lissajous_env.world.bins import Bins, bin_of
 from lissajous_env.world.sight import first_sight, longest_way, nearest_sensor, share_until_sight
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, NOWHERE, PRESENT, Clock, Robots, Targets
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, NOWHERE, PRESENT, Clock, Counted, Robots, Targets
 from lissajous_env.world.targets import CUSTOM, FLEEING, PLACES, STILL, detect, move_target
 
 wp.set_module_options(MOTION)
@@ -57,7 +57,6 @@ def first_sight_listed(
 def see(w: int, t: int, part: int, place: wp.vec2, bins: Bins):
     """List a target that is in sight."""
     bins.next_seen[w, t] = wp.atomic_exch(bins.first_seen, w, part, bin_of(place, bins), t)
-    wp.atomic_add(bins.in_sight, w, part, 1)
 
 
 @wp.kernel
@@ -129,6 +128,7 @@ def move_and_detect_listed(
     robots: Robots,
     targets: Targets,
     bins: Bins,
+    counted: Counted,
 ):
     """Let detected targets leave, others appear or move, and the first robot that meets one detect it."""
     tid, lane = wp.tid()
@@ -138,6 +138,7 @@ def move_and_detect_listed(
     now, radius, size = clock.step[w], sensing.radius, targets.stage.shape[1]
     key = randomness.step_key(clock.seed[w], now)
     waiting = int(0)
+    sighted = int(0)
     for t in range(part * size // parts + lane, (part + 1) * size // parts, lanes):
         if targets.appears_at[w, t] > now:
             break  # the slots are in the order of their times
@@ -167,6 +168,7 @@ def move_and_detect_listed(
             seen = nearest[1] < radius * radius
             targets.in_sight[w, t] = wp.where(seen, 1, 0)
             if seen:
+                sighted += 1
                 see(w, t, part, place, bins)
             if stage != FOUND:
                 sight = wp.vec2(-1.0, 2.0)
@@ -174,8 +176,10 @@ def move_and_detect_listed(
                     sight = look_back(w, k, moved_far, before, place, radius, robots, bins)
                 finder = detect(w, t, now, nearest, sight, radius, targets)
                 if finder >= 0:
-                    wp.atomic_add(bins.detections, w, part, finder, 1)
+                    wp.atomic_add(counted.detections, w, part, finder, 1)
                 else:
                     waiting += 1
     if waiting > 0:
-        wp.atomic_add(bins.waiting, w, part, waiting)
+        wp.atomic_add(counted.waiting, w, part, waiting)
+    if sighted > 0:
+        wp.atomic_add(counted.in_sight, w, part, sighted)

@@ -33,6 +33,7 @@ from lissajous_env.world.state import (
     Tally,
     Targets,
     allocate,
+    counted_in,
 )
 
 _LAST_SEED = 2**31 - 1
@@ -234,14 +235,15 @@ class Simulation:
         values |= {f"{name}_out": values[name] for name in ("command", "observation", "final_observation")}
         sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: self.cells.idle_max.shape[1]}
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1]}
+        parts = parts_of(sizes[TARGET], self.num_worlds, self.device, self.threads)
+        values["counted"] = counted_in(self.latest, parts)
         if has_bins(self.scenario):
-            parts = parts_of(sizes[TARGET], self.num_worlds, self.device, self.threads)
             values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, parts, self.device)
             sizes[BIN] = values["bins"].first.shape[1]
         place = self.num_worlds, self.device, self.threads
         self._extended = Extended(self.scenario, structs, self.observation)
-        self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario)), values, sizes, *place)
-        self._step = Program(self._extended.step_stages(step_stages(self.scenario)), values, sizes, *place)
+        self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario, parts)), values, sizes, *place)
+        self._step = Program(self._extended.step_stages(step_stages(self.scenario, parts)), values, sizes, *place)
 
     def _take(self, action: Any) -> None:
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:

@@ -10,7 +10,7 @@ from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters import parts
 from lissajous_env.world.sight import first_sight, longest_way, nearest_sensor
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, NEVER, PRESENT, Clock, Latest, Robots, Targets
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, NEVER, PRESENT, Clock, Counted, Robots, Targets
 
 wp.set_module_options(MOTION)
 
@@ -106,7 +106,15 @@ def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Cl
 
 @wp.kernel
 def place_unseen(
-    first: int, lanes: int, curve: CurveStruct, sensing: SensingStruct, clock: Clock, robots: Robots, targets: Targets
+    first: int,
+    lanes: int,
+    part: int,
+    parts: int,
+    curve: CurveStruct,
+    sensing: SensingStruct,
+    clock: Clock,
+    robots: Robots,
+    targets: Targets,
 ):
     """Put each target that appears now at the first of `PLACES` uniform random places that is unseen, or the last."""
     tid, lane = wp.tid()
@@ -115,7 +123,8 @@ def place_unseen(
         return
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    for t in range(lane, targets.stage.shape[1], lanes):
+    size = targets.stage.shape[1]
+    for t in range(part * size // parts + lane, (part + 1) * size // parts, lanes):
         if targets.appears_at[w, t] > now:
             break  # the slots are in the order of their times
         if targets.stage[w, t] == HIDDEN:
@@ -200,6 +209,8 @@ def detect(w: int, t: int, now: int, nearest: wp.vec2, sight: wp.vec2, radius: f
 def move_and_detect(
     first: int,
     lanes: int,
+    part: int,
+    parts: int,
     curve: CurveStruct,
     target: TargetStruct,
     sensing: SensingStruct,
@@ -207,7 +218,7 @@ def move_and_detect(
     clock: Clock,
     robots: Robots,
     targets: Targets,
-    latest: Latest,
+    counted: Counted,
 ):
     """Let detected targets leave, others appear or move, and the first robot that meets one detect it.
 
@@ -223,7 +234,8 @@ def move_and_detect(
     near = radius + task.step * wp.max(target.speed, target.flee_speed)
     waiting = int(0)
     sighted = int(0)
-    for t in range(lane, targets.stage.shape[1], lanes):
+    size = targets.stage.shape[1]
+    for t in range(part * size // parts + lane, (part + 1) * size // parts, lanes):
         if targets.appears_at[w, t] > now:
             break  # the slots are in the order of their times
         stage = targets.stage[w, t]
@@ -255,10 +267,10 @@ def move_and_detect(
                     sight = first_sight(w, before, place, radius, reach, robots)
                 finder = detect(w, t, now, nearest, sight, radius, targets)
                 if finder >= 0:
-                    wp.atomic_add(latest.detections, w, finder, 1)
+                    wp.atomic_add(counted.detections, w, part, finder, 1)
                 else:
                     waiting += 1
     if waiting > 0:
-        wp.atomic_add(latest.waiting, w, waiting)
+        wp.atomic_add(counted.waiting, w, part, waiting)
     if sighted > 0:
-        wp.atomic_add(latest.in_sight, w, sighted)
+        wp.atomic_add(counted.in_sight, w, part, sighted)
