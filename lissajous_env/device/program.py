@@ -2,9 +2,9 @@
 
 A kernel of a program takes `first`, the first world of the block that it works on, and, unless it goes over whole
 worlds, `lanes`, how many threads share the entities of a world: on a GPU there is one for each entity, on a CPU one
-that loops over them all, which saves its setup. One that takes `part` and `parts` too, and goes over the entities from
-part * count // parts up to (part + 1) * count // parts, may have the entities of a world split among CPU threads; it
-must not write what another part reads or writes, nor add to it, as an atomic operation is none on a CPU. Every other
+that loops over them all, which saves its setup. One that takes `begin` and `end` too, and goes over the entities from
+the one to the other, may have those of a large world split among CPU threads; the number of the share is `part`. It
+must not write what another part reads or writes, nor add to it: an atomic operation is none on a CPU. Every other
 parameter is looked up by its name.
 """
 
@@ -22,7 +22,7 @@ from lissajous_env.device.devices import as_device, side_by_side
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN = "world", "robot", "target", "row", "field row", "bin"
 
-_PLACED = ("first", "lanes", "part", "parts")
+_PLACED = ("first", "lanes", "part", "begin", "end")
 """Parameters that say which worlds and entities a launch is for."""
 
 _MOST_LAUNCHES = 64
@@ -122,13 +122,15 @@ class Program:
 
     def _parts(self, stage: Stage, num_worlds: int, threads: int) -> int:
         """Into how many parts the entities of a stage are split."""
-        if not stage.is_kernel or "parts" not in [argument.label for argument in stage.run.adj.args]:
+        if not stage.is_kernel or "begin" not in [argument.label for argument in stage.run.adj.args]:
             return 1
         return parts_of(self._sizes[stage.over], num_worlds, self._device, threads)
 
     def _launch(self, stage: Stage, low: int, high: int, part: int, parts: int) -> Any:
         lanes = 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
-        values = {**self._values, **stage.own, "first": low, "lanes": lanes, "part": part, "parts": parts}
+        begin, end = (self._sizes.get(stage.over, 0) * edge // parts for edge in (part, part + 1))
+        placed = {"first": low, "lanes": lanes, "part": part, "begin": begin, "end": end}
+        values = {**self._values, **stage.own, **placed}
         names = [argument.label for argument in stage.run.adj.args]
         if unknown := [name for name in names if name not in values]:
             there = ", ".join(sorted(values))

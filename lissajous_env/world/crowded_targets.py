@@ -12,7 +12,7 @@ from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskS
 from lissajous_env.world.bins import Bins, bin_of
 from lissajous_env.world.sight import first_sight, longest_way, nearest_sensor, share_until_sight
 from lissajous_env.world.state import FOUND, GONE, HIDDEN, NOWHERE, PRESENT, Clock, Counted, Robots, Targets
-from lissajous_env.world.targets import CUSTOM, FLEEING, PLACES, STILL, detect, move_target
+from lissajous_env.world.targets import CUSTOM, FLEEING, PLACES, STILL, count, detect, move_target
 
 wp.set_module_options(MOTION)
 
@@ -63,8 +63,8 @@ def see(w: int, t: int, part: int, place: wp.vec2, bins: Bins):
 def place_unseen_listed(
     first: int,
     lanes: int,
-    part: int,
-    parts: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     sensing: SensingStruct,
     clock: Clock,
@@ -79,8 +79,7 @@ def place_unseen_listed(
         return
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    size = targets.stage.shape[1]
-    for t in range(part * size // parts + lane, (part + 1) * size // parts, lanes):
+    for t in range(begin + lane, end, lanes):
         if targets.appears_at[w, t] > now:
             break  # the slots are in the order of their times
         if targets.stage[w, t] == HIDDEN:
@@ -119,7 +118,8 @@ def move_and_detect_listed(
     first: int,
     lanes: int,
     part: int,
-    parts: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     target: TargetStruct,
     sensing: SensingStruct,
@@ -135,11 +135,11 @@ def move_and_detect_listed(
     w = first + tid
     if clock.active[w] == 0:
         return
-    now, radius, size = clock.step[w], sensing.radius, targets.stage.shape[1]
+    now, radius = clock.step[w], sensing.radius
     key = randomness.step_key(clock.seed[w], now)
     waiting = int(0)
     sighted = int(0)
-    for t in range(part * size // parts + lane, (part + 1) * size // parts, lanes):
+    for t in range(begin + lane, end, lanes):
         if targets.appears_at[w, t] > now:
             break  # the slots are in the order of their times
         stage = targets.stage[w, t]
@@ -174,12 +174,5 @@ def move_and_detect_listed(
                 sight = wp.vec2(-1.0, 2.0)
                 if stage == PRESENT and not alone:
                     sight = look_back(w, k, moved_far, before, place, radius, robots, bins)
-                finder = detect(w, t, now, nearest, sight, radius, targets)
-                if finder >= 0:
-                    wp.atomic_add(counted.detections, w, part, finder, 1)
-                else:
-                    waiting += 1
-    if waiting > 0:
-        wp.atomic_add(counted.waiting, w, part, waiting)
-    if sighted > 0:
-        wp.atomic_add(counted.in_sight, w, part, sighted)
+                waiting += detect(w, t, now, part, nearest, sight, radius, targets, counted)
+    count(w, part, waiting, sighted, counted)

@@ -69,6 +69,8 @@ def first_sight(w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: f
     """
     finder = int(-1)
     least = float(2.0)
+    if reach <= 0.0:
+        return wp.vec2(-1.0, 2.0)
     for i in range(robots.sensor.shape[1]):
         if wp.length_sq(robots.sensor[w, i] - after) < reach * reach:
             share = share_until_sight(w, i, before, after, radius, robots)

@@ -47,8 +47,8 @@ def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
 def reset_targets(
     first: int,
     lanes: int,
-    part: int,
-    parts: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     target: TargetStruct,
     clock: Clock,
@@ -63,8 +63,7 @@ def reset_targets(
     if clock.active[w] == 0:
         return
     key = randomness.step_key(clock.seed[w], 0)
-    size = targets.stage.shape[1]
-    for t in range(part * size // parts + lane, (part + 1) * size // parts, lanes):
+    for t in range(begin + lane, end, lanes):
         draw = randomness.stream(key, t, randomness.ENTRY)
         x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
         y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
@@ -108,8 +107,8 @@ def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Cl
 def place_unseen(
     first: int,
     lanes: int,
-    part: int,
-    parts: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     sensing: SensingStruct,
     clock: Clock,
@@ -123,8 +122,7 @@ def place_unseen(
         return
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    size = targets.stage.shape[1]
-    for t in range(part * size // parts + lane, (part + 1) * size // parts, lanes):
+    for t in range(begin + lane, end, lanes):
         if targets.appears_at[w, t] > now:
             break  # the slots are in the order of their times
         if targets.stage[w, t] == HIDDEN:
@@ -190,19 +188,40 @@ def move_target(
 
 
 @wp.func
-def detect(w: int, t: int, now: int, nearest: wp.vec2, sight: wp.vec2, radius: float, targets: Targets) -> int:
+def detect(
+    w: int,
+    t: int,
+    now: int,
+    part: int,
+    nearest: wp.vec2,
+    sight: wp.vec2,
+    radius: float,
+    targets: Targets,
+    counted: Counted,
+) -> int:
     """Let a robot detect a target: the first on its way or else, if it is seen there, the nearest at its end.
 
-    `nearest` is of `nearest_sensor`, `sight` of `first_sight`. Returns the robot, or -1 for none.
+    `nearest` is of `nearest_sensor`, `sight` of `first_sight`. Returns 1 where the target waits on, undetected.
     """
     found = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
     if sight[1] <= 1.0:
         found = int(sight[0])
         targets.found_early[w, t] = 1.0 - sight[1]
     targets.stage[w, t] = wp.where(found >= 0, FOUND, PRESENT)
-    if found >= 0:
-        targets.found_at[w, t] = now
-    return found
+    if found < 0:
+        return 1
+    targets.found_at[w, t] = now
+    wp.atomic_add(counted.detections, w, part, found, 1)
+    return 0
+
+
+@wp.func
+def count(w: int, part: int, waiting: int, sighted: int, counted: Counted):
+    """Add what one thread counted."""
+    if waiting > 0:
+        wp.atomic_add(counted.waiting, w, part, waiting)
+    if sighted > 0:
+        wp.atomic_add(counted.in_sight, w, part, sighted)
 
 
 @wp.kernel
@@ -210,7 +229,8 @@ def move_and_detect(
     first: int,
     lanes: int,
     part: int,
-    parts: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     target: TargetStruct,
     sensing: SensingStruct,
@@ -234,8 +254,7 @@ def move_and_detect(
     near = radius + task.step * wp.max(target.speed, target.flee_speed)
     waiting = int(0)
     sighted = int(0)
-    size = targets.stage.shape[1]
-    for t in range(part * size // parts + lane, (part + 1) * size // parts, lanes):
+    for t in range(begin + lane, end, lanes):
         if targets.appears_at[w, t] > now:
             break  # the slots are in the order of their times
         stage = targets.stage[w, t]
@@ -262,15 +281,6 @@ def move_and_detect(
             sighted += seen
             targets.in_sight[w, t] = seen
             if stage != FOUND:
-                sight = wp.vec2(-1.0, 2.0)
-                if reach > 0.0:
-                    sight = first_sight(w, before, place, radius, reach, robots)
-                finder = detect(w, t, now, nearest, sight, radius, targets)
-                if finder >= 0:
-                    wp.atomic_add(counted.detections, w, part, finder, 1)
-                else:
-                    waiting += 1
-    if waiting > 0:
-        wp.atomic_add(counted.waiting, w, part, waiting)
-    if sighted > 0:
-        wp.atomic_add(counted.in_sight, w, part, sighted)
+                sight = first_sight(w, before, place, radius, reach, robots)
+                waiting += detect(w, t, now, part, nearest, sight, radius, targets, counted)
+    count(w, part, waiting, sighted, counted)
