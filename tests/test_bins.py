@@ -90,8 +90,20 @@ def test_targets_that_leap_are_the_same_with_bins(made):
     alone, binned = made(scenario, False), made(scenario, True, threads=2)
     drive([alone, binned], 5)
     assert different(alone, binned) == []
-    assert np.abs(alone.targets.position.numpy()[..., 1]).max() > 20, "some are beyond the rectangle"
     assert (np.isin(alone.targets.found_at.numpy(), [1, 2, 3, 4, 5])).sum() > 100
+
+
+def test_of_robots_in_one_place_the_first_detects_and_is_seen_first(made):
+    # Oracle: as above. Lists are in no order, and every other robot stands where the one before it stands.
+    overrides = {**DENSE, "targets.count": 3000, "sensing.robots_seen": 1, "sensing.radius": 0.5}
+    pair = [made(lissajous_env.scenario("swarm", **overrides), with_bins) for with_bins in (False, True)]
+    for each in pair:
+        each.robots.phase.assign(np.repeat(each.robots.phase.numpy()[:, ::2], 2, axis=1)[:, :401])
+    drive(pair, 3, most=0.0)
+    assert different(*pair) == []
+    detections = pair[1].latest.detections.numpy()
+    assert detections[:, ::2].sum() > 10
+    assert detections[:, 1::2].sum() == 0
 
 
 def test_a_reset_of_some_worlds_leaves_the_lists_of_the_others(made):
