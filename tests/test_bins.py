@@ -95,7 +95,7 @@ def test_targets_that_leap_are_the_same_with_bins(made):
 
 def test_of_robots_in_one_place_the_first_detects_and_is_seen_first(made):
     # Oracle: as above. Lists are in no order, and every other robot stands where the one before it stands.
-    overrides = {**DENSE, "targets.count": 3000, "sensing.robots_seen": 1, "targets.speed": 5.0}
+    overrides = {**DENSE, "targets.count": 3000, "targets.speed": 5.0, "targets.arrival_rate": 20_000.0}
     pair = [made(lissajous_env.scenario("swarm", **overrides), with_bins) for with_bins in (False, True)]
     for each in pair:
         each.robots.phase.assign(np.repeat(each.robots.phase.numpy()[:, ::2], 2, axis=1)[:, :401])
