@@ -69,9 +69,14 @@ class Bins:
     compared_at: wp.array3d(dtype=wp.int32)
     """(W, N, N) above the diagonal, step in which two robots were last compared."""
     first_seen: wp.array3d(dtype=wp.int32)
-    """(W, P, K) first target in sight of each bin, or -1."""
-    next_seen: wp.array2d(dtype=wp.int32)
-    """(W, T) next one of the same bin and part, or -1."""
+    """(W, P, K) place in `seen` of the first target in sight of each bin, or -1."""
+    seen: wp.array2d(dtype=wp.vec4)
+    """(W, T) x, y [m], target, and the place of the next one of the same bin and part, or -1; side by side, as they
+    are read many times. The places of a part begin where its targets do."""
+    seen_used: wp.array2d(dtype=wp.int32)
+    """(W, P) how many places are taken."""
+    nearest: wp.array3d(dtype=wp.vec2)
+    """(W, N, entries) squared distance [radius^2] and index of what a robot sees, while it is being listed."""
 
 
 @wp.func
@@ -162,6 +167,8 @@ def clear_bins(first: int, lanes: int, clock: Clock, bins: Bins):
             bins.first_seen[w, part, k] = -1
     for k in range(bins.room + lane, bins.entry.shape[1], lanes):
         bins.entry[w, k] = wp.vec2i(-1, k + 1)
+    for part in range(lane, bins.seen_used.shape[1], lanes):
+        bins.seen_used[w, part] = 0
     if lane == 0:
         bins.used[w] = 0
         bins.everywhere[w] = 0
@@ -211,5 +218,8 @@ def bins_of(scenario: Scenario, speed: float, num_worlds: int, parts: int, devic
 
     filled.first, filled.entry = array(bins), array(filled.room + n + 1, dtype=wp.vec2i)
     filled.used, filled.everywhere, filled.is_everywhere, filled.compared_at = array(), array(), array(n), array(n, n)
-    filled.first_seen, filled.next_seen = array(parts, bins), array(scenario.target_capacity)
+    filled.first_seen, filled.seen_used = array(parts, bins), array(parts)
+    filled.seen = array(scenario.target_capacity, dtype=wp.vec4)
+    entries = max(scenario.sensing.robots_seen, scenario.sensing.targets_seen)
+    filled.nearest = array(n, entries, dtype=wp.vec2)
     return filled

@@ -21,7 +21,7 @@ from lissajous_env.world.observation import (
     velocity,
 )
 from lissajous_env.world.sight import longest_way, planar
-from lissajous_env.world.state import REMOVED, WORKING, Clock, Latest, Links, Robots, Tally, Targets
+from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Latest, Links, Robots, Tally, Targets
 
 wp.set_module_options(OPTIONS)
 
@@ -102,50 +102,64 @@ def find_listed_collisions(
 
 
 @wp.func
-def comes_next(square: float, index: int, than: wp.vec2, before: wp.vec2) -> bool:
-    """Whether (square, index) is after `than` and before `before`, in the order of squares, then of indices."""
-    after = square > than[0] or (square == than[0] and float(index) > than[1])
-    return after and (square < before[0] or (square == before[0] and float(index) < before[1]))
+def comes_before(one: wp.vec2, other: wp.vec2) -> bool:
+    """Whether one (squared distance, index) is nearer than the other or, where both are as near, the first."""
+    return one[0] < other[0] or (one[0] == other[0] and one[1] < other[1])
 
 
 @wp.func
-def next_robot(w: int, i: int, than: wp.vec2, radius: float, robots: Robots, bins: Bins) -> wp.vec2:
-    """(squared distance [radius^2], robot) of the robot in the disc that is next after `than`; robot -1 for none."""
+def keep_nearest(w: int, i: int, kept: int, room: int, offset: wp.vec2, index: int, bins: Bins) -> int:
+    """Enter what a robot sees at `offset` among the nearest that it sees, in their order; returns how many are kept."""
+    new = wp.vec2(wp.dot(offset, offset), float(index))
+    place = int(kept)
+    while place > 0:
+        if not comes_before(new, bins.nearest[w, i, place - 1]):
+            break
+        place -= 1
+    is_known = bool(False)  # a robot may be in a list twice
+    if place > 0:
+        is_known = bins.nearest[w, i, place - 1] == new
+    if place == room or is_known:
+        return kept
+    for k in range(wp.min(kept, room - 1), place, -1):
+        bins.nearest[w, i, k] = bins.nearest[w, i, k - 1]
+    bins.nearest[w, i, place] = new
+    return wp.min(kept + 1, room)
+
+
+@wp.func
+def nearest_robots(w: int, i: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
+    """Find the nearest robots in the disc; returns how many, at most `room`."""
     here = planar(robots.position[w, i])
-    found = wp.vec2(1.0e30, -1.0)
+    kept = int(0)
     entry = bins.entry[w, bins.first[w, bin_of(here, bins)]]
     while entry[0] >= 0:
         j = entry[0]
         away = planar(robots.position[w, j]) - here
         if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
-            offset = away / radius
-            square = wp.dot(offset, offset)
-            if comes_next(square, j, than, found):
-                found = wp.vec2(square, float(j))
+            kept = keep_nearest(w, i, kept, room, away / radius, j, bins)
         entry = bins.entry[w, entry[1]]
-    return found
+    return kept
 
 
 @wp.func
-def next_target(w: int, i: int, than: wp.vec2, radius: float, robots: Robots, targets: Targets, bins: Bins) -> wp.vec2:
-    """(squared distance [radius^2], target) of the target in the disc that is next after `than`; target -1 for none."""
+def nearest_targets(w: int, i: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
+    """Find the nearest targets in the disc; returns how many, at most `room`."""
     here = robots.sensor[w, i]
-    found = wp.vec2(1.0e30, -1.0)
+    kept = int(0)
     left = column_of(here[0] - bins.widened, bins)
     right = column_of(here[0] + bins.widened, bins)
     for row in range(row_of(here[1] - bins.widened, bins), row_of(here[1] + bins.widened, bins) + 1):
         for column in range(left, right + 1):
             for part in range(bins.first_seen.shape[1]):
-                t = bins.first_seen[w, part, row * bins.columns + column]
-                while t >= 0:
-                    away = targets.position[w, t] - here
+                place = bins.first_seen[w, part, row * bins.columns + column]
+                while place >= 0:
+                    seen = bins.seen[w, place]
+                    away = wp.vec2(seen[0], seen[1]) - here
                     if wp.dot(away, away) < radius * radius:
-                        offset = away / radius
-                        square = wp.dot(offset, offset)
-                        if comes_next(square, t, than, found):
-                            found = wp.vec2(square, float(t))
-                    t = bins.next_seen[w, t]
-    return found
+                        kept = keep_nearest(w, i, kept, room, away / radius, int(seen[2]), bins)
+                    place = int(seen[3])
+    return kept
 
 
 @wp.func
@@ -159,23 +173,21 @@ def list_robots_seen(
     observation_out: wp.array3d(dtype=float),
 ):
     """List the nearest robots in the disc."""
-    than = wp.vec2(-1.0, -1.0)
-    start = OWN + 2 * LINK
-    for k in range(sensing.robots_seen):
-        if than[0] < 1.0e30 and robots.status[w, i] == WORKING:
-            than = next_robot(w, i, than, sensing.radius, robots, bins)
-        else:
-            than = wp.vec2(1.0e30, -1.0)
-        clear(w, i, start + ROBOT * k, start + ROBOT * (k + 1), observation_out)
-        if than[1] >= 0.0:
-            j = int(than[1])
-            offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.radius
-            relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
-            observation_out[w, i, start + ROBOT * k] = 1.0
-            observation_out[w, i, start + ROBOT * k + 1] = offset[0]
-            observation_out[w, i, start + ROBOT * k + 2] = offset[1]
-            observation_out[w, i, start + ROBOT * k + 3] = wp.clamp(relative[0], -1.0, 1.0)
-            observation_out[w, i, start + ROBOT * k + 4] = wp.clamp(relative[1], -1.0, 1.0)
+    kept = int(0)
+    if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
+        kept = nearest_robots(w, i, sensing.robots_seen, sensing.radius, robots, bins)
+    entry = OWN + 2 * LINK
+    clear(w, i, entry + ROBOT * kept, entry + ROBOT * sensing.robots_seen, observation_out)
+    for k in range(kept):
+        j = int(bins.nearest[w, i, k][1])
+        offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.radius
+        relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
+        observation_out[w, i, entry] = 1.0
+        observation_out[w, i, entry + 1] = offset[0]
+        observation_out[w, i, entry + 2] = offset[1]
+        observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
+        observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
+        entry += ROBOT
 
 
 @wp.func
@@ -189,19 +201,17 @@ def list_targets_seen(
     observation_out: wp.array3d(dtype=float),
 ):
     """List the nearest targets in the disc."""
-    than = wp.vec2(-1.0, -1.0)
-    start = OWN + 2 * LINK + ROBOT * sensing.robots_seen
-    for k in range(sensing.targets_seen):
-        if than[0] < 1.0e30 and robots.status[w, i] == WORKING:
-            than = next_target(w, i, than, sensing.radius, robots, targets, bins)
-        else:
-            than = wp.vec2(1.0e30, -1.0)
-        clear(w, i, start + TARGET * k, start + TARGET * (k + 1), observation_out)
-        if than[1] >= 0.0:
-            offset = (targets.position[w, int(than[1])] - robots.sensor[w, i]) / sensing.radius
-            observation_out[w, i, start + TARGET * k] = 1.0
-            observation_out[w, i, start + TARGET * k + 1] = offset[0]
-            observation_out[w, i, start + TARGET * k + 2] = offset[1]
+    kept = int(0)
+    if sensing.targets_seen > 0 and robots.sensor[w, i][0] < NOWHERE:
+        kept = nearest_targets(w, i, sensing.targets_seen, sensing.radius, robots, bins)
+    entry = OWN + 2 * LINK + ROBOT * sensing.robots_seen
+    clear(w, i, entry + TARGET * kept, entry + TARGET * sensing.targets_seen, observation_out)
+    for k in range(kept):
+        offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.radius
+        observation_out[w, i, entry] = 1.0
+        observation_out[w, i, entry + 1] = offset[0]
+        observation_out[w, i, entry + 2] = offset[1]
+        entry += TARGET
 
 
 @wp.kernel

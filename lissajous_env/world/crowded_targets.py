@@ -54,9 +54,11 @@ def first_sight_listed(
 
 
 @wp.func
-def see(w: int, t: int, part: int, place: wp.vec2, bins: Bins):
-    """List a target that is in sight."""
-    bins.next_seen[w, t] = wp.atomic_exch(bins.first_seen, w, part, bin_of(place, bins), t)
+def see(w: int, t: int, part: int, begin: int, place: wp.vec2, bins: Bins):
+    """List a target that is in sight, of the part whose first target is `begin`."""
+    here = begin + wp.atomic_add(bins.seen_used, w, part, 1)
+    after = wp.atomic_exch(bins.first_seen, w, part, bin_of(place, bins), here)
+    bins.seen[w, here] = wp.vec4(place[0], place[1], float(t), float(after))
 
 
 @wp.kernel
@@ -169,7 +171,7 @@ def move_and_detect_listed(
             targets.in_sight[w, t] = wp.where(seen, 1, 0)
             if seen:
                 sighted += 1
-                see(w, t, part, place, bins)
+                see(w, t, part, begin, place, bins)
             if stage != FOUND:
                 sight = wp.vec2(-1.0, 2.0)
                 if stage == PRESENT and not alone:

@@ -37,7 +37,7 @@ from lissajous_env.world.state import (
 )
 
 _LAST_SEED = 2**31 - 1
-_TARGET_BYTES = 48
+_TARGET_BYTES = 60
 
 
 class Simulation:
