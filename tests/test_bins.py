@@ -82,6 +82,18 @@ def test_a_trajectory_is_the_same_with_bins_and_on_threads(case, most, made):
     assert different(alone, unbinned) == []
 
 
+@pytest.mark.parametrize("case", ["stopped by collisions", "large bodies", "crowd"])
+def test_a_lane_for_each_entity_gives_the_same(case, made, monkeypatch):
+    # Oracle: as above. So a GPU launches the kernels; here its threads come one after the other, in their order.
+    name, overrides = CASES[case]
+    scenario = lissajous_env.scenario(name, **overrides)
+    alone = made(scenario, False)
+    monkeypatch.setattr(program.Program, "_lanes", lambda self, stage: self._sizes.get(stage.over, 1))
+    many = made(scenario, True)
+    drive([alone, many], 4)
+    assert different(alone, many) == []
+
+
 def test_targets_that_leap_are_the_same_with_bins(made):
     # Oracle: as above. A target that went farther than lists reach asks every robot.
     motion = {"targets.custom": 0.5, "targets.wandering": 0.5, "targets.leave": False, "targets.speed_limit": 100.0}

@@ -126,8 +126,12 @@ class Program:
             return 1
         return parts_of(self._sizes[stage.over], num_worlds, self._device, threads)
 
+    def _lanes(self, stage: Stage) -> int:
+        """How many threads share the entities of a world."""
+        return 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
+
     def _launch(self, stage: Stage, low: int, high: int, part: int, parts: int) -> Any:
-        lanes = 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
+        lanes = self._lanes(stage)
         begin, end = (self._sizes.get(stage.over, 0) * edge // parts for edge in (part, part + 1))
         placed = {"first": low, "lanes": lanes, "part": part, "begin": begin, "end": end}
         values = {**self._values, **stage.own, **placed}
