@@ -172,13 +172,16 @@ def test_collisions_of_a_thousand_robots_are_those_of_brute_force(most):
 
 
 @pytest.mark.parametrize(
-    ("robots", "targets", "expected"),
-    [(5, 20, False), (5, 1_000_000, False), (17, 200, False), (17, 2000, True), (49, 300, True), (101, 0, True)],
-)
-def test_bins_are_for_where_they_pay(robots, targets, expected):
+    ("robots", "targets", "radius", "expected"),
+    [
+        (5, 20, None, False), (5, 1_000_000, None, False), (17, 200, None, False), (17, 2000, None, True),
+        (49, 300, None, True), (101, 0, None, True), (101, 2000, 8.0, True), (101, 2000, 20.0, False),
+    ],
+)  # fmt: skip
+def test_bins_are_for_where_they_pay(robots, targets, radius, expected):
     # Oracle: the crossing points that were measured, either side.
     scenario = lissajous_env.scenario("swarm", **{"curve.a": robots // 2 | 1, "curve.b": robots - (robots // 2 | 1)})
-    scenario = lissajous_env.scenario(scenario, **{"targets.count": targets})
+    scenario = lissajous_env.scenario(scenario, **{"targets.count": targets, "sensing.radius": radius})
     assert has_bins(scenario.resolve()) == expected
 
 

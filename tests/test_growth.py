@@ -51,7 +51,7 @@ def test_a_picture_is_drawn(tmp_path):
 
 
 def test_what_is_measured_is_a_step_of_a_world():
-    # Oracle: a process that takes some steps has taken time and memory; the clock on the wall goes on beside it.
+    # Oracle: a process that takes some steps has taken time and memory; no thread takes more than all.
     sides = [growth.Side(growth.figures.ROOT, 5, 1000, 1)]
     times, peaks = growth.measured(sides, 2)
     assert times.shape == (2, 1)

@@ -32,8 +32,11 @@ _SOME = 16
 _PAIRS = 10_000
 """Pairs of a robot and a target from which on they are where robots are not many, but some."""
 
+_FEWEST = 12
+"""Bins below which they do not pay: every list is of nearly every robot."""
+
 _BINS_PER_ROBOT = 16
-_FEWEST_BINS = 1024
+_AT_LEAST = 1024
 _MOST_ENTRIES = 256
 """Entries for each robot that there is room for at most; those for which there is none stand in every list."""
 
@@ -194,23 +197,31 @@ def list_robots(first: int, lanes: int, clock: Clock, robots: Robots, bins: Bins
 def has_bins(scenario: Scenario) -> bool:
     """Whether a resolved scenario is large enough for bins to pay."""
     n = scenario.num_robots
-    return n >= MANY or (n >= _SOME and n * scenario.target_capacity >= _PAIRS)
+    if n < MANY and (n < _SOME or n * scenario.target_capacity < _PAIRS):
+        return False
+    *_, columns, rows = _squares(scenario)
+    return columns * rows >= _FEWEST
+
+
+def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
+    """Reach, the same widened, and side of the bins [m]; their columns and rows."""
+    targets, curve = scenario.targets, scenario.curve
+    flight = targets.flee_radius if targets.fleeing > 0 else 0.0
+    sight = scenario.sensing.radius + scenario.task.step * targets.speed_max
+    reach = max(sight, flight, 2 * float(PARTED) * scenario.robot.radius)
+    widened = 1.01 * reach + 1e-6 * max(curve.half_width, curve.half_height)
+    most = max(_BINS_PER_ROBOT * scenario.num_robots, _AT_LEAST)
+    size = max(widened, math.sqrt(4 * curve.half_width * curve.half_height / most))
+    return reach, widened, size, math.ceil(2 * curve.half_width / size), math.ceil(2 * curve.half_height / size)
 
 
 def bins_of(scenario: Scenario, speed: float, num_worlds: int, parts: int, device: Any) -> Bins:
     """Make the bins of a resolved scenario, of robots that are mostly not faster than `speed` [m/s]."""
     filled, (n, curve) = Bins(), (scenario.num_robots, scenario.curve)
-    targets, step = scenario.targets, scenario.task.step
-    flight = targets.flee_radius if targets.fleeing > 0 else 0.0
-    sight = scenario.sensing.radius + step * targets.speed_max
-    filled.reach = max(sight, flight, 2 * float(PARTED) * scenario.robot.radius)
-    filled.widened = 1.01 * filled.reach + 1e-6 * max(curve.half_width, curve.half_height)
-    area = 4 * curve.half_width * curve.half_height
-    filled.size = max(filled.widened, math.sqrt(area / max(_BINS_PER_ROBOT * n, _FEWEST_BINS)))
+    filled.reach, filled.widened, filled.size, filled.columns, filled.rows = _squares(scenario)
     filled.half_width, filled.half_height = curve.half_width, curve.half_height
-    filled.columns, filled.rows = (math.ceil(2 * half / filled.size) for half in (curve.half_width, curve.half_height))
     across = 2 * filled.widened / filled.size + 2
-    each = min(math.ceil(across * (across + speed * step / filled.size)), _MOST_ENTRIES)
+    each = min(math.ceil(across * (across + speed * scenario.task.step / filled.size)), _MOST_ENTRIES)
     filled.room, bins = n * each, filled.columns * filled.rows
 
     def array(*shape: int, dtype: Any = wp.int32) -> Any:
