@@ -44,6 +44,7 @@ DIGESTS = {
     "redundant": "8f9ac7bb40c80819",
     "knot": "58b2dd4b674056ef",
     "swarm": "b8acb089f34ae2f1",
+    "city": "9820f29c09d3df82",
 }
 
 KINDS: dict[str, Any] = dict(PARTS)

@@ -123,7 +123,9 @@ def count(first: int, clock: Clock, count_out: wp.array(dtype=int)):
 
 def test_a_kernel_that_asks_for_what_is_not_there_is_refused_by_name():
     clock = lissajous_env.Simulation("experiment").clock
-    with pytest.raises(ValueError, match="parameters of stage mine must be of clock, first, lanes; got nonsense"):
+    with pytest.raises(
+        ValueError, match="parameters of stage mine must be of begin, clock, end, first, lanes, part; got nonsense"
+    ):
         Program([Stage("mine", ask_for_nonsense, ROBOT)], {"clock": clock}, {ROBOT: 5}, 1, wp.get_device("cpu"), 1)
 
 

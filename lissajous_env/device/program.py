@@ -2,7 +2,10 @@
 
 A kernel of a program takes `first`, the first world of the block that it works on, and, unless it goes over whole
 worlds, `lanes`, how many threads share the entities of a world: on a GPU there is one for each entity, on a CPU one
-that loops over them all, which saves its setup. Every other parameter is looked up by its name.
+that loops over them all, which saves its setup. One that takes `begin` and `end` too, and goes over the entities from
+the one to the other, may have those of a large world split among CPU threads; the number of the share is `part`. It
+must not write what another part reads or writes, nor add to it: an atomic operation is none on a CPU. Every other
+parameter is looked up by its name.
 """
 
 import ctypes
@@ -17,13 +20,19 @@ import warp as wp
 
 from lissajous_env.device.devices import as_device, side_by_side
 
-WORLD, ROBOT, TARGET, ROW, FIELD_ROW = "world", "robot", "target", "row", "field row"
+WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN = "world", "robot", "target", "row", "field row", "bin"
+
+_PLACED = ("first", "lanes", "part", "begin", "end")
+"""Parameters that say which worlds and entities a launch is for."""
 
 _MOST_LAUNCHES = 64
 """Launches that a launcher keeps ready."""
 
 _BLOCK = 256
 """Worlds below which a CPU thread of its own costs more than it saves."""
+
+_PART = 8192
+"""Targets, or other entities of all worlds together, below which it does."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +44,7 @@ class Stage:
     run: Any
     """A Warp kernel, or a function without arguments that is called on the host."""
     over: str = WORLD
-    """What the kernel goes over: WORLD, ROBOT, TARGET, ROW (of the coverage grid) or FIELD_ROW (of contamination)."""
+    """What the kernel goes over: WORLD, ROBOT, TARGET, ROW (of the grid), FIELD_ROW (of contamination) or BIN."""
     when: bool = True
     """Whether the program has it."""
     own: Mapping[str, Any] = field(default_factory=dict)
@@ -50,7 +59,7 @@ class Stage:
     def parameters(self) -> tuple[str, ...]:
         """Names of what the kernel takes from the state and the constants."""
         names = [argument.label for argument in self.run.adj.args] if self.is_kernel else []
-        return tuple(name for name in names if name not in ("first", "lanes"))
+        return tuple(name for name in names if name not in _PLACED)
 
     @property
     def about(self) -> str:
@@ -88,18 +97,17 @@ class Program:
     ):
         self.stages = tuple(stage for stage in stages if stage.when and sizes.get(stage.over, 1) > 0)
         self._values, self._sizes, self._device = values, sizes, device
-        blocks = [(0, num_worlds)]
-        if device.is_cpu:
-            edges = np.linspace(0, num_worlds, min(threads, -(-num_worlds // _BLOCK)) + 1).astype(int)
-            blocks = [(int(low), int(high)) for low, high in pairwise(edges)]
-        parts = [(is_kernel, list(part)) for is_kernel, part in groupby(self.stages, key=lambda each: each.is_kernel)]
+        edges = np.linspace(0, num_worlds, _blocks(num_worlds, device, threads) + 1).astype(int)
+        blocks = [(int(low), int(high)) for low, high in pairwise(edges)]
+        groups = groupby(self.stages, key=lambda each: (each.is_kernel, self._parts(each, num_worlds, threads)))
         self._calls: list[Callable[[], None]] = []
-        for is_kernel, part in parts:
+        for (is_kernel, parts), group in groups:
             if not is_kernel:
-                self._calls += [stage.run for stage in part]
+                self._calls += [stage.run for stage in group]
                 continue
-            ready = _Calls if device.is_cpu else _Graph
-            tasks = [ready(device, [self._launch(stage, *block) for stage in part]) for block in blocks]
+            ready, together = _Calls if device.is_cpu else _Graph, list(group)
+            shares = [(*block, part, parts) for block in blocks for part in range(parts)]
+            tasks = [ready(device, [self._launch(stage, *share) for stage in together]) for share in shares]
             self._calls.append(tasks[0] if len(tasks) == 1 else partial(side_by_side, tasks, threads))
 
     def __call__(self) -> None:
@@ -112,9 +120,21 @@ class Program:
         widths = [max(len(row[k]) for row in rows) for k in range(3)]
         return "\n".join("  ".join([*map(str.ljust, row[:3], widths), row[3]]).rstrip() for row in rows)
 
-    def _launch(self, stage: Stage, low: int, high: int) -> Any:
-        lanes = 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
-        values = {**self._values, **stage.own, "first": low, "lanes": lanes}
+    def _parts(self, stage: Stage, num_worlds: int, threads: int) -> int:
+        """Into how many parts the entities of a stage are split."""
+        if not stage.is_kernel or "begin" not in [argument.label for argument in stage.run.adj.args]:
+            return 1
+        return parts_of(self._sizes[stage.over], num_worlds, self._device, threads)
+
+    def _lanes(self, stage: Stage) -> int:
+        """How many threads share the entities of a world."""
+        return 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
+
+    def _launch(self, stage: Stage, low: int, high: int, part: int, parts: int) -> Any:
+        lanes = self._lanes(stage)
+        begin, end = (self._sizes.get(stage.over, 0) * edge // parts for edge in (part, part + 1))
+        placed = {"first": low, "lanes": lanes, "part": part, "begin": begin, "end": end}
+        values = {**self._values, **stage.own, **placed}
         names = [argument.label for argument in stage.run.adj.args]
         if unknown := [name for name in names if name not in values]:
             there = ", ".join(sorted(values))
@@ -123,6 +143,18 @@ class Program:
         return wp.launch(
             stage.run, dim=size, inputs=[values[name] for name in names], device=self._device, record_cmd=True
         )
+
+
+def _blocks(num_worlds: int, device: Any, threads: int) -> int:
+    """Number of blocks of worlds that run side by side."""
+    return min(threads, -(-num_worlds // _BLOCK)) if device.is_cpu else 1
+
+
+def parts_of(size: int, num_worlds: int, device: Any, threads: int) -> int:
+    """Into how many parts so many entities of a world are split: on a CPU, where there are too few worlds to split."""
+    if not device.is_cpu or _blocks(num_worlds, device, threads) > 1:
+        return 1
+    return max(1, min(threads, size * num_worlds // _PART))
 
 
 def launcher(device: Any) -> Callable[..., None]:

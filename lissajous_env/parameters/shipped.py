@@ -167,4 +167,15 @@ SHIPPED = (
         targets=Targets(count=2000),
         task=Task(duration=30.0, grid=(80, 50)),
     ),
+    Scenario(
+        name="city",
+        description="1,001 points at some 17 m/s on the curve in 4 km x 2.5 km, a million targets on foot.",
+        curve=Curve(half_width=2000.0, half_height=1250.0, a=501, b=500),
+        # A robot knows phases to 6e-8 rad, which (1) turns into a rate at its coupling: with 1/s it would drown omega.
+        formation=Formation(phase_rate=1.5e-5, coupling=1e-4, start="rotated"),
+        # By (6): where the ellipse is flat, larger bodies would have to pass each other at different heights.
+        robot=Robot(kind="curve", radius=0.006),
+        targets=Targets(count=1_000_000, speed=1.4),
+        task=Task(duration=30.0, grid=(400, 250)),
+    ),
 )

@@ -18,6 +18,35 @@ _STOP = wp.constant(place_of(Task, "on_collision", "stop"))
 _REMOVE = wp.constant(place_of(Task, "on_collision", "remove"))
 
 
+@wp.func
+def compare_pair(
+    w: int, i: int, j: int, touch: float, beyond: float, robots: Robots, latest: Latest, tally: Tally
+) -> float:
+    """Let two robots collide that come within `touch`, or part; returns their least squared distance [m^2].
+
+    Stretches of the step in which they are farther apart than `beyond` [m] are passed over; 1e30 where all are.
+    """
+    least = float(1.0e30)
+    before = robots.track[w, i, 0] - robots.track[w, j, 0]
+    for s in range(1, robots.track.shape[2]):
+        after = robots.track[w, i, s] - robots.track[w, j, s]
+        moved = after - before
+        ends = wp.min(wp.dot(before, before), wp.dot(after, after))
+        if ends < 2.0 * (beyond * beyond + wp.dot(moved, moved)):
+            least = wp.min(least, closest_approach(before, after))
+        before = after
+    if least < touch * touch:
+        wp.atomic_add(tally.contact_steps, w, wp.int64(1))
+        if tally.contact[w, i, j] == 0:
+            tally.contact[w, i, j] = 1
+            wp.atomic_add(tally.collisions, w, wp.int64(1))
+            wp.atomic_add(latest.collisions, w, i, 1)
+            wp.atomic_add(latest.collisions, w, j, 1)
+    if wp.dot(before, before) > PARTED * PARTED * touch * touch:
+        tally.contact[w, i, j] = 0
+    return least
+
+
 @wp.kernel
 def find_collisions(
     first: int, lanes: int, robot: RobotStruct, clock: Clock, robots: Robots, latest: Latest, tally: Tally
@@ -35,25 +64,7 @@ def find_collisions(
         if robots.status[w, i] != REMOVED:
             for j in range(i + 1, robots.status.shape[1]):
                 if robots.status[w, j] != REMOVED:
-                    least = float(1.0e30)
-                    before = robots.track[w, i, 0] - robots.track[w, j, 0]
-                    for s in range(1, robots.track.shape[2]):
-                        after = robots.track[w, i, s] - robots.track[w, j, s]
-                        moved = after - before
-                        ends = wp.min(wp.dot(before, before), wp.dot(after, after))
-                        if ends < 2.0 * (beyond * beyond + wp.dot(moved, moved)):
-                            least = wp.min(least, closest_approach(before, after))
-                        before = after
-                    nearest = wp.min(nearest, least)
-                    if least < touch * touch:
-                        wp.atomic_add(tally.contact_steps, w, wp.int64(1))
-                        if tally.contact[w, i, j] == 0:
-                            tally.contact[w, i, j] = 1
-                            wp.atomic_add(tally.collisions, w, wp.int64(1))
-                            wp.atomic_add(latest.collisions, w, i, 1)
-                            wp.atomic_add(latest.collisions, w, j, 1)
-                    if wp.dot(before, before) > PARTED * PARTED * touch * touch:
-                        tally.contact[w, i, j] = 0
+                    nearest = wp.min(nearest, compare_pair(w, i, j, touch, beyond, robots, latest, tally))
     if nearest < 1.0e30:
         wp.atomic_min(tally.min_separation, w, wp.sqrt(nearest))
 

@@ -3,7 +3,7 @@
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.world.state import Clock, Latest
+from lissajous_env.world.state import Clock, Counted, Latest
 
 wp.set_module_options(OPTIONS)
 
@@ -33,6 +33,24 @@ def reset_events(first: int, lanes: int, clock: Clock, latest: Latest):
         latest.reward[w, i] = 0.0
         for term in range(latest.terms.shape[2]):
             latest.terms[w, i, term] = 0.0
+
+
+@wp.kernel
+def gather_parts(first: int, lanes: int, clock: Clock, counted: Counted, latest: Latest):
+    """Sum up what the parts of the targets counted, and forget it."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for part in range(counted.waiting.shape[1]):
+        for i in range(lane, latest.detections.shape[1], lanes):
+            latest.detections[w, i] += counted.detections[w, part, i]
+            counted.detections[w, part, i] = 0
+        if lane == 0:
+            latest.waiting[w] += counted.waiting[w, part]
+            latest.in_sight[w] += counted.in_sight[w, part]
+            counted.waiting[w, part] = 0
+            counted.in_sight[w, part] = 0
 
 
 @wp.kernel

@@ -1,7 +1,8 @@
 """Since when a rogue can have been where it is now, cell by cell: the labels of contamination on the host."""
 
+from typing import Any
+
 import numpy as np
-import warp as wp
 
 from lissajous_env.world.labels import MARGIN
 from lissajous_env.world.simulation import Simulation
@@ -25,5 +26,5 @@ def introduced_at(simulation: Simulation, world: int = 0) -> np.ndarray:
     return np.where(there == 1, labels // 256, int(NEVER)).astype(np.int32)
 
 
-def _of_world(array: wp.array, world: int) -> np.ndarray:
+def _of_world(array: Any, world: int) -> np.ndarray:
     return array.numpy()[world] if array.device.is_cpu else array[world].numpy()

@@ -45,6 +45,21 @@ def longest_way(w: int, robots: Robots) -> float:
 
 
 @wp.func
+def share_until_sight(w: int, i: int, before: wp.vec2, after: wp.vec2, radius: float, robots: Robots) -> float:
+    """Share of the step until a robot has a target in its disc that goes as in `first_sight`; 2 for never."""
+    pieces = robots.track.shape[2] - 1
+    moved = (after - before) / float(pieces)
+    start = before - planar(robots.track[w, i, 0])
+    for s in range(pieces):
+        end = before + float(s + 1) * moved - planar(robots.track[w, i, s + 1])
+        share = first_within(start, end, radius)
+        if share <= 1.0:
+            return (float(s) + share) / float(pieces)
+        start = end
+    return 2.0
+
+
+@wp.func
 def first_sight(w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots) -> wp.vec2:
     """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
 
@@ -52,21 +67,14 @@ def first_sight(w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: f
     that end the step beyond `reach` [m] of `after`, as those that do not work, are passed over. A robot that resumes
     works from the beginning of its first step on.
     """
-    pieces = robots.track.shape[2] - 1
-    moved = (after - before) / float(pieces)
     finder = int(-1)
     least = float(2.0)
+    if reach <= 0.0:
+        return wp.vec2(-1.0, 2.0)
     for i in range(robots.sensor.shape[1]):
         if wp.length_sq(robots.sensor[w, i] - after) < reach * reach:
-            start = before - planar(robots.track[w, i, 0])
-            for s in range(pieces):
-                end = before + float(s + 1) * moved - planar(robots.track[w, i, s + 1])
-                share = first_within(start, end, radius)
-                if share <= 1.0:
-                    share = (float(s) + share) / float(pieces)
-                    if share < least:
-                        least = share
-                        finder = i
-                    break
-                start = end
+            share = share_until_sight(w, i, before, after, radius, robots)
+            if share < least:
+                least = share
+                finder = i
     return wp.vec2(float(finder), least)

@@ -8,12 +8,13 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in
-from lissajous_env.device.program import FIELD_ROW, ROBOT, ROW, TARGET, Program
+from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, Program, parts_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.checks import is_whole
 from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
+from lissajous_env.world.bins import bins_of, has_bins
 from lissajous_env.world.constants import constants_of
 from lissajous_env.world.extended import Extended
 from lissajous_env.world.labels import MARGIN, across
@@ -33,10 +34,11 @@ from lissajous_env.world.state import (
     Tally,
     Targets,
     allocate,
+    counted_in,
 )
 
 _LAST_SEED = 2**31 - 1
-_TARGET_BYTES = 44
+_TARGET_BYTES = 60
 
 
 class Simulation:
@@ -175,7 +177,7 @@ class Simulation:
         delay = round(scenario.noise.message_delay / scenario.task.step)
         hops = scenario.spreading
         labels = hops.ring, hops.rows + 2 * int(MARGIN), across(hops.columns)
-        large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 4, n * n * 4]
+        large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 4, 2 * n * n * 4]
         check_room([*large, n * (delay + 1) * 16, 2 * n * self.layout.size * 4], w, self.device)
         each, robot = (w,), (w, n)
         self.clock = allocate(Clock, {}, each, self.device)
@@ -232,13 +234,17 @@ class Simulation:
             }
         )
         values |= {f"{name}_out": values[name] for name in ("command", "observation", "final_observation")}
-        rows = self.cells.idle_max.shape[1]
-        sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: rows}
+        sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: self.cells.idle_max.shape[1]}
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1]}
+        parts = parts_of(sizes[TARGET], self.num_worlds, self.device, self.threads)
+        values["counted"] = counted_in(self.latest, parts)
+        if has_bins(self.scenario):
+            values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, parts, self.device)
+            sizes[BIN] = values["bins"].first.shape[1]
         place = self.num_worlds, self.device, self.threads
         self._extended = Extended(self.scenario, structs, self.observation)
-        self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario)), values, sizes, *place)
-        self._step = Program(self._extended.step_stages(step_stages(self.scenario)), values, sizes, *place)
+        self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario, parts)), values, sizes, *place)
+        self._step = Program(self._extended.step_stages(step_stages(self.scenario, parts)), values, sizes, *place)
 
     def _take(self, action: Any) -> None:
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:

@@ -7,15 +7,18 @@ takes is found by the names of its parameters, among the state (`lissajous_env.w
 
 from collections.abc import Iterable
 
-from lissajous_env.device.program import FIELD_ROW, ROBOT, ROW, TARGET, WORLD, Stage
+from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, WORLD, Stage
 from lissajous_env.parameters.scenario import Faults, Scenario
+from lissajous_env.world.bins import clear_bins, has_bins, list_robots
 from lissajous_env.world.boundary import watch_boundary
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
 from lissajous_env.world.collisions import find_collisions, take_consequences
 from lissajous_env.world.commands import take_commands
 from lissajous_env.world.contamination import clear_cells, reset_labels, spread
 from lissajous_env.world.coverage import cover, reset_cells
-from lissajous_env.world.events import clear_events, reset_events
+from lissajous_env.world.crowded_robots import find_listed_collisions, observe_listed
+from lissajous_env.world.crowded_targets import move_and_detect_listed, place_unseen_listed
+from lissajous_env.world.events import clear_events, gather_parts, reset_events
 from lissajous_env.world.faults import reset_losses, update_status
 from lissajous_env.world.guarantee import keep_guarantee, reset_guarantee
 from lissajous_env.world.measurement import measure
@@ -28,9 +31,9 @@ from lissajous_env.world.tally import keep_score, reset_tally
 from lissajous_env.world.targets import move_and_detect, place_unseen, reset_arrivals, reset_targets
 
 
-def step_stages(scenario: Scenario) -> list[Stage]:
-    """What happens in a control step."""
-    model = model_of(scenario.robot.kind)
+def step_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
+    """What happens in a control step; `parts` of the targets of a world are counted apart."""
+    model, many = model_of(scenario.robot.kind), has_bins(scenario)
     return [
         Stage("clock", advance_clock, WORLD),
         Stage("events", clear_events, ROBOT),
@@ -40,9 +43,9 @@ def step_stages(scenario: Scenario) -> list[Stage]:
         Stage("phase", follow_curve, ROBOT, when=not model.keeps_to_curve),
         Stage("measurement", measure, ROBOT),
         Stage("sending", send, ROBOT),
-        Stage("collisions", find_collisions, ROBOT),
-        Stage("entry", place_unseen, TARGET, when=scenario.targets.entry == "unseen"),
-        Stage("targets", move_and_detect, TARGET),
+        *_bin_stages(many),
+        Stage("collisions", find_listed_collisions if many else find_collisions, ROBOT),
+        *_target_stages(scenario, "targets", many, parts),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
         *_contamination_stages(scenario, range(scenario.spreading.ticks)),
         Stage("consequences", take_consequences, ROBOT, when=scenario.task.on_collision != "count"),
@@ -51,13 +54,13 @@ def step_stages(scenario: Scenario) -> list[Stage]:
         Stage("end", end_episodes, WORLD),
         Stage("reward", give_reward, ROBOT),
         Stage("hearing", hear, ROBOT),
-        Stage("observation", observe, ROBOT),
+        Stage("observation", observe_listed if many else observe, ROBOT),
     ]
 
 
-def reset_stages(scenario: Scenario) -> list[Stage]:
+def reset_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
     """What happens at the beginning of an episode."""
-    follows = scenario.task.contamination is not None
+    follows, many = scenario.task.contamination is not None, has_bins(scenario)
     return [
         Stage("clock", reset_clock, WORLD),
         Stage("losses", reset_losses, WORLD),
@@ -69,8 +72,8 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("sending", send, ROBOT),
         Stage("targets", reset_targets, TARGET),
         Stage("arrivals", reset_arrivals, WORLD, when=scenario.targets.arrival_rate > 0),
-        Stage("entry", place_unseen, TARGET, when=scenario.targets.entry == "unseen"),
-        Stage("detection", move_and_detect, TARGET),
+        *_bin_stages(many),
+        *_target_stages(scenario, "detection", many, parts),
         Stage("cells", reset_cells, ROW),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
         Stage("labels", reset_labels, FIELD_ROW, when=follows),
@@ -80,7 +83,22 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("score", keep_score, WORLD),
         Stage("hearing", hear, ROBOT),
         Stage("final", keep_final, ROBOT),
-        Stage("observation", observe, ROBOT),
+        Stage("observation", observe_listed if many else observe, ROBOT),
+    ]
+
+
+def _bin_stages(many: bool) -> list[Stage]:
+    """Who comes near which bin."""
+    return [Stage("bins", clear_bins, BIN, when=many), Stage("listing", list_robots, ROBOT, when=many)]
+
+
+def _target_stages(scenario: Scenario, name: str, many: bool, parts: int) -> list[Stage]:
+    """Targets appear, move and are detected, in the stage of this name."""
+    unseen = scenario.targets.entry == "unseen"
+    return [
+        Stage("entry", place_unseen_listed if many else place_unseen, TARGET, when=unseen),
+        Stage(name, move_and_detect_listed if many else move_and_detect, TARGET),
+        Stage("gathering", gather_parts, ROBOT, when=parts > 1),
     ]
 
 

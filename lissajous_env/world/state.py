@@ -261,6 +261,27 @@ class Tally:
     """(W, N) sum of the rewards."""
 
 
+@wp.struct
+class Counted:
+    """What is counted of the targets in a step, apart for each of the P parts that threads share."""
+
+    detections: wp.array3d(dtype=wp.int32)
+    """(W, P, N) targets that a robot was the first to detect."""
+    in_sight: wp.array2d(dtype=wp.int32)
+    """(W, P) targets in some working robot's disc."""
+    waiting: wp.array2d(dtype=wp.int32)
+    """(W, P) undetected targets present."""
+
+
+def counted_in(latest: Latest, parts: int) -> Counted:
+    """Make room to count in; for one part it is that of `latest` itself, so that nothing is left to sum up."""
+    filled, (w, n) = Counted(), latest.detections.shape
+    for name, shape in {"detections": (w, parts, n), "in_sight": (w, parts), "waiting": (w, parts)}.items():
+        array = getattr(latest, name)
+        setattr(filled, name, array.reshape(shape) if parts == 1 else wp.zeros(shape, wp.int32, device=array.device))
+    return filled
+
+
 def allocate(struct: Any, shapes: Mapping[str, tuple[int, ...]], default: tuple[int, ...], device: Any) -> Any:
     """Make a struct whose arrays are zero, with the shape given by name or else the default shape."""
     filled = struct()

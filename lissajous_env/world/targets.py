@@ -10,7 +10,7 @@ from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters import parts
 from lissajous_env.world.sight import first_sight, longest_way, nearest_sensor
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, NEVER, PRESENT, Clock, Latest, Robots, Targets
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, NEVER, PRESENT, Clock, Counted, Robots, Targets
 
 wp.set_module_options(MOTION)
 
@@ -22,7 +22,7 @@ CUSTOM = wp.constant(4)
 """Moved by a stage of the scenario's own."""
 
 _BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
-_PLACES = wp.constant(64)
+PLACES = wp.constant(64)
 """Places that are tried for a target that appears unseen."""
 
 
@@ -44,7 +44,16 @@ def boundary_point(curve: CurveStruct, share: float) -> wp.vec2:
 
 
 @wp.kernel
-def reset_targets(first: int, lanes: int, curve: CurveStruct, target: TargetStruct, clock: Clock, targets: Targets):
+def reset_targets(
+    first: int,
+    lanes: int,
+    begin: int,
+    end: int,
+    curve: CurveStruct,
+    target: TargetStruct,
+    clock: Clock,
+    targets: Targets,
+):
     """Draw place, heading and motion of every slot; those of the start appear at step 0.
 
     The place of a target that appears unseen is drawn anew at that moment.
@@ -54,7 +63,7 @@ def reset_targets(first: int, lanes: int, curve: CurveStruct, target: TargetStru
     if clock.active[w] == 0:
         return
     key = randomness.step_key(clock.seed[w], 0)
-    for t in range(lane, targets.stage.shape[1], lanes):
+    for t in range(begin + lane, end, lanes):
         draw = randomness.stream(key, t, randomness.ENTRY)
         x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
         y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
@@ -96,21 +105,29 @@ def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Cl
 
 @wp.kernel
 def place_unseen(
-    first: int, lanes: int, curve: CurveStruct, sensing: SensingStruct, clock: Clock, robots: Robots, targets: Targets
+    first: int,
+    lanes: int,
+    begin: int,
+    end: int,
+    curve: CurveStruct,
+    sensing: SensingStruct,
+    clock: Clock,
+    robots: Robots,
+    targets: Targets,
 ):
-    """Put each target that appears now at the first of `_PLACES` uniform random places that is unseen, or the last."""
+    """Put each target that appears now at the first of `PLACES` uniform random places that is unseen, or the last."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
         return
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    for t in range(lane, targets.stage.shape[1], lanes):
+    for t in range(begin + lane, end, lanes):
         if targets.appears_at[w, t] > now:
             break  # the slots are in the order of their times
         if targets.stage[w, t] == HIDDEN:
             draw = randomness.stream(key, t, randomness.UNSEEN)
-            for _ in range(_PLACES):
+            for _ in range(PLACES):
                 x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
                 y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
                 targets.position[w, t] = wp.vec2(x, y)
@@ -175,36 +192,45 @@ def detect(
     w: int,
     t: int,
     now: int,
+    part: int,
     nearest: wp.vec2,
-    before: wp.vec2,
-    after: wp.vec2,
+    sight: wp.vec2,
     radius: float,
-    reach: float,
-    robots: Robots,
     targets: Targets,
-    latest: Latest,
+    counted: Counted,
 ) -> int:
     """Let a robot detect a target: the first on its way or else, if it is seen there, the nearest at its end.
 
-    The way is from `before` to `after` [m], and not looked at where `reach` is 0. Returns the robot, or -1 for none.
+    `nearest` is of `nearest_sensor`, `sight` of `first_sight`. Returns 1 where the target waits on, undetected.
     """
     found = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
-    if reach > 0.0:
-        sight = first_sight(w, before, after, radius, reach, robots)
-        if sight[1] <= 1.0:
-            found = int(sight[0])
-            targets.found_early[w, t] = 1.0 - sight[1]
+    if sight[1] <= 1.0:
+        found = int(sight[0])
+        targets.found_early[w, t] = 1.0 - sight[1]
     targets.stage[w, t] = wp.where(found >= 0, FOUND, PRESENT)
-    if found >= 0:
-        targets.found_at[w, t] = now
-        wp.atomic_add(latest.detections, w, found, 1)
-    return found
+    if found < 0:
+        return 1
+    targets.found_at[w, t] = now
+    wp.atomic_add(counted.detections, w, part, found, 1)
+    return 0
+
+
+@wp.func
+def count(w: int, part: int, waiting: int, sighted: int, counted: Counted):
+    """Add what one thread counted."""
+    if waiting > 0:
+        wp.atomic_add(counted.waiting, w, part, waiting)
+    if sighted > 0:
+        wp.atomic_add(counted.in_sight, w, part, sighted)
 
 
 @wp.kernel
 def move_and_detect(
     first: int,
     lanes: int,
+    part: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     target: TargetStruct,
     sensing: SensingStruct,
@@ -212,7 +238,7 @@ def move_and_detect(
     clock: Clock,
     robots: Robots,
     targets: Targets,
-    latest: Latest,
+    counted: Counted,
 ):
     """Let detected targets leave, others appear or move, and the first robot that meets one detect it.
 
@@ -228,7 +254,7 @@ def move_and_detect(
     near = radius + task.step * wp.max(target.speed, target.flee_speed)
     waiting = int(0)
     sighted = int(0)
-    for t in range(lane, targets.stage.shape[1], lanes):
+    for t in range(begin + lane, end, lanes):
         if targets.appears_at[w, t] > now:
             break  # the slots are in the order of their times
         stage = targets.stage[w, t]
@@ -255,9 +281,6 @@ def move_and_detect(
             sighted += seen
             targets.in_sight[w, t] = seen
             if stage != FOUND:
-                finder = detect(w, t, now, nearest, before, place, radius, reach, robots, targets, latest)
-                waiting += wp.where(finder < 0, 1, 0)
-    if waiting > 0:
-        wp.atomic_add(latest.waiting, w, waiting)
-    if sighted > 0:
-        wp.atomic_add(latest.in_sight, w, sighted)
+                sight = first_sight(w, before, place, radius, reach, robots)
+                waiting += detect(w, t, now, part, nearest, sight, radius, targets, counted)
+    count(w, part, waiting, sighted, counted)

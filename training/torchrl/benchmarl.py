@@ -140,6 +140,7 @@ class LissajousTask(Task):
     REDUNDANT = None
     KNOT = None
     SWARM = None
+    CITY = None
 
     @staticmethod
     def associated_class() -> type[LissajousTaskClass]:

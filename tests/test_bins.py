@@ -1,0 +1,209 @@
+"""Many robots and targets: through bins and on threads the same to the last bit, and as brute force finds it."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import lissajous_env
+from lissajous_env.device import program
+from lissajous_env.world import bins, simulation, stages
+from lissajous_env.world.bins import has_bins
+from lissajous_env.world.state import REMOVED
+
+DENSE = {"curve.a": 201, "curve.b": 200, "formation.phase_rate": 0.001, "robot.radius": 0.1}
+FLEEING = {"targets.fleeing": 1.0, "targets.wandering": 0.0, "targets.leave": False}
+CASES = {
+    "cars": ("experiment", {}),
+    "removed by the edge, all flee": ("evaders", {"targets.count": 100, "task.boundary": "remove", **FLEEING}),
+    "stopped by collisions": ("rough", {"task.on_collision": "stop"}),
+    "removed by collisions, and lost": ("rough-lost", {"task.on_collision": "remove"}),
+    "two on each place": ("redundant", {"targets.arrival_rate": 5.0}),
+    "in space": ("knot", {}),
+    "large discs": ("intruders", {"targets.count": 200, "targets.leave": False, "sensing.radius": 2.0}),
+    "large bodies": ("swarm", {"sensing.radius": 0.1, "robot.radius": 0.2, "targets.count": 500}),
+    "far apart": ("swarm", {"sensing.radius": 1e-3, "robot.radius": 1e-3, "curve.a": 5, "curve.b": 4}),
+    "too fast for lists": ("swarm", {"curve.a": 501, "curve.b": 500, "targets.count": 500}),
+    "crowd": ("swarm", {**DENSE, "targets.count": 1000, "targets.fleeing": 0.5, "targets.wandering": 0.5}),
+    "unseen, in a crowd": ("swarm", {**DENSE, "targets.count": 0, "targets.arrival_rate": 50.0,
+                                     "targets.entry": "unseen", "task.duration": 2.0}),
+}  # fmt: skip
+
+
+@lissajous_env.target_motion
+def leap(world):
+    """Far off and back again, also beyond the rectangle."""
+    place = world.targets.position
+    return np.where(world.clock.step[:, None, None] % 2 == 1, -1.5 * place[..., ::-1], place[..., ::-1] / -1.5)
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Make a simulation that has bins or not, whatever its size."""
+
+    def make(scenario, with_bins, threads=1, worlds=2):
+        for module in (simulation, stages):
+            monkeypatch.setattr(module, "has_bins", lambda scenario: with_bins)
+        return lissajous_env.Simulation(scenario, worlds, seed=3, threads=threads)
+
+    monkeypatch.setattr(program, "_PART", 16)
+    return make
+
+
+def different(one, other):
+    before, after = one.save_state(), other.save_state()
+    return [name for name in before if not np.array_equal(before[name], after[name], equal_nan=True)]
+
+
+def bins_in(simulation):
+    return simulation.stages._values["bins"]
+
+
+def drive(simulations, steps=15, most=1.0):
+    rng = np.random.default_rng(1)
+    for _ in range(steps):
+        action = (most * rng.uniform(-1, 1, simulations[0].action_shape)).astype(np.float32)
+        for each in simulations:
+            each.step(action)
+
+
+@pytest.mark.parametrize("most", [1.0, 0.05])
+@pytest.mark.parametrize("case", CASES)
+def test_a_trajectory_is_the_same_with_bins_and_on_threads(case, most, made):
+    # Oracle: every robot asked by every target and every other robot, on one thread.
+    name, overrides = CASES[case]
+    scenario = lissajous_env.scenario(name, **overrides)
+    alone, binned, split = made(scenario, False), made(scenario, True), made(scenario, True, threads=3)
+    unbinned = made(scenario, False, threads=2)
+    drive([alone, binned, split, unbinned], 15 if scenario.resolve().num_robots < 300 else 4, most)
+    assert different(alone, binned) == []
+    assert different(alone, split) == []
+    assert different(alone, unbinned) == []
+
+
+@pytest.mark.parametrize("case", ["stopped by collisions", "large bodies", "crowd"])
+def test_a_lane_for_each_entity_gives_the_same(case, made, monkeypatch):
+    # Oracle: as above. So a GPU launches the kernels; here its threads come one after the other, in their order.
+    name, overrides = CASES[case]
+    scenario = lissajous_env.scenario(name, **overrides)
+    alone = made(scenario, False)
+    monkeypatch.setattr(program.Program, "_lanes", lambda self, stage: self._sizes.get(stage.over, 1))
+    many = made(scenario, True)
+    drive([alone, many], 4)
+    assert different(alone, many) == []
+
+
+def test_targets_that_leap_are_the_same_with_bins(made):
+    # Oracle: as above. A target that went farther than lists reach asks every robot.
+    motion = {"targets.custom": 0.5, "targets.wandering": 0.5, "targets.leave": False, "targets.speed_limit": 100.0}
+    overrides = {**DENSE, **motion, "targets.count": 1000}
+    scenario = lissajous_env.scenario("swarm", extensions=[leap], **overrides)
+    alone, binned = made(scenario, False), made(scenario, True, threads=2)
+    drive([alone, binned], 5)
+    assert different(alone, binned) == []
+    assert (np.isin(alone.targets.found_at.numpy(), [1, 2, 3, 4, 5])).sum() > 100
+
+
+def test_of_robots_in_one_place_the_first_detects_and_is_seen_first(made):
+    # Oracle: as above. Lists are in no order, and every other robot stands where the one before it stands.
+    overrides = {**DENSE, "targets.count": 3000, "targets.speed": 5.0, "targets.arrival_rate": 20_000.0}
+    pair = [made(lissajous_env.scenario("swarm", **overrides), with_bins) for with_bins in (False, True)]
+    for each in pair:
+        each.robots.phase.assign(np.repeat(each.robots.phase.numpy()[:, ::2], 2, axis=1)[:, :401])
+    drive(pair, 3, most=0.0)
+    assert different(*pair) == []
+    detections = pair[1].latest.detections.numpy()
+    assert detections[:, ::2].sum() > 10
+    assert detections[:, 1::2].sum() == 0
+
+
+def test_a_reset_of_some_worlds_leaves_the_lists_of_the_others(made):
+    # Oracle: the same without bins.
+    scenario = lissajous_env.scenario("swarm", **{"targets.count": 200})
+    pair = made(scenario, False, worlds=3), made(scenario, True, worlds=3)
+    drive(pair, 5)
+    for each in pair:
+        each.reset(worlds=[1])
+    drive(pair, 5)
+    assert different(*pair) == []
+
+
+def test_robots_for_which_the_lists_have_no_room_stand_in_every_list(made):
+    # Story: points that cross the rectangle in one step are in more bins than there is room for.
+    simulation = made(lissajous_env.scenario("swarm", **CASES["too fast for lists"][1]), True, worlds=1)
+    assert bins_in(simulation).everywhere.numpy().tolist() == [0]
+    drive([simulation], 1)
+    everywhere = bins_in(simulation).is_everywhere.numpy()[0]
+    assert 0 < everywhere.sum() < len(everywhere)
+    assert bins_in(simulation).everywhere.numpy().tolist() == [everywhere.sum()]
+
+
+def brute_force(track, there):
+    """Least distance [m] of each pair through a step, (N, N) above the diagonal, in float64."""
+    i, j = np.triu_indices(len(track), 1)
+    least = np.full(len(i), np.inf)
+    for s in range(track.shape[1] - 1):
+        before, after = (track[i, k] - track[j, k] for k in (s, s + 1))
+        moved = after - before
+        share = -(before * moved).sum(axis=1) / np.maximum((moved**2).sum(axis=1), 1e-300)
+        nearest = before + np.clip(share, 0, 1)[:, None] * moved
+        least = np.minimum(least, np.linalg.norm(nearest, axis=1))
+    return least[there[i] & there[j]]
+
+
+@pytest.mark.parametrize("most", [1.0, 0.001])
+def test_collisions_of_a_thousand_robots_are_those_of_brute_force(most):
+    # Oracle: every pair in float64, by NumPy.
+    overrides = {"curve.a": 501, "curve.b": 500, "robot.radius": 0.02, "targets.count": 0, "task.grid": None}
+    made = lissajous_env.scenario("swarm", **overrides, **{"faults.removed": tuple((k, 0.15) for k in range(100))})
+    assert has_bins(made.resolve())
+    simulation, nearest, in_contact = lissajous_env.Simulation(made, seed=2), np.inf, 0
+    for _ in range(4):
+        drive([simulation], 1, most)
+        there = simulation.robots.status.numpy()[0] != int(REMOVED)
+        least = brute_force(simulation.robots.track.numpy()[0].astype(float), there)
+        nearest, in_contact = min(nearest, least.min()), in_contact + (least < 0.04).sum()
+        (row,) = simulation.score()
+        assert row["min_separation"] == pytest.approx(nearest, abs=1e-5)
+        assert row["contact_time"] == pytest.approx(0.1 * in_contact, abs=0.5)
+    assert in_contact > 100
+    assert there.sum() == 901
+
+
+@pytest.mark.parametrize(
+    ("robots", "targets", "radius", "expected"),
+    [
+        (5, 20, None, False), (5, 1_000_000, None, False), (17, 200, None, False), (17, 2000, None, True),
+        (49, 300, None, True), (101, 0, None, True), (101, 2000, 8.0, True), (101, 2000, 20.0, False),
+    ],
+)  # fmt: skip
+def test_bins_are_for_where_they_pay(robots, targets, radius, expected):
+    # Oracle: the crossing points that were measured, either side.
+    scenario = lissajous_env.scenario("swarm", **{"curve.a": robots // 2 | 1, "curve.b": robots - (robots // 2 | 1)})
+    scenario = lissajous_env.scenario(scenario, **{"targets.count": targets, "sensing.radius": radius})
+    assert has_bins(scenario.resolve()) == expected
+
+
+def test_a_thousand_robots_and_a_million_targets_take_less_than_600_megabytes():
+    # Oracle: the largest memory that the operating system saw, of a process that plays the shipped scenario.
+    program = (
+        "import resource, numpy, lissajous_env\n"
+        "simulation = lissajous_env.Simulation('city')\n"
+        "for _ in range(3):\n"
+        "    simulation.step(numpy.zeros(simulation.action_shape, dtype=numpy.float32))\n"
+        "assert 900_000 < simulation.latest.waiting.numpy()[0] < 1_000_000\n"
+        "assert simulation.score()[0]['targets'] == 1_000_000\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert float(done.stdout) < 600
+
+
+def test_lists_have_a_margin_for_rounding():
+    # Oracle: the spacing of float32 numbers at the edge of the rectangle.
+    scenario = lissajous_env.scenario("swarm", **{"curve.half_width": 1e4, "curve.half_height": 1e4}).resolve()
+    for radius in (1e-3, 1.0):
+        small = lissajous_env.scenario(scenario, **{"sensing.radius": radius, "robot.radius": 1e-3}).resolve()
+        filled = bins.bins_of(small, 1.0, 1, 1, "cpu")
+        assert filled.widened - filled.reach > 4 * np.spacing(np.float32(1e4))
