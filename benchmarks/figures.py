@@ -9,7 +9,8 @@ A page marks a place, and what stands there is replaced:
     <!-- figures: NAME, NAME ... --> ... <!-- end -->        tables with the same columns, one below the other
     <!-- figures: NAME / ROW / COLUMN --> ... <!-- end -->   one cell, in a line of text
 
-ROW is the first cell of a row, or the beginning of one row's alone. Another program adds its tables by `store`.
+ROW is the first cell of a row, or the beginning of one row's alone. Another program adds its tables by `store`; what the
+code itself says (`observation`, `reward`, `score`) is not stored, but read when the pages are written.
 """
 
 import argparse
@@ -36,6 +37,33 @@ Table = Mapping[str, Sequence[Any]]
 def load() -> dict[str, Table]:
     """Tables by name."""
     return json.loads(STORE.read_text(encoding="utf-8")) if STORE.exists() else {}
+
+
+def of_code() -> dict[str, Table]:
+    """Tables of what stands in the code: the entries of an observation, the terms of the reward, the score's columns."""
+    from lissajous_env.parameters.checks import meanings
+    from lissajous_env.parameters.scenario import Task
+    from lissajous_env.world import observation, reward, score
+
+    parts = {
+        "{j}": ("", observation.OWN_ENTRIES),
+        "8 + 6 k + {j}": ("neighbour_k_", observation.NEIGHBOUR_ENTRIES),
+        "20 + 5 k + {j}": ("robot_k_", observation.ROBOT_ENTRIES),
+        "20 + 5 R + 3 k + {j}": ("target_k_", observation.TARGET_ENTRIES),
+    }
+    entries = [
+        [place.format(j=j).removesuffix(" + 0"), f"`{prefix}{name}`", meaning, f"[{low}, {high}]"]
+        for place, (prefix, part) in parts.items()
+        for j, (name, low, high, meaning) in enumerate(part)
+    ]
+    words = {name: text.replace("\n", " ") for name, text in meanings(Task).items()}
+    terms = [[f"`{term}`", f"`{formula}`", f"{getattr(Task(), f'reward_{term}'):g}", words[f"reward_{term}"]]
+             for term, formula in reward.FORMULAS.items()]  # fmt: skip
+    return {
+        "observation": {"columns": ["index", "name", "what [unit]", "range"], "rows": entries},
+        "reward": {"columns": ["term", "formula", "default weight", "what the weight is"], "rows": terms},
+        "score": {"columns": ["column", "what"], "rows": [[f"`{name}`", what] for name, what in score.MEANINGS.items()]},
+    }
 
 
 def store(tables: Mapping[str, Table]) -> None:
@@ -111,7 +139,7 @@ def main() -> None:
 
         with tempfile.TemporaryDirectory() as folder:
             store(of_claims(reproduce(("all",), out=Path(folder))))
-    tables = load()
+    tables = load() | of_code()
     for path in PAGES:
         page = path.read_text(encoding="utf-8")
         path.write_text(filled(page, tables), encoding="utf-8")

@@ -1,9 +1,9 @@
 """What a robot observes: itself, what its ring neighbours sent, what its sensor sees.
 
-One row of float32 per robot: the entries of `_OWN`, of `_NEIGHBOUR` for each of its two neighbours on the ring, of
-`_ROBOT` for each of the `sensing.robots_seen` nearest robots in its sensing disc, of `_TARGET` for each of the
-`sensing.targets_seen` nearest targets, and those that the scenario's extensions bring, in the order of these.
-`layout` has index, name, range and meaning of each; `print(layout(scenario))` shows them.
+One row of float32 per robot: `OWN_ENTRIES`, then `NEIGHBOUR_ENTRIES` for each of its two neighbours on the ring,
+`ROBOT_ENTRIES` for each of the `sensing.robots_seen` nearest robots in its sensing disc, `TARGET_ENTRIES` for each of
+the `sensing.targets_seen` nearest targets, and what the scenario's extensions bring, in the order of these. `layout` has
+index, name, range and meaning of each; `print(layout(scenario))` shows them.
 
 A target that leaves when it is detected is seen in the step of its detection. A stuck robot senses nothing, but hears;
 of a removed robot, entries 0 to 6 keep what they were. Directions are those of the rectangle, not of the robot.
@@ -28,7 +28,7 @@ wp.set_module_options(OPTIONS)
 _FAR = wp.constant(4.0)
 
 
-_OWN = (
+OWN_ENTRIES = (
     ("x", -4, 4, "measured x [half_width]"),
     ("y", -4, 4, "measured y [half_height]"),
     ("cos_heading", -1, 1, "cosine of the measured heading"),
@@ -38,7 +38,7 @@ _OWN = (
     ("sin_phase", -1, 1, "sine of the measured phase theta"),
     ("works", 0, 1, "1 working, 0 stuck or removed"),
 )
-_NEIGHBOUR = (
+NEIGHBOUR_ENTRIES = (
     ("heard", 0, 1, "1 once a message came from the neighbour before (0) or after (1) on the ring"),
     ("age", 0, 1, "time since its last message was sent, at most 1 [s]"),
     ("cos_phase", -1, 1, "cosine of its phase less one's own"),
@@ -46,14 +46,14 @@ _NEIGHBOUR = (
     ("x", -4, 4, "its x less one's own [2 half_width]"),
     ("y", -4, 4, "its y less one's own [2 half_height]"),
 )
-_ROBOT = (
+ROBOT_ENTRIES = (
     ("present", 0, 1, "1 where there is one: robots in the sensing disc, the nearest first"),
     ("x", -1, 1, "its x less one's own [sensing radius]"),
     ("y", -1, 1, "its y less one's own [sensing radius]"),
     ("x_velocity", -1, 1, "its velocity along x less one's own [2 top speeds]"),
     ("y_velocity", -1, 1, "its velocity along y less one's own [2 top speeds]"),
 )
-_TARGET = (
+TARGET_ENTRIES = (
     ("present", 0, 1, "1 where there is one: targets in the sensing disc, the nearest first"),
     ("x", -1, 1, "its x less one's own [sensing radius]"),
     ("y", -1, 1, "its y less one's own [sensing radius]"),
@@ -61,10 +61,10 @@ _TARGET = (
 """Name, range and meaning, with its unit in brackets, of the entries of each part of a row."""
 
 
-OWN = wp.constant(len(_OWN))
-LINK = wp.constant(len(_NEIGHBOUR))
-ROBOT = wp.constant(len(_ROBOT))
-TARGET = wp.constant(len(_TARGET))
+OWN = wp.constant(len(OWN_ENTRIES))
+LINK = wp.constant(len(NEIGHBOUR_ENTRIES))
+ROBOT = wp.constant(len(ROBOT_ENTRIES))
+TARGET = wp.constant(len(TARGET_ENTRIES))
 
 
 class Layout(NamedTuple):
@@ -88,9 +88,9 @@ class Layout(NamedTuple):
 
 def layout(scenario: Scenario) -> Layout:
     """Lay out the observation of one robot of a scenario."""
-    parts = [("", _OWN), *((f"neighbour_{k}_", _NEIGHBOUR) for k in range(2))]
-    parts += [(f"robot_{k}_", _ROBOT) for k in range(scenario.sensing.robots_seen)]
-    parts += [(f"target_{k}_", _TARGET) for k in range(scenario.sensing.targets_seen)]
+    parts = [("", OWN_ENTRIES), *((f"neighbour_{k}_", NEIGHBOUR_ENTRIES) for k in range(2))]
+    parts += [(f"robot_{k}_", ROBOT_ENTRIES) for k in range(scenario.sensing.robots_seen)]
+    parts += [(f"target_{k}_", TARGET_ENTRIES) for k in range(scenario.sensing.targets_seen)]
     entries: list[tuple[str, float, float, str]] = [
         (prefix + name, low, high, meaning) for prefix, part in parts for name, low, high, meaning in part
     ]

@@ -21,6 +21,8 @@ A robot keeps its row to the end of the episode: one that a fault stopped observ
 removed stays `done` and earns nothing. Worlds are reset as wholes, by a mask `_reset` (W, 1).
 """
 
+from __future__ import annotations
+
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 

@@ -1,0 +1,25 @@
+"""Docstrings of this package, which are Markdown in spirit, as Sphinx reads them: reStructuredText."""
+
+from typing import Any
+
+_SECTIONS = ("Args", "Attributes", "Raises", "Returns", "Yields")
+
+
+def as_restructured_text(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Turn, in place, blocks that are indented below a line which ends in a colon into literal blocks."""
+    lines[:] = with_literal_blocks(lines)
+
+
+def with_literal_blocks(lines: list[str]) -> list[str]:
+    """Double the colon before each indented block, but for those of Google's sections."""
+    told = list(lines)
+    for k, line in enumerate(lines[:-2]):
+        follows = lines[k + 2]
+        is_block = not lines[k + 1].strip() and _indent(follows) > _indent(line) and follows.strip()
+        if line.rstrip().endswith(":") and is_block and line.strip().rstrip(":") not in _SECTIONS:
+            told[k] = line.rstrip() + ":"
+    return told
+
+
+def _indent(line: str) -> int:
+    return len(line) - len(line.lstrip())
