@@ -9,8 +9,8 @@ A page marks a place, and what stands there is replaced:
     <!-- figures: NAME, NAME ... --> ... <!-- end -->        tables with the same columns, one below the other
     <!-- figures: NAME / ROW / COLUMN --> ... <!-- end -->   one cell, in a line of text
 
-ROW is the first cell of a row, or the beginning of one row's alone. Another program adds its tables by `store`; what the
-code itself says (`observation`, `reward`, `score`) is not stored, but read when the pages are written.
+ROW is the first cell of a row, or the beginning of one row's alone. Another program adds its tables by `store`. What
+the code itself says (`observation`, `reward`, `score`) is not stored, but read when the pages are written.
 """
 
 import argparse
@@ -40,7 +40,7 @@ def load() -> dict[str, Table]:
 
 
 def of_code() -> dict[str, Table]:
-    """Tables of what stands in the code: the entries of an observation, the terms of the reward, the score's columns."""
+    """Tables of what stands in the code: entries of an observation, terms of the reward, columns of the score."""
     from lissajous_env.parameters.checks import meanings
     from lissajous_env.parameters.scenario import Task
     from lissajous_env.world import observation, reward, score
@@ -62,7 +62,10 @@ def of_code() -> dict[str, Table]:
     return {
         "observation": {"columns": ["index", "name", "what [unit]", "range"], "rows": entries},
         "reward": {"columns": ["term", "formula", "default weight", "what the weight is"], "rows": terms},
-        "score": {"columns": ["column", "what"], "rows": [[f"`{name}`", what] for name, what in score.MEANINGS.items()]},
+        "score": {
+            "columns": ["column", "what"],
+            "rows": [[f"`{name}`", what] for name, what in score.MEANINGS.items()],
+        },
     }
 
 

@@ -13,9 +13,10 @@ def write_changed(path: Path, content: str | bytes) -> None:
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return a table as Markdown has it, with an empty line before and after."""
+    """Return a table as Markdown has it."""
     lines = [columns, ["---"] * len(columns), *rows]
-    written = (
-        "| " + " | ".join(str(cell).replace("|", "\\|").replace("\n", " ") for cell in line) + " |" for line in lines
-    )
-    return "\n" + "\n".join(written) + "\n\n"
+    return "\n".join("| " + " | ".join(map(_cell, line)) + " |" for line in lines)
+
+
+def _cell(content: object) -> str:
+    return " ".join(str(content).split()).replace("|", "\\|")

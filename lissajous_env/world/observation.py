@@ -2,8 +2,8 @@
 
 One row of float32 per robot: `OWN_ENTRIES`, then `NEIGHBOUR_ENTRIES` for each of its two neighbours on the ring,
 `ROBOT_ENTRIES` for each of the `sensing.robots_seen` nearest robots in its sensing disc, `TARGET_ENTRIES` for each of
-the `sensing.targets_seen` nearest targets, and what the scenario's extensions bring, in the order of these. `layout` has
-index, name, range and meaning of each; `print(layout(scenario))` shows them.
+the `sensing.targets_seen` nearest targets, and what the extensions of the scenario bring, in the order of these.
+`layout` has index, name, range and meaning of each; `print(layout(scenario))` shows them.
 
 A target that leaves when it is detected is seen in the step of its detection. A stuck robot senses nothing, but hears;
 of a removed robot, entries 0 to 6 keep what they were. Directions are those of the rectangle, not of the robot.

@@ -238,7 +238,7 @@ class LissajousTorchEnv(EnvBase):
         with self._on_torch_stream():
             return self._renderers[size].draw(self.simulation, world)
 
-    def to(self, device: Any) -> "LissajousTorchEnv":
+    def to(self, device: Any) -> LissajousTorchEnv:
         """Return the environment itself: it stays on the device that it was made for.
 
         Raises:
