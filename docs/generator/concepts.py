@@ -59,7 +59,7 @@ def _draw_formation(axes: Axes, given: Scenario) -> None:
         colour = TEAM[robot]
         axes.add_patch(Circle(place, given.sensing_radius, color=colour, alpha=0.07, linewidth=0))
         axes.add_patch(Circle(place, given.robot.radius, color=colour))
-        axes.annotate(str(robot + 1), place, color="white", ha="center", va="center", weight="bold")
+        axes.annotate(str(robot), place, color="white", ha="center", va="center", weight="bold")
         after = places[given.neighbours[robot, 1]]
         axes.plot(*np.stack([place, after]).T, color=DARK, linewidth=0.8, linestyle=(0, (4, 3)), zorder=0)
     axes.set(aspect="equal", xlim=(-1.35 * width, 1.35 * width), ylim=(-1.5 * height, 1.5 * height))
@@ -87,7 +87,7 @@ def _draw_circle(axes: Axes, given: Scenario) -> None:
         after = places[given.neighbours[robot, 1]]
         axes.annotate("", after, place, arrowprops={"arrowstyle": "-", "color": DARK, "linestyle": (0, (4, 3))})
         axes.add_patch(Circle(place, 0.14, color=TEAM[robot], zorder=3))
-        axes.annotate(str(robot + 1), place, color="white", ha="center", va="center", weight="bold", zorder=4)
+        axes.annotate(str(robot), place, color="white", ha="center", va="center", weight="bold", zorder=4)
     axes.set(aspect="equal", xlim=(-1.25, 1.25), ylim=(-1.25, 1.25), title=f"equilibrium, p = {given.p}")
     axes.axis("off")
 
@@ -104,7 +104,7 @@ def _draw_transient(axes: Axes, given: Scenario) -> None:
     )
     for robot, lead in enumerate(np.mod(ahead, 2 * np.pi).T):
         jumps = np.where(np.abs(np.diff(lead, prepend=lead[0])) > np.pi, np.nan, lead)
-        axes.plot(times, jumps, color=TEAM[robot], label=f"robot {robot + 1}")
+        axes.plot(times, jumps, color=TEAM[robot], label=f"robot {robot}")
     settled = 2 * np.pi * given.p / given.num_robots
     axes.axhline(settled, color=DARK, linewidth=0.8, linestyle=(0, (4, 3)))
     axes.set(xlabel="time [s]", ylabel="lead of the next on the ring [rad]", ylim=(0, 2 * np.pi))
@@ -118,7 +118,7 @@ def recovery() -> bytes:
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for _, start, end in given.faults.schedule[:1]:
-            axes.axvspan(start, end, color="#eeeeee", label="robots 1 and 2 stop")
+            axes.axvspan(start, end, color="#eeeeee", label="two robots stop")
         for policy, colour in (("kuramoto", BLUE), ("open-loop", RED)):
             axes.plot(*_phase_error(given, policy), color=colour, label=policy)
         axes.set(xlabel="time [s]", ylabel="phase error [rad]", xlim=(0, given.task.duration), ylim=(0, None))

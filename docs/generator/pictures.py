@@ -26,5 +26,5 @@ def picture_of(given: Scenario) -> bytes:
     image = Image.fromarray(env.render())
     env.close()
     held = io.BytesIO()
-    image.quantize(128).save(held, format="PNG", optimize=True)
+    image.save(held, format="PNG", optimize=True)
     return held.getvalue()

@@ -39,7 +39,7 @@ OWN_ENTRIES = (
     ("works", 0, 1, "1 working, 0 stuck or removed"),
 )
 NEIGHBOUR_ENTRIES = (
-    ("heard", 0, 1, "1 once a message came from the neighbour before (0) or after (1) on the ring"),
+    ("heard", 0, 1, "1 once a message came; neighbour 0 is before, 1 after on the ring"),
     ("age", 0, 1, "time since its last message was sent, at most 1 [s]"),
     ("cos_phase", -1, 1, "cosine of its phase less one's own"),
     ("sin_phase", -1, 1, "sine of its phase less one's own"),
@@ -83,7 +83,9 @@ class Layout(NamedTuple):
     def __str__(self) -> str:
         width = max(map(len, self.names))
         rows = enumerate(zip(self.names, self.low, self.high, self.meanings, strict=True))
-        return "\n".join(f"{k:3}  {name:{width}}  [{low:g}, {high:g}]  {what}" for k, (name, low, high, what) in rows)
+        return "\n".join(
+            f"{k:3}  {name:{width}}  {f'[{low:g}, {high:g}]':7}  {what}" for k, (name, low, high, what) in rows
+        )
 
 
 def layout(scenario: Scenario) -> Layout:
