@@ -7,8 +7,8 @@ _SECTIONS = ("Args", "Attributes", "Raises", "Returns", "Yields")
 
 def as_restructured_text(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
     """Turn, in place, blocks that are indented below a line which ends in a colon into literal blocks."""
-    # Of an attribute, what stands before a colon in the first line would be taken for its type.
-    lines[:] = ([""] if what in ("attribute", "property") else []) + with_literal_blocks(lines)
+    # Of an attribute, what stands before a colon in its first line would be taken for its type: that is a comment now.
+    lines[:] = (["..", ""] if what in ("attribute", "property") else []) + with_literal_blocks(lines)
 
 
 def with_literal_blocks(lines: list[str]) -> list[str]:
