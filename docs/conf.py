@@ -19,12 +19,13 @@ copyright = "the lissajous-env authors, MIT licence"
 release = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon"]
-exclude_patterns = ["generator", "**/__pycache__", "figures.json"]
+exclude_patterns = ["drawn", "generator", "**/__pycache__", "figures.json"]
 
 html_theme = "furo"
 html_title = f"lissajous-env {release}"
 html_static_path = ["static"]
 html_css_files = ["tables.css"]
+html_extra_path = ["drawn/site"]
 html_show_sphinx = False
 html_copy_source = False
 

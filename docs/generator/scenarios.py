@@ -38,13 +38,13 @@ _LIMITS = {"steering_max": "rad", "throttle_min": "", "throttle_max": "", "phase
 """Fields of a robot that say what an action can do, with their units."""
 
 
-def make(folder: Path) -> None:
-    """Write the page and the picture of each scenario, and the page that lists them."""
+def make(folder: Path, replay_folder: Path) -> None:
+    """Write the page, the picture and the replay of each scenario, and the page that lists them."""
     made = [lissajous_env.scenario(name) for name in lissajous_env.scenarios()]
     stored = figures.load()
     for given in made:
         write_changed(folder / f"{given.name}.png", picture_of(given))
-        write_changed(folder / f"{given.name}.md", page(given, stored, replays.made(given, folder)))
+        write_changed(folder / f"{given.name}.md", page(given, stored, replays.made(given, replay_folder)))
     write_changed(folder / "index.md", listing(made))
 
 
