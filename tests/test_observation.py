@@ -69,7 +69,7 @@ def test_every_entry_says_what_it_is_and_in_which_unit():
         "21", "robot_0_x", "[-1,", "1]", "its x less one's own [sensing radius]",
     ]  # fmt: skip
     assert len(lines) == observation.layout(scenario).size
-    assert all(re.search(r"\]  \S", line) for line in lines)
+    assert all(re.search(r"\] +\S", line) for line in lines)
 
 
 @pytest.mark.parametrize("name", ["rough", "failure", "intruders"])
