@@ -32,8 +32,8 @@ html_copy_source = False
 myst_enable_extensions = ["colon_fence", "dollarmath", "attrs_block"]
 myst_heading_anchors = 4
 
-# The notebooks run from top to bottom in each build that has no kept outputs of them; an error ends it.
-nb_execution_mode = "cache"
+# The notebooks run from top to bottom in each build; an error ends it.
+nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_in_temp = True
 nb_execution_timeout = 120

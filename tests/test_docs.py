@@ -10,8 +10,12 @@ import tomllib
 from functools import cache
 from pathlib import Path
 
+import gymnasium
 import pytest
 
+import baselines
+import lissajous_env
+import training
 from benchmarks import figures
 from docs.generator import concepts, design
 from lissajous_env.console import cli
@@ -159,6 +163,25 @@ def test_commands_in_the_text_are_commands(path):
         assert set(re.findall(r"(?<= )--[\w-]+", rest)) <= options_of(command), (command, rest)
     for line in re.findall(r"`(python (?:benchmarks/|-m training)[^`]*)`", text):
         check_python(line)
+
+
+CALLS = re.findall(
+    r"`((?:lissajous_env|gymnasium|baselines|training)\.[^`]+\))`", (ROOT / "docs" / "start.md").read_text()
+)
+
+
+@pytest.mark.parametrize(
+    "call", [call for call in CALLS if "policy" not in call and "mine.zip" not in call and "/x/" not in call]
+)
+def test_a_call_of_the_table_makes_what_it_says(call):
+    # Story: a reader types what the table says, here with fewer worlds.
+    for module, needed in NEEDS.items():
+        if call.startswith(module):
+            pytest.importorskip(needed)
+            __import__(module + ".benchmarl" * ("benchmarl" in call))
+    fewer = re.sub(r"(num_worlds|num_envs)=\d+", r"\1=2", call).replace("cuda", "cpu")
+    known = {"gymnasium": gymnasium, "lissajous_env": lissajous_env, "baselines": baselines, "training": training}
+    assert eval(fewer, known | {"scenario": "failure"}) is not None
 
 
 def test_every_picture_is_drawn_by_the_code_or_by_a_command_that_its_page_names():
