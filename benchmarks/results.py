@@ -1,6 +1,6 @@
 """What every policy scores on every scenario, for the pages of the scenarios: `python benchmarks/results.py --store`.
 
-Each policy that a benchmark plays by itself plays each shipped scenario that it can drive, on a few seeds, the same for
+Each policy that a benchmark plays by itself plays each shipped scenario that it can drive, on few seeds, the same for
 all; `benchmarks/table.py` plays fewer of them on more seeds. FOLDER holds the benchmark of each scenario; killed and
 called again it goes on. A number is the interquartile mean over the episodes with its 95 % bootstrap interval, of
 collisions the mean.
@@ -46,7 +46,7 @@ def as_table(outcome: Outcome) -> dict[str, list]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenarios", nargs="+", default=lissajous_env.scenarios())
-    parser.add_argument("--episodes", type=int, default=8)
+    parser.add_argument("--episodes", type=int, default=16)
     parser.add_argument("--out", type=Path, default=Path("results/policies"))
     parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
     options = parser.parse_args()

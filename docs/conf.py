@@ -38,6 +38,7 @@ nb_execution_raise_on_error = True
 nb_execution_in_temp = True
 nb_execution_timeout = 120
 nb_merge_streams = True
+nb_output_stderr = "remove"
 
 # What only some have installed is not needed to read its signatures.
 autodoc_mock_imports = ["benchmarl", "ray", "stable_baselines3", "tensordict", "torch", "torchrl"]
