@@ -115,6 +115,10 @@ def test_docstrings_become_restructured_text():
     assert docstrings.with_literal_blocks(given) == ["A policy writes one method::", *given[1:]]
 
 
+def test_an_absolute_value_is_no_substitution():
+    assert docstrings.without_substitutions("|x - y|, as `a | b` says") == "\\|x - y\\|, as `a | b` says"
+
+
 def test_a_file_is_written_where_it_has_changed_alone(tmp_path):
     # Story: Sphinx reads again what is new.
     path = tmp_path / "folder" / "page.md"
