@@ -10,8 +10,8 @@ from docs.generator.files import write_changed
 from lissajous_env.episodes.recording import record
 from lissajous_env.parameters.scenario import Scenario
 
-_MOST_TARGETS = 300
-"""More would make a page of many megabytes."""
+_MOST_ROBOTS, _MOST_TARGETS = 150, 300
+"""More would make a page of many megabytes: there is none of so many robots, and fewer targets are shown."""
 _TEMPLATE = Path(__file__).parent / "scenario_replay.md"
 
 
@@ -22,7 +22,7 @@ def policy_for(given: Scenario) -> str:
 
 def made(given: Scenario, folder: Path) -> str:
     """Write the replay of a scenario into a folder; return what shows it on a page, empty where none can be made."""
-    if find_spec("lissajous_env.replay") is None:
+    if find_spec("lissajous_env.replay") is None or given.num_robots > _MOST_ROBOTS:
         return ""
     from lissajous_env.replay import page
 
