@@ -11,13 +11,13 @@ from lissajous_env.parameters.scenario import Scenario
 
 _MOMENT = 8.0
 """Time of the picture [s], at most: some rogues have come, and the formation moves."""
-_MOST_TARGETS = 3000
+MOST_TARGETS = 3000
 """More would cover the picture."""
 
 
 def picture_of(given: Scenario) -> bytes:
     """Draw a moment of seed 1 as a PNG."""
-    fewer = {"targets.count": min(given.targets.count, _MOST_TARGETS)}
+    fewer = {"targets.count": min(given.targets.count, MOST_TARGETS)}
     env = lissajous_env.parallel_env(given, render_mode="rgb_array", **fewer)
     policy = baselines.make(policy_for(given), env.scenario)
     observations, _ = env.reset(seed=1)

@@ -14,7 +14,7 @@ from baselines.benchmark.types import Benchmark
 from benchmarks import figures
 from docs.generator import replays
 from docs.generator.files import table, write_changed
-from docs.generator.pictures import picture_of
+from docs.generator.pictures import MOST_TARGETS, picture_of
 from lissajous_env.envs.actions import action_table
 from lissajous_env.parameters.checks import meanings
 from lissajous_env.parameters.scenario import PARTS, Scenario, Task
@@ -77,6 +77,7 @@ def page(given: Scenario, stored: dict[str, Any], replay: str) -> str:
         "name": given.name,
         "description": given.description,
         "policy": replays.policy_for(given),
+        "fewer": f" {MOST_TARGETS:,} targets are drawn." if made.targets.count > MOST_TARGETS else "",
         "numbers": table(["what", "here"], numbers(made)),
         "differing": table(["field", "here", "default", "what it is"], differing(given)),
         "size": entries.size,
