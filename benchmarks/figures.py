@@ -9,7 +9,9 @@ A page marks a place, and what stands there is replaced:
     <!-- figures: NAME, NAME ... --> ... <!-- end -->        tables with the same columns, one below the other
     <!-- figures: NAME / ROW / COLUMN --> ... <!-- end -->   one cell, in a line of text
 
-ROW is the first cell of a row, or the beginning of one row's alone. Another program adds its tables by `store`.
+ROW is the first cell of a row, or the beginning of one row's alone. Another program adds its tables by `store`. What
+the code itself says (`observation`, `reward`, `score`) and what is picked from another table (`gist`) is not stored,
+but made when the pages are written.
 """
 
 import argparse
@@ -29,6 +31,15 @@ STORE = ROOT / "docs" / "figures.json"
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 _PLACE = re.compile(r"<!-- figures: (.+?) -->(.*?)<!-- end -->", re.DOTALL)
 
+GIST = (
+    ("evaders", "guaranteed [s]"),
+    ("evaders", "collisions"),
+    ("intruders", "detection [s]"),
+    ("intruders", "sensed"),
+    ("rough", "collisions"),
+)
+"""Scenario and column of what the README shows of the table of the policies."""
+
 Table = Mapping[str, Sequence[Any]]
 """`columns`, their titles, and `rows` of as many cells, all of them text."""
 
@@ -36,6 +47,52 @@ Table = Mapping[str, Sequence[Any]]
 def load() -> dict[str, Table]:
     """Tables by name."""
     return json.loads(STORE.read_text(encoding="utf-8")) if STORE.exists() else {}
+
+
+def made_now() -> dict[str, Table]:
+    """Tables that are not stored: entries of an observation, terms of the reward, columns of the score, the gist."""
+    from lissajous_env.parameters.checks import meanings
+    from lissajous_env.parameters.scenario import Task
+    from lissajous_env.world import observation, reward, score
+
+    parts = {
+        "{j}": ("", observation.OWN_ENTRIES),
+        "8 + 6 k + {j}": ("neighbour_k_", observation.NEIGHBOUR_ENTRIES),
+        "20 + 5 k + {j}": ("robot_k_", observation.ROBOT_ENTRIES),
+        "20 + 5 R + 3 k + {j}": ("target_k_", observation.TARGET_ENTRIES),
+    }
+    entries = [
+        [place.format(j=j).removesuffix(" + 0"), f"`{prefix}{name}`", meaning, f"[{low}, {high}]"]
+        for place, (prefix, part) in parts.items()
+        for j, (name, low, high, meaning) in enumerate(part)
+    ]
+    words = {name: text.replace("\n", " ") for name, text in meanings(Task).items()}
+    terms = [[f"`{term}`", f"`{formula}`", f"{getattr(Task(), f'reward_{term}'):g}", words[f"reward_{term}"]]
+             for term, formula in reward.FORMULAS.items()]  # fmt: skip
+    return {
+        "gist": gist_of(load()["policies"]),
+        "observation": {"columns": ["index", "name", "what [unit]", "range"], "rows": entries},
+        "reward": {"columns": ["term", "formula", "default weight", "what the weight is"], "rows": terms},
+        "score": {
+            "columns": ["column", "what"],
+            "rows": [[f"`{name}`", what] for name, what in score.MEANINGS.items()],
+        },
+    }
+
+
+def gist_of(policies: Table) -> Table:
+    """The few columns of the table `policies` that tell most: a row for each policy that drives cars."""
+    at = {title: k for k, title in enumerate(policies["columns"])}
+    cells: dict[str, dict[str, str]] = {}
+    name = ""
+    for row in policies["rows"]:
+        name = row[0].split("`")[1] if row[0] else name
+        for scenario, column in GIST:
+            if scenario == name:
+                cells.setdefault(row[1], {})[f"`{scenario}`: {column}"] = row[at[column]]
+    titles = [f"`{scenario}`: {column}" for scenario, column in GIST]
+    rows = [[policy, *(of[title] for title in titles)] for policy, of in cells.items()]
+    return {"columns": ["policy", *titles], "rows": rows}
 
 
 def store(tables: Mapping[str, Table]) -> None:
@@ -111,7 +168,7 @@ def main() -> None:
 
         with tempfile.TemporaryDirectory() as folder:
             store(of_claims(reproduce(("all",), out=Path(folder))))
-    tables = load()
+    tables = load() | made_now()
     for path in PAGES:
         page = path.read_text(encoding="utf-8")
         path.write_text(filled(page, tables), encoding="utf-8")

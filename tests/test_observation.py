@@ -33,39 +33,43 @@ def step(simulation, value=0.3):
 
 
 @pytest.mark.parametrize(("robots", "targets"), [(2, 4), (0, 0), (3, 1), (0, 5), (4, 0)])
-def test_the_layout_is_the_table_of_the_docstring(robots, targets):
-    # Oracle: the table, read as text: its indices, ranges and the order of its names.
+def test_the_layout_is_the_one_that_is_promised(robots, targets):
+    # Oracle: places, names and ranges written down by hand.
     scenario = lissajous_env.scenario("failure", **{"sensing.robots_seen": robots, "sensing.targets_seen": targets})
     layout = observation.layout(scenario)
-    assert layout.size == len(layout.names) == len(layout.low) == len(layout.high) == 20 + 5 * robots + 3 * targets
+    assert {len(column) for column in layout} == {layout.size} == {20 + 5 * robots + 3 * targets}
     assert len(set(layout.names)) == layout.size
-    lines = [
-        [cell.strip() for cell in line.strip("|").split("|")]
-        for line in observation.__doc__.splitlines()
-        if "|" in line
-    ]
-    table = {index: (name, reach) for index, name, _, reach in lines[2:]}
-    assert len(table) == 16
-    firsts = {
-        "0": ("x", 0), "1": ("y", 1), "2, 3": ("cos_heading", 2), "4": ("speed", 4), "5, 6": ("cos_phase", 5),
-        "7": ("works", 7), "8 + 6 k": ("neighbour_1_heard", 14), "9 + 6 k": ("neighbour_1_age", 15),
-        "10, 11 + 6 k": ("neighbour_1_cos_phase", 16), "12 + 6 k": ("neighbour_1_x", 18),
-        "13 + 6 k": ("neighbour_1_y", 19),
+    promised = {
+        0: ("x", 4), 1: ("y", 4), 2: ("cos_heading", 1), 3: ("sin_heading", 1), 4: ("speed", 4), 5: ("cos_phase", 1),
+        6: ("sin_phase", 1), 7: ("works", 0), 8: ("neighbour_0_heard", 0), 14: ("neighbour_1_heard", 0),
+        15: ("neighbour_1_age", 0), 16: ("neighbour_1_cos_phase", 1), 17: ("neighbour_1_sin_phase", 1),
+        18: ("neighbour_1_x", 4), 19: ("neighbour_1_y", 4),
     }  # fmt: skip
-    if robots:
-        last = 20 + 5 * (robots - 1)
-        firsts["20 + 5 k"] = (f"robot_{robots - 1}_present", last)
-        firsts["21, 22 + 5 k"] = (f"robot_{robots - 1}_x", last + 1)
-        firsts["23, 24 + 5 k"] = (f"robot_{robots - 1}_x_velocity", last + 3)
-    if targets:
-        last = 20 + 5 * robots + 3 * (targets - 1)
-        firsts["20 + 5 R + 3 k"] = (f"target_{targets - 1}_present", last)
-        firsts["... 1, 2"] = (f"target_{targets - 1}_x", last + 1)
-    for index, (name, place) in firsts.items():
-        assert layout.names[place] == name
-        _, reach = table[index]
-        low, high = (float(number) for number in re.findall(r"-?\d+", reach))
-        assert (layout.low[place], layout.high[place]) == (low, high)
+    for k in range(robots):
+        first = 20 + 5 * k
+        promised |= {first: (f"robot_{k}_present", 0), first + 1: (f"robot_{k}_x", 1), first + 2: (f"robot_{k}_y", 1)}
+        promised |= {first + 3: (f"robot_{k}_x_velocity", 1), first + 4: (f"robot_{k}_y_velocity", 1)}
+    for k in range(targets):
+        first = 20 + 5 * robots + 3 * k
+        promised |= {
+            first: (f"target_{k}_present", 0),
+            first + 1: (f"target_{k}_x", 1),
+            first + 2: (f"target_{k}_y", 1),
+        }
+    for place, (name, most) in promised.items():
+        ranges = (layout.low[place], layout.high[place])
+        assert (layout.names[place], *ranges) == (name, -most, max(most, 1)), "0 is for a range from 0 to 1"
+
+
+def test_every_entry_says_what_it_is_and_in_which_unit():
+    # Story: a reader asks what entry 21 is.
+    scenario = lissajous_env.scenario("experiment")
+    lines = str(observation.layout(scenario)).splitlines()
+    assert lines[21].split(maxsplit=4) == [
+        "21", "robot_0_x", "[-1,", "1]", "its x less one's own [sensing radius]",
+    ]  # fmt: skip
+    assert len(lines) == observation.layout(scenario).size
+    assert all(re.search(r"\] +\S", line) for line in lines)
 
 
 @pytest.mark.parametrize("name", ["rough", "failure", "intruders"])

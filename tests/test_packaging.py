@@ -12,6 +12,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = "import setuptools.build_meta as b, sys; to = sys.argv[1]; b.build_sdist(to); b.build_wheel(to)"
+MADE = ("docs/drawn/", "docs/scenarios/")
+"""What a build of the documentation makes in its sources."""
 NOT_SOURCE = (".git", ".venv", "build", "dist", "results", "runs", "*.egg-info", "__pycache__", ".*_cache")
 
 
@@ -32,9 +34,10 @@ def built(tmp_path_factory):
 
 
 def files_in(*folders):
-    """Files of the checkout in some folders, as names from its root; what Python or a tool leaves is none of them."""
+    """Files of the checkout in some folders, as names from its root; what Python or a tool makes is none of them."""
     paths = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file()]
-    return {path.relative_to(ROOT).as_posix() for path in paths if "__pycache__" not in path.parts}
+    names = {path.relative_to(ROOT).as_posix() for path in paths if "__pycache__" not in path.parts}
+    return {name for name in names if not name.startswith(MADE)}
 
 
 def test_the_sdist_holds_what_its_tests_and_readers_need(built):

@@ -1,10 +1,13 @@
 """The reward and its terms, and the flags that end an episode."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.world.reward import TERMS
+from lissajous_env.world.reward import FORMULAS, TERMS
+from lissajous_env.world.state import Contamination, Latest, Tally
 
 WEIGHTS = {
     "task.reward_detection": 2.0,
@@ -71,6 +74,19 @@ def test_each_term_is_its_weight_times_what_happened(name):
     assert largest == pytest.approx([row["phase_error"] for row in rows], rel=1e-4)
     squares = (np.clip(actions, -1, 1) ** 2).mean(axis=-1)
     np.testing.assert_allclose(by_term["effort"], -0.2 * squares, rtol=1e-5, atol=1e-7)
+
+
+def test_the_formulas_that_readers_see_are_what_the_kernel_does():
+    # Oracle: each formula, evaluated by Python on the state after a step.
+    *_, simulation = runs(steps=7, **WEIGHTS)
+    latest, tally, contamination = simulation.latest, simulation.tally, simulation.contamination
+    structs = (tally, Tally), (contamination, Contamination), (latest, Latest)
+    state = {name: getattr(struct, name).numpy() for struct, of in structs for name in of.vars}
+    happened = {name: value.reshape(8, -1) for name, value in state.items()}  # of the team (8, 1), of robots (8, 5)
+    weights = dataclasses.asdict(simulation.scenario.task) | {"cells_total": 36 * 16}
+    for k, (term, formula) in enumerate(FORMULAS.items()):
+        expected = np.broadcast_to(eval(formula, {}, happened | weights), (8, 5))
+        np.testing.assert_allclose(latest.terms.numpy()[..., k], expected, rtol=1e-5, atol=1e-7, err_msg=term)
 
 
 def test_terms_of_the_team_are_the_same_for_all_and_terms_of_a_robot_its_own():

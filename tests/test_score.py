@@ -9,7 +9,7 @@ import baselines
 import lissajous_env
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.coverage import last_sensed
-from lissajous_env.world.score import COLUMNS
+from lissajous_env.world.score import COLUMNS, MEANINGS
 
 # The columns as they are promised to who reads the files.
 PROMISED = (
@@ -50,6 +50,22 @@ def test_the_columns_are_those_promised():
     assert [(row["scenario"], row["seed"]) for row in rows] == [("failure", 5), ("failure", 6), ("failure", 7)]
     assert all(type(value) in (int, float, str) for row in rows for value in row.values())
     assert simulation.score([2])[0]["seed"] == 7
+
+
+def test_every_column_says_what_it_is():
+    # Story: a time is told from a share. Oracle: the unit by the column's name.
+    units = {
+        "time": "[s]",
+        "idleness": "[s]",
+        "error_m": "[m]",
+        "separation": "[m]",
+        "distance": "[m]",
+        "speed": "[m/s]",
+    }
+    for column, meaning in MEANINGS.items():
+        found = [unit for part, unit in units.items() if part in column and "spacing" not in column]
+        assert meaning.endswith(tuple(found) or ""), column
+    assert MEANINGS["phase_error"].endswith("[rad]")
 
 
 def test_what_never_was_is_nan():

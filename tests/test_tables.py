@@ -11,6 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
 import figures
 import learned
+import results
 import safety
 import table
 import throughput
@@ -52,6 +53,32 @@ def test_the_table_plays_policies_that_there_are_where_they_were_not_made_for():
     made = {scenario.name: scenario for scenario in table.scenarios()}
     assert made["intruders-inside"].targets.entry == "inside"
     assert {"team", "intruders", "rough", "rough-lost", "redundant"} <= set(made)
+
+
+def test_results_are_kept_of_each_policy_on_a_scenario(tmp_path, monkeypatch, capsys):
+    # Story: one short scenario is played and stored; the page of that scenario reads it. Oracle: `evaluate`.
+    import baselines
+
+    monkeypatch.setattr(figures, "STORE", tmp_path / "figures.json")
+    settings = ["--scenarios", "perturbation", "--episodes", "2", "--out", str(tmp_path / "kept"), "--store"]
+    monkeypatch.setattr(sys, "argv", ["results.py", *settings])
+    results.main()
+    kept = figures.load()["results perturbation"]
+    assert kept["episodes"] == 2
+    assert "perturbation, 2 seeds" in capsys.readouterr().out
+    told = {row[0]: dict(zip(kept["columns"], row, strict=True)) for row in kept["rows"]}
+    assert {"`kuramoto`", "`open-loop`", "`random`", "`still`"} <= set(told)
+    rows = lissajous_env.evaluate(baselines.make("still", "perturbation", 2), "perturbation", seeds=range(2))
+    assert float(told["`still`"]["sensed"].split()[0]) == pytest.approx(
+        np.mean([row["sensed_fraction"] for row in rows]), abs=2e-3
+    )
+
+
+def test_a_large_scenario_is_played_by_few():
+    small = results.settings_for(lissajous_env.scenario("swarm"), 8, Path("x"))
+    large = results.settings_for(lissajous_env.scenario("swarm", **{"targets.count": 200_000}), 8, Path("x"))
+    assert (small.episodes, small.policies) == (8, ())
+    assert (large.episodes, large.policies) == (1, results.RIVALS)
 
 
 def test_trainings_are_judged_together_and_alone():

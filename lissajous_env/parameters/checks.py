@@ -167,10 +167,10 @@ def _plain(value: Any) -> Any:
 
 def _fields_in_words(cls: type) -> str:
     """The section of a docstring that names each field: what stands in the source after it, rule and default."""
-    meanings, lines = _meanings(cls), []
+    words, lines = meanings(cls), []
     for name, field in vars(cls).items():
         if isinstance(field, dataclasses.Field) and "rule" in field.metadata:
-            text = "\n".join(part for part in (meanings.get(name, ""), _rule_in_words(field)) if part)
+            text = "\n".join(part for part in (words.get(name, ""), _rule_in_words(field)) if part)
             lines.append(f"{name}: {text}".replace("\n", "\n        "))
     return "\n    ".join(["Attributes:", *lines]) if lines else ""
 
@@ -180,7 +180,7 @@ def _rule_in_words(field: dataclasses.Field) -> str:
     return f"({rule}{', or None' if field.metadata['optional'] else ''}; default {field.default!r})"
 
 
-def _meanings(cls: type) -> dict[str, str]:
+def meanings(cls: type) -> dict[str, str]:
     """The string that stands after each field of a class in its source; empty where there is no source."""
     try:
         tree = _parsed(inspect.getsourcefile(cls) or "")

@@ -1,27 +1,9 @@
 """What a robot observes: itself, what its ring neighbours sent, what its sensor sees.
 
-One row per robot of float32, in this order (R = `sensing.robots_seen`, T = `sensing.targets_seen`):
-
-| index         | name             | what, and its unit                                                    | range    |
-|---------------|------------------|-----------------------------------------------------------------------|----------|
-| 0             | x                | measured x [half_width]                                               | [-4, 4]  |
-| 1             | y                | measured y [half_height]                                              | [-4, 4]  |
-| 2, 3          | cos, sin heading | measured heading                                                      | [-1, 1]  |
-| 4             | speed            | measured speed [top speed of a car; of a point in the equilibrium]    | [-4, 4]  |
-| 5, 6          | cos, sin phase   | measured phase theta                                                  | [-1, 1]  |
-| 7             | works            | 1 working, 0 stuck or removed                                         | [0, 1]   |
-| 8 + 6 k       | heard            | neighbour k = 0, 1 (before, after on the ring): 1 once a message came | [0, 1]   |
-| 9 + 6 k       | age              | time since it was sent [s], at most 1                                 | [0, 1]   |
-| 10, 11 + 6 k  | cos, sin         | of its phase less one's own                                           | [-1, 1]  |
-| 12 + 6 k      | x                | its x less one's own [2 half_width]                                   | [-4, 4]  |
-| 13 + 6 k      | y                | its y less one's own [2 half_height]                                  | [-4, 4]  |
-| 20 + 5 k      | present          | k-th nearest robot in the sensing disc, k < R                         | [0, 1]   |
-| 21, 22 + 5 k  | x, y             | its place less one's own [sensing radius]                             | [-1, 1]  |
-| 23, 24 + 5 k  | x, y velocity    | its velocity less one's own [2 top speeds]                            | [-1, 1]  |
-| 20 + 5 R + 3 k| present          | k-th nearest target in the sensing disc, k < T                        | [0, 1]   |
-| ... 1, 2      | x, y             | its place less one's own [sensing radius]                             | [-1, 1]  |
-
-Entries that the scenario's extensions bring follow in the order of these.
+One row of float32 per robot: `OWN_ENTRIES`, then `NEIGHBOUR_ENTRIES` for each of its two neighbours on the ring,
+`ROBOT_ENTRIES` for each of the `sensing.robots_seen` nearest robots in its sensing disc, `TARGET_ENTRIES` for each of
+the `sensing.targets_seen` nearest targets, and what the extensions of the scenario bring, in the order of these.
+`layout` has index, name, range and meaning of each; `print(layout(scenario))` shows them.
 
 A target that leaves when it is detected is seen in the step of its detection. A stuck robot senses nothing, but hears;
 of a removed robot, entries 0 to 6 keep what they were. Directions are those of the rectangle, not of the robot.
@@ -44,46 +26,82 @@ from lissajous_env.world.state import REMOVED, WORKING, Clock, Latest, Links, Ro
 
 wp.set_module_options(OPTIONS)
 
-OWN = wp.constant(8)
-LINK = wp.constant(6)
-ROBOT = wp.constant(5)
-TARGET = wp.constant(3)
 _FAR = wp.constant(4.0)
 
 
+OWN_ENTRIES = (
+    ("x", -4, 4, "measured x [half_width]"),
+    ("y", -4, 4, "measured y [half_height]"),
+    ("cos_heading", -1, 1, "cosine of the measured heading"),
+    ("sin_heading", -1, 1, "sine of the measured heading"),
+    ("speed", -4, 4, "measured speed [top speed of a car; of a point in the equilibrium]"),
+    ("cos_phase", -1, 1, "cosine of the measured phase theta"),
+    ("sin_phase", -1, 1, "sine of the measured phase theta"),
+    ("works", 0, 1, "1 working, 0 stuck or removed"),
+)
+NEIGHBOUR_ENTRIES = (
+    ("heard", 0, 1, "1 once a message came; neighbour 0 is before, 1 after on the ring"),
+    ("age", 0, 1, "time since its last message was sent, at most 1 [s]"),
+    ("cos_phase", -1, 1, "cosine of its phase less one's own"),
+    ("sin_phase", -1, 1, "sine of its phase less one's own"),
+    ("x", -4, 4, "its x less one's own [2 half_width]"),
+    ("y", -4, 4, "its y less one's own [2 half_height]"),
+)
+ROBOT_ENTRIES = (
+    ("present", 0, 1, "1 where there is one: robots in the sensing disc, the nearest first"),
+    ("x", -1, 1, "its x less one's own [sensing radius]"),
+    ("y", -1, 1, "its y less one's own [sensing radius]"),
+    ("x_velocity", -1, 1, "its velocity along x less one's own [2 top speeds]"),
+    ("y_velocity", -1, 1, "its velocity along y less one's own [2 top speeds]"),
+)
+TARGET_ENTRIES = (
+    ("present", 0, 1, "1 where there is one: targets in the sensing disc, the nearest first"),
+    ("x", -1, 1, "its x less one's own [sensing radius]"),
+    ("y", -1, 1, "its y less one's own [sensing radius]"),
+)
+"""Name, range and meaning, with its unit in brackets, of the entries of each part of a row."""
+
+
+OWN = wp.constant(len(OWN_ENTRIES))
+LINK = wp.constant(len(NEIGHBOUR_ENTRIES))
+ROBOT = wp.constant(len(ROBOT_ENTRIES))
+TARGET = wp.constant(len(TARGET_ENTRIES))
+
+
 class Layout(NamedTuple):
-    """Names and ranges of the entries of an observation row."""
+    """Names, ranges and meanings of the entries of an observation row."""
 
     names: tuple[str, ...]
     low: np.ndarray
     high: np.ndarray
+    meanings: tuple[str, ...]
 
     @property
     def size(self) -> int:
         """D, entries in a row."""
         return len(self.names)
 
+    def __str__(self) -> str:
+        width = max(map(len, self.names))
+        rows = enumerate(zip(self.names, self.low, self.high, self.meanings, strict=True))
+        return "\n".join(
+            f"{k:3}  {name:{width}}  {f'[{low:g}, {high:g}]':7}  {what}" for k, (name, low, high, what) in rows
+        )
+
 
 def layout(scenario: Scenario) -> Layout:
-    """Lay out the observation of one robot of a scenario, as the table above."""
-    entries: list[tuple[str, float, float]] = [
-        ("x", -4, 4), ("y", -4, 4), ("cos_heading", -1, 1), ("sin_heading", -1, 1), ("speed", -4, 4),
-        ("cos_phase", -1, 1), ("sin_phase", -1, 1), ("works", 0, 1),
-    ]  # fmt: skip
-    for k in range(2):
-        entries += [(f"neighbour_{k}_heard", 0, 1), (f"neighbour_{k}_age", 0, 1)]
-        entries += [(f"neighbour_{k}_{name}", -1, 1) for name in ("cos_phase", "sin_phase")]
-        entries += [(f"neighbour_{k}_{name}", -4, 4) for name in ("x", "y")]
-    for k in range(scenario.sensing.robots_seen):
-        entries += [(f"robot_{k}_present", 0, 1)]
-        entries += [(f"robot_{k}_{name}", -1, 1) for name in ("x", "y", "x_velocity", "y_velocity")]
-    for k in range(scenario.sensing.targets_seen):
-        entries += [(f"target_{k}_present", 0, 1)] + [(f"target_{k}_{name}", -1, 1) for name in ("x", "y")]
+    """Lay out the observation of one robot of a scenario."""
+    parts = [("", OWN_ENTRIES), *((f"neighbour_{k}_", NEIGHBOUR_ENTRIES) for k in range(2))]
+    parts += [(f"robot_{k}_", ROBOT_ENTRIES) for k in range(scenario.sensing.robots_seen)]
+    parts += [(f"target_{k}_", TARGET_ENTRIES) for k in range(scenario.sensing.targets_seen)]
+    entries: list[tuple[str, float, float, str]] = [
+        (prefix + name, low, high, meaning) for prefix, part in parts for name, low, high, meaning in part
+    ]
     for each in scenario.extensions:
         if isinstance(each, ObservationEntry):
-            entries += [(name, each.low, each.high) for name in each.entries]
-    names, low, high = zip(*entries, strict=True)
-    return Layout(names, np.array(low, dtype=np.float32), np.array(high, dtype=np.float32))
+            entries += [(name, each.low, each.high, each.about) for name in each.entries]
+    names, low, high, meanings = zip(*entries, strict=True)
+    return Layout(names, np.array(low, dtype=np.float32), np.array(high, dtype=np.float32), meanings)
 
 
 @wp.func

@@ -8,7 +8,19 @@ from lissajous_env.world.state import Clock, Contamination, Latest, Tally
 
 wp.set_module_options(OPTIONS)
 
-TERMS = ("detection", "waiting", "collision", "idleness", "effort", "formation", "outside", "contamination")
+FORMULAS = {
+    "detection": "reward_detection * detections",
+    "waiting": "reward_waiting * waiting * step",
+    "collision": "reward_collision * collisions",
+    "idleness": "reward_idleness * idle_ended * step / cells_total",
+    "effort": "reward_effort * effort",
+    "formation": "reward_formation * phase_error * step",
+    "outside": "reward_outside * outside * step",
+    "contamination": "reward_contamination * eased * step",
+}
+"""Each term of the reward: weights and step as in `Task`, the rest as in the structs of `lissajous_env.world.state`."""
+
+TERMS = tuple(FORMULAS)
 _TERMS = wp.constant(len(TERMS))
 
 

@@ -10,14 +10,53 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.coverage import last_sensed
 from lissajous_env.world.state import NEVER, Tally
 
-COLUMNS = (
-    "scenario", "policy", "episode", "seed", "targets", "detected_fraction", "detection_time_mean",
-    "detection_time_p95", "detection_time_max", "detected_within_bound", "collisions", "contact_time",
-    "min_separation", "coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "lateral_error_mean",
-    "lateral_error_max", "tracking_error_mean", "tracking_error_max", "spacing_factor", "phase_error", "recovery_time",
-    "outside_time", "distance_mean", "speed_max", "smoothness", "sensed_fraction", "guaranteed_detection_time",
-    "unseen_at_end", "contaminated_age_mean", "guarantee_recovery_time", "return_mean",
-)  # fmt: skip
+MEANINGS = {
+    "scenario": "name of the scenario",
+    "policy": "name of the policy",
+    "episode": "number of the episode, from 0",
+    "seed": "seed of the world",
+    "targets": "targets that appeared",
+    "detected_fraction": "share of the targets that were detected",
+    "detection_time_mean": "from a target's appearance until it is first inside a working robot's disc, between "
+    "control steps too; one that is never detected counts with the time it was there [s]",
+    "detection_time_p95": "95th percentile of the same [s]",
+    "detection_time_max": "the longest [s]",
+    "detected_within_bound": "share detected within T_max = (2 pi / omega) / (N / kappa); who was there for less "
+    "and was not found is left out",
+    "collisions": "pairs that came closer than the sum of their radii, by the closest approach between sub-steps; "
+    "a pair counts once until it parts by 5 % more",
+    "contact_time": "time in contact, summed over pairs [s]",
+    "min_separation": "smallest distance of two robots [m]",
+    "coverage_time": "until every cell was sensed by some robot [s]",
+    "coverage_time_each": "until every cell was sensed by every robot [s]",
+    "idleness_mean": "time since a cell was last sensed, mean over cells and time [s]",
+    "idleness_max": "the longest [s]",
+    "lateral_error_mean": "distance of a robot from the curve, wherever it is nearest, mean [m]",
+    "lateral_error_max": "the largest [m]",
+    "tracking_error_mean": "distance of a robot from the point of the curve at its own phase, mean [m]",
+    "tracking_error_max": "the largest [m]",
+    "spacing_factor": "largest distance of ring neighbours over 2 r_s of (8): the paper's eta_1",
+    "phase_error": "largest deviation from the equilibrium (2), the common rotation removed [rad]",
+    "recovery_time": "from the end of the last fault until the phase error stays, for 1 s at least, within 1.1 "
+    "times its largest before the first one (at least 0.05 rad); empty where it never does, and where no fault "
+    "had the formation off [s]",
+    "outside_time": "robot-seconds that bodies were wholly outside the rectangle [s]",
+    "distance_mean": "way of a robot, mean over the robots [m]",
+    "speed_max": "the fastest that any robot was [m/s]",
+    "smoothness": "mean square of the change of the action from step to step; 0 is steady",
+    "sensed_fraction": "share of the cells that some robot has ever sensed",
+    "guaranteed_detection_time": "longest time for which any rogue can have gone unseen, whatever it did [s]",
+    "unseen_at_end": "the same at the end; where the two are equal the guarantee is open, and tables "
+    "write `> 59.7` [s]",
+    "contaminated_age_mean": "since when a rogue may be unseen in a cell, 0 where it is cleared, mean over cells "
+    "and time [s]",
+    "guarantee_recovery_time": "from the end of the last fault until that time stays below 1.1 times its largest "
+    "before the first [s]",
+    "return_mean": "sum of the rewards, mean over the robots",
+}
+"""What each column of a score row is, with its unit in brackets; a time that never came is NaN, in files empty."""
+
+COLUMNS = tuple(MEANINGS)
 
 STAYS = 1.0
 """Time for which the deviation must have stayed below it at the end of the episode [s]."""

@@ -13,6 +13,8 @@ one's own is a task as well:
 `training.torchrl.mappo_example` trains on one. Actions are continuous or discrete, as the algorithm asks.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any
 

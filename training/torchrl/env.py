@@ -21,6 +21,8 @@ A robot keeps its row to the end of the episode: one that a fault stopped observ
 removed stays `done` and earns nothing. Worlds are reset as wholes, by a mask `_reset` (W, 1).
 """
 
+from __future__ import annotations
+
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
@@ -236,7 +238,7 @@ class LissajousTorchEnv(EnvBase):
         with self._on_torch_stream():
             return self._renderers[size].draw(self.simulation, world)
 
-    def to(self, device: Any) -> "LissajousTorchEnv":
+    def to(self, device: Any) -> LissajousTorchEnv:
         """Return the environment itself: it stays on the device that it was made for.
 
         Raises:

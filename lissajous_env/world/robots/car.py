@@ -165,6 +165,10 @@ CAR = RobotModel(
     actions=("steering", "throttle"),
     table=tuple(itertools.product((-1.0, -0.5, 0.0, 0.5, 1.0), (-1.0, 0.0, 1.0))),
     move=move_cars,
+    meanings=(
+        "steering angle, from steering_max to the right to steering_max to the left [rad]",
+        "throttle tau, from throttle_min to throttle_max",
+    ),
     rest=(0.0, -1.0),
     speed_unit=lambda curve, formation, robot: robot.speed_max,
     check=check,

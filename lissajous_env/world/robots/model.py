@@ -32,6 +32,8 @@ class RobotModel:
     """
     speed_unit: Callable[[Curve, Formation, Robot], float]
     """Unit of observed speeds [m/s], such as the top speed."""
+    meanings: tuple[str, ...] = ()
+    """What each component does from -1 to 1, with its unit, for readers; the name alone where there is none."""
     rest: tuple[float, ...] | None = None
     """The action that brings a robot to rest; None is all zero."""
     check: Callable[[Curve, Formation, Robot, Noise, Task], None] = _nothing_to_check

@@ -52,6 +52,7 @@ POINT = RobotModel(
     actions=("phase rate",),
     table=((-1.0,), (-0.5,), (-0.1,), (0.0,), (0.1,), (0.5,), (1.0,)),
     move=move_points,
+    meanings=("rate of the phase theta, from -phase_rate_max to phase_rate_max [rad/s]",),
     speed_unit=lambda curve, formation, robot: top_speed(curve, formation.phase_rate),
     keeps_to_curve=True,
 )

@@ -1,0 +1,66 @@
+"""What every policy scores on every scenario, for the pages of the scenarios: `python benchmarks/results.py --store`.
+
+Each policy that a benchmark plays by itself plays each shipped scenario that it can drive, on few seeds, the same for
+all; `benchmarks/table.py` plays fewer of them on more seeds. FOLDER holds the benchmark of each scenario; killed and
+called again it goes on. A number is the interquartile mean over the episodes with its 95 % bootstrap interval, of
+collisions the mean.
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import figures
+from rich.console import Console
+
+import lissajous_env
+from baselines.benchmark.comparison import compare
+from baselines.benchmark.running import measure
+from baselines.benchmark.tables import SHOWN, in_words
+from baselines.benchmark.types import Benchmark, Outcome
+from lissajous_env.console.terminal import make_console
+
+LARGE = 10_000_000
+"""Robots times targets from which a scenario is played on one seed, by the paper's method and its nearest rivals."""
+RIVALS = ("kuramoto", "consensus", "open-loop")
+
+
+def settings_for(scenario: lissajous_env.Scenario, episodes: int, out: Path) -> Benchmark:
+    """What is played on a scenario: on a large one less."""
+    if scenario.num_robots * scenario.target_capacity >= LARGE:
+        return Benchmark((scenario.name,), RIVALS, episodes=1, out=out / scenario.name)
+    return Benchmark((scenario.name,), episodes=episodes, batch=episodes, out=out / scenario.name)
+
+
+def as_table(outcome: Outcome) -> dict[str, list]:
+    """A row for each policy; columns without any number are left out."""
+    (cells,) = compare(outcome.rows, outcome.scenarios).cells.values()
+    there = [each for each in SHOWN if any(of[each.column].n_finite for of in cells.values() if each.column in of)]
+    rows = []
+    for policy, of in cells.items():
+        words = [in_words(of, each) for each in there]
+        rows.append([f"`{policy}`", *(f"{value} ({between})" if between else value for value, between in words)])
+    return {"columns": ["policy", *(each.title.replace("-\n", "").replace("\n", " ") for each in there)], "rows": rows}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenarios", nargs="+", default=lissajous_env.scenarios())
+    parser.add_argument("--episodes", type=int, default=16)
+    parser.add_argument("--out", type=Path, default=Path("results/policies"))
+    parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
+    options = parser.parse_args()
+    for name in options.scenarios:
+        started = time.process_time()
+        settings = settings_for(lissajous_env.scenario(name), options.episodes, options.out)
+        outcome = measure(settings, console=Console(quiet=True), progress=make_console(stderr=True))
+        table = as_table(outcome)
+        figures.show(f"{name}, {settings.episodes} seeds, {time.process_time() - started:.0f} s of processors", table)
+        for failure in outcome.failures:
+            print(f"{failure.policy} failed on {failure.scenario}: {failure.error}")
+        if options.store:
+            figures.store({f"results {name}": table | {"episodes": settings.episodes}})
+
+
+if __name__ == "__main__":
+    main()

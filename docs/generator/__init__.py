@@ -1,0 +1,24 @@
+"""Makes, when the documentation is built, what the code knows best: the pages of the scenarios and the drawings.
+
+Everything goes into `docs/scenarios` and `docs/drawn`, which git ignores.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from docs.generator import concepts, design, docstrings, scenarios
+from docs.generator.files import write_changed
+
+
+def setup(app: Any) -> None:
+    """Let Sphinx make the pages before it looks for anything, and read docstrings as they are written."""
+    app.connect("config-inited", lambda app, config: make(Path(app.srcdir)))
+    app.connect("autodoc-process-docstring", docstrings.as_restructured_text, priority=400)
+
+
+def make(docs: Path) -> None:
+    """Write the pages, the drawings and the replays below a folder, each where it has changed."""
+    (docs / "drawn" / "site").mkdir(parents=True, exist_ok=True)
+    for name, drawing in {**concepts.DRAWINGS, **design.DRAWINGS}.items():
+        write_changed(docs / "drawn" / f"{name}.svg", drawing())
+    scenarios.make(docs / "scenarios", docs / "drawn" / "site" / "replays")

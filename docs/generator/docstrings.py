@@ -1,0 +1,35 @@
+"""Docstrings of this package, which are Markdown in spirit, as Sphinx reads them: reStructuredText."""
+
+from typing import Any
+
+_SECTIONS = ("Args", "Attributes", "Raises", "Returns", "Yields")
+
+
+def as_restructured_text(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Turn, in place, blocks that are indented below a line which ends in a colon into literal blocks."""
+    # Of an attribute, what stands before a colon in its first line would be taken for its type: that is a comment now.
+    lines[:] = (["..", ""] if what in ("attribute", "property") else []) + [
+        without_substitutions(line) for line in with_literal_blocks(lines)
+    ]
+
+
+def with_literal_blocks(lines: list[str]) -> list[str]:
+    """Double the colon before each indented block, but for those of Google's sections."""
+    told = list(lines)
+    for k, line in enumerate(lines[:-2]):
+        follows = lines[k + 2]
+        is_block = not lines[k + 1].strip() and _indent(follows) > _indent(line) and follows.strip()
+        if line.rstrip().endswith(":") and is_block and line.strip().rstrip(":") not in _SECTIONS:
+            told[k] = line.rstrip() + ":"
+    return told
+
+
+def without_substitutions(line: str) -> str:
+    """Escape the bars of absolute values, which would ask for a substitution, but for those in code."""
+    words = line.split("`")
+    words[::2] = [word.replace("|", "\\|") for word in words[::2]]
+    return "`".join(words)
+
+
+def _indent(line: str) -> int:
+    return len(line) - len(line.lstrip())

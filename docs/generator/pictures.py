@@ -1,0 +1,30 @@
+"""The picture of a scenario: a moment of an episode, drawn as the environments draw it."""
+
+import io
+
+from PIL import Image
+
+import baselines
+import lissajous_env
+from docs.generator.replays import policy_for
+from lissajous_env.parameters.scenario import Scenario
+
+_MOMENT = 8.0
+"""Time of the picture [s], at most: some rogues have come, and the formation moves."""
+MOST_TARGETS = 3000
+"""More would cover the picture."""
+
+
+def picture_of(given: Scenario) -> bytes:
+    """Draw a moment of seed 1 as a PNG."""
+    fewer = {"targets.count": min(given.targets.count, MOST_TARGETS)}
+    env = lissajous_env.parallel_env(given, render_mode="rgb_array", **fewer)
+    policy = baselines.make(policy_for(given), env.scenario)
+    observations, _ = env.reset(seed=1)
+    for _ in range(min(round(_MOMENT / env.scenario.task.step), env.scenario.task.steps - 1)):
+        observations, *_ = env.step(policy.act(observations))
+    image = Image.fromarray(env.render())
+    env.close()
+    held = io.BytesIO()
+    image.save(held, format="PNG", optimize=True)
+    return held.getvalue()

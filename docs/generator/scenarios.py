@@ -1,0 +1,208 @@
+"""The pages of the scenarios: all that the code says of one, with what the policies score on it."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+import lissajous_env
+from baselines.benchmark.types import Benchmark
+from benchmarks import figures
+from docs.generator import replays
+from docs.generator.files import table, write_changed
+from docs.generator.pictures import MOST_TARGETS, picture_of
+from lissajous_env.envs.actions import action_table
+from lissajous_env.parameters.checks import meanings
+from lissajous_env.parameters.scenario import PARTS, Scenario, Task
+from lissajous_env.world.observation import layout
+from lissajous_env.world.reward import FORMULAS
+from lissajous_env.world.robots.table import model_of
+from lissajous_env.world.score import MEANINGS
+
+_HERE = Path(__file__).parent
+_BOUNDARY = {
+    "open": "Nothing: a car may leave the rectangle; `outside_time` counts how long whole bodies were outside.",
+    "wall": "A wall stops a car's centre, and takes the part of its velocity that goes into the wall.",
+    "remove": "A car whose whole body is outside is removed: its agent is terminated.",
+}
+_COLLISION = {
+    "count": "Collisions are counted and rewarded, and end nothing.",
+    "stop": "Two robots that collide stay where they are for good; the episode goes on.",
+    "remove": "Two robots that collide are removed: their agents are terminated.",
+}
+_LIMITS = {"steering_max": "rad", "throttle_min": "", "throttle_max": "", "phase_rate_max": "rad/s"}
+"""Fields of a robot that say what an action can do, with their units."""
+
+
+def make(folder: Path, replay_folder: Path) -> None:
+    """Write the page, the picture and the replay of each scenario, and the page that lists them."""
+    made = [lissajous_env.scenario(name) for name in lissajous_env.scenarios()]
+    stored = figures.load()
+    for given in made:
+        write_changed(folder / f"{given.name}.png", picture_of(given))
+        write_changed(folder / f"{given.name}.md", page(given, stored, replays.made(given, replay_folder)))
+    write_changed(folder / "index.md", listing(made))
+
+
+def listing(made: Sequence[Scenario]) -> str:
+    """Return the page that lists the scenarios."""
+    rows = [
+        [f"[`{each.name}`]({each.name}.md)", f"{each.num_robots} {_robots(each)}", _sides(each),
+         f"{each.sensing_radius:.3g}", each.description]
+        for each in made
+    ]  # fmt: skip
+    told = {
+        "listing": table(["scenario", "robots", "rectangle [m]", "sensor r_s [m]", "what"], rows),
+        "usual": ", ".join(f"`{name}`" for name in Benchmark().scenarios),
+        "names": "\n".join(each.name for each in made),
+    }
+    return Template((_HERE / "scenario_list.md").read_text(encoding="utf-8")).substitute(told)
+
+
+def page(given: Scenario, stored: dict[str, Any], replay: str) -> str:
+    """Return the page of a scenario: `scenario_page.md`, filled.
+
+    Args:
+        given: The scenario, unresolved.
+        stored: Tables of docs/figures.json.
+        replay: What shows a replay on the page; empty for none.
+    """
+    made = given.resolve()
+    task, actions, entries = made.task, action_table(made), layout(made)
+    told = {
+        "name": given.name,
+        "description": given.description,
+        "policy": replays.policy_for(given),
+        "fewer": f" {MOST_TARGETS:,} targets are drawn." if made.targets.count > MOST_TARGETS else "",
+        "numbers": table(["what", "here"], numbers(made)),
+        "differing": table(["field", "here", "default", "what it is"], differing(given)),
+        "size": entries.size,
+        "observation": table(["index", "name", "what [unit]", "range"], observation(made)),
+        "action_size": made.action_size,
+        "action": table(["index", "name", "what, at -1 and 1", "range"], action(made)),
+        "limits": ", ".join(_limits(made)) or "nothing else limits it",
+        "table_size": len(actions),
+        "table": _listed(actions),
+        "formula": formula(task),
+        "reward": table(["term", "formula", "weight here", "what the weight is"], reward(task)),
+        "duration": f"{task.duration:g}",
+        "steps": task.steps,
+        "step": f"{task.step:g}",
+        "on_collision": _COLLISION[task.on_collision],
+        "lost": _lost(made),
+        "boundary": "Points stay on the curve, inside." if made.robot.kind == "curve" else _BOUNDARY[task.boundary],
+        "results": _results(given, stored),
+        "replay": replay,
+        "score": table(["column", "what"], [[f"`{name}`", what] for name, what in MEANINGS.items()]),
+    }
+    return Template((_HERE / "scenario_page.md").read_text(encoding="utf-8")).substitute(told)
+
+
+def numbers(made: Scenario) -> list[tuple[str, str]]:
+    """What a reader asks first, each with its unit."""
+    curve = "a Fourier series" if made.curve.harmonics else f"Lissajous, a:b = {made.curve.a}:{made.curve.b}"
+    found_by = f"{made.detection_time_bound:.3g} s"
+    return [
+        ("robots", f"{made.num_robots} {_robots(made)}, bodies of radius {made.robot.radius:g} m"),
+        *([("top speed", f"{made.robot.speed_max:.3g} m/s")] if made.robot.kind == "car" else []),
+        ("rectangle", f"{_sides(made)} m"),
+        ("curve", curve),
+        ("formation", f"omega = {made.formation.phase_rate:g} rad/s, p = {made.p}, alpha = {made.alpha}"),
+        ("sensor", f"r_s = {made.sensing_radius:.3g} m; (8) asks for {made.detection_radius:.3g} m"),
+        ("T_max", f"{found_by}: a formation with the sensor of (8) finds every target by then"),
+        ("targets", f"{made.targets.count:,} from the start, then {made.targets.arrival_rate:g} a second"),
+        ("rogues", f"no faster than {made.rogue_speed:g} m/s"),
+        ("episode", f"{made.task.duration:g} s, {made.task.steps} steps of {made.task.step:g} s"),
+    ]
+
+
+def differing(given: Scenario) -> list[list[str]]:
+    """Field, value, default and meaning, with its unit, of every field that differs from its default."""
+    rows = []
+    for part, of in PARTS.items():
+        values, words = getattr(given, part), meanings(of)
+        for field in dataclasses.fields(values):
+            value = getattr(values, field.name)
+            if value != field.default:
+                rows.append([f"`{part}.{field.name}`", _short(value), _short(field.default), words[field.name]])
+    return rows
+
+
+def observation(made: Scenario) -> list[list[Any]]:
+    """Index, name, meaning with its unit, and range of every entry."""
+    return [
+        [k, f"`{name}`", meaning, f"[{low:g}, {high:g}]"]
+        for k, (name, low, high, meaning) in enumerate(zip(*layout(made), strict=True))
+    ]
+
+
+def action(made: Scenario) -> list[list[Any]]:
+    """Index, name, meaning and range of every component."""
+    model = model_of(made.robot.kind)
+    words = model.meanings or model.actions
+    return [[k, name, what, "[-1, 1]"] for k, (name, what) in enumerate(zip(model.actions, words, strict=True))]
+
+
+def reward(task: Task) -> list[list[str]]:
+    """Name, formula, weight and meaning of each term."""
+    words = meanings(Task)
+    return [
+        [f"`{term}`", f"`{formula}`", f"{getattr(task, f'reward_{term}'):g}", words[f"reward_{term}"]]
+        for term, formula in FORMULAS.items()
+    ]
+
+
+def formula(task: Task) -> str:
+    """Return the terms whose weights are not 0, with numbers in place of weights and step."""
+    used = {term: weight for term in FORMULAS if (weight := getattr(task, f"reward_{term}"))}
+    told = [
+        FORMULAS[term].replace(f"reward_{term}", f"{weight:g}").replace("step", f"{task.step:g}")
+        for term, weight in used.items()
+    ]
+    return " + ".join(told).replace("+ -", "- ") or "0"
+
+
+def _limits(made: Scenario) -> list[str]:
+    words = " ".join(model_of(made.robot.kind).meanings)
+    return [
+        f"{name} = {getattr(made.robot, name):.4g} {unit}".strip() for name, unit in _LIMITS.items() if name in words
+    ]
+
+
+def _lost(made: Scenario) -> str:
+    gone = [f"robot {robot + 1} at {time:g} s" for robot, time in made.faults.removed]
+    gone += [f"{made.faults.lost}, drawn at random"] if made.faults.lost else []
+    return f"\n* Robots that are lost for good ({', '.join(gone)}) stay agents that act without effect." if gone else ""
+
+
+def _results(given: Scenario, stored: dict[str, Any]) -> str:
+    kept = stored.get(f"results {given.name}")
+    if kept is None:
+        return f"None are kept yet: `python benchmarks/results.py --scenarios {given.name} --store` plays them."
+    seeds = f"seeds 0 to {kept['episodes'] - 1}" if kept["episodes"] > 1 else "seed 0 alone"
+    told = {"seeds": seeds, "results": table(kept["columns"], kept["rows"])}
+    return Template((_HERE / "scenario_results.md").read_text(encoding="utf-8")).substitute(told)
+
+
+def _sides(given: Scenario) -> str:
+    curve = given.curve
+    return " x ".join(f"{2 * side:g}" for side in (curve.half_width, curve.half_height, curve.half_depth) if side > 0)
+
+
+def _robots(given: Scenario) -> str:
+    return "points on the curve" if given.robot.kind == "curve" else f"{given.robot.kind}s"
+
+
+def _short(value: Any) -> str:
+    words = f"{value:.6g}" if isinstance(value, float) and math.isfinite(value) else str(value)
+    return words if len(words) < 80 else f"{len(value)} rows, the first {value[0]}"
+
+
+def _listed(rows: np.ndarray) -> str:
+    """The rows of a table of actions, as the product of what each component takes."""
+    each = [sorted(set(column)) for column in rows.T.tolist()]
+    return " x ".join("{" + ", ".join(f"{value:g}" for value in values) + "}" for values in each)

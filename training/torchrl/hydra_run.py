@@ -1,0 +1,32 @@
+"""BenchMARL's own command on the scenarios: its algorithms, models and settings, by Hydra.
+
+    python -m training.torchrl.hydra_run task=lissajous/intruders algorithm=mappo experiment.max_n_iters=50
+    python -m training.torchrl.hydra_run task=lissajous/rough algorithm=ippo +task.targets.count=5 seed=1
+
+Fields of the scenario are `+task.PART.FIELD`; `task.state=true` lets central critics see the true state.
+"""
+
+from lissajous_env.extras import missing
+
+try:
+    from benchmarl.environments import task_config_registry
+    from benchmarl.run import hydra_experiment
+    from hydra.core.config_store import ConfigStore
+
+    from training.torchrl.benchmarl import LissajousTask
+except ImportError as error:
+    raise missing("training.torchrl.hydra_run", "marl", error) from error
+
+
+def register_tasks() -> None:
+    """Make each scenario known to BenchMARL and to Hydra, as `lissajous/NAME`."""
+    for task in LissajousTask:
+        name = task.name.lower().replace("_", "-")
+        task_config_registry[f"lissajous/{name}"] = task
+        ConfigStore.instance().store(group="task/lissajous", name=name, node={"state": False})
+
+
+register_tasks()
+
+if __name__ == "__main__":
+    hydra_experiment()
