@@ -24,6 +24,7 @@ from typing import Any
 
 import figures
 import numpy as np
+from timing import ratio as ratio_of
 
 CURVES = {5: (3, 2), 101: (51, 50), 501: (251, 250), 1001: (501, 500)}
 TARGETS = (1_000, 10_000, 100_000, 1_000_000)
@@ -106,14 +107,6 @@ def measured(sides: Sequence[Side], rounds: int, first: bool = False) -> tuple[A
     return np.array(times), [side.peak() for side in sides]
 
 
-def interval(pairs: Any) -> tuple[float, float, float]:
-    """Median of the ratios second over first of pairs (K, 2), and its 95 % interval by bootstrap over the pairs."""
-    ratios = pairs[:, 1] / pairs[:, 0]
-    drawn = np.random.default_rng(0).choice(ratios, (5000, len(ratios)))
-    low, high = np.quantile(np.median(drawn, axis=1), [0.025, 0.975])
-    return float(np.median(ratios)), float(low), float(high)
-
-
 def table_of(found: dict[tuple[int, int], tuple[Any, list[float]]]) -> figures.Table:
     """A row for each number of robots and targets; with another version, what it takes and the ratio beside."""
     compared = any(times.shape[1] == 2 for times, _ in found.values())
@@ -127,7 +120,7 @@ def table_of(found: dict[tuple[int, int], tuple[Any, list[float]]]) -> figures.T
         row = [f"{robots:,} robots, {targets:,} targets", f"{own * 1e3:.3g}", f"{own / targets * 1e9:.3g}"]
         row += ["" if more is None else f"{more:.3g}", f"{peaks[0]:.0f}"]
         if compared:
-            ratio, low, high = interval(times)
+            ratio, low, high = ratio_of(*times.T)
             row += [f"{statistics.median(times[:, 1]) * 1e3:.3g}", f"{ratio:.3g}", f"{low:.3g} - {high:.3g}"]
         rows.append(row)
     return {"columns": columns, "rows": rows}
@@ -139,7 +132,7 @@ def threads_table(threads: int, rounds: int) -> figures.Table:
     for targets in TARGETS[-2:]:
         sides = [Side(figures.ROOT, 1001, targets, count) for count in (threads, 1)]
         times, _ = measured(sides, rounds, first=True)
-        ratio, low, high = interval(times)
+        ratio, low, high = ratio_of(*times.T)
         row = [f"1,001 robots, {targets:,} targets", str(threads)]
         row += [f"{each * 1e3:.3g}" for each in np.median(times, axis=0)[::-1]]
         rows.append([*row, f"{ratio:.3g}", f"{low:.3g} - {high:.3g}"])

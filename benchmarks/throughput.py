@@ -4,7 +4,8 @@
 
 Sides: `ParallelEnv.step` against mpe2 `simple_spread_v3` with 5 agents, and the batch against VMAS `discovery` with
 5 agents and 20 targets; then what following contamination costs. Figures are medians over rounds in which the sides
-take turns; the best round stands beside. `--store` puts them into docs/figures.json, with the machine.
+take turns, with the best round; a ratio is the median over rounds, with its 95 % interval. `--store` puts them into
+docs/figures.json, with the machine.
 """
 
 import argparse
@@ -13,17 +14,17 @@ import platform
 import resource
 import statistics
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import figures
 import numpy as np
 import warp
+from timing import by_turns, ratio
 
 import baselines
 import lissajous_env
-from baselines.benchmark.tables import number
+from baselines.benchmark.tables import between, number
 from lissajous_env.extras import missing
 
 ROBOTS, TARGETS = 5, 20
@@ -32,27 +33,8 @@ SETTINGS = {"targets.count": TARGETS, "targets.arrival_rate": 0.0}
 STAYING = SETTINGS | {"targets.leave": False}
 SPREAD, DISCOVERY = "mpe2 simple_spread", "VMAS discovery"
 
-Times = tuple[float, float]
-"""Median and least time of a call [us]."""
-
-
-def microseconds(step: Callable[[], object], calls: int) -> float:
-    """Mean time of a call."""
-    begin = time.perf_counter()
-    for _ in range(calls):
-        step()
-    return (time.perf_counter() - begin) / calls * 1e6
-
-
-def measured(sides: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, Times]:
-    """Times of each side; they take turns, so that a slow moment hits them alike."""
-    for step, _ in sides.values():
-        step()
-    times: dict[str, list[float]] = {name: [] for name in sides}
-    for _ in range(rounds):
-        for name, (step, calls) in sides.items():
-            times[name].append(microseconds(step, calls))
-    return {name: (statistics.median(values), min(values)) for name, values in times.items()}
+Times = list[float]
+"""Time of a call in each round [us]."""
 
 
 def ours_single(scenario: str) -> Callable[[], object]:
@@ -140,23 +122,33 @@ def machine(threads: int) -> figures.Table:
 def speed_rows(times: dict[str, Times], worlds: int, rival: str) -> list[list[str]]:
     """A row for each of our sides, beside the rival if it is among them; each call steps so many worlds."""
     rows = []
-    beside = times[rival][0] / worlds if rival in times else None
-    for name, (median, best) in times.items():
+    for name, own in times.items():
         if name == rival:
             continue
-        own = median / worlds
-        row = [name, f"{worlds:,}", number(own), number(best / worlds), number(1 / own)]
-        rows.append(row + ([rival, number(beside), number(beside / own)] if beside else ["", "", ""]))
+        middle = statistics.median(own) / worlds
+        beside = ["", "", ""]
+        if rival in times:
+            beside = [rival, number(statistics.median(times[rival]) / worlds), words_of(own, times[rival])]
+        rows.append([name, f"{worlds:,}", number(middle), number(min(own) / worlds), number(1 / middle), *beside])
     return rows
 
 
 def contamination_rows(times: dict[str, Times], where: str, worlds: int) -> list[list[str]]:
     """A row for each grid, beside the side that is called `without`."""
-    rows, least = [], times["without"][0]
-    for name, (median, best) in times.items():
-        beside = ["", ""] if name == "without" else [number((median - least) / worlds), number(median / least)]
-        rows.append([f"{where}, {name}", f"{worlds:,}", number(median / worlds), number(best / worlds), *beside])
+    rows, without = [], times["without"]
+    for name, own in times.items():
+        more = (statistics.median(own) - statistics.median(without)) / worlds
+        beside = ["", ""] if name == "without" else [number(more), words_of(without, own)]
+        row = [f"{where}, {name}", f"{worlds:,}", number(statistics.median(own) / worlds), number(min(own) / worlds)]
+        rows.append([*row, *beside])
     return rows
+
+
+def words_of(own: Times, others: Times) -> str:
+    """The ratio others / own and its interval."""
+    middle, low, high = ratio(own, others)
+    ends = between(low, high)
+    return f"{number(middle)} ({ends})" if ends else number(middle)
 
 
 def main() -> None:
@@ -164,7 +156,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", type=int, default=4096)
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--without-rivals", action="store_true", help="leave out mpe2 and VMAS")
     parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
     given = parser.parse_args()
@@ -177,7 +169,7 @@ def main() -> None:
             sides[SPREAD] = (mpe2_single(), 200)
         except ImportError as error:
             sys.exit(f"error: {missing('benchmarks/throughput.py', 'bench', error)}")
-    rows = speed_rows(measured(sides, given.rounds), 1, SPREAD)
+    rows = speed_rows(by_turns(sides, given.rounds), 1, SPREAD)
 
     batch = {}
     for name, settings in {
@@ -189,24 +181,27 @@ def main() -> None:
         for words, grid in {"no grid": None, "36 x 16 grid": (36, 16)}.items():
             step = ours_batch(scenario, given.worlds, given.threads, settings, grid)
             batch[f"batch, {name}, {words}"] = (step, 20)
+    followed = STAYING | {"task.contamination": (36, 16)}
+    step = ours_batch("experiment", given.worlds, given.threads, followed, None)
+    batch["batch, experiment, all stay, 36 x 16 contamination"] = (step, 20)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     if not given.without_rivals:
         batch[DISCOVERY] = (vmas_batch(given.worlds), 1)
-    rows += speed_rows(measured(batch, given.rounds), given.worlds, DISCOVERY)
+    rows += speed_rows(by_turns(batch, given.rounds), given.worlds, DISCOVERY)
     columns = ["", "worlds", "step of a world [us]", "best [us]", "million steps of a world per second", "rival",
                "its step of a world [us]", "ratio"]  # fmt: skip
     tables["speed"] = {"columns": columns, "rows": rows}
     title = f"{ROBOTS} cars, {TARGETS} moving targets; `ParallelEnv.step`: targets that stay, coverage grid on; medians"
     figures.show(title, tables["speed"])
     tables["memory"] = {"columns": ["", "worlds in each", "peak [MB]"],
-                        "rows": [["six batches", f"{given.worlds:,}", f"{peak:.0f}"]]}  # fmt: skip
+                        "rows": [["seven batches", f"{given.worlds:,}", f"{peak:.0f}"]]}  # fmt: skip
     figures.show("memory of the process", tables["memory"])
 
     rows = []
     for where, worlds in (("one world", 1), ("batch", given.worlds)):
         grids = {"without": None, "36 x 16 cells": (36, 16), "90 x 40 cells": (90, 40)}
         sides = {name: (ours_in_formation(worlds, given.threads, grid), 100) for name, grid in grids.items()}
-        rows += contamination_rows(measured(sides, given.rounds), where, worlds)
+        rows += contamination_rows(by_turns(sides, given.rounds), where, worlds)
     columns = ["", "worlds", "step of a world [us]", "best [us]", "more than without [us]", "ratio"]
     tables["contamination"] = {"columns": columns, "rows": rows}
     figures.show("experiment driven by kuramoto-mpcc, what following contamination costs; medians",
