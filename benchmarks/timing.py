@@ -1,4 +1,4 @@
-"""Times that hold on a noisy machine: all sides take turns in one process, and what is said of two is of their pairs."""
+"""Times that hold on a noisy machine: all sides take turns in one process; a ratio of two is that of their pairs."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
