@@ -6,7 +6,8 @@ by such hops than they are (cells that are square), so a rogue of the grid is sl
 
 What a hop takes is no whole number of control steps. It is counted in ticks: several in a step where a rogue passes
 more than a cell in one, one in several steps where it needs many for a cell; and what is left over is carried along as
-a share of a tick, so that no hop is late because the one before it ended between two ticks.
+a share of a tick, so that no hop is late because the one before it ended between two ticks. A rogue that is introduced
+between two ticks counts from the one before: it is early, by less than it needs for a cell.
 """
 
 import math
@@ -19,7 +20,7 @@ SHARES = 255
 HOPS = ((1, 0), (0, 1), (1, 1), (2, 1), (1, 2))
 """Columns and rows of the hops in the first quadrant, one for each length that there is."""
 _SHORTEST, _TICKS_MAX = 0.99, 32
-"""Ticks that the shortest hop takes at least where a tick is several steps; most ticks of a step."""
+"""Ticks that the shortest hop takes at least where a tick is several steps (it is given a whole one); most of a step."""
 _STRETCH_MAX = 1.5
 SHRINK, QUICKEN = 1.0, 1.05
 """What keeps the figure on the safe side: by how many cells a sensor is shrunk, by what a rogue is made faster."""
