@@ -20,7 +20,7 @@ SHARES = 255
 HOPS = ((1, 0), (0, 1), (1, 1), (2, 1), (1, 2))
 """Columns and rows of the hops in the first quadrant, one for each length that there is."""
 _SHORTEST, _TICKS_MAX = 0.99, 32
-"""Ticks that the shortest hop takes at least where a tick is several steps (it is given a whole one); most of a step."""
+"""Ticks that the shortest hop takes at least where a tick is several steps, or close to it; most ticks of a step."""
 _STRETCH_MAX = 1.5
 SHRINK, QUICKEN = 1.0, 1.05
 """What keeps the figure on the safe side: by how many cells a sensor is shrunk, by what a rogue is made faster."""
