@@ -1,0 +1,30 @@
+// Scales from numbers to shares of a width, and round numbers along them.
+
+// Linear from 0 on; where the largest is far beyond the middle one, by asinh: linear near 0, then logarithmic.
+export function scaleOf(values, reach = []) {
+  const known = values.filter((value) => value !== null && Number.isFinite(value)).sort((a, b) => a - b);
+  const most = Math.max(...known.slice(-1), 0), least = Math.min(...known.slice(0, 1), 0);
+  const far = Math.max(most, ...reach.filter((value) => value < 1.6 * most)) || 1;
+  const middle = known[Math.floor(known.length / 2)] || far;
+  const bent = least >= 0 && far > 10 * middle ? Math.max(middle, far / 1e4) : 0;
+  const of = bent ? (value) => Math.asinh(value / bent) : (value) => value;
+  const low = of(least), high = of(far) + 0.04 * (of(far) - of(least));
+  const place = (value) => (of(value) - low) / (high - low || 1);
+  return { place, far, least, bent, holds: (value) => value >= least && place(value) <= 1 };
+}
+
+// A few round numbers of a scale, at most so many.
+export function roundOf(scale, most = 4) {
+  if (scale.bent) {
+    const marks = [0];
+    const first = Math.ceil(Math.log10(scale.bent / 2));
+    for (let power = first; 10 ** power <= scale.far; power++) marks.push(10 ** power);
+    const stride = Math.ceil((marks.length - 1) / Math.max(most - 1, 1));
+    return marks.filter((_, k) => k === 0 || (marks.length - 1 - k) % stride === 0);
+  }
+  const span = scale.far - scale.least || 1, rough = 10 ** Math.floor(Math.log10(span / most));
+  const step = [1, 2, 5, 10].map((each) => each * rough).find((each) => span / each <= most);
+  const marks = [];
+  for (let k = Math.ceil(scale.least / step); k * step <= scale.far + 1e-9 * span; k++) marks.push(Number((k * step).toPrecision(6)));
+  return marks;
+}
