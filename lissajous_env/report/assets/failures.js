@@ -81,17 +81,18 @@ function meters(report, of, most, onClick) {
   box.type = "button";
   report.kinds.forEach((kind, k) => {
     const share = of.failed[k] / of.episodes, collided = kind.name === "collided";
+    said.push(`${of.failed[k]} of ${of.episodes} ${kind.words}${collided ? `, ${number(of.badness[2])} collisions each` : ""}`);
+    if (share === 0) return;
     const line = element("span", `meter ${kind.name}`), bar = element("i"), fill = element("i");
     const length = collided ? Math.log1p(of.badness[2]) / Math.log1p(most) : share;
     fill.style.width = `${(100 * length).toFixed(1)}%`;
     bar.append(fill);
-    line.append(bar, element("span", "", share === 0 ? "" : collided ? number(of.badness[2]) : `${of.failed[k]}/${of.episodes}`));
+    line.append(bar, element("span", "", collided ? number(of.badness[2]) : `${of.failed[k]}/${of.episodes}`));
     box.append(line);
-    said.push(`${of.failed[k]} of ${of.episodes} ${kind.words}${collided ? `, ${number(of.badness[2])} collisions each` : ""}`);
   });
   box.title = said.join("\n");
   box.setAttribute("aria-label", said.join("; "));
-  box.classList.toggle("clean", of.failed.every((count) => count === 0));
+  if (!box.childElementCount) box.append(element("span", "clean", "no failure"));
   box.addEventListener("click", onClick);
   return box;
 }

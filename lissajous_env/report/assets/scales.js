@@ -1,11 +1,12 @@
 // Scales from numbers to shares of a width, and round numbers along them.
 
-// Linear from 0 on; where the largest is far beyond the middle one, by asinh: linear near 0, then logarithmic.
-export function scaleOf(values, reach = []) {
+// Linear from 0 on; where the largest is far beyond the middle one, or `bend`, by asinh: linear near 0, then logarithmic.
+// It reaches values near by, too.
+export function scaleOf(values, reach = [], bend = 0) {
   const known = values.filter((value) => value !== null && Number.isFinite(value)).sort((a, b) => a - b);
   const most = Math.max(...known.slice(-1), 0), least = Math.min(...known.slice(0, 1), 0);
   const far = Math.max(most, ...reach.filter((value) => value < 1.6 * most)) || 1;
-  const middle = known[Math.floor(known.length / 2)] || far;
+  const middle = bend || known[Math.floor(known.length / 2)] || far;
   const bent = least >= 0 && far > 10 * middle ? Math.max(middle, far / 1e4) : 0;
   const of = bent ? (value) => Math.asinh(value / bent) : (value) => value;
   const low = of(least), high = of(far) + 0.04 * (of(far) - of(least));

@@ -53,7 +53,7 @@ function fillPolicies(report, scenario, s, table) {
   const rows = [...scenario.policies].sort((a, b) => Number(of(b).rival) - Number(of(a).rival) || worst(a, b));
   const columns = scenario.measures.map((measure) => {
     const values = scenario.policies.flatMap((policy) => policy.cells[measure.column].quartiles || []);
-    return { measure, scale: scaleOf(values, measure.lines.map(([value]) => value)), best: bestOf(scenario, measure, of) };
+    return { measure, scale: scaleOf(values, measure.lines.map(([value]) => value), measure.column === "collisions" ? 1 : 0), best: bestOf(scenario, measure, of) };
   });
   top.append(heading("policy", "", ""));
   for (const { measure, scale } of columns) {
@@ -131,17 +131,20 @@ function plotsOf(report, scenario) {
 }
 
 function survival(report, scenario) {
+  // Wide where most curves fall, though one may never.
+  const end = scenario.times.at(-1);
+  const halves = scenario.policies.map((of) => scenario.times[of.curve ? of.curve.findIndex((share) => share !== null && share < 0.5) : -1] ?? end);
   const axes = {
-    x: { scale: scaleOf([scenario.times.at(-1)]), title: "time since the rogue appeared [s]", lines: [[scenario.bound, "T_max"]] },
+    x: { scale: scaleOf([...halves, end]), title: "time since the rogue appeared [s]", lines: [[scenario.bound, "T_max"]] },
     y: { scale: scaleOf([1]), title: "" },
   };
   return new Plot("Still unseen", "share of the rogues, by Kaplan and Meier", axes, (plot) => {
     for (const of of scenario.policies) {
       if (!of.curve) continue;
-      const policy = report.policies[of.policy], group = svg("g", { "data-policy": of.policy, class: "policy" });
+      const policy = report.policies[of.policy], group = svg("g", { "data-policy": of.policy, class: "series" });
       const line = plot.path(scenario.times, of.curve, { class: `curve c${policy.colour}${policy.hollow ? " hollow" : ""}` }, true);
       group.append(svg("title", {}, policy.shown), line);
-      const known = of.curve.filter((share) => share !== null).length, spread = (of.policy % 6) * 7;
+      const known = of.curve.filter((share) => share !== null && share > 0.004).length, spread = (of.policy % 6) * 7;
       for (let k = 24 + spread; k < known; k += 60) {
         group.append(svg("g", { transform: `translate(${plot.x(scenario.times[k]).toFixed(1)} ${plot.y(of.curve[k]).toFixed(1)}) scale(0.75)` }, markOf(policy)));
       }
@@ -156,13 +159,13 @@ function against(report, scenario) {
   const lines = scenario.measures.find((measure) => measure.column === "detection_time_mean").lines;
   const axes = {
     x: { scale: scaleOf(ends("detection_time_mean"), lines.map(([value]) => value)), title: "detection time [s]", lines },
-    y: { scale: scaleOf(ends("collisions")), title: "" },
+    y: { scale: scaleOf(ends("collisions"), [], 1), title: "" },
   };
   return new Plot("Detection against collisions", "collisions in an episode; bars: 95 % intervals", axes, (plot) => {
     const taken = [];
     for (const policy of shown) {
       const [x, y] = [of(policy, "detection_time_mean"), of(policy, "collisions")], look = report.policies[policy.policy];
-      const group = svg("g", { "data-policy": policy.policy, class: "policy" }, svg("title", {}, look.shown));
+      const group = svg("g", { "data-policy": policy.policy, class: "series" }, svg("title", {}, look.shown));
       if (x.interval[0] !== null) group.append(svg("line", { x1: plot.x(x.interval[0]), x2: plot.x(x.interval[1]), y1: plot.y(y.value), y2: plot.y(y.value), class: `whisker c${look.colour}` }));
       if (y.interval[0] !== null) group.append(svg("line", { y1: plot.y(y.interval[0]), y2: plot.y(y.interval[1]), x1: plot.x(x.value), x2: plot.x(x.value), class: `whisker c${look.colour}` }));
       group.append(svg("g", { transform: `translate(${plot.x(x.value).toFixed(1)} ${plot.y(y.value).toFixed(1)})` }, markOf(look)));
