@@ -146,7 +146,7 @@ def _facts(scenario: Scenario) -> list[tuple[str, str]]:
         ("episode", f"{scenario.task.duration:g} s"),
         ("T_max", f"{scenario.detection_time_bound:.3g} s"),
         ("least mean detection time", f"{limit:.3g} s" if math.isfinite(limit) else ""),
-        ("least guaranteed time", f"{least:.3g} s" if math.isfinite(least) else ""),
+        ("least guaranteed time", f"{least:.3g} s" if least >= scenario.task.step else ""),
         ("guaranteed in formation", f"{formation:.3g} s" if math.isfinite(formation) else ""),
     )
     return [(name, value) for name, value in known if value]

@@ -108,7 +108,9 @@ export class Episodes {
       chip.title = kind.about;
       kinds.append(chip);
     });
-    row.append(element("td", "name", scenario.name), name, element("td", "number", String(episodes.seed[k])), kinds);
+    const seed = element("td", "number", String(episodes.seed[k]));
+    seed.dataset.title = "seed";
+    row.append(element("td", "name", scenario.name), name, seed, kinds);
     for (const column of columns) {
       const value = episodes[column][k], cell = element("td", "number", value === null ? "–" : number(value));
       cell.dataset.title = this.titles.get(column);
