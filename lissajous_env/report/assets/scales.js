@@ -5,11 +5,12 @@
 export function scaleOf(values, reach = [], bend = 0) {
   const known = values.filter((value) => value !== null && Number.isFinite(value)).sort((a, b) => a - b);
   const most = Math.max(...known.slice(-1), 0), least = Math.min(...known.slice(0, 1), 0);
-  const far = Math.max(most, ...reach.filter((value) => value < 1.6 * most)) || 1;
+  const reached = Math.max(most, ...reach.filter((value) => value < 1.6 * most));
+  const far = reached > least ? reached : least + 1;
   const middle = bend || known[Math.floor(known.length / 2)] || far;
   const bent = least >= 0 && far > 10 * middle ? Math.max(middle, far / 1e4) : 0;
   const of = bent ? (value) => Math.asinh(value / bent) : (value) => value;
-  const low = of(least), high = of(far) + 0.04 * (of(far) - of(least));
+  const pad = 0.04 * (of(far) - of(least)), low = of(least) - (least < 0 ? pad : 0), high = of(far) + pad;
   const place = (value) => (of(value) - low) / (high - low || 1);
   return { place, far, least, bent, holds: (value) => value >= least && place(value) <= 1 };
 }
