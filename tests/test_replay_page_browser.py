@@ -20,6 +20,7 @@ else:
     webdriver = pytest.importorskip("selenium.webdriver")
 
 HOSTILE = "</script><img src=x onerror=\"document.title='run'\"><script>document.title='run'</script>"
+ROWS = "return [...document.querySelectorAll('.rows tr')].map((row) => [...row.cells].map((c) => c.textContent))"
 EVADERS = {"task.duration": 8.0, "targets.arrival_rate": 2.0, "faults.schedule": ((2, 3.0, 5.0),)}
 
 
@@ -117,6 +118,11 @@ def test_the_page_unpacks_what_was_recorded(browser, folder, recording):
     np.testing.assert_array_equal(numbers(run, "collisions"), recording.collisions)
     scored = recording.score["guaranteed_detection_time"]
     assert numbers(run, "ground.ageWorst").max() == pytest.approx(scored, abs=1e-3)
+    scores = dict(
+        run("return [...document.querySelectorAll('.rows tr')].map((r) => [...r.cells].map((c) => c.innerText))")
+    )
+    assert float(scores["collisions"]) == recording.score["collisions"]
+    assert float(scores["guaranteed detection time"]) == pytest.approx(recording.score["guaranteed_detection_time"])
     run("replay.player.seek(replay.duration)")
     tiles = run("return [...document.querySelectorAll('.tile b')].map((tile) => tile.textContent)")
     assert float(tiles[1].split()[0]) == pytest.approx(recording.score["detection_time_mean"], abs=6e-4)
@@ -181,7 +187,7 @@ def test_a_robot_that_is_clicked_shows_what_it_sees(browser, folder, recording):
     )
     click(browser, x, y)
     assert run("return replay.selected") == 3
-    rows = run("return [...document.querySelectorAll('.rows tr')].map((r) => [...r.cells].map((c) => c.textContent))")
+    rows = run(ROWS)
     action, observed = [r for r in rows if r[0] == ""], [r for r in rows if r[0].isdecimal()]
     np.testing.assert_allclose([float(r[2]) for r in action], recording.action[61, 3], atol=1e-3)
     assert [int(r[0]) for r in observed] == list(range(len(recording.observation_names)))

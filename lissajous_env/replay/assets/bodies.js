@@ -102,8 +102,11 @@ export class Bodies {
     context.fillText(String(robot), x, y);
   }
 
+  // Whether a robot does not stand whole in the picture.
   isOutside({ x, y }) {
-    return !(x > -this.size && x < this.stage.width + this.size && y > -this.size && y < this.stage.height + this.size);
+    const { width, height } = this.stage,
+      edge = 0.8 * this.size;
+    return !(x > edge && x < width - edge && y > edge && y < height - edge);
   }
 
   // A robot that has left the picture: an arrow at its edge.

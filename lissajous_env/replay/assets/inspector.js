@@ -2,10 +2,11 @@
 
 import { robotColour } from "./colours.js";
 import { REMOVED, STUCK } from "./episode.js";
-import { decimals, element, number } from "./words.js";
+import { decimals, element, number, rounded } from "./words.js";
 
 const STATUS = { 0: "works", [STUCK]: "stuck", [REMOVED]: "lost" };
 const MOST_CHIPS = 40;
+const NOT_SCORED = ["episode", "seed"];
 
 export class Inspector {
   constructor(box, episode, onPick) {
@@ -42,12 +43,19 @@ export class Inspector {
     else this.lay(robot);
   }
 
+  // With no robot, how the whole episode was scored.
   invite() {
-    const words = document.createElement("p");
-    words.className = "invite";
-    words.textContent =
-      "Pick a robot, here or on the picture: what it observes at this moment, by name, and what it does.";
-    this.panel.replaceChildren(words);
+    const words = "Pick a robot, here or on the picture: what it observes at this moment, by name, and what it does.";
+    const section = element("section", "rows"),
+      body = element("table");
+    for (const [name, value] of Object.entries(this.episode.raw.score)) {
+      if (typeof value !== "number" || NOT_SCORED.includes(name)) continue;
+      const row = element("tr");
+      row.append(element("td", "entry", name.replaceAll("_", " ")), element("td", "value", rounded(value)));
+      body.append(row);
+    }
+    section.append(element("h3", "", "Score of the episode"), body);
+    this.panel.replaceChildren(element("p", "invite", words), section);
   }
 
   lay(robot) {

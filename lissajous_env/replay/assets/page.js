@@ -29,6 +29,7 @@ export class Page {
     this.charts = this.addCharts();
     bindControls(this);
     new ResizeObserver(() => this.resize()).observe(byId("episodes"));
+    addEventListener("resize", () => this.resize());
     this.paint();
     this.select(-1);
     this.resize();
@@ -204,10 +205,12 @@ export class Page {
 
   resize() {
     const ratio = Math.min(globalThis.devicePixelRatio || 1, 2);
+    // With its head and foot, the picture fits above the player.
+    const room = Math.min(Math.max(globalThis.innerHeight - 330, 280), 640);
     shareExtents(this.views.map((view) => view.stage));
     for (const view of this.views) {
       const width = view.box.querySelector(".stage").clientWidth;
-      const height = view.stage.heightFor(width);
+      const height = Math.min(view.stage.heightFor(width), room);
       view.canvas.style.height = `${height}px`;
       view.stage.resize(width, height, ratio);
     }

@@ -132,7 +132,7 @@ function rewards(episode) {
   return {
     id: "reward",
     title: "Reward by its terms",
-    unit: "mean over robots",
+    unit: "per robot",
     kinds: [SUMMED, PER_STEP],
     compute: (kind) => (kind === SUMMED ? returns(episode) : stepRewards(episode)),
     dress: (rows, colours) => ({

@@ -41,7 +41,7 @@ export class Space {
   }
 
   heightFor(width) {
-    return Math.round(Math.min(Math.max(0.62 * width, 240), 560));
+    return Math.round(Math.max(0.62 * width, 240));
   }
 
   resize(width, height, ratio) {
@@ -187,7 +187,7 @@ export class Space {
 
   place(i, at) {
     const { x, y, z } = this.episode.robots;
-    return [x, y, z].map((values) => this.episode.between(values, i, at));
+    return [x, y, z].map((values) => this.episode.glide(values, i, at));
   }
 
   lay(view, at) {

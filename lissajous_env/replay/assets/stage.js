@@ -29,7 +29,7 @@ export class Stage {
 
   // Height of the stage for a width [px].
   heightFor(width) {
-    return Math.round(Math.min(Math.max((width * this.extent[1]) / this.extent[0], 170), 620));
+    return Math.round(Math.max((width * this.extent[1]) / this.extent[0], 170));
   }
 
   resize(width, height, ratio) {
@@ -80,8 +80,8 @@ export class Stage {
   places(at) {
     const { x, y, heading, status } = this.episode.robots;
     return Array.from({ length: this.episode.count }, (_, i) => ({
-      x: this.px(this.episode.between(x, i, at)),
-      y: this.py(this.episode.between(y, i, at)),
+      x: this.px(this.episode.glide(x, i, at)),
+      y: this.py(this.episode.glide(y, i, at)),
       heading: this.episode.angleBetween(heading, i, at),
       status: status[i * this.episode.moments + at.moment],
     }));
@@ -199,13 +199,26 @@ export class Stage {
         const to = first + Math.floor(((at.moment - first) * (piece + 1)) / pieces);
         context.strokeStyle = faded(colour, (0.5 * (piece + 1)) / pieces);
         context.beginPath();
-        for (let f = from; f <= to; f++) context.lineTo(this.px(x[row + f]), this.py(y[row + f]));
-        if (piece === pieces - 1) {
-          context.lineTo(this.px(episode.between(x, i, at)), this.py(episode.between(y, i, at)));
-        }
+        context.moveTo(this.px(x[row + from]), this.py(y[row + from]));
+        for (let f = from; f < to; f++) this.curveOn(x, y, row, f);
+        if (piece === pieces - 1) context.lineTo(this.px(episode.glide(x, i, at)), this.py(episode.glide(y, i, at)));
         context.stroke();
       }
     }
+  }
+
+  // The way from a moment to the next one, as `Episode.glide` goes it.
+  curveOn(x, y, row, f) {
+    const last = this.episode.moments - 1,
+      [a, b, c, d] = [f - 1, f, f + 1, f + 2].map((k) => row + Math.min(Math.max(k, 0), last));
+    this.context.bezierCurveTo(
+      this.px(x[b] + (x[c] - x[a]) / 6),
+      this.py(y[b] + (y[c] - y[a]) / 6),
+      this.px(x[c] - (x[d] - x[b]) / 6),
+      this.py(y[c] - (y[d] - y[b]) / 6),
+      this.px(x[c]),
+      this.py(y[c]),
+    );
   }
 }
 

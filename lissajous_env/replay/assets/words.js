@@ -12,6 +12,11 @@ export function decimals(value, count) {
   return value.toFixed(count).replace(/^-(0(?:\.0+)?)$/, "$1");
 }
 
+// The same, whole numbers as they are.
+export function rounded(value) {
+  return Number.isInteger(value) && Math.abs(value) < 1e5 ? String(value) : number(value);
+}
+
 // A mark on an axis.
 export function mark(value) {
   return Math.abs(value) >= 1e4 ? value.toExponential(0) : String(Math.round(value * 1e4) / 1e4);
