@@ -71,7 +71,9 @@ class TrainingReport:
         }
         done = f"{history.steps:,} of {settings.steps:,} steps of a robot, {history.seconds / 60:.1f} min"
         words = {"title": f"{settings.scenario}: {settings.algorithm}, seed {settings.seed}", "state": done}
-        return report("training.html", "training.js", data, words, {name: of for name, (_, of) in self._replays.items()})
+        return report(
+            "training.html", "training.js", data, words, {name: of for name, (_, of) in self._replays.items()}
+        )
 
     def _replay(self, history: History, policy: Any) -> None:
         """Play the episode with what was learned; once with the first rival."""
@@ -87,7 +89,12 @@ class TrainingReport:
     def _played(self, policy: Any, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
         recording = record(policy, self._scenario, self._seed, self._settings.device)
         of = contents(recording, BRIEF) | {"policy": name}
-        entry = {"title": f"{self._scenario.name} · {name} · seed {self._seed}", "group": "", "policy": name, "note": ""}
+        entry = {
+            "title": f"{self._scenario.name} · {name} · seed {self._seed}",
+            "group": "",
+            "policy": name,
+            "note": "",
+        }
         return entry, of
 
 
