@@ -1,4 +1,4 @@
-"""Reports in a real browser: failures first, tables that are put in order, replays in a frame, phone, dark and paper."""
+"""Reports in a real browser: failures first, tables in any order, replays in a frame, phone, dark and paper."""
 
 import json
 
@@ -40,7 +40,10 @@ def text(folder):
 
 def shown(run):
     """The rows of the table of episodes that are shown: (scenario, policy, seed)."""
-    rows = "return [...document.querySelectorAll('#list tbody tr')].map((r) => [0, 1, 2].map((k) => r.cells[k].textContent))"
+    rows = (
+        "return [...document.querySelectorAll('#list tbody tr')]"
+        ".map((row) => [0, 1, 2].map((k) => row.cells[k].textContent))"
+    )
     return [(scenario, policy, int(seed)) for scenario, policy, seed in run(rows)]
 
 
@@ -143,15 +146,13 @@ def test_rows_without_a_replay_tell_the_command(browser, folder, text):  # noqa:
 def test_it_fits_phones_and_screens_in_light_and_dark(browser, folder, text, width, dark):  # noqa: F811
     run = opened(browser, folder, text, width, dark)
     assert run("return document.documentElement.scrollWidth") <= width
-    brightness = lambda: sum(
-        json.loads("[" + run("return getComputedStyle(document.body).backgroundColor")[4:-1] + "]")
-    )  # noqa: E731, E501
+    paper = "return getComputedStyle(document.body).backgroundColor"
+    brightness = lambda: sum(json.loads("[" + run(paper)[4:-1] + "]"))  # noqa: E731
     assert (brightness() < 150) == dark
     run("document.getElementById('theme').click()")
     assert (brightness() < 150) != dark
-    drawn = run(
-        "return [...document.querySelectorAll('.figure svg')].map((each) => each.querySelectorAll('path, circle').length)"
-    )
+    marks = "(picture) => picture.querySelectorAll('path, circle').length"
+    drawn = run(f"return [...document.querySelectorAll('.figure svg')].map({marks})")
     assert len(drawn) == 4
     assert all(drawn)
     assert complaints(browser) == ([], [])
@@ -163,10 +164,11 @@ def test_on_paper_it_is_light_whole_and_without_buttons(browser, folder, text): 
     try:
         wait(lambda: run("return document.documentElement.dataset.theme") == "light")
         assert run("return document.documentElement.scrollWidth") <= 1030
-        hidden = "return ['#theme', '#contents', '#filters', '.actions'].map((s) => getComputedStyle(document.querySelector(s)).display)"
-        assert set(run(hidden)) == {"none"}
-        cut = "return [...document.querySelectorAll('.scroll')].filter((each) => getComputedStyle(each).overflowX !== 'visible').length"
-        assert run(cut) == 0
+        style = "getComputedStyle(document.querySelector(name))"
+        names = ["#contents", "#filters", ".tools", ".actions"]
+        assert {run(f"const name = '{name}'; return {style}.display") for name in names} == {"none"}
+        cut = "(box) => getComputedStyle(box).overflowX !== 'visible'"
+        assert run(f"return [...document.querySelectorAll('.scroll')].filter({cut}).length") == 0
         assert run("return document.querySelectorAll('#list tbody tr').length") == 24
     finally:
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
@@ -185,9 +187,8 @@ def test_a_training_shows_its_curve_its_rivals_and_the_latest_episode(browser, f
         written = training.report.TrainingReport(held, settings, scenario, 20_000)
         written.write(history, baselines.make("kuramoto-mpcc", scenario), last=True)
     run = opened(browser, folder, (tmp_path / "report.html").read_text(encoding="utf-8"))
-    rows = run(
-        "return [...document.querySelectorAll('#evaluations tbody tr')].map((r) => [...r.cells].map((c) => c.textContent))"
-    )
+    cells = "(row) => [...row.cells].map((cell) => cell.textContent)"
+    rows = run(f"return [...document.querySelectorAll('#evaluations tbody tr')].map({cells})")
     assert [row[1] for row in rows] == ["3,000", "2,000", "1,000", ""]
     assert [row[0] for row in rows] == ["policy", "policybest", "policy", "laps"]
     assert run("return document.querySelectorAll('.figure .rival').length") == 4

@@ -1,4 +1,4 @@
-"""The report of a training, which it writes while it runs: curve, evaluations, and a replay of the latest checkpoint."""
+"""The report that a training writes while it runs: curve, evaluations, and a replay of the latest checkpoint."""
 
 import time
 from collections.abc import Mapping

@@ -48,7 +48,7 @@ def failed(row: Mapping[str, Any]) -> list[bool]:
 
 
 def headline(scenario: Scenario) -> str:
-    """Return the column that a scenario is about: the guaranteed time where one is followed, else the detection time."""
+    """Return the column that a scenario is about: the guaranteed time where it is followed, else the detection time."""
     followed = scenario.task.contamination is not None
     return "guaranteed_detection_time" if followed else "detection_time_mean"
 

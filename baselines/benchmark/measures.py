@@ -46,7 +46,7 @@ _MEASURES = (
     ),
     Measure("detected_within_bound", "within T_max", 1, about="Share of the rogues that were seen within T_max."),
     Measure(
-        "coverage_time", "coverage [s]", -1, about="Until every cell has been sensed; (k/n): reached in k of n episodes."
+        "coverage_time", "coverage [s]", -1, about="Until every cell has been sensed; (k/n): in k of n episodes it was."
     ),
     Measure("idleness_mean", "idleness [s]", -1, about="Time since a cell was last sensed, mean over cells and time."),
     Measure("recovery_time", "recovery [s]", -1, about="From the end of a fault until the formation is back for good."),
