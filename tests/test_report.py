@@ -1,5 +1,6 @@
 """The report of a benchmark: what it holds, which replays it has, and the form that marl-eval reads."""
 
+import io
 import json
 import math
 import re
@@ -167,6 +168,27 @@ def test_hostile_names_and_policies_of_ones_own(tmp_path):
     mine = [each for each in data["policies"] if each["name"] == HOSTILE]
     assert [each["named"] for each in mine] == [False]  # no command can name it
     assert sorted(same for *_, same in data["replays"].values())[0] is False
+
+
+def test_a_policy_that_fails_when_it_is_played_again_is_told(tmp_path):
+    # Story: it plays the benchmark, and refuses to be made once more.
+    made = []
+
+    def factory(scenario, num_worlds, device):
+        made.append(num_worlds)
+        if len(made) > 1:
+            raise RuntimeError("not twice")
+        return baselines.make("still", scenario, num_worlds)
+
+    console = Console(record=True, file=io.StringIO(), width=200)
+    scenario = lissajous_env.scenario("failure", **SHORT)
+    settings = Benchmark(("failure",), ("kuramoto",), 2, out=tmp_path, replays=("1",), overrides=SHORT)
+    rows = run(settings, {"once": factory}, [scenario], console)
+    said = console.export_text()
+    assert len(rows) == 4
+    assert "report.html plays 1 of the episodes" in said
+    assert "not replayed: once on failure: RuntimeError" in said
+    assert "not twice" in said
 
 
 def test_of_many_episodes_the_worst_are_listed(small_one, tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ from lissajous_env.replay.contents import BRIEF, contents
 from lissajous_env.world.simulation import Simulation, fold_seed
 
 WORDS = ("none", "few", "each", "all")
-FEW_SECONDS = 15.0
+FEW_SECONDS = 16.0
 """Time after which no further replays are begun where `few` are asked for [s]."""
 FEW_BYTES = 11e6
 """Size from which on none are added to those."""
@@ -79,6 +79,7 @@ def make(
     device: Any,
     hurried: bool,
     on_begin: Callable[[Cell], None],
+    on_failure: Callable[[Cell, Exception], None],
 ) -> Iterator[tuple[Key, Played]]:
     """Play episodes again, round after round, and yield each; before them, the same seeds of their reference.
 
@@ -90,6 +91,7 @@ def make(
         device: Warp device.
         hurried: End after `FEW_SECONDS` or `FEW_BYTES`.
         on_begin: Called with each cell before it is played.
+        on_failure: Called with a cell whose policy raised this time, and with what it raised.
     """
     began, size, done = time.monotonic(), 0, set()
     for keys in rounds:
@@ -101,7 +103,12 @@ def make(
             if hurried and (time.monotonic() - began > FEW_SECONDS or size > FEW_BYTES):
                 return
             on_begin(cell)
-            for recording in record_together(cell, seeds, device):
+            try:
+                recordings = record_together(cell, seeds, device)
+            except Exception as error:
+                on_failure(cell, error)
+                continue
+            for recording in recordings:
                 key = (cell.scenario.name, cell.policy, int(recording.score["seed"]))
                 done.add(key)
                 kept = contents(recording, BRIEF)

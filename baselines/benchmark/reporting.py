@@ -17,6 +17,7 @@ from baselines.policies.factories import is_ones_own, named
 from lissajous_env import scenario as make_scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.storage.folder import Folder
+from lissajous_env.wording import where_raised
 
 
 def write_report(folder: Folder, outcome: Outcome, comparisons: Comparisons, progress: Console) -> str:
@@ -32,11 +33,12 @@ def write_report(folder: Folder, outcome: Outcome, comparisons: Comparisons, pro
     if not any(rounds):
         return ""
     hurried = "few" in outcome.settings.replays
-    played = _played(rounds, cells, ranked, made.references(), outcome, hurried, progress)
+    played, failed = _played(rounds, cells, ranked, made.references(), outcome, hurried, progress)
     folder.write(page.NAME, made.html(ranked, played))
     left = {key for keys in rounds for key in keys if key[:2] in cells} - played.keys()
     more = "; --replays each adds the best, the median and the worst of all" if hurried and left else ""
-    return f"{page.NAME} plays {len(played):,} of the episodes{more}"
+    said = [f"{page.NAME} plays {len(played):,} of the episodes{more}"]
+    return "\n".join([*said, *(f"not replayed: {words}" for words in failed)])
 
 
 def _played(
@@ -47,22 +49,27 @@ def _played(
     outcome: Outcome,
     hurried: bool,
     console: Console,
-) -> dict[Key, Played]:
+) -> tuple[dict[Key, Played], list[str]]:
+    """Play what is chosen; of what failed, say in words what did."""
     rows = {(row["scenario"], row["policy"], row["seed"]): row for row in ranked}
     # Another machine's device may not be here.
     device = outcome.settings.device if outcome.settings.engine == "local" else "cpu"
     counted = bars.TextColumn("{task.completed} replays")
     played: dict[Key, Played] = {}
+    failed: list[str] = []
     with bar(console, bars.TextColumn("{task.description}"), counted) as shown:
         task = shown.add_task("", total=len({key for keys in rounds for key in keys}))
 
         def begin(cell: Cell) -> None:
             shown.update(task, description=f"{cell.scenario.name} {cell.policy}")
 
-        for key, episode in make(rounds, cells, rows, references, device, hurried, begin):
+        def fail(cell: Cell, error: Exception) -> None:
+            failed.append(f"{cell.policy} on {cell.scenario.name}: {where_raised(error)}")
+
+        for key, episode in make(rounds, cells, rows, references, device, hurried, begin, fail):
             played[key] = episode
             shown.advance(task)
-    return played
+    return played, failed
 
 
 def _playable(outcome: Outcome) -> dict[tuple[str, str], Cell]:
