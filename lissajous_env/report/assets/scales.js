@@ -18,9 +18,9 @@ export function scaleOf(values, reach = [], bend = 0) {
 // A few round numbers of a scale, at most so many.
 export function roundOf(scale, most = 4) {
   if (scale.bent) {
-    const marks = [0];
-    const first = Math.ceil(Math.log10(scale.bent / 2));
-    for (let power = first; 10 ** power <= scale.far; power++) marks.push(10 ** power);
+    const marks = [0], first = Math.ceil(Math.log10(scale.bent / 2)), last = Math.floor(Math.log10(scale.far));
+    const ladder = last - first < 2 ? [1, 2, 5] : [1];
+    for (let power = first; power <= last; power++) marks.push(...ladder.map((each) => each * 10 ** power).filter((each) => each <= scale.far));
     const stride = Math.ceil((marks.length - 1) / Math.max(most - 1, 1));
     return marks.filter((_, k) => k === 0 || (marks.length - 1 - k) % stride === 0);
   }

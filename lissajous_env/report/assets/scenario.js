@@ -162,7 +162,8 @@ function against(report, scenario) {
     y: { scale: scaleOf(ends("collisions"), [], 1), title: "" },
   };
   return new Plot("Detection against collisions", "collisions in an episode; bars: 95 % intervals", axes, (plot) => {
-    const taken = [];
+    const near = 5, places = shown.map((policy) => [plot.x(of(policy, "detection_time_mean").value), plot.y(of(policy, "collisions").value)]);
+    const taken = places.map(([x, y]) => [x - near, y - near, x + near, y + near]);
     for (const policy of shown) {
       const [x, y] = [of(policy, "detection_time_mean"), of(policy, "collisions")], look = report.policies[policy.policy];
       const group = svg("g", { "data-policy": policy.policy, class: "series" }, svg("title", {}, look.shown));
@@ -178,7 +179,8 @@ function against(report, scenario) {
 // A name beside its point, where it lies over no other.
 function label(plot, group, words, x, y, taken) {
   const wide = 5.6 * words.length, left = x + 9 + wide > plot.width;
-  for (const off of [3, -8, 14]) {
+  for (const off of [3, -8, 14, -19]) {
+    if (plot.y(0) < y + off) continue;
     const box = left ? [x - 9 - wide, y + off - 9, x - 9, y + off + 2] : [x + 9, y + off - 9, x + 9 + wide, y + off + 2];
     if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3])) continue;
     taken.push(box);
