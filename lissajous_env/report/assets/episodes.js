@@ -6,7 +6,16 @@ import { element, number } from "./words.js";
 
 const FIRST = 50;
 const MORE = 250;
-const SHOWN = ["guaranteed_detection_time", "collisions", "detection_time_mean", "over_limit", "detected_fraction", "sensed_fraction", "coverage_time", "idleness_mean"];
+const SHOWN = [
+  "guaranteed_detection_time",
+  "collisions",
+  "detection_time_mean",
+  "over_limit",
+  "detected_fraction",
+  "sensed_fraction",
+  "coverage_time",
+  "idleness_mean",
+];
 const box = (name) => document.getElementById(name);
 
 export class Episodes {
@@ -17,23 +26,46 @@ export class Episodes {
     this.titles = new Map(report.columns.map((column) => [column.name, column.title]));
     this.shown = SHOWN.filter((name) => this.titles.has(name) && report.episodes[name].some((value) => value !== null));
     this.replayOf = new Map(Object.entries(report.replays).map(([name, [s, p, seed]]) => [`${s} ${p} ${seed}`, name]));
-    this.choose("of-scenario", report.scenarios.map((each) => each.name));
-    this.choose("of-policy", report.policies.map((each) => each.shown));
-    this.choose("of-kind", report.kinds.map((each) => each.words));
+    this.choose(
+      "of-scenario",
+      report.scenarios.map((each) => each.name),
+    );
+    this.choose(
+      "of-policy",
+      report.policies.map((each) => each.shown),
+    );
+    this.choose(
+      "of-kind",
+      report.kinds.map((each) => each.words),
+    );
     this.orders();
-    box("more").addEventListener("click", () => { this.most += MORE; this.fill(); });
+    box("more").addEventListener("click", () => {
+      this.most += MORE;
+      this.fill();
+    });
     this.fill();
   }
 
   choose(name, words) {
     box(name).append(option("", "all"), ...words.map((each, k) => option(String(k), each)));
-    box(name).addEventListener("change", () => { this.most = FIRST; this.fill(); });
+    box(name).addEventListener("change", () => {
+      this.most = FIRST;
+      this.fill();
+    });
   }
 
   orders() {
     const known = this.report.columns.filter(({ name }) => this.report.episodes[name].some((value) => value !== null));
-    box("order").append(option("", "worst first"), ...known.flatMap(({ name, title }) => [option(`-${name}`, `${title}, most first`), option(`+${name}`, `${title}, least first`)]));
-    box("order").addEventListener("change", (event) => this.sort(event.target.value.slice(1), event.target.value.startsWith("-")));
+    box("order").append(
+      option("", "worst first"),
+      ...known.flatMap(({ name, title }) => [
+        option(`-${name}`, `${title}, most first`),
+        option(`+${name}`, `${title}, least first`),
+      ]),
+    );
+    box("order").addEventListener("change", (event) =>
+      this.sort(event.target.value.slice(1), event.target.value.startsWith("-")),
+    );
   }
 
   sort(order, down) {
@@ -53,7 +85,8 @@ export class Episodes {
 
   // Places of the episodes that are listed, in order.
   places() {
-    const { episodes } = this.report, wanted = (name) => box(name).value;
+    const { episodes } = this.report,
+      wanted = (name) => box(name).value;
     const [s, p, kind] = ["of-scenario", "of-policy", "of-kind"].map(wanted);
     const found = [];
     for (let k = 0; k < this.count; k++) {
@@ -67,21 +100,26 @@ export class Episodes {
   }
 
   fill() {
-    const places = this.places(), body = element("tbody");
+    const places = this.places(),
+      body = element("tbody");
     const columns = this.order && !this.shown.includes(this.order) ? [this.order, ...this.shown] : this.shown;
     for (const k of places.slice(0, this.most)) body.append(this.row(k, columns));
     box("list").replaceChildren(this.head(columns), body);
-    const listed = this.report.total > this.count ? ` listed, the worst of ${this.report.total.toLocaleString("en")}` : "";
+    const listed =
+      this.report.total > this.count ? ` listed, the worst of ${this.report.total.toLocaleString("en")}` : "";
     box("found").textContent = `${places.length.toLocaleString("en")} episodes${listed}`;
     box("more").hidden = places.length <= this.most;
-    box("more").textContent = `Show ${Math.min(MORE, places.length - this.most)} more of ${(places.length - this.most).toLocaleString("en")}`;
+    box("more").textContent =
+      `Show ${Math.min(MORE, places.length - this.most)} more of ${(places.length - this.most).toLocaleString("en")}`;
   }
 
   head(columns) {
-    const head = element("thead"), row = element("tr");
+    const head = element("thead"),
+      row = element("tr");
     for (const words of ["scenario", "policy", "seed", "failed"]) row.append(element("th", "", words));
     for (const name of columns) {
-      const cell = element("th", "number"), button = element("button", "sort", this.titles.get(name));
+      const cell = element("th", "number"),
+        button = element("button", "sort", this.titles.get(name));
       button.type = "button";
       button.dataset.column = name;
       if (name === this.order) cell.setAttribute("aria-sort", this.down ? "descending" : "ascending");
@@ -96,8 +134,11 @@ export class Episodes {
   }
 
   row(k, columns) {
-    const { report } = this, { episodes } = report, row = element("tr");
-    const scenario = report.scenarios[episodes.scenario[k]], policy = report.policies[episodes.policy[k]];
+    const { report } = this,
+      { episodes } = report,
+      row = element("tr");
+    const scenario = report.scenarios[episodes.scenario[k]],
+      policy = report.policies[episodes.policy[k]];
     row.dataset.place = k;
     const name = element("td", "name");
     name.append(badge(policy));
@@ -112,9 +153,11 @@ export class Episodes {
     seed.dataset.title = "seed";
     row.append(element("td", "name", scenario.name), name, seed, kinds);
     for (const column of columns) {
-      const value = episodes[column][k], cell = element("td", "number", value === null ? "–" : number(value));
+      const value = episodes[column][k],
+        cell = element("td", "number", value === null ? "–" : number(value));
       cell.dataset.title = this.titles.get(column);
-      if (column === "guaranteed_detection_time" && episodes.guarantee_open[k] === 1) cell.textContent = `> ${cell.textContent}`;
+      if (column === "guaranteed_detection_time" && episodes.guarantee_open[k] === 1)
+        cell.textContent = `> ${cell.textContent}`;
       if (column === "collisions") cell.textContent = String(value);
       row.append(cell);
     }
@@ -123,7 +166,8 @@ export class Episodes {
   }
 
   actions(k, scenario, policy) {
-    const cell = element("td", "actions"), { episodes } = this.report;
+    const cell = element("td", "actions"),
+      { episodes } = this.report;
     const replay = this.replayOf.get(`${episodes.scenario[k]} ${episodes.policy[k]} ${episodes.seed[k]}`);
     const command = commandOf(this.report, scenario, policy, episodes.seed[k]);
     if (replay) {
@@ -146,7 +190,8 @@ export class Episodes {
 // The command that plays an episode again, beside the reference; none where no command can name it.
 export function commandOf(report, scenario, policy, seed) {
   if (!scenario.command || !policy.named || !policy.rival) return null;
-  const [name, ...changes] = scenario.command.split(" --set "), reference = report.policies[scenario.reference];
+  const [name, ...changes] = scenario.command.split(" --set "),
+    reference = report.policies[scenario.reference];
   const against = reference && reference.named && reference !== policy ? ` --against ${quoted(reference.name)}` : "";
   const file = `${scenario.name}-${policy.name}-${seed}.html`.replaceAll(/[^\w.-]+/g, "-");
   const set = changes.length ? ` --set ${changes.join(" --set ")}` : "";
@@ -159,19 +204,32 @@ function quoted(word) {
 
 // Show a command in a row of its own, and copy it.
 function tell(cell, command) {
-  const row = cell.parentElement, next = row.nextElementSibling;
+  const row = cell.parentElement,
+    next = row.nextElementSibling;
   if (next && next.classList.contains("told")) {
     next.remove();
     return;
   }
-  const told = element("tr", "told"), wide = element("td"), code = element("code", "", command), said = element("small");
+  const told = element("tr", "told"),
+    wide = element("td"),
+    code = element("code", "", command),
+    said = element("small");
   wide.colSpan = row.cells.length;
   wide.append(code, said);
   told.append(wide);
   row.after(told);
   getSelection().selectAllChildren(code);
-  const copying = globalThis.navigator.clipboard ? navigator.clipboard.writeText(command) : Promise.reject(new Error("no clipboard"));
-  copying.then(() => { said.textContent = "copied"; }, () => { said.textContent = "selected, copy it"; });
+  const copying = globalThis.navigator.clipboard
+    ? navigator.clipboard.writeText(command)
+    : Promise.reject(new Error("no clipboard"));
+  copying.then(
+    () => {
+      said.textContent = "copied";
+    },
+    () => {
+      said.textContent = "selected, copy it";
+    },
+  );
 }
 
 function option(value, words) {

@@ -14,18 +14,24 @@ export function showFailures(report, onPick) {
 function raised(report) {
   byId("raised").hidden = report.failures.length === 0;
   byId("raised").replaceChildren(
-    ...report.failures.map(([scenario, policy, error]) => element("span", "", `${policy} raised on ${scenario}: ${error}`)),
+    ...report.failures.map(([scenario, policy, error]) =>
+      element("span", "", `${policy} raised on ${scenario}: ${error}`),
+    ),
   );
 }
 
 // All cells of the matrix: of each policy on each scenario what it was.
 function cellsOf(report) {
-  return report.scenarios.flatMap((scenario, s) => scenario.policies.map((of) => ({ s, scenario, of, policy: of.policy })));
+  return report.scenarios.flatMap((scenario, s) =>
+    scenario.policies.map((of) => ({ s, scenario, of, policy: of.policy })),
+  );
 }
 
 function tally(report, kind, k, onPick) {
-  const cells = cellsOf(report), count = (of) => of.reduce((sum, cell) => sum + cell.of.failed[k], 0);
-  const failed = count(cells), all = cells.reduce((sum, cell) => sum + cell.of.episodes, 0);
+  const cells = cellsOf(report),
+    count = (of) => of.reduce((sum, cell) => sum + cell.of.failed[k], 0);
+  const failed = count(cells),
+    all = cells.reduce((sum, cell) => sum + cell.of.episodes, 0);
   const box = element("button", `tally ${kind.name}`);
   box.type = "button";
   box.title = kind.about;
@@ -37,8 +43,16 @@ function tally(report, kind, k, onPick) {
   });
   const worst = shares.filter(([, of]) => of > 0).sort((a, b) => b[1] / b[2] - a[1] / a[2]);
   const never = shares.filter(([policy, of]) => of === 0 && policy.rival).map(([policy]) => policy.shown);
-  const most = worst.slice(0, 3).map(([policy, of, total]) => `${policy.shown} ${of}/${total}`).join(", ");
-  const words = failed === 0 ? "none" : never.length && never.length <= 4 ? `most: ${most}; never: ${never.join(", ")}` : `most: ${most}`;
+  const most = worst
+    .slice(0, 3)
+    .map(([policy, of, total]) => `${policy.shown} ${of}/${total}`)
+    .join(", ");
+  const words =
+    failed === 0
+      ? "none"
+      : never.length && never.length <= 4
+        ? `most: ${most}; never: ${never.join(", ")}`
+        : `most: ${most}`;
   box.append(element("small", "", words));
   return box;
 }
@@ -52,22 +66,30 @@ function inOrder(report) {
     badness[policy][2] += Math.log1p(of.badness[2]);
   }
   const mean = badness.map(([ways, count, touches]) => [ways / (count || 1), touches / (count || 1)]);
-  return report.policies.map((_, p) => p).filter((p) => badness[p][1]).sort((a, b) => mean[b][0] - mean[a][0] || mean[b][1] - mean[a][1]);
+  return report.policies
+    .map((_, p) => p)
+    .filter((p) => badness[p][1])
+    .sort((a, b) => mean[b][0] - mean[a][0] || mean[b][1] - mean[a][1]);
 }
 
 function matrix(report, onPick) {
-  const table = byId("matrix"), head = element("thead"), top = element("tr"), body = element("tbody");
+  const table = byId("matrix"),
+    head = element("thead"),
+    top = element("tr"),
+    body = element("tbody");
   top.append(element("th", "", "policy"), ...report.scenarios.map((scenario) => element("th", "", scenario.name)));
   for (const cell of top.cells) cell.scope = "col";
   head.append(top);
   const most = Math.max(...cellsOf(report).map((cell) => cell.of.badness[2]), 1);
   for (const p of inOrder(report)) {
-    const row = element("tr"), name = element("th");
+    const row = element("tr"),
+      name = element("th");
     name.scope = "row";
     name.append(badge(report.policies[p]));
     row.append(name);
     report.scenarios.forEach((scenario, s) => {
-      const of = scenario.policies.find((each) => each.policy === p), cell = element("td");
+      const of = scenario.policies.find((each) => each.policy === p),
+        cell = element("td");
       if (of) cell.append(meters(report, of, most, () => onPick({ scenario: s, policy: p })));
       row.append(cell);
     });
@@ -77,13 +99,19 @@ function matrix(report, onPick) {
 }
 
 function meters(report, of, most, onClick) {
-  const box = element("button", "meters"), said = [];
+  const box = element("button", "meters"),
+    said = [];
   box.type = "button";
   report.kinds.forEach((kind, k) => {
-    const share = of.failed[k] / of.episodes, collided = kind.name === "collided";
-    said.push(`${of.failed[k]} of ${of.episodes} ${kind.words}${collided ? `, ${number(of.badness[2])} collisions each` : ""}`);
+    const share = of.failed[k] / of.episodes,
+      collided = kind.name === "collided";
+    said.push(
+      `${of.failed[k]} of ${of.episodes} ${kind.words}${collided ? `, ${number(of.badness[2])} collisions each` : ""}`,
+    );
     if (share === 0) return;
-    const line = element("span", `meter ${kind.name}`), bar = element("i"), fill = element("i");
+    const line = element("span", `meter ${kind.name}`),
+      bar = element("i"),
+      fill = element("i");
     const length = collided ? Math.log1p(of.badness[2]) / Math.log1p(most) : share;
     fill.style.width = `${(100 * length).toFixed(1)}%`;
     bar.append(fill);

@@ -4,7 +4,10 @@ import { roundOf } from "./scales.js";
 import { svg } from "./svg.js";
 import { element, mark } from "./words.js";
 
-const LEFT = 44, RIGHT = 14, TOP = 12, BOTTOM = 34;
+const LEFT = 44,
+  RIGHT = 14,
+  TOP = 12,
+  BOTTOM = 34;
 
 export class Plot {
   // `axes` has x and y, each {scale, title, words}, and lines at {x: [[value, words]], y: [...]}; `fill(plot)` draws.
@@ -16,21 +19,33 @@ export class Plot {
     new ResizeObserver(() => this.resize()).observe(this.box.querySelector(".canvas"));
   }
 
-  x(value) { return LEFT + this.axes.x.scale.place(value) * (this.width - LEFT - RIGHT); }
-  y(value) { return this.height - BOTTOM - this.axes.y.scale.place(value) * (this.height - TOP - BOTTOM); }
+  x(value) {
+    return LEFT + this.axes.x.scale.place(value) * (this.width - LEFT - RIGHT);
+  }
+  y(value) {
+    return this.height - BOTTOM - this.axes.y.scale.place(value) * (this.height - TOP - BOTTOM);
+  }
 
   resize() {
-    const canvas = this.box.querySelector(".canvas"), width = Math.max(Math.round(canvas.clientWidth), 220);
+    const canvas = this.box.querySelector(".canvas"),
+      width = Math.max(Math.round(canvas.clientWidth), 220);
     if (width === this.width) return;
     this.width = width;
-    this.picture = svg("svg", { viewBox: `0 0 ${width} ${this.height}`, class: "plot", role: "img", "aria-label": this.box.querySelector("b").textContent });
+    this.picture = svg("svg", {
+      viewBox: `0 0 ${width} ${this.height}`,
+      class: "plot",
+      role: "img",
+      "aria-label": this.box.querySelector("b").textContent,
+    });
     this.frame();
     this.fill(this);
     canvas.replaceChildren(this.picture);
   }
 
   frame() {
-    const { x, y } = this.axes, bottom = this.height - BOTTOM, right = this.width - RIGHT;
+    const { x, y } = this.axes,
+      bottom = this.height - BOTTOM,
+      right = this.width - RIGHT;
     for (const value of roundOf(x.scale, this.width < 420 ? 4 : 7)) {
       this.add("line", { x1: this.x(value), x2: this.x(value), y1: TOP, y2: bottom, class: "grid" });
       this.write(this.x(value), bottom + 14, mark(value), "middle");
@@ -42,7 +57,8 @@ export class Plot {
     this.write((LEFT + right) / 2, this.height - 3, x.title, "middle", "axis-title");
     for (const [value, words] of x.lines || []) {
       if (!x.scale.holds(value)) continue;
-      const at = this.x(value), late = at > right - 60;
+      const at = this.x(value),
+        late = at > right - 60;
       this.add("line", { x1: at, x2: at, y1: TOP, y2: bottom, class: "limit" });
       this.write(at + (late ? -4 : 4), TOP + 9, words, late ? "end" : "start", "limit-name");
     }
@@ -59,9 +75,13 @@ export class Plot {
   }
 
   path(xs, ys, attributes, stepped = false) {
-    let d = "", before = null;
+    let d = "",
+      before = null;
     ys.forEach((value, k) => {
-      if (value === null) { before = null; return; }
+      if (value === null) {
+        before = null;
+        return;
+      }
       const [x, y] = [this.x(xs[k]).toFixed(1), this.y(value).toFixed(1)];
       d += before === null ? `M${x} ${y}` : stepped ? `H${x}V${y}` : `L${x} ${y}`;
       before = value;

@@ -17,7 +17,11 @@ function begin() {
   const viewer = new Viewer(...replaysOf(report));
   const episodes = new Episodes(report, (id) => viewer.open(id));
   showFailures(report, (wanted) => episodes.narrow(wanted));
-  at("scenarios").append(...report.scenarios.map((scenario, s) => scenarioSection(report, scenario, s, (place) => pick(report, viewer, episodes, place))));
+  at("scenarios").append(
+    ...report.scenarios.map((scenario, s) =>
+      scenarioSection(report, scenario, s, (place) => pick(report, viewer, episodes, place)),
+    ),
+  );
   contents(report);
   made(report);
   globalThis.report = { report, viewer, episodes };
@@ -28,8 +32,11 @@ function begin() {
 function replaysOf(report) {
   const entries = {};
   for (const [id, [s, p, seed, same]] of Object.entries(report.replays)) {
-    const policy = report.policies[p].shown, scenario = report.scenarios[s].name;
-    const note = same ? "" : `Played again, ${policy} scored otherwise: it draws numbers of its own, or rounds differently.`;
+    const policy = report.policies[p].shown,
+      scenario = report.scenarios[s].name;
+    const note = same
+      ? ""
+      : `Played again, ${policy} scored otherwise: it draws numbers of its own, or rounds differently.`;
     entries[id] = { title: `${scenario} · ${policy} · seed ${seed}`, group: `${s} ${seed}`, policy, note };
   }
   const partner = (id, others) => {
@@ -41,14 +48,19 @@ function replaysOf(report) {
 
 // An episode that was clicked: its replay where there is one, else its place in the table.
 function pick(report, viewer, episodes, place) {
-  const of = report.episodes, key = `${of.scenario[place]} ${of.policy[place]} ${of.seed[place]}`;
+  const of = report.episodes,
+    key = `${of.scenario[place]} ${of.policy[place]} ${of.seed[place]}`;
   const replay = episodes.replayOf.get(key);
   if (replay) viewer.open(replay);
   else episodes.narrow({ scenario: of.scenario[place], policy: of.policy[place] });
 }
 
 function contents(report) {
-  const links = [["failures", "What failed"], ...report.scenarios.map((scenario, s) => [`scenario-${s}`, scenario.name]), ["episodes", "All episodes"]];
+  const links = [
+    ["failures", "What failed"],
+    ...report.scenarios.map((scenario, s) => [`scenario-${s}`, scenario.name]),
+    ["episodes", "All episodes"],
+  ];
   for (const [id, words] of links) {
     const link = element("a", "", words);
     link.href = `#${id}`;

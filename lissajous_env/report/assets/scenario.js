@@ -32,14 +32,16 @@ export function scenarioSection(report, scenario, s, onPick) {
 function light(box) {
   const turn = (policy) => {
     box.classList.toggle("lit", policy !== undefined);
-    for (const part of box.querySelectorAll("[data-policy]")) part.classList.toggle("on", part.dataset.policy === policy);
+    for (const part of box.querySelectorAll("[data-policy]"))
+      part.classList.toggle("on", part.dataset.policy === policy);
   };
   box.addEventListener("pointerover", (event) => turn(event.target.closest("[data-policy]")?.dataset.policy));
   box.addEventListener("pointerleave", () => turn(undefined));
 }
 
 function dotsOf(report, s, p, column) {
-  const { episodes } = report, dots = [];
+  const { episodes } = report,
+    dots = [];
   episodes.scenario.forEach((scenario, k) => {
     if (scenario === s && episodes.policy[k] === p && episodes[column][k] !== null) dots.push([episodes[column][k], k]);
   });
@@ -47,25 +49,38 @@ function dotsOf(report, s, p, column) {
 }
 
 function fillPolicies(report, scenario, s, table) {
-  const head = element("thead"), top = element("tr"), body = element("tbody");
+  const head = element("thead"),
+    top = element("tr"),
+    body = element("tbody");
   const of = (policy) => report.policies[policy.policy];
   const worst = (a, b) => a.badness.map((value, k) => b.badness[k] - value).find((off) => off) || 0;
   const rows = [...scenario.policies].sort((a, b) => Number(of(b).rival) - Number(of(a).rival) || worst(a, b));
   const columns = scenario.measures.map((measure) => {
     const values = scenario.policies.flatMap((policy) => policy.cells[measure.column].quartiles || []);
-    return { measure, scale: scaleOf(values, measure.lines.map(([value]) => value), measure.column === "collisions" ? 1 : 0), best: bestOf(scenario, measure, of) };
+    return {
+      measure,
+      scale: scaleOf(
+        values,
+        measure.lines.map(([value]) => value),
+        measure.column === "collisions" ? 1 : 0,
+      ),
+      best: bestOf(scenario, measure, of),
+    };
   });
   top.append(heading("policy", "", ""));
   for (const { measure, scale } of columns) {
     const cell = heading(measure.title, measure.about, measure.strip ? "wide" : "");
     if (measure.strip) cell.append(stripAxis(measure, scale));
-    const named = measure.lines.filter(([value]) => scale.holds(value)).map(([value, words]) => `${words} ${number(value)}`);
+    const named = measure.lines
+      .filter(([value]) => scale.holds(value))
+      .map(([value, words]) => `${words} ${number(value)}`);
     cell.append(element("small", "", named.join(" · ")));
     top.append(cell);
   }
   head.append(top);
   rows.forEach((policy, place) => {
-    const row = element("tr"), name = element("th");
+    const row = element("tr"),
+      name = element("th");
     row.dataset.policy = policy.policy;
     row.dataset.place = place;
     name.scope = "row";
@@ -80,7 +95,8 @@ function fillPolicies(report, scenario, s, table) {
 }
 
 function heading(words, about, look) {
-  const cell = element("th", look), button = element("button", "sort", words);
+  const cell = element("th", look),
+    button = element("button", "sort", words);
   button.type = "button";
   cell.scope = "col";
   cell.title = about;
@@ -109,7 +125,9 @@ function bestOf(scenario, measure, of) {
 }
 
 function measured(report, s, policy, { measure, scale, best }) {
-  const cell = element("td", measure.strip ? "wide" : ""), of = policy.cells[measure.column], look = report.policies[policy.policy];
+  const cell = element("td", measure.strip ? "wide" : ""),
+    of = policy.cells[measure.column],
+    look = report.policies[policy.policy];
   cell.dataset.title = measure.title;
   if (of.value !== null) cell.dataset.value = of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
   const line = element("span", "reading");
@@ -133,20 +151,41 @@ function plotsOf(report, scenario) {
 function survival(report, scenario) {
   // Wide where most curves fall, though one may never.
   const end = scenario.times.at(-1);
-  const halves = scenario.policies.map((of) => scenario.times[of.curve ? of.curve.findIndex((share) => share !== null && share < 0.5) : -1] ?? end);
+  const halves = scenario.policies.map(
+    (of) => scenario.times[of.curve ? of.curve.findIndex((share) => share !== null && share < 0.5) : -1] ?? end,
+  );
   const axes = {
-    x: { scale: scaleOf([...halves, end]), title: "time since the rogue appeared [s]", lines: [[scenario.bound, "T_max"]] },
+    x: {
+      scale: scaleOf([...halves, end]),
+      title: "time since the rogue appeared [s]",
+      lines: [[scenario.bound, "T_max"]],
+    },
     y: { scale: scaleOf([1]), title: "" },
   };
   return new Plot("Still unseen", "share of the rogues, by Kaplan and Meier", axes, (plot) => {
     for (const of of scenario.policies) {
       if (!of.curve) continue;
-      const policy = report.policies[of.policy], group = svg("g", { "data-policy": of.policy, class: "series" });
-      const line = plot.path(scenario.times, of.curve, { class: `curve c${policy.colour}${policy.hollow ? " hollow" : ""}` }, true);
+      const policy = report.policies[of.policy],
+        group = svg("g", { "data-policy": of.policy, class: "series" });
+      const line = plot.path(
+        scenario.times,
+        of.curve,
+        { class: `curve c${policy.colour}${policy.hollow ? " hollow" : ""}` },
+        true,
+      );
       group.append(svg("title", {}, policy.shown), line);
-      const known = of.curve.filter((share) => share !== null && share > 0.004).length, spread = (of.policy % 6) * 7;
+      const known = of.curve.filter((share) => share !== null && share > 0.004).length,
+        spread = (of.policy % 6) * 7;
       for (let k = 24 + spread; k < known; k += 60) {
-        group.append(svg("g", { transform: `translate(${plot.x(scenario.times[k]).toFixed(1)} ${plot.y(of.curve[k]).toFixed(1)}) scale(0.75)` }, markOf(policy)));
+        group.append(
+          svg(
+            "g",
+            {
+              transform: `translate(${plot.x(scenario.times[k]).toFixed(1)} ${plot.y(of.curve[k]).toFixed(1)}) scale(0.75)`,
+            },
+            markOf(policy),
+          ),
+        );
       }
       plot.picture.append(group);
     }
@@ -154,22 +193,55 @@ function survival(report, scenario) {
 }
 
 function against(report, scenario) {
-  const of = (policy, column) => policy.cells[column], shown = scenario.policies.filter((policy) => of(policy, "detection_time_mean").value !== null);
+  const of = (policy, column) => policy.cells[column],
+    shown = scenario.policies.filter((policy) => of(policy, "detection_time_mean").value !== null);
   const ends = (column) => shown.flatMap((policy) => [of(policy, column).value, ...of(policy, column).interval]);
   const lines = scenario.measures.find((measure) => measure.column === "detection_time_mean").lines;
   const axes = {
-    x: { scale: scaleOf(ends("detection_time_mean"), lines.map(([value]) => value)), title: "detection time [s]", lines },
+    x: {
+      scale: scaleOf(
+        ends("detection_time_mean"),
+        lines.map(([value]) => value),
+      ),
+      title: "detection time [s]",
+      lines,
+    },
     y: { scale: scaleOf(ends("collisions"), [], 1), title: "" },
   };
   return new Plot("Detection against collisions", "collisions in an episode; bars: 95 % intervals", axes, (plot) => {
-    const near = 5, places = shown.map((policy) => [plot.x(of(policy, "detection_time_mean").value), plot.y(of(policy, "collisions").value)]);
+    const near = 5,
+      places = shown.map((policy) => [
+        plot.x(of(policy, "detection_time_mean").value),
+        plot.y(of(policy, "collisions").value),
+      ]);
     const taken = places.map(([x, y]) => [x - near, y - near, x + near, y + near]);
     for (const policy of shown) {
-      const [x, y] = [of(policy, "detection_time_mean"), of(policy, "collisions")], look = report.policies[policy.policy];
+      const [x, y] = [of(policy, "detection_time_mean"), of(policy, "collisions")],
+        look = report.policies[policy.policy];
       const group = svg("g", { "data-policy": policy.policy, class: "series" }, svg("title", {}, look.shown));
-      if (x.interval[0] !== null) group.append(svg("line", { x1: plot.x(x.interval[0]), x2: plot.x(x.interval[1]), y1: plot.y(y.value), y2: plot.y(y.value), class: `whisker c${look.colour}` }));
-      if (y.interval[0] !== null) group.append(svg("line", { y1: plot.y(y.interval[0]), y2: plot.y(y.interval[1]), x1: plot.x(x.value), x2: plot.x(x.value), class: `whisker c${look.colour}` }));
-      group.append(svg("g", { transform: `translate(${plot.x(x.value).toFixed(1)} ${plot.y(y.value).toFixed(1)})` }, markOf(look)));
+      if (x.interval[0] !== null)
+        group.append(
+          svg("line", {
+            x1: plot.x(x.interval[0]),
+            x2: plot.x(x.interval[1]),
+            y1: plot.y(y.value),
+            y2: plot.y(y.value),
+            class: `whisker c${look.colour}`,
+          }),
+        );
+      if (y.interval[0] !== null)
+        group.append(
+          svg("line", {
+            y1: plot.y(y.interval[0]),
+            y2: plot.y(y.interval[1]),
+            x1: plot.x(x.value),
+            x2: plot.x(x.value),
+            class: `whisker c${look.colour}`,
+          }),
+        );
+      group.append(
+        svg("g", { transform: `translate(${plot.x(x.value).toFixed(1)} ${plot.y(y.value).toFixed(1)})` }, markOf(look)),
+      );
       plot.picture.append(group);
       label(plot, group, look.shown, plot.x(x.value), plot.y(y.value), taken);
     }
@@ -178,13 +250,23 @@ function against(report, scenario) {
 
 // A name beside its point, where it lies over no other.
 function label(plot, group, words, x, y, taken) {
-  const wide = 5.6 * words.length, left = x + 9 + wide > plot.width;
+  const wide = 5.6 * words.length,
+    left = x + 9 + wide > plot.width;
   for (const off of [3, -8, 14, -19]) {
     if (plot.y(0) < y + off) continue;
-    const box = left ? [x - 9 - wide, y + off - 9, x - 9, y + off + 2] : [x + 9, y + off - 9, x + 9 + wide, y + off + 2];
-    if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3])) continue;
+    const box = left
+      ? [x - 9 - wide, y + off - 9, x - 9, y + off + 2]
+      : [x + 9, y + off - 9, x + 9 + wide, y + off + 2];
+    if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3]))
+      continue;
     taken.push(box);
-    group.append(svg("text", { x: left ? x - 9 : x + 9, y: y + off, "text-anchor": left ? "end" : "start", class: "point-name" }, words));
+    group.append(
+      svg(
+        "text",
+        { x: left ? x - 9 : x + 9, y: y + off, "text-anchor": left ? "end" : "start", class: "point-name" },
+        words,
+      ),
+    );
     return;
   }
 }

@@ -7,7 +7,8 @@ const paper = matchMedia("print");
 let theme = dark.matches ? "dark" : "light";
 
 function paint() {
-  const shown = paper.matches ? "light" : theme, root = document.documentElement;
+  const shown = paper.matches ? "light" : theme,
+    root = document.documentElement;
   root.dataset.theme = shown;
   document.getElementById("theme").textContent = shown === "dark" ? "Light" : "Dark";
   for (const [name, colour] of Object.entries(coloursOf(shown))) {
@@ -20,11 +21,15 @@ export function currentTheme() {
 }
 
 export function beginTheme() {
-  const turn = (to) => { theme = to; paint(); };
+  const turn = (to) => {
+    theme = to;
+    paint();
+  };
   document.getElementById("theme").addEventListener("click", () => turn(theme === "dark" ? "light" : "dark"));
   document.addEventListener("keydown", (event) => {
     const typing = ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName);
-    if (event.key === "t" && !typing && !event.ctrlKey && !event.metaKey && !event.altKey) turn(theme === "dark" ? "light" : "dark");
+    if (event.key === "t" && !typing && !event.ctrlKey && !event.metaKey && !event.altKey)
+      turn(theme === "dark" ? "light" : "dark");
   });
   dark.addEventListener("change", (event) => turn(event.matches ? "dark" : "light"));
   paper.addEventListener("change", paint);

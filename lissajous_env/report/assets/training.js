@@ -29,16 +29,22 @@ function begin() {
 }
 
 function curve(training, score) {
-  const steps = training.curve.map((point) => point.steps / 1e6), values = training.curve.map((point) => point[score.name]);
+  const steps = training.curve.map((point) => point.steps / 1e6),
+    values = training.curve.map((point) => point[score.name]);
   const rivals = training.rivals.filter((rival) => rival[score.name] !== null);
   const axes = {
-    x: { scale: scaleOf(steps), title: "steps of a robot [million]", lines: training.stages.map((at) => [at / 1e6, ""]) },
+    x: {
+      scale: scaleOf(steps),
+      title: "steps of a robot [million]",
+      lines: training.stages.map((at) => [at / 1e6, ""]),
+    },
     y: { scale: scaleOf([...values, ...rivals.map((rival) => rival[score.name])]), title: "" },
   };
   return new Plot(score.title, score.about, axes, (plot) => {
     const right = plot.x(axes.x.scale.far);
     for (const [k, rival] of rivals.entries()) {
-      const y = plot.y(rival[score.name]), look = { colour: (k % 6) + 1 };
+      const y = plot.y(rival[score.name]),
+        look = { colour: (k % 6) + 1 };
       plot.add("line", { x1: plot.x(0), x2: right, y1: y, y2: y, class: `curve rival c${look.colour}` });
       plot.write(right, y - 5, rival.name, "end", "limit-name");
     }
@@ -52,9 +58,12 @@ function curve(training, score) {
 }
 
 function fillEvaluations(training) {
-  const head = element("thead"), top = element("tr"), body = element("tbody");
+  const head = element("thead"),
+    top = element("tr"),
+    body = element("tbody");
   for (const title of ["steps", "time [min]", ...training.scores.map((score) => score.title)]) {
-    const cell = element("th", "number"), button = element("button", "sort", title);
+    const cell = element("th", "number"),
+      button = element("button", "sort", title);
     button.type = "button";
     cell.scope = "col";
     cell.append(button);
@@ -64,15 +73,21 @@ function fillEvaluations(training) {
   name.scope = "col";
   top.prepend(name);
   head.append(top);
-  const rows = [...training.curve.map((point) => [LEARNED, point]).reverse(), ...training.rivals.map((rival, k) => [{ ...LEARNED, colour: (k % 6) + 1, shown: rival.name }, rival])];
+  const rows = [
+    ...training.curve.map((point) => [LEARNED, point]).reverse(),
+    ...training.rivals.map((rival, k) => [{ ...LEARNED, colour: (k % 6) + 1, shown: rival.name }, rival]),
+  ];
   for (const [look, point] of rows) {
-    const row = element("tr"), cell = element("td", "name");
+    const row = element("tr"),
+      cell = element("td", "name");
     cell.append(badge(look));
-    if (point.steps !== undefined && point.steps === training.best) cell.append(element("span", "kind best-one", "best"));
+    if (point.steps !== undefined && point.steps === training.best)
+      cell.append(element("span", "kind best-one", "best"));
     row.append(cell);
     filled(row, "steps", point.steps, point.steps === undefined ? "" : point.steps.toLocaleString("en"));
     filled(row, "time [min]", point.seconds, point.seconds === undefined ? "" : number(point.seconds / 60));
-    for (const score of training.scores) filled(row, score.title, point[score.name], point[score.name] === null ? "–" : number(point[score.name]));
+    for (const score of training.scores)
+      filled(row, score.title, point[score.name], point[score.name] === null ? "–" : number(point[score.name]));
     body.append(row);
   }
   of("evaluations").replaceChildren(head, body);

@@ -27,10 +27,16 @@ export class Viewer {
   }
 
   open(id) {
-    const entry = this.entries[id], others = Object.keys(this.entries).filter((other) => other !== id && this.entries[other].group === entry.group);
+    const entry = this.entries[id],
+      others = Object.keys(this.entries).filter((other) => other !== id && this.entries[other].group === entry.group);
     part("viewer-title").textContent = entry.title;
-    part("beside").replaceChildren(element("option", "", "nothing"), ...others.map((other) => element("option", "", this.entries[other].policy)));
-    [...part("beside").options].forEach((option, k) => { option.value = k ? others[k - 1] : ""; });
+    part("beside").replaceChildren(
+      element("option", "", "nothing"),
+      ...others.map((other) => element("option", "", this.entries[other].policy)),
+    );
+    [...part("beside").options].forEach((option, k) => {
+      option.value = k ? others[k - 1] : "";
+    });
     part("beside").parentElement.hidden = others.length === 0;
     const partner = this.partner(id, others) || "";
     part("beside").value = partner;
@@ -42,7 +48,10 @@ export class Viewer {
   play(id, beside) {
     this.shown = id;
     const ids = beside ? [id, beside] : [id];
-    part("viewer-note").textContent = ids.map((each) => this.entries[each].note).filter(Boolean).join(" ");
+    part("viewer-note").textContent = ids
+      .map((each) => this.entries[each].note)
+      .filter(Boolean)
+      .join(" ");
     // What the page holds is JSON in which nothing can end a script; it is put in as it stands.
     const episodes = ids.map((each) => part(each).textContent).join(",");
     const page = JSON.parse(part("viewer-page").textContent).replace("@theme@", currentTheme());
