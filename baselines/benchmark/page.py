@@ -26,6 +26,7 @@ NAME = "report.html"
 FORMAT = "lissajous report 1"
 MOST_EPISODES = 20_000
 """Episodes that are listed; of more, the worst of each policy on each scenario."""
+_KINDS = {"car": "cars", "curve": "points on the curve"}
 _CURVE = 240
 """Times of a curve."""
 _DIGITS = 5
@@ -80,7 +81,9 @@ class Report:
                 for name, ((s, p, seed), played) in replayed.items()
             },
         }
-        counted = f"{len(ranked):,} episodes of {len(policies)} policies on {len(scenario_of)} scenarios"
+        counts = ((len(policies), "policy", "policies"), (len(scenario_of), "scenario", "scenarios"))
+        of, on = (f"{count} {one if count == 1 else many}" for count, one, many in counts)
+        counted = f"{len(ranked):,} episodes of {of} on {on}"
         return report(
             "report.html",
             "report.js",
@@ -142,7 +145,7 @@ def _facts(scenario: Scenario) -> list[tuple[str, str]]:
     """Numbers that a scenario is known by, each as its name and value in words."""
     limit, (least, formation) = limit_of(scenario), guarantee_of(scenario)
     known = (
-        ("robots", f"{scenario.num_robots} {scenario.robot.kind}s"),
+        ("robots", f"{scenario.num_robots} {_KINDS.get(scenario.robot.kind, scenario.robot.kind)}"),
         ("episode", f"{scenario.task.duration:g} s"),
         ("T_max", f"{scenario.detection_time_bound:.3g} s"),
         ("least mean detection time", f"{limit:.3g} s" if math.isfinite(limit) else ""),

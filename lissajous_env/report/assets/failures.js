@@ -41,7 +41,7 @@ function tally(report, kind, k, onPick) {
     const of = cells.filter((cell) => cell.policy === p);
     return [policy, count(of), of.reduce((sum, cell) => sum + cell.of.episodes, 0)];
   });
-  const worst = shares.filter(([, of]) => of > 0).sort((a, b) => b[1] / b[2] - a[1] / a[2]);
+  const worst = shares.filter(([policy, of]) => of > 0 && policy.rival).sort((a, b) => b[1] / b[2] - a[1] / a[2]);
   const never = shares.filter(([policy, of]) => of === 0 && policy.rival).map(([policy]) => policy.shown);
   const most = worst
     .slice(0, 3)
@@ -57,19 +57,17 @@ function tally(report, kind, k, onPick) {
   return box;
 }
 
-// The worst policy first: by how many ways of failing its episodes have, then by what those put in order.
+// The worst policy first, by how many ways of failing its episodes have, then by its collisions; what is none, last.
 function inOrder(report) {
-  const badness = report.policies.map(() => [0, 0, 0]);
+  const sums = report.policies.map(() => [0, 0, 0]);
   for (const { of, policy } of cellsOf(report)) {
-    badness[policy][0] += of.badness[0];
-    badness[policy][1] += 1;
-    badness[policy][2] += Math.log1p(of.badness[2]);
+    sums[policy][0] += of.badness[0];
+    sums[policy][1] += Math.log1p(of.badness[2]);
+    sums[policy][2] += 1;
   }
-  const mean = badness.map(([ways, count, touches]) => [ways / (count || 1), touches / (count || 1)]);
-  return report.policies
-    .map((_, p) => p)
-    .filter((p) => badness[p][1])
-    .sort((a, b) => mean[b][0] - mean[a][0] || mean[b][1] - mean[a][1]);
+  const key = (p) => [Number(report.policies[p].rival), sums[p][0] / sums[p][2], sums[p][1] / sums[p][2]];
+  const worse = (a, b) => key(b)[0] - key(a)[0] || key(b)[1] - key(a)[1] || key(b)[2] - key(a)[2];
+  return [...report.policies.keys()].filter((p) => sums[p][2]).sort(worse);
 }
 
 function matrix(report, onPick) {
