@@ -11,6 +11,7 @@ from rich.console import Console
 
 import baselines
 import lissajous_env
+import training.report
 from baselines.benchmark import failures, page, replays, running
 from baselines.benchmark.comparison import with_derived
 from baselines.benchmark.marl_eval import as_marl_eval
@@ -19,6 +20,9 @@ from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from lissajous_env.episodes.recording import record
 from lissajous_env.replay.contents import BRIEF, contents
+from lissajous_env.storage.folder import Folder
+from training.learned.history import History
+from training.settings import TrainingSettings
 
 QUIET = Console(quiet=True)
 HOSTILE = "</script><img src=x onerror=alert(1)>"
@@ -202,6 +206,25 @@ def test_of_many_episodes_the_worst_are_listed(small_one, tmp_path, monkeypatch)
     assert sorted(place[:2] for place in kept) == sorted(
         2 * list(dict.fromkeys(zip(before["scenario"], before["policy"], strict=True)))
     )
+
+
+def test_a_training_replays_no_oftener_than_its_share_of_the_time_allows(tmp_path, monkeypatch):
+    # Story: three evaluations within a moment; the first and the last are replayed, the rival's episode once.
+    played = []
+
+    def counted(policy, *given):
+        played.append(policy.name)
+        return record(policy, *given)
+
+    monkeypatch.setattr(training.report, "record", counted)
+    settings = TrainingSettings(scenario="intruders", rivals=("laps",), out=tmp_path, overrides=SHORT)
+    scenario = settings.make_scenario()
+    with Folder(tmp_path) as held:
+        written = training.report.TrainingReport(held, settings, scenario, 20_000)
+        for last in (False, False, True):
+            written.write(History(steps=1000), baselines.make("still", scenario), last)
+            assert (tmp_path / "report.html").stat().st_size > 100_000
+    assert played == ["still", "laps", "still"]
 
 
 def test_a_command_names_the_scenario_as_it_was_changed():
