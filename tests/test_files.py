@@ -61,8 +61,8 @@ def test_files_of_the_user_stay_as_they_are(tmp_path, command):
     ("command", "name"),
     [
         (benchmark, "settings.json"), (benchmark, "episodes.jsonl"), (benchmark, "summary.json"),
-        (benchmark, "episodes.csv"), (benchmark, "collisions.png"), (theorem, "README.md"), (theorem, "table.csv"),
-        (theorem, "theorem2.png"), (train, "checkpoint.json"), (train, "curve.png"), (train, "best"),
+        (benchmark, "episodes.csv"), (benchmark, "report.html"), (theorem, "README.md"), (theorem, "table.csv"),
+        (theorem, "theorem2.png"), (train, "checkpoint.json"), (train, "report.html"), (train, "best"),
         (train, "tensorboard"),
     ],
 )  # fmt: skip

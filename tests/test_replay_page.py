@@ -243,7 +243,7 @@ def test_modules_that_cannot_be_joined_are_refused(monkeypatch):
         "a.js": 'import { x } from "./b.js";\nexport const y = x;\n',
         "b.js": "export const x = 1;\nconst y = 2;\n",
     }
-    monkeypatch.setattr(bundle, "_text", files.__getitem__)
+    monkeypatch.setattr(bundle, "_text", lambda name, folders: files[name])
     bundle.joined.cache_clear()
     with pytest.raises(ValueError, match=r"a\.js must not declare y, which b\.js does"):
         bundle.joined("a.js")

@@ -272,7 +272,8 @@ def test_what_a_training_leaves(tmp_path):
     assert [point["steps"] for point in history.curve] == [1280, 2560, 3840, 5120, 6400]
     assert history.rivals["sweep"]["detection_time"] is not None
     assert {path.name.partition("-")[0] for path in settings.out.iterdir()} == {
-        "checkpoint.json", "weights", "state", "best", "curve.png", "tensorboard", LIST,
+        "checkpoint.json", "weights", "state", "best", "curve.png", "report.html", "tensorboard",
+        LIST,
     }  # fmt: skip
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 

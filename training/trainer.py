@@ -18,6 +18,7 @@ from training.learned.history import SCORES, History, summarize_scores
 from training.learned.network import Network
 from training.learned.policy import Learned, find
 from training.pictures import draw_curve
+from training.report import TrainingReport
 from training.settings import TrainingSettings
 
 FIRST_EVALUATION_SEED = 20_000
@@ -37,6 +38,7 @@ class Trainer:
             settings=settings.to_dict(),
         )
         self.history, self.stopping = History(), False
+        self.report = TrainingReport(folder, settings, self.scenario, FIRST_EVALUATION_SEED)
 
     def network(self) -> Network:
         """Copy the policy that has been learned so far."""
@@ -82,6 +84,8 @@ class Trainer:
             history.best = checkpoint.best_of(network, history.counters, point)
         self.log({f"evaluation/{name}": point[name] for name in SCORES})
         self.save()
+        alone = Learned(network, self.card, self.scenario, 1, settings.device)
+        self.report.write(history, alone, last=history.steps >= settings.steps)
         self.display.evaluated(point)
 
     def stop_if_asked(self) -> None:

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from baselines.benchmark.comparison import OPEN, OVER_LIMIT, guarantee_of, limit_of
-from baselines.benchmark.looks import Look, look
+from baselines.benchmark.looks import Look, looks_of
 from baselines.benchmark.statistics import Statistics
 from baselines.benchmark.tables import number, shown_name
-from baselines.policies.registry import names, unwrapped
+from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
 
 STYLE: dict[Any, Any] = {
@@ -51,11 +51,7 @@ def draw(
     """Draw the pictures and return each as a PNG, by file name; `curves` are those of `Outcome.held_curves`."""
     if not rows:
         return {}
-    # A policy looks the same in every benchmark, whatever others were played, and with the filter as without.
-    policies = dict.fromkeys([*names(), *(row["policy"] for row in rows)])
-    plain = dict.fromkeys(unwrapped(policy)[0] for policy in policies)
-    look_of = {policy: look(k) for k, policy in enumerate(plain)}
-    looks = {policy: look_of[unwrapped(policy)[0]] for policy in policies}
+    looks = looks_of(dict.fromkeys(row["policy"] for row in rows))
     played, most = list(cells), max(map(len, cells.values()))
 
     def times(axes: Axes, name: str) -> None:

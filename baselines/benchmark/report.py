@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from baselines.benchmark import marl_eval, page
 from baselines.benchmark.comparison import Comparisons, guarantee_of, limit_of
 from baselines.benchmark.types import Outcome
 from lissajous_env.console.terminal import plain
@@ -25,18 +26,19 @@ from lissajous_env.world.score import COLUMNS
 
 NAMES = (
     "episodes.csv", "summary.json", "detection_time.png", "detection_time_distribution.png", "collisions.png",
-    "guaranteed.png",
+    "guaranteed.png", marl_eval.NAME, page.NAME,
 )  # fmt: skip
 """Files that are made from the episodes."""
 
 
 def write_files(folder: Folder, outcome: Outcome, comparisons: Comparisons) -> None:
-    """Write episodes.csv, summary.json and the pictures, of all that the folder holds; `comparisons` are of that."""
+    """Write episodes.csv, marl-eval.json, summary.json and the pictures of all that the folder holds."""
     from baselines.benchmark import pictures
 
     rows, scenarios = outcome.held_rows, outcome.held_scenarios
     folder.write("episodes.csv", as_csv(rows))
     summary = summarized(outcome, rows, scenarios, comparisons)
+    folder.write(marl_eval.NAME, marl_eval.as_marl_eval(rows, scenarios) + "\n")
     folder.write("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
     for name, data in pictures.draw(rows, comparisons.cells, scenarios, outcome.held_curves).items():
         folder.write(name, data)
@@ -54,7 +56,7 @@ def summarized(
     return {
         "machine": machine(held["device"]),
         "versions": versions(),
-        "command": shlex.join(sys.argv),
+        "command": command(),
         "elapsed_s": outcome.elapsed,
         "seeds": sorted({row["seed"] for row in rows}),
         "settings": held,
@@ -95,6 +97,11 @@ def as_csv(rows: Iterable[dict[str, Any]]) -> str:
         values = [row.get(name, math.nan) for name in columns]
         writer.writerow(["" if value != value else value for value in values])
     return text.getvalue()
+
+
+def command() -> str:
+    """Return the command line of this process."""
+    return shlex.join(sys.argv)
 
 
 def machine(device: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.console import Console
 
-from baselines.benchmark import clairvoyant, cluster, report, results_folder, tables
+from baselines.benchmark import clairvoyant, cluster, replays, report, reporting, results_folder, tables
 from baselines.benchmark.comparison import compare
 from baselines.benchmark.playing import failure_of, play
 from baselines.benchmark.progress import Progress
@@ -71,9 +71,10 @@ def measure(
         outcome = Outcome(settings, cells, rows, failures, found, elapsed, held, held_scenarios, held_rows, held_curves)
         comparisons = compare(held_rows, held_scenarios, settings.against)
         report.write_files(folder, outcome, comparisons)
+        said = reporting.write_report(folder, outcome, comparisons, progress)
     if len(rows) < len(held_rows):
         comparisons = compare(rows, outcome.scenarios, settings.against)
-    tables.print_tables(console, outcome, comparisons)
+    tables.print_tables(console, outcome, comparisons, said)
     return outcome
 
 
@@ -113,6 +114,7 @@ def plan(
         raise ValueError(f"against must be a policy that is played ({played}), got {settings.against}")
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
         raise ValueError(f"scenarios must differ in name, got {', '.join(scenario.name for scenario in made)}")
+    replays.check(settings.replays, cells, range(settings.seed, settings.seed + settings.episodes))
     if settings.engine == "ray":
         cluster.check(settings.device, settings.address)
     else:

@@ -63,8 +63,8 @@ _COMPARED_TITLES = {
 }
 
 
-def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons) -> None:
-    """Print the tables of each scenario, one over all scenarios of a kind of robot, and what failed."""
+def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, said: str = "") -> None:
+    """Print the tables of each scenario, one over all scenarios of a kind of robot, what failed, and what is said."""
     scenarios, settings, cells = outcome.scenarios, outcome.settings, comparisons.cells
     left_out: list[str] = []
     for name, scenario in scenarios.items():
@@ -89,7 +89,13 @@ def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons) -
     words = f"{len(outcome.rows)} episodes"
     if len(outcome.held_rows) > len(outcome.rows):
         words += f" asked for, {len(outcome.held_rows)} with those of earlier calls,"
-    _say(console, f"{words} in {settings.out} (episodes.csv, summary.json, pictures), {outcome.elapsed:.1f} s", "")
+    _say(
+        console,
+        f"{words} in {settings.out} (report.html, episodes.csv, summary.json, pictures), {outcome.elapsed:.1f} s",
+        "",
+    )
+    if said:
+        _say(console, said, "")
 
 
 def print_policies(

@@ -43,6 +43,10 @@ class Benchmark:
     against: str | None = None
     """Policy that all others are compared with, seed by seed; without one it is the paper's method where that is
     played, or else the first."""
+    replays: tuple[str, ...] = ("few",)
+    """Episodes that report.html can play: none; each: the worst, the median and the best of each policy on each
+    scenario; few: as many of these as 16 s and 11 MB allow, all the worst ones first; a number: so many of the worst of
+    each; all; and SCENARIO:POLICY:SEED. Beside each of them goes the policy that all are compared with."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
 

@@ -164,7 +164,8 @@ class Recorder:
         others = self._others()
         for name, kept in self._moments.items():
             kept.append(np.array(others[name] if name in others else getattr(now, name)))
-        self._contact.append(np.insert(now.contact, 0, now.step, axis=1).astype(np.int32))
+        moments = np.full((len(now.contact), 1), now.step)
+        self._contact.append(np.concatenate([moments, now.contact], axis=1, dtype=np.int32))
         self._bytes += sum(kept[-1].nbytes for kept in (*self._moments.values(), self._contact))
         _check_size(self._bytes)
         self._last = now

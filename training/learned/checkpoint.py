@@ -46,7 +46,7 @@ def hold(folder: str | Path) -> Folder:
     Raises:
         ValueError: it is in use, holds files of a user under these names, or is damaged; the message says which.
     """
-    held = Folder(folder, (FILE, _BEST + "/", "curve.png", "tensorboard/"))
+    held = Folder(folder, (FILE, _BEST + "/", "curve.png", "report.html", "tensorboard/"))
     try:
         settle(held)
     except BaseException:

@@ -67,7 +67,13 @@ export class Inspector {
       parts.push(this.table("Action", this.episode.about.actions, this.episode.robots.action, robot, false));
       parts.push(this.table("Observation", robots.names, this.episode.robots.observation, robot, true));
     } else {
-      parts.push(element("p", "invite", "The page holds no observations of this robot: there are too many."));
+      parts.push(
+        element(
+          "p",
+          "invite",
+          "This page keeps to a size and holds no observations of this robot; a page of this episode alone has them.",
+        ),
+      );
     }
     this.panel.replaceChildren(...parts);
   }

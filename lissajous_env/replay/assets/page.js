@@ -15,10 +15,11 @@ import { element, number } from "./words.js";
 const byId = (name) => document.getElementById(name);
 
 export class Page {
-  constructor(episodes) {
+  // Of a theme that is not given, the one that the reader's system has.
+  constructor(episodes, theme) {
     this.episodes = episodes;
     this.duration = Math.max(...episodes.map((episode) => episode.duration));
-    this.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+    this.theme = theme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
     this.selected = -1;
     this.player = new Player(this.duration, episodes[0].step, () => this.move());
     this.timeline = new Timeline(byId("timeline"), episodes, this.duration);

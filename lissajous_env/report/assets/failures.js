@@ -1,0 +1,124 @@
+// What failed: one tally for each kind, and a matrix of policies and scenarios, the worst policy first.
+
+import { badge } from "./svg.js";
+import { element, number } from "./words.js";
+
+const byId = (name) => document.getElementById(name);
+
+export function showFailures(report, onPick) {
+  raised(report);
+  byId("tallies").replaceChildren(...report.kinds.map((kind, k) => tally(report, kind, k, onPick)));
+  matrix(report, onPick);
+}
+
+function raised(report) {
+  byId("raised").hidden = report.failures.length === 0;
+  byId("raised").replaceChildren(
+    ...report.failures.map(([scenario, policy, error]) =>
+      element("span", "", `${policy} raised on ${scenario}: ${error}`),
+    ),
+  );
+}
+
+// All cells of the matrix: of each policy on each scenario what it was.
+function cellsOf(report) {
+  return report.scenarios.flatMap((scenario, s) =>
+    scenario.policies.map((of) => ({ s, scenario, of, policy: of.policy })),
+  );
+}
+
+function tally(report, kind, k, onPick) {
+  const cells = cellsOf(report),
+    count = (of) => of.reduce((sum, cell) => sum + cell.of.failed[k], 0);
+  const failed = count(cells),
+    all = cells.reduce((sum, cell) => sum + cell.of.episodes, 0);
+  const box = element("button", `tally ${kind.name}`);
+  box.type = "button";
+  box.title = kind.about;
+  box.addEventListener("click", () => onPick({ kind: k }));
+  box.append(element("b", "", `${failed} of ${all}`), element("span", "", ` episodes ${kind.words}`));
+  const shares = report.policies.map((policy, p) => {
+    const of = cells.filter((cell) => cell.policy === p);
+    return [policy, count(of), of.reduce((sum, cell) => sum + cell.of.episodes, 0)];
+  });
+  const worst = shares.filter(([policy, of]) => of > 0 && policy.rival).sort((a, b) => b[1] / b[2] - a[1] / a[2]);
+  const never = shares.filter(([policy, of]) => of === 0 && policy.rival).map(([policy]) => policy.shown);
+  const most = worst
+    .slice(0, 3)
+    .map(([policy, of, total]) => `${policy.shown} ${of}/${total}`)
+    .join(", ");
+  const words =
+    failed === 0
+      ? "none"
+      : never.length && never.length <= 4
+        ? `most: ${most}; never: ${never.join(", ")}`
+        : `most: ${most}`;
+  box.append(element("small", "", words));
+  return box;
+}
+
+// The worst policy first, by how many ways of failing its episodes have, then by its collisions; what is none, last.
+function inOrder(report) {
+  const sums = report.policies.map(() => [0, 0, 0]);
+  for (const { of, policy } of cellsOf(report)) {
+    sums[policy][0] += of.badness[0];
+    sums[policy][1] += Math.log1p(of.badness[2]);
+    sums[policy][2] += 1;
+  }
+  const key = (p) => [Number(report.policies[p].rival), sums[p][0] / sums[p][2], sums[p][1] / sums[p][2]];
+  const worse = (a, b) => key(b)[0] - key(a)[0] || key(b)[1] - key(a)[1] || key(b)[2] - key(a)[2];
+  return [...report.policies.keys()].filter((p) => sums[p][2]).sort(worse);
+}
+
+function matrix(report, onPick) {
+  const table = byId("matrix"),
+    head = element("thead"),
+    top = element("tr"),
+    body = element("tbody");
+  top.append(element("th", "", "policy"), ...report.scenarios.map((scenario) => element("th", "", scenario.name)));
+  for (const cell of top.cells) cell.scope = "col";
+  head.append(top);
+  const most = Math.max(...cellsOf(report).map((cell) => cell.of.badness[2]), 1);
+  for (const p of inOrder(report)) {
+    const row = element("tr"),
+      name = element("th");
+    name.scope = "row";
+    name.append(badge(report.policies[p]));
+    row.append(name);
+    report.scenarios.forEach((scenario, s) => {
+      const of = scenario.policies.find((each) => each.policy === p),
+        cell = element("td");
+      if (of) cell.append(meters(report, of, most, () => onPick({ scenario: s, policy: p })));
+      row.append(cell);
+    });
+    body.append(row);
+  }
+  table.replaceChildren(head, body);
+}
+
+function meters(report, of, most, onClick) {
+  const box = element("button", "meters"),
+    said = [];
+  box.type = "button";
+  report.kinds.forEach((kind, k) => {
+    const share = of.failed[k] / of.episodes,
+      collided = kind.name === "collided";
+    said.push(
+      `${of.failed[k]} of ${of.episodes} ${kind.words}${collided ? `, ${number(of.badness[2])} collisions each` : ""}`,
+    );
+    if (share === 0) return;
+    const line = element("span", `meter ${kind.name}`),
+      bar = element("i"),
+      fill = element("i");
+    const length = collided ? Math.log1p(of.badness[2]) / Math.log1p(most) : share;
+    fill.style.width = `${(100 * length).toFixed(1)}%`;
+    bar.append(fill);
+    line.append(bar, element("span", "", collided ? number(of.badness[2]) : `${of.failed[k]}/${of.episodes}`));
+    box.append(line);
+  });
+  box.title = said.join("\n");
+  box.setAttribute("aria-label", said.join("; "));
+  if (!box.childElementCount) box.append(element("span", "clean", "no failure"));
+  box.addEventListener("click", onClick);
+  return box;
+}

@@ -1,0 +1,87 @@
+// The report of a benchmark: failures first, then each scenario, then all episodes.
+
+import { Episodes } from "./episodes.js";
+import { showFailures } from "./failures.js";
+import { scenarioSection } from "./scenario.js";
+import { beginTheme } from "./theme.js";
+import { Viewer } from "./viewer.js";
+import { element } from "./words.js";
+
+const FORMAT = "lissajous report 1";
+const at = (name) => document.getElementById(name);
+
+function begin() {
+  const report = JSON.parse(at("data").textContent);
+  if (report.format !== FORMAT) throw new Error(`the data are no ${FORMAT}`);
+  beginTheme();
+  const viewer = new Viewer(...replaysOf(report));
+  const episodes = new Episodes(report, (id) => viewer.open(id));
+  showFailures(report, (wanted) => episodes.narrow(wanted));
+  at("scenarios").append(
+    ...report.scenarios.map((scenario, s) =>
+      scenarioSection(report, scenario, s, (place) => pick(report, viewer, episodes, place)),
+    ),
+  );
+  contents(report);
+  made(report);
+  globalThis.report = { report, viewer, episodes };
+  document.body.dataset.ready = "true";
+}
+
+// Episodes that can be played, and which stands beside which: the reference, or beside that the worst of the others.
+function replaysOf(report) {
+  const entries = {};
+  for (const [id, [s, p, seed, same]] of Object.entries(report.replays)) {
+    const policy = report.policies[p].shown,
+      scenario = report.scenarios[s].name;
+    const note = same
+      ? ""
+      : `Played again, ${policy} scored otherwise: it draws numbers of its own, or rounds differently.`;
+    entries[id] = { title: `${scenario} · ${policy} · seed ${seed}`, group: `${s} ${seed}`, policy, note };
+  }
+  const partner = (id, others) => {
+    const [s] = report.replays[id];
+    return others.find((other) => report.replays[other][1] === report.scenarios[s].reference) || others[0];
+  };
+  return [entries, partner];
+}
+
+// An episode that was clicked: its replay where there is one, else its place in the table.
+function pick(report, viewer, episodes, place) {
+  const of = report.episodes,
+    key = `${of.scenario[place]} ${of.policy[place]} ${of.seed[place]}`;
+  const replay = episodes.replayOf.get(key);
+  if (replay) viewer.open(replay);
+  else episodes.narrow({ scenario: of.scenario[place], policy: of.policy[place] });
+}
+
+function contents(report) {
+  const links = [
+    ["failures", "What failed"],
+    ...report.scenarios.map((scenario, s) => [`scenario-${s}`, scenario.name]),
+    ["episodes", "All episodes"],
+  ];
+  for (const [id, words] of links) {
+    const link = element("a", "", words);
+    link.href = `#${id}`;
+    at("contents").append(link);
+  }
+}
+
+function made(report) {
+  const list = element("dl", "facts-row");
+  for (const [name, words] of Object.entries(report.made)) {
+    const fact = element("div");
+    fact.append(element("dt", "", name), element("dd", "", words));
+    list.append(fact);
+  }
+  at("made").append(list);
+}
+
+try {
+  begin();
+} catch (error) {
+  at("notice").hidden = false;
+  at("notice").textContent = `This report cannot be shown: ${error.message}`;
+  throw error;
+}

@@ -1,0 +1,272 @@
+// A scenario: its policies with their distributions, the worst first, and what is left unseen over time.
+
+import { Plot, pictures } from "./plot.js";
+import { scaleOf } from "./scales.js";
+import { sortable } from "./sorting.js";
+import { strip, stripAxis } from "./strips.js";
+import { badge, markOf, svg } from "./svg.js";
+import { element, number } from "./words.js";
+
+export function scenarioSection(report, scenario, s, onPick) {
+  const box = document.getElementById("scenario").content.firstElementChild.cloneNode(true);
+  box.id = `scenario-${s}`;
+  box.querySelector("h2").textContent = scenario.name;
+  box.querySelector(".about").textContent = scenario.description;
+  box.querySelector(".scroll").setAttribute("aria-label", `Policies on ${scenario.name}`);
+  for (const [name, value] of scenario.facts) {
+    const fact = element("div");
+    fact.append(element("dt", "", name), element("dd", "", value));
+    box.querySelector(".facts-row").append(fact);
+  }
+  fillPolicies(report, scenario, s, box.querySelector("table"));
+  box.querySelector(".plots").replaceWith(pictures(...plotsOf(report, scenario)));
+  box.addEventListener("click", (event) => {
+    const dot = event.target.closest("[data-episode]");
+    if (dot) onPick(Number(dot.dataset.episode));
+  });
+  light(box);
+  return box;
+}
+
+// What is pointed at is brought out wherever it is in the section.
+function light(box) {
+  const turn = (policy) => {
+    box.classList.toggle("lit", policy !== undefined);
+    for (const part of box.querySelectorAll("[data-policy]"))
+      part.classList.toggle("on", part.dataset.policy === policy);
+  };
+  box.addEventListener("pointerover", (event) => turn(event.target.closest("[data-policy]")?.dataset.policy));
+  box.addEventListener("pointerleave", () => turn(undefined));
+}
+
+function dotsOf(report, s, p, column) {
+  const { episodes } = report,
+    dots = [];
+  episodes.scenario.forEach((scenario, k) => {
+    if (scenario === s && episodes.policy[k] === p && episodes[column][k] !== null) dots.push([episodes[column][k], k]);
+  });
+  return dots;
+}
+
+function fillPolicies(report, scenario, s, table) {
+  const head = element("thead"),
+    top = element("tr"),
+    body = element("tbody");
+  const of = (policy) => report.policies[policy.policy];
+  const worst = (a, b) => a.badness.map((value, k) => b.badness[k] - value).find((off) => off) || 0;
+  const rows = [...scenario.policies].sort((a, b) => Number(of(b).rival) - Number(of(a).rival) || worst(a, b));
+  const columns = scenario.measures.map((measure) => {
+    const values = scenario.policies.flatMap((policy) => policy.cells[measure.column].quartiles || []);
+    return {
+      measure,
+      scale: scaleOf(
+        values,
+        measure.lines.map(([value]) => value),
+        measure.column === "collisions" ? 1 : 0,
+      ),
+      best: bestOf(scenario, measure, of),
+    };
+  });
+  top.append(heading("policy", "", ""));
+  for (const { measure, scale } of columns) {
+    const cell = heading(measure.title, measure.about, measure.strip ? "wide" : "");
+    if (measure.strip) cell.append(stripAxis(measure, scale));
+    const named = measure.lines
+      .filter(([value]) => scale.holds(value))
+      .map(([value, words]) => `${words} ${number(value)}`);
+    cell.append(element("small", "", named.join(" · ")));
+    top.append(cell);
+  }
+  head.append(top);
+  rows.forEach((policy, place) => {
+    const row = element("tr"),
+      name = element("th");
+    row.dataset.policy = policy.policy;
+    row.dataset.place = place;
+    name.scope = "row";
+    name.dataset.value = place;
+    name.append(badge(of(policy)), failuresOf(report, policy));
+    row.append(name);
+    for (const column of columns) row.append(measured(report, s, policy, column));
+    body.append(row);
+  });
+  table.replaceChildren(head, body);
+  sortable(table);
+}
+
+function heading(words, about, look) {
+  const cell = element("th", look),
+    button = element("button", "sort", words);
+  button.type = "button";
+  cell.scope = "col";
+  cell.title = about;
+  cell.append(button);
+  return cell;
+}
+
+function failuresOf(report, policy) {
+  const box = element("span", "chips");
+  report.kinds.forEach((kind, k) => {
+    if (!policy.failed[k]) return;
+    const chip = element("span", `kind ${kind.name}`, `${kind.words} ${policy.failed[k]}/${policy.episodes}`);
+    chip.title = kind.about;
+    box.append(chip);
+  });
+  return box;
+}
+
+function bestOf(scenario, measure, of) {
+  const rivals = scenario.policies.filter((policy) => of(policy).rival).map((policy) => policy.cells[measure.column]);
+  const most = Math.max(...rivals.map((cell) => cell.known));
+  const fit = rivals.filter((cell) => cell.known === most && cell.value !== null && !cell.words.startsWith(">"));
+  const words = new Set(rivals.map((cell) => cell.words));
+  if (!measure.better || !fit.length || words.size < 2) return null;
+  return fit.reduce((a, b) => (measure.better * b.value > measure.better * a.value ? b : a)).words;
+}
+
+function measured(report, s, policy, { measure, scale, best }) {
+  const cell = element("td", measure.strip ? "wide" : ""),
+    of = policy.cells[measure.column],
+    look = report.policies[policy.policy];
+  cell.dataset.title = measure.title;
+  if (of.value !== null) cell.dataset.value = of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
+  const line = element("span", "reading");
+  line.append(element("b", look.rival && of.words === best ? "best" : "", of.words));
+  const [low, high] = of.interval;
+  if (low !== null && number(low) !== number(high)) line.append(element("small", "", `${number(low)}–${number(high)}`));
+  if (of.known < policy.episodes) line.append(element("small", "few", `(${of.known}/${policy.episodes})`));
+  cell.append(line);
+  if (measure.strip) cell.append(strip(look, of, measure, scale, dotsOf(report, s, policy.policy, measure.column)));
+  return cell;
+}
+
+function plotsOf(report, scenario) {
+  const found = [];
+  if (scenario.times.length) found.push(survival(report, scenario));
+  const both = scenario.measures.filter((measure) => ["detection_time_mean", "collisions"].includes(measure.column));
+  if (both.length === 2) found.push(against(report, scenario));
+  return found;
+}
+
+function survival(report, scenario) {
+  // Wide where most curves fall, though one may never.
+  const end = scenario.times.at(-1);
+  const halves = scenario.policies.map(
+    (of) => scenario.times[of.curve ? of.curve.findIndex((share) => share !== null && share < 0.5) : -1] ?? end,
+  );
+  const axes = {
+    x: {
+      scale: scaleOf([...halves, end]),
+      title: "time since the rogue appeared [s]",
+      lines: [[scenario.bound, "T_max"]],
+    },
+    y: { scale: scaleOf([1]), title: "" },
+  };
+  return new Plot("Still unseen", "share of the rogues, by Kaplan and Meier", axes, (plot) => {
+    for (const of of scenario.policies) {
+      if (!of.curve) continue;
+      const policy = report.policies[of.policy],
+        group = svg("g", { "data-policy": of.policy, class: "series" });
+      const line = plot.path(
+        scenario.times,
+        of.curve,
+        { class: `curve c${policy.colour}${policy.hollow ? " hollow" : ""}` },
+        true,
+      );
+      group.append(svg("title", {}, policy.shown), line);
+      const known = of.curve.filter((share) => share !== null && share > 0.004).length,
+        spread = (of.policy % 6) * 7;
+      for (let k = 24 + spread; k < known; k += 60) {
+        group.append(
+          svg(
+            "g",
+            {
+              transform: `translate(${plot.x(scenario.times[k]).toFixed(1)} ${plot.y(of.curve[k]).toFixed(1)}) scale(0.75)`,
+            },
+            markOf(policy),
+          ),
+        );
+      }
+      plot.picture.append(group);
+    }
+  });
+}
+
+function against(report, scenario) {
+  const of = (policy, column) => policy.cells[column],
+    shown = scenario.policies.filter((policy) => of(policy, "detection_time_mean").value !== null);
+  const ends = (column) => shown.flatMap((policy) => [of(policy, column).value, ...of(policy, column).interval]);
+  const lines = scenario.measures.find((measure) => measure.column === "detection_time_mean").lines;
+  const axes = {
+    x: {
+      scale: scaleOf(
+        ends("detection_time_mean"),
+        lines.map(([value]) => value),
+      ),
+      title: "detection time [s]",
+      lines,
+    },
+    y: { scale: scaleOf(ends("collisions"), [], 1), title: "" },
+  };
+  return new Plot("Detection against collisions", "collisions in an episode; bars: 95 % intervals", axes, (plot) => {
+    const near = 5,
+      places = shown.map((policy) => [
+        plot.x(of(policy, "detection_time_mean").value),
+        plot.y(of(policy, "collisions").value),
+      ]);
+    const taken = places.map(([x, y]) => [x - near, y - near, x + near, y + near]);
+    for (const policy of shown) {
+      const [x, y] = [of(policy, "detection_time_mean"), of(policy, "collisions")],
+        look = report.policies[policy.policy];
+      const group = svg("g", { "data-policy": policy.policy, class: "series" }, svg("title", {}, look.shown));
+      if (x.interval[0] !== null)
+        group.append(
+          svg("line", {
+            x1: plot.x(x.interval[0]),
+            x2: plot.x(x.interval[1]),
+            y1: plot.y(y.value),
+            y2: plot.y(y.value),
+            class: `whisker c${look.colour}`,
+          }),
+        );
+      if (y.interval[0] !== null)
+        group.append(
+          svg("line", {
+            y1: plot.y(y.interval[0]),
+            y2: plot.y(y.interval[1]),
+            x1: plot.x(x.value),
+            x2: plot.x(x.value),
+            class: `whisker c${look.colour}`,
+          }),
+        );
+      group.append(
+        svg("g", { transform: `translate(${plot.x(x.value).toFixed(1)} ${plot.y(y.value).toFixed(1)})` }, markOf(look)),
+      );
+      plot.picture.append(group);
+      label(plot, group, look.shown, plot.x(x.value), plot.y(y.value), taken);
+    }
+  });
+}
+
+// A name beside its point, where it lies over no other.
+function label(plot, group, words, x, y, taken) {
+  const wide = 5.6 * words.length,
+    left = x + 9 + wide > plot.width;
+  for (const off of [3, -8, 14, -19]) {
+    if (plot.y(0) < y + off) continue;
+    const box = left
+      ? [x - 9 - wide, y + off - 9, x - 9, y + off + 2]
+      : [x + 9, y + off - 9, x + 9 + wide, y + off + 2];
+    if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3]))
+      continue;
+    taken.push(box);
+    group.append(
+      svg(
+        "text",
+        { x: left ? x - 9 : x + 9, y: y + off, "text-anchor": left ? "end" : "start", class: "point-name" },
+        words,
+      ),
+    );
+    return;
+  }
+}

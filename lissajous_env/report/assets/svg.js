@@ -1,0 +1,39 @@
+// Parts of SVG pictures: their colours come from the style sheet, so that themes and print need no drawing anew.
+
+const SPACE = "http://www.w3.org/2000/svg";
+
+export function svg(kind, attributes = {}, ...children) {
+  const made = document.createElementNS(SPACE, kind);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (value !== undefined && value !== null) made.setAttribute(name, value);
+  }
+  made.append(...children);
+  return made;
+}
+
+const OUTLINES = {
+  s: "M-4-4h8v8h-8z",
+  "^": "M0-5 5 4h-10z",
+  D: "M0-5.4 5.4 0 0 5.4-5.4 0z",
+  v: "M0 5 5-4h-10z",
+  P: "M-1.8-5h3.6v3.200h3.200v3.600h-3.200v3.200h-3.600v-3.200h-3.200v-3.600h3.200z",
+  X: "M-5-3-3-5 0-2 3-5 5-3 2 0 5 3 3 5 0 2-3 5-5 3-2 0z",
+  "*": "M0-6 1.500-1.900 5.800-1.800 2.400.8 3.600 5 0 2.500-3.600 5-2.400.8-5.800-1.800-1.500-1.900z",
+};
+
+// The mark by which a policy is known, around the origin.
+export function markOf(policy) {
+  const look = `mark c${policy.colour}${policy.hollow ? " hollow" : ""}`;
+  if (!OUTLINES[policy.mark]) return svg("circle", { r: 4.4, class: look });
+  return svg("path", { d: OUTLINES[policy.mark], class: look });
+}
+
+export function badge(policy) {
+  const made = document.createElement("span");
+  made.className = "badge";
+  const sign = svg("svg", { viewBox: "-7 -7 14 14", width: 13, height: 13, "aria-hidden": "true" }, markOf(policy));
+  const name = document.createElement("span");
+  name.textContent = policy.shown;
+  made.append(sign, name);
+  return made;
+}

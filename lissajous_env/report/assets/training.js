@@ -1,0 +1,120 @@
+// The report of a training: its curve beside its rivals, its evaluations, and a replay of the latest checkpoint.
+
+import { Plot, pictures } from "./plot.js";
+import { scaleOf } from "./scales.js";
+import { sortable } from "./sorting.js";
+import { badge, svg } from "./svg.js";
+import { beginTheme } from "./theme.js";
+import { Viewer } from "./viewer.js";
+import { element, number } from "./words.js";
+
+const FORMAT = "lissajous training 1";
+const LEARNED = { colour: 0, mark: "o", hollow: false, shown: "policy" };
+const of = (name) => document.getElementById(name);
+
+function begin() {
+  const training = JSON.parse(of("data").textContent);
+  if (training.format !== FORMAT) throw new Error(`the data are no ${FORMAT}`);
+  beginTheme();
+  const viewer = new Viewer(training.replays, (id, others) => others[0]);
+  const [latest] = Object.keys(training.replays);
+  of("play").hidden = latest === undefined;
+  if (latest !== undefined) of("play").title = training.replays[latest].title;
+  of("play").addEventListener("click", () => viewer.open(latest));
+  of("curve").append(pictures(...training.scores.map((score) => curve(training, score))));
+  fillEvaluations(training);
+  made(training);
+  globalThis.training = { training, viewer };
+  document.body.dataset.ready = "true";
+}
+
+function curve(training, score) {
+  const steps = training.curve.map((point) => point.steps / 1e6),
+    values = training.curve.map((point) => point[score.name]);
+  const rivals = training.rivals.filter((rival) => rival[score.name] !== null);
+  const axes = {
+    x: {
+      scale: scaleOf(steps),
+      title: "steps of a robot [million]",
+      lines: training.stages.map((at) => [at / 1e6, ""]),
+    },
+    y: { scale: scaleOf([...values, ...rivals.map((rival) => rival[score.name])]), title: "" },
+  };
+  return new Plot(score.title, score.about, axes, (plot) => {
+    const right = plot.x(axes.x.scale.far);
+    for (const [k, rival] of rivals.entries()) {
+      const y = plot.y(rival[score.name]),
+        look = { colour: (k % 6) + 1 };
+      plot.add("line", { x1: plot.x(0), x2: right, y1: y, y2: y, class: `curve rival c${look.colour}` });
+      plot.write(right, y - 5, rival.name, "end", "limit-name");
+    }
+    plot.path(steps, values, { class: "curve c0" });
+    values.forEach((value, k) => {
+      if (value === null) return;
+      const dot = plot.add("circle", { cx: plot.x(steps[k]), cy: plot.y(value), r: 3, class: "mark c0" });
+      dot.append(svg("title", {}, `${number(value)} after ${number(steps[k])} million steps`));
+    });
+  });
+}
+
+function fillEvaluations(training) {
+  const head = element("thead"),
+    top = element("tr"),
+    body = element("tbody");
+  for (const title of ["steps", "time [min]", ...training.scores.map((score) => score.title)]) {
+    const cell = element("th", "number"),
+      button = element("button", "sort", title);
+    button.type = "button";
+    cell.scope = "col";
+    cell.append(button);
+    top.append(cell);
+  }
+  const name = element("th", "", "of");
+  name.scope = "col";
+  top.prepend(name);
+  head.append(top);
+  const rows = [
+    ...training.curve.map((point) => [LEARNED, point]).reverse(),
+    ...training.rivals.map((rival, k) => [{ ...LEARNED, colour: (k % 6) + 1, shown: rival.name }, rival]),
+  ];
+  for (const [look, point] of rows) {
+    const row = element("tr"),
+      cell = element("td", "name");
+    cell.append(badge(look));
+    if (point.steps !== undefined && point.steps === training.best)
+      cell.append(element("span", "kind best-one", "best"));
+    row.append(cell);
+    filled(row, "steps", point.steps, point.steps === undefined ? "" : point.steps.toLocaleString("en"));
+    filled(row, "time [min]", point.seconds, point.seconds === undefined ? "" : number(point.seconds / 60));
+    for (const score of training.scores)
+      filled(row, score.title, point[score.name], point[score.name] === null ? "–" : number(point[score.name]));
+    body.append(row);
+  }
+  of("evaluations").replaceChildren(head, body);
+  sortable(of("evaluations"));
+}
+
+function filled(row, title, value, words) {
+  const cell = element("td", "number", words);
+  cell.dataset.title = title;
+  if (value !== undefined && value !== null) cell.dataset.value = value;
+  row.append(cell);
+}
+
+function made(training) {
+  const list = element("dl", "facts-row");
+  for (const [name, words] of Object.entries(training.made)) {
+    const fact = element("div");
+    fact.append(element("dt", "", name), element("dd", "", words));
+    list.append(fact);
+  }
+  of("made").append(list);
+}
+
+try {
+  begin();
+} catch (error) {
+  of("notice").hidden = false;
+  of("notice").textContent = `This report cannot be shown: ${error.message}`;
+  throw error;
+}

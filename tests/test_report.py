@@ -1,0 +1,273 @@
+"""The report of a benchmark: what it holds, which replays it has, and the form that marl-eval reads."""
+
+import io
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import baselines
+import lissajous_env
+import training.report
+from baselines.benchmark import failures, page, replays, running
+from baselines.benchmark.comparison import with_derived
+from baselines.benchmark.marl_eval import as_marl_eval
+from baselines.benchmark.rows import NUMBER_COLUMNS
+from baselines.benchmark.running import run
+from baselines.benchmark.types import Benchmark
+from lissajous_env.episodes.recording import record
+from lissajous_env.replay.contents import BRIEF, contents
+from lissajous_env.storage.folder import Folder
+from training.learned.history import History
+from training.settings import TrainingSettings
+
+QUIET = Console(quiet=True)
+HOSTILE = "</script><img src=x onerror=alert(1)>"
+SHORT = {"task.duration": 4.0}
+TWO = ("evaders", "failure")
+
+
+def small(out, **changes):
+    given = {"scenarios": TWO, "policies": ("kuramoto-mpcc", "laps", "kuramoto"), "episodes": 4, "overrides": SHORT}
+    return Benchmark(**given | {"out": out, "replays": ("1", "evaders:laps:2")} | changes)
+
+
+def blocks_of(folder):
+    """JSON of the page's blocks, by id."""
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    found = re.findall(r'<script type="application/json" id="([^"]+)">(.*?)</script>', text, re.DOTALL)
+    return {name: json.loads(block) for name, block in found}
+
+
+@pytest.fixture(scope="module")
+def small_one(tmp_path_factory):
+    """A small benchmark's folder, rows and the blocks of its page."""
+    folder = tmp_path_factory.mktemp("report")
+    return folder, run(small(folder), console=QUIET), blocks_of(folder)
+
+
+def test_the_page_holds_every_score_of_every_episode(small_one):
+    # Oracle: the score rows, to the five digits that are kept.
+    _, rows, blocks = small_one
+    data = blocks["data"]
+    assert data["total"] == len(rows) == 12  # failure has points, which kuramoto alone drives
+    held = data["episodes"]
+    names = [each["name"] for each in data["scenarios"]], [each["name"] for each in data["policies"]]
+    for k, place in enumerate(zip(held["scenario"], held["policy"], held["seed"], strict=True)):
+        key = names[0][place[0]], names[1][place[1]], place[2]
+        (row,) = [row for row in rows if (row["scenario"], row["policy"], row["seed"]) == key]
+        for column in NUMBER_COLUMNS:
+            wanted = None if math.isnan(row[column]) else pytest.approx(row[column], rel=1e-4)
+            assert held[column][k] == wanted, column
+
+
+def test_the_worst_comes_first():
+    # Story: who collided and lost the guarantee stands before who only lost it, and that before the merely slow.
+    scenario = lissajous_env.scenario("evaders")
+    good = dict.fromkeys(NUMBER_COLUMNS, 1.0) | {"scenario": "evaders", "collisions": 0, "unseen_at_end": 0.5}
+    slow = good | {"guaranteed_detection_time": 30.0}
+    lost = slow | {"unseen_at_end": 30.0}
+    both = lost | {"collisions": 3}
+    blind = lost | {"collisions": 3, "sensed_fraction": 0.4}
+    empty = good | dict.fromkeys(("guaranteed_detection_time", "detection_time_mean", "detected_fraction"), math.nan)
+    rows = with_derived([good, both, slow, blind, empty, lost], {"evaders": scenario})
+    assert failures.worst_first(rows, {"evaders": scenario}) == [3, 1, 5, 2, 0, 4]
+    assert [failures.failed(row) for row in rows[:4]] == [
+        [False, False, False], [False, True, True], [False, False, False], [True, True, True],
+    ]  # fmt: skip
+
+
+def test_replays_are_the_worst_the_chosen_and_their_partners(small_one):
+    _, rows, blocks = small_one
+    data = blocks["data"]
+    scenarios = {name: lissajous_env.scenario(name, **SHORT) for name in TWO}
+    told = with_derived(rows, scenarios)
+    ranked = [told[k] for k in failures.worst_first(told, scenarios)]
+    worst = {(row["scenario"], row["policy"]): row["seed"] for row in reversed(ranked)}
+    wanted = {(s, p, seed) for (s, p), seed in worst.items()} | {("evaders", "laps", 2)}
+    wanted |= {("evaders", "kuramoto-mpcc", seed) for s, _, seed in wanted if s == "evaders"}
+    found = {
+        (data["scenarios"][s]["name"], data["policies"][p]["name"], seed)
+        for s, p, seed, same in data["replays"].values()
+        if same
+    }
+    assert found == wanted
+
+
+def test_a_replay_is_the_episode_as_it_was_scored(small_one):
+    # Oracle: the episode recorded alone, by the policy of one world.
+    blocks = small_one[2]
+    data = blocks["data"]
+    key_of = lambda s, p, seed, _: (data["scenarios"][s]["name"], data["policies"][p]["name"], seed)  # noqa: E731
+    (name,) = [name for name, of in data["replays"].items() if key_of(*of) == ("evaders", "laps", 2)]
+    scenario = lissajous_env.scenario("evaders", **SHORT)
+    alone = contents(record(baselines.make("laps", scenario), scenario, 2), BRIEF)
+    same = [key for key in alone if key not in ("policy", "score")]
+    assert {key: blocks[name][key] for key in same} == json.loads(json.dumps({key: alone[key] for key in same}))
+    assert blocks[name]["robots"]["watched"] == 0
+    assert len(json.dumps(blocks[name])) < 60_000
+
+
+def test_rounds_put_the_worst_of_all_before_medians_and_bests():
+    rows = [{"scenario": "a", "policy": p, "seed": seed} for seed in range(5) for p in ("x", "y")]
+    of = lambda *seeds: [("a", p, seed) for p in ("x", "y") for seed in seeds]  # noqa: E731
+    assert replays.chosen(("each",), rows) == replays.chosen(("few",), rows) == [of(0), of(2, 4)]
+    assert replays.chosen(("2",), rows) == [of(0, 1)]
+    assert replays.chosen(("all",), rows) == [of(0, 1, 2, 3, 4)]
+    assert replays.chosen(("none",), rows) == []
+    assert replays.chosen(("a:y:3", "none"), rows) == [[("a", "y", 3)]]
+
+
+def test_few_replays_end_in_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(replays, "FEW_SECONDS", 0.0)
+    one = {"scenarios": ("failure",), "policies": ("kuramoto",), "episodes": 1}
+    run(small(tmp_path, replays=("few",), **one), console=QUIET)
+    assert blocks_of(tmp_path)["data"]["replays"] == {}
+    # Those that are asked for by name are made however long it takes.
+    run(small(tmp_path, replays=("failure:kuramoto:0",), **one), console=QUIET)
+    assert len(blocks_of(tmp_path)["data"]["replays"]) == 1
+
+
+@pytest.mark.parametrize("word", ["some", "-1", "evaders:laps", "evaders:laps:9", "evaders:lap:1", "team:laps:0", "²"])
+def test_replays_of_what_is_not_played_are_refused_at_once(tmp_path, word):
+    with pytest.raises(ValueError, match=r"replays must be none, few, each, all, a number, or SCENARIO:POLICY:SEED"):
+        run(small(tmp_path / "out", replays=(word,)), console=QUIET)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_second_call_makes_the_same_report_from_the_rows_alone(small_one, tmp_path, monkeypatch):
+    folder, _, blocks = small_one
+    for name in ("settings.json", "episodes.jsonl", "detections.jsonl"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    written = [{"wrote": name} for name in ("settings.json", "episodes.jsonl", "detections.jsonl")]
+    head = (folder / ".lissajous.jsonl").read_text().splitlines()[0]
+    (tmp_path / ".lissajous.jsonl").write_text("\n".join([head, *map(json.dumps, written)]) + "\n")
+    monkeypatch.setattr(running, "play", None)  # nothing is played for it
+    run(small(tmp_path), console=QUIET)
+    again = blocks_of(tmp_path)
+    assert again.keys() == blocks.keys()
+    assert {n: of for n, of in again.items() if n != "data"} == {n: of for n, of in blocks.items() if n != "data"}
+    assert {k: v for k, v in again["data"].items() if k != "made"} == {
+        k: v for k, v in blocks["data"].items() if k != "made"
+    }
+
+
+def test_hostile_names_and_policies_of_ones_own(tmp_path):
+    # Story: a policy of Python whose name would be script, and which draws numbers of its own.
+    scenario = lissajous_env.scenario("failure", **SHORT)
+    generator = np.random.default_rng(0)
+
+    def act(observation):
+        return generator.uniform(-1, 1, (*observation.shape[:2], 1)).astype(np.float32)
+
+    settings = Benchmark(("failure",), ("kuramoto",), 2, out=tmp_path, replays=("1",), overrides=SHORT)
+    run(settings, {HOSTILE: act}, [scenario], QUIET)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert HOSTILE not in text
+    assert "<img" not in text
+    data = blocks_of(tmp_path)["data"]
+    mine = [each for each in data["policies"] if each["name"] == HOSTILE]
+    assert [each["named"] for each in mine] == [False]  # no command can name it
+    assert sorted(same for *_, same in data["replays"].values())[0] is False
+
+
+def test_a_policy_that_fails_when_it_is_played_again_is_told(tmp_path):
+    # Story: it plays the benchmark, and refuses to be made once more.
+    made = []
+
+    def factory(scenario, num_worlds, device):
+        made.append(num_worlds)
+        if len(made) > 1:
+            raise RuntimeError("not twice")
+        return baselines.make("still", scenario, num_worlds)
+
+    console = Console(record=True, file=io.StringIO(), width=200)
+    scenario = lissajous_env.scenario("failure", **SHORT)
+    settings = Benchmark(("failure",), ("kuramoto",), 2, out=tmp_path, replays=("1",), overrides=SHORT)
+    rows = run(settings, {"once": factory}, [scenario], console)
+    said = console.export_text()
+    assert len(rows) == 4
+    assert "report.html plays 1 of the episodes" in said
+    assert "not replayed: once on failure: RuntimeError" in said
+    assert "not twice" in said
+
+
+def test_of_many_episodes_the_worst_are_listed(small_one, tmp_path, monkeypatch):
+    folder = small_one[0]
+    before = blocks_of(folder)["data"]["episodes"]
+    monkeypatch.setattr(page, "MOST_EPISODES", 6)
+    run(small(tmp_path, replays=("none",)), console=QUIET)
+    data = blocks_of(tmp_path)["data"]
+    assert data["total"] == 12
+    kept = list(zip(data["episodes"]["scenario"], data["episodes"]["policy"], data["episodes"]["seed"], strict=True))
+    assert sorted(place[:2] for place in kept) == sorted(
+        2 * list(dict.fromkeys(zip(before["scenario"], before["policy"], strict=True)))
+    )
+
+
+def test_a_training_replays_no_oftener_than_its_share_of_the_time_allows(tmp_path, monkeypatch):
+    # Story: three evaluations within a moment; the first and the last are replayed, the rival's episode once.
+    played = []
+
+    def counted(policy, *given):
+        played.append(policy.name)
+        return record(policy, *given)
+
+    monkeypatch.setattr(training.report, "record", counted)
+    settings = TrainingSettings(scenario="intruders", rivals=("laps",), out=tmp_path, overrides=SHORT)
+    scenario = settings.make_scenario()
+    with Folder(tmp_path) as held:
+        written = training.report.TrainingReport(held, settings, scenario, 20_000)
+        for last in (False, False, True):
+            written.write(History(steps=1000), baselines.make("still", scenario), last)
+            assert (tmp_path / "report.html").stat().st_size > 100_000
+    assert played == ["still", "laps", "still"]
+
+
+def test_a_command_names_the_scenario_as_it_was_changed():
+    assert page.command_of("team", {}) == "team"
+    changes = {"task.duration": 30.0, "faults.schedule": ((0, 1.0, 2.0),)}
+    assert page.command_of("team", changes) == "team --set task.duration=30.0 'faults.schedule=((0, 1.0, 2.0),)'"
+
+
+def test_marl_eval_finds_what_it_needs(small_one):
+    """Reads the file as `data_process_pipeline` and `create_matrices_for_rliable` of marl-eval 0.0.4 do."""
+    folder, rows, _ = small_one
+    raw = json.loads((folder / "marl-eval.json").read_text())
+    assert raw.keys() == {"lissajous evaders", "lissajous failure"}  # of each kind of robot there is but one
+    for tasks in raw.values():
+        algorithms = [set(of) for of in tasks.values()]
+        assert all(each == algorithms[0] for each in algorithms)
+        runs = [set(runs) for of in tasks.values() for runs in of.values()]
+        assert all(each == runs[0] for each in runs)
+        steps = [step for of in tasks.values() for runs in of.values() for step in runs.values()]
+        assert all(list(each) == ["step_0", "absolute_metrics"] for each in steps)
+        metrics = [set(part) - {"step_count"} for each in steps for part in each.values()]
+        assert all(each == metrics[0] for each in metrics)
+        assert all(type(each["step_0"]["step_count"]) is int for each in steps)
+        assert {"return_mean", "collisions", "detection_time_mean"} <= metrics[0]
+        numbers = [each["absolute_metrics"][name] for each in steps for name in metrics[0]]
+        assert all(len(values) == 1 and math.isfinite(values[0]) for values in numbers)
+    laps = raw["lissajous evaders"]["evaders"]["laps"]
+    means = {seed: of["absolute_metrics"]["detection_time_mean"] for seed, of in laps.items()}
+    for row in rows:
+        if (row["scenario"], row["policy"]) == ("evaders", "laps"):
+            assert means[f"seed_{row['seed']}"] == [pytest.approx(row["detection_time_mean"], rel=1e-5)]
+
+
+def test_marl_eval_has_the_policies_that_played_all_scenarios_of_a_kind_together():
+    scenarios = {name: lissajous_env.scenario(name) for name in ("team", "evaders", "failure")}
+    numbers = dict.fromkeys(NUMBER_COLUMNS, 1.0)
+    played = [("team", "x", 0), ("team", "x", 1), ("evaders", "x", 0), ("team", "y", 0), ("failure", "z", 0)]
+    rows = [{"scenario": s, "policy": p, "seed": seed, **numbers} for s, p, seed in played]
+    rows[0]["recovery_time"] = math.nan
+    raw = json.loads(as_marl_eval(rows, scenarios))
+    assert list(raw) == ["lissajous car", "lissajous team", "lissajous evaders", "lissajous failure"]
+    assert {task: {p: list(runs) for p, runs in of.items()} for task, of in raw["lissajous car"].items()} == {
+        "team": {"x": ["seed_0"]}, "evaders": {"x": ["seed_0"]},
+    }  # fmt: skip
+    assert "recovery_time" not in raw["lissajous car"]["team"]["x"]["seed_0"]["absolute_metrics"]
+    assert "recovery_time" in raw["lissajous evaders"]["evaders"]["x"]["seed_0"]["absolute_metrics"]

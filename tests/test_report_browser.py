@@ -1,0 +1,205 @@
+"""Reports in a real browser: failures first, tables in any order, replays in a frame, phone, dark and paper."""
+
+import json
+
+import pytest
+from rich.console import Console
+from test_replay_page_browser import HOSTILE, browser, complaints, opened, wait  # noqa: F401
+
+import lissajous_env
+import training.report
+from baselines.benchmark.running import run
+from baselines.benchmark.types import Benchmark
+from lissajous_env.storage.folder import Folder
+from training.learned.history import History
+from training.settings import TrainingSettings
+
+QUIET = Console(quiet=True)
+SHORT = {"task.duration": 4.0}
+THEIRS = "mine" + HOSTILE
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("reports")
+
+
+@pytest.fixture(scope="module")
+def text(folder):
+    """The report of a small benchmark: two scenarios, three policies, one of them somebody's, four episodes."""
+    scenarios = [lissajous_env.scenario(name, **SHORT) for name in ("evaders", "intruders")]
+    settings = Benchmark(("evaders", "intruders"), ("kuramoto-mpcc", "laps"), 4, out=folder / "out",
+                         replays=("1", "evaders:laps:2"), overrides=SHORT)  # fmt: skip
+
+    def still(observation):
+        return observation[:, :, :2] * 0
+
+    run(settings, {THEIRS: still}, scenarios, QUIET)
+    return (folder / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def shown(run):
+    """The rows of the table of episodes that are shown: (scenario, policy, seed)."""
+    rows = (
+        "return [...document.querySelectorAll('#list tbody tr')]"
+        ".map((row) => [0, 1, 2].map((k) => row.cells[k].textContent))"
+    )
+    return [(scenario, policy, int(seed)) for scenario, policy, seed in run(rows)]
+
+
+def data_of(run):
+    return run("return report.report")
+
+
+def test_the_table_of_episodes_is_put_in_order_and_narrowed_down(browser, folder, text):  # noqa: F811
+    run = opened(browser, folder, text)
+    episodes = data_of(run)["episodes"]
+    assert len(shown(run)) == len(episodes["seed"]) == 24
+    failed = [bin(bits).count("1") for bits in episodes["failed"]]
+    assert failed == sorted(failed, reverse=True)  # the worst first
+    # Oracle: Python's sort of the same numbers; a click turns it round, what is missing stays last.
+    run("document.querySelector('[data-column=detection_time_mean]').click()")
+    known = [(value, k) for k, value in enumerate(episodes["detection_time_mean"]) if value is not None]
+    wanted = [episodes["seed"][k] for _, k in sorted(known, key=lambda each: (-each[0], each[1]))]
+    assert [seed for *_, seed in shown(run)][: len(wanted)] == wanted
+    run("document.querySelector('[data-column=detection_time_mean]').click()")
+    least = "return Number(document.querySelector('#list [data-title=\"detection [s]\"]').textContent)"
+    assert run(least) == pytest.approx(min(known)[0], abs=6e-4)
+    assert run("return document.querySelector('[aria-sort] .sort').dataset.column") == "detection_time_mean"
+    # By a column that is not among those shown.
+    run("const o = document.getElementById('order'); o.value = '+speed_max'; o.dispatchEvent(new Event('change'))")
+    wanted = sorted(range(24), key=lambda k: (episodes["speed_max"][k], k))
+    assert [seed for *_, seed in shown(run)] == [episodes["seed"][k] for k in wanted]
+    run("const p = document.getElementById('of-policy'); p.value = '1'; p.dispatchEvent(new Event('change'))")
+    assert {policy for _, policy, _ in shown(run)} == {"laps"}
+    assert complaints(browser) == ([], [])
+
+
+def test_what_failed_is_said_first_and_leads_to_its_episodes(browser, folder, text):  # noqa: F811
+    run = opened(browser, folder, text)
+    data = data_of(run)
+    tallies = run("return [...document.querySelectorAll('.tally b')].map((b) => b.textContent)")
+    counted = [sum(bits >> k & 1 for bits in data["episodes"]["failed"]) for k in range(3)]
+    assert tallies == [f"{count} of 24" for count in counted]
+    assert counted[0] > 0  # cars that stand still leave half unseen
+    run("document.querySelector('.tally').click()")
+    assert len(shown(run)) == counted[0]
+    # The worst policy of the matrix is the first row; its cell leads to its episodes on that scenario.
+    run("document.querySelector('#matrix tbody tr td .meters').click()")
+    first = run("return document.querySelector('#matrix tbody th').textContent")
+    assert {(scenario, policy) for scenario, policy, _ in shown(run)} == {("evaders", first)}
+    bars = run("return [...document.querySelectorAll('.meter > i > i')].map((i) => parseFloat(i.style.width))")
+    assert bars
+    assert all(0 < bar <= 100 for bar in bars)
+    assert complaints(browser) == ([], [])
+
+
+def test_a_click_plays_the_episode_beside_the_reference(browser, folder, text):  # noqa: F811
+    run = opened(browser, folder, text)
+    run(
+        "const all = report.report.replays, p = report.report.policies.findIndex((each) => each.name === 'laps');"
+        "const [id] = Object.entries(all).find(([, [s, q, seed]]) => s === 0 && q === p && seed === 2);"
+        "report.episodes.narrow({ scenario: 0, policy: p });"
+        "document.querySelector(`[data-replay=${id}]`).click()"
+    )
+    assert run("return document.getElementById('viewer').open")
+    browser.switch_to.frame(browser.find_element("id", "frame"))
+    wait(lambda: run("return document.body?.dataset.ready === 'true'"))
+    assert run("return replay.episodes.map((e) => [e.raw.policy, e.raw.seed])") == [["laps", 2], ["kuramoto-mpcc", 2]]
+    run("replay.player.toggle(true)")
+    wait(lambda: run("return replay.player.time") > 0.5)
+    browser.switch_to.default_content()
+    # It has an address of its own; alone it plays too; closed, the address is the report's.
+    address = run("return location.href")
+    assert "#replay-" in address
+    run("const b = document.getElementById('beside'); b.value = ''; b.dispatchEvent(new Event('change'))")
+    browser.switch_to.frame(browser.find_element("id", "frame"))
+    wait(lambda: run("return document.body?.dataset.ready === 'true' && replay.episodes.length === 1"))
+    browser.switch_to.default_content()
+    run("document.getElementById('close').click()")
+    wait(lambda: "#" not in run("return location.href"))
+    said, asked = complaints(browser)
+    assert said == []
+    assert [each for each in asked if not each.startswith("about:")] == []
+
+
+def test_rows_without_a_replay_tell_the_command(browser, folder, text):  # noqa: F811
+    run = opened(browser, folder, text)
+    run("report.episodes.narrow({ scenario: 0, policy: 1 })")
+    run("document.querySelector('#list .actions .quiet').click()")
+    command = run("return document.querySelector('.told code').textContent")
+    seed = run("return document.querySelector('.told').previousElementSibling.cells[2].textContent")
+    assert command == (
+        f"lissajous replay evaders laps --seed {seed} --against kuramoto-mpcc --out evaders-laps-{seed}.html"
+        " --set task.duration=4.0"
+    )
+    # No command can name a policy that was an object of Python.
+    run("report.episodes.narrow({ policy: report.report.policies.findIndex((each) => !each.named) })")
+    assert run("return document.querySelectorAll('#list .actions .quiet').length") == 0
+    assert run("return document.querySelectorAll('img').length") == 0
+    assert THEIRS in run("return document.getElementById('list').textContent")
+    assert run("return document.title") == "Benchmark"
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_it_fits_phones_and_screens_in_light_and_dark(browser, folder, text, width, dark):  # noqa: F811
+    run = opened(browser, folder, text, width, dark)
+    assert run("return document.documentElement.scrollWidth") <= width
+    paper = "return getComputedStyle(document.body).backgroundColor"
+    brightness = lambda: sum(json.loads("[" + run(paper)[4:-1] + "]"))  # noqa: E731
+    assert (brightness() < 150) == dark
+    run("document.getElementById('theme').click()")
+    assert (brightness() < 150) != dark
+    marks = "(picture) => picture.querySelectorAll('path, circle').length"
+    drawn = run(f"return [...document.querySelectorAll('.figure svg')].map({marks})")
+    assert len(drawn) == 4
+    assert all(drawn)
+    assert complaints(browser) == ([], [])
+
+
+def test_on_paper_it_is_light_whole_and_without_buttons(browser, folder, text):  # noqa: F811
+    run = opened(browser, folder, text, 1030, dark=True)
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    try:
+        wait(lambda: run("return document.documentElement.dataset.theme") == "light")
+        assert run("return document.documentElement.scrollWidth") <= 1030
+        style = "getComputedStyle(document.querySelector(name))"
+        names = ["#contents", "#filters", ".tools", ".actions"]
+        assert {run(f"const name = '{name}'; return {style}.display") for name in names} == {"none"}
+        cut = "(box) => getComputedStyle(box).overflowX !== 'visible'"
+        assert run(f"return [...document.querySelectorAll('.scroll')].filter({cut}).length") == 0
+        assert run("return document.querySelectorAll('#list tbody tr').length") == 24
+    finally:
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
+def test_a_training_shows_its_curve_its_rivals_and_the_latest_episode(browser, folder, tmp_path):  # noqa: F811
+    import baselines
+
+    settings = TrainingSettings(scenario="intruders", steps=3000, rivals=("laps",), out=tmp_path, overrides=SHORT)
+    scenario = settings.make_scenario()
+    scores = {"detection_time": 3.0, "collisions": 0.0, "return": -1.0, "detected_fraction": 0.8}
+    points = [{"steps": 1000 * k, "seconds": 60.0 * k, **scores, "detection_time": 9.0 / k} for k in (1, 2, 3)]
+    history = History(steps=3000, seconds=180.0, curve=points, rivals={"laps": scores})
+    history.best = {"counters": {"steps": 2000}}
+    with Folder(tmp_path) as held:
+        written = training.report.TrainingReport(held, settings, scenario, 20_000)
+        written.write(history, baselines.make("kuramoto-mpcc", scenario), last=True)
+    run = opened(browser, folder, (tmp_path / "report.html").read_text(encoding="utf-8"))
+    cells = "(row) => [...row.cells].map((cell) => cell.textContent)"
+    rows = run(f"return [...document.querySelectorAll('#evaluations tbody tr')].map({cells})")
+    assert [row[1] for row in rows] == ["3,000", "2,000", "1,000", ""]
+    assert [row[0] for row in rows] == ["policy", "policybest", "policy", "laps"]
+    assert run("return document.querySelectorAll('.figure .rival').length") == 4
+    run("document.getElementById('play').click()")
+    browser.switch_to.frame(browser.find_element("id", "frame"))
+    wait(lambda: run("return document.body?.dataset.ready === 'true'"))
+    assert run("return replay.episodes.map((e) => [e.raw.policy, e.raw.seed])") == [
+        ["3,000 steps", 20_000],
+        ["laps", 20_000],
+    ]
+    browser.switch_to.default_content()
+    said, asked = complaints(browser)
+    assert said == []
+    assert [each for each in asked if not each.startswith("about:")] == []

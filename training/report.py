@@ -1,0 +1,104 @@
+"""The report that a training writes while it runs: curve, evaluations, and a replay of the latest checkpoint."""
+
+import time
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import baselines
+from lissajous_env.episodes.recording import record
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.replay.contents import BRIEF, contents
+from lissajous_env.report import report
+from lissajous_env.storage.folder import Folder
+from training.learned.history import SCORES, History
+from training.settings import TrainingSettings
+
+NAME = "report.html"
+FORMAT = "lissajous training 1"
+SHARE = 0.01
+"""Share of the time of a training that replays may take; less often than each evaluation they are made anew then."""
+_TITLES = {
+    "detection_time": ("detection time [s]", "interquartile mean"),
+    "collisions": ("collisions", "mean of an episode"),
+    "return": ("return", "mean of a robot"),
+    "detected_fraction": ("detected", "share of the rogues"),
+}
+assert _TITLES.keys() == SCORES.keys()
+
+
+class TrainingReport:
+    """Writes the report of one training.
+
+    Args:
+        folder: The training's folder, held.
+        settings: Of the training.
+        scenario: What is trained on.
+        seed: Seed of the episode that is replayed.
+    """
+
+    def __init__(self, folder: Folder, settings: TrainingSettings, scenario: Scenario, seed: int):
+        self._folder, self._settings, self._scenario, self._seed = folder, settings, scenario, seed
+        self._replays: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {}
+        self._due = 0.0
+
+    def write(self, history: History, policy: Any, last: bool) -> None:
+        """Replace the page.
+
+        Args:
+            history: Of the training.
+            policy: What was learned, for one world.
+            last: Whether the training ends here; the replay is made anew in any case.
+        """
+        began = time.monotonic()
+        if last or began >= self._due:
+            self._replay(history, policy)
+            self._due = time.monotonic() + (time.monotonic() - began) / SHARE
+        self._folder.write(NAME, self.html(history))
+
+    def html(self, history: History) -> str:
+        """Make the page."""
+        settings = self._settings
+        data = {
+            "format": FORMAT,
+            "scores": [{"name": name, "title": title, "about": about} for name, (title, about) in _TITLES.items()],
+            "curve": history.curve,
+            "stages": [b["steps"] for a, b in pairwise(history.curve) if a.get("stage") != b.get("stage")],
+            "rivals": [{"name": name, **{score: of[score] for score in SCORES}} for name, of in history.rivals.items()],
+            "best": history.best["counters"]["steps"] if history.best else None,
+            "made": {name: _in_words(value) for name, value in settings.to_dict().items()},
+            "replays": {name: entry for name, (entry, _) in self._replays.items()},
+        }
+        done = f"{history.steps:,} of {settings.steps:,} steps of a robot, {history.seconds / 60:.1f} min"
+        words = {"title": f"{settings.scenario}: {settings.algorithm}, seed {settings.seed}", "state": done}
+        return report(
+            "training.html", "training.js", data, words, {name: of for name, (_, of) in self._replays.items()}
+        )
+
+    def _replay(self, history: History, policy: Any) -> None:
+        """Play the episode with what was learned; once with the first rival."""
+        played = {"replay-policy": self._played(policy, f"{history.steps:,} steps")}
+        if "replay-rival" in self._replays:
+            played["replay-rival"] = self._replays["replay-rival"]
+        elif self._settings.rivals:
+            rival = self._settings.rivals[0]
+            made = baselines.make(rival, self._scenario, 1, self._settings.device)
+            played["replay-rival"] = self._played(made, rival)
+        self._replays = played
+
+    def _played(self, policy: Any, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+        recording = record(policy, self._scenario, self._seed, self._settings.device)
+        of = contents(recording, BRIEF) | {"policy": name}
+        entry = {
+            "title": f"{self._scenario.name} · {name} · seed {self._seed}",
+            "group": "",
+            "policy": name,
+            "note": "",
+        }
+        return entry, of
+
+
+def _in_words(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} = {each}" for name, each in value.items()) or "none"
+    return ", ".join(map(str, value)) or "none" if isinstance(value, list) else str(value)
