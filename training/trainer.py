@@ -83,6 +83,9 @@ class Trainer:
         self.log({f"evaluation/{name}": point[name] for name in SCORES})
         self.save()
         self.display.evaluated(point)
+        for rival in settings.rivals:
+            if history.first_better(rival) is point:
+                self.display.beaten(rival, point)
 
     def stop_if_asked(self) -> None:
         """After Ctrl-C, write a checkpoint and end."""

@@ -46,19 +46,20 @@ class Sb3Trainer(Trainer):
 
     def __init__(self, settings: TrainingSettings, console: Console, folder: Folder):
         super().__init__(settings, console, folder)
-        threads = settings.threads or torch.get_num_threads()
-        torch.set_num_threads(threads)
+        # Blocks of rows and of worlds have the threads: torch's own would wait for one another at each operation.
+        torch.set_num_threads(1)
         penalty = settings.residual_penalty if settings.base else 0.0
         self.env = RobotVecEnv(
-            self.scenario,
+            settings.make_cautious_scenario(),
             settings.worlds,
             self.card,
             penalty,
             settings.device,
-            threads=threads,
+            threads=settings.threads,
             central=settings.critic == "world",
             short=settings.short,
             short_time=settings.short_time,
+            staggered=True,
         )
         self.model = ppo.make_ppo(settings, self.env, self.card)
         self.average: dict[str, np.ndarray] | None = None
@@ -143,7 +144,7 @@ class Sb3Trainer(Trainer):
             share = imitation.taught_share(settings, history.steps)
             try:
                 rows, wanted = imitation.collect(env, model, teacher, share, settings.rollout)
-                loss = imitation.fit(model.policy, settings, rows, wanted)
+                loss = imitation.fit(model, settings, rows, wanted)
             except ValueError as error:
                 ppo.require_finite(model, settings, history.steps, error)
                 raise
