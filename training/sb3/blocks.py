@@ -2,8 +2,8 @@
 
 Torch's own threads meet after each operation, which for networks as small as these takes as long as to compute, and
 much longer where other programs want the same cores. Here a thread takes blocks of rows all the way, forward and
-backward, and the hidden layers of a block stay in its cache. Blocks are of one size and are summed in their order: what is
-learned does not depend on how many threads there are.
+backward, and the hidden layers of a block stay in its cache. Blocks are of one size and are summed in their order: what
+is learned does not depend on how many threads there are.
 """
 
 import copy
@@ -52,8 +52,8 @@ class Blocks:
         side_by_side([partial(work, first) for first in range(threads)], threads)
         numbers, gradients = zip(*found, strict=True)
         for parameter, *parts in zip(learning, *gradients, strict=True):
-            parameter.grad = None if parts[0] is None else sum(parts[1:], parts[0])
-        return sum(numbers[1:], numbers[0])
+            parameter.grad = None if parts[0] is None else torch.stack(parts).sum(0)
+        return torch.stack(numbers).sum(0)
 
 
 def _own(policy: ActorCriticPolicy) -> ActorCriticPolicy:
