@@ -5,8 +5,9 @@
 
 Each side runs `lissajous train` in a process of its own, A B A B, and its rate is what its checkpoint says: steps of a
 robot over the time that they took, evaluations and imports left out. `ppo` is reinforcement learning alone, from the
-first evaluation on; `whole` the README's command for 5 million steps, each side with its own defaults. A ratio is the interquartile
-mean over the pairs of neighbouring runs, with its 95 % interval. `--store` puts the table into docs/figures.json.
+first evaluation on; `whole` the README's command for 5 million steps, each side with its own defaults. A ratio is the
+interquartile mean over the pairs of neighbouring runs, with its 95 % interval. `--store` puts the table into
+docs/figures.json.
 """
 
 import argparse

@@ -87,7 +87,8 @@ def test_steps_without_dictionaries_are_the_same_steps():
     for _ in range(25):
         actions = np.full((40, 2), 0.2)
         (rows, rewards, dones, infos), step = first.step(actions), second.step_rows(actions)
-        assert (rows == step.rows).all() and (rewards == step.rewards).all() and (dones == step.dones).all()
+        for ours, theirs in ((step.rows, rows), (step.rewards, rewards), (step.dones, dones)):
+            assert (ours == theirs).all()
         for k in np.flatnonzero(dones):
             assert (infos[k]["terminal_observation"] == step.last[k]).all()
             assert infos[k]["TimeLimit.truncated"] == step.truncated[k]
@@ -120,4 +121,5 @@ def test_staggered_worlds_go_on_where_they_were():
     second.load_state(first.save_state())
     for _ in range(30):
         ours, theirs = (env.step_rows(np.full((30, 2), 0.1)) for env in (first, second))
-        assert (ours.rows == theirs.rows).all() and (ours.dones == theirs.dones).all()
+        assert (ours.rows == theirs.rows).all()
+        assert (ours.dones == theirs.dones).all()
