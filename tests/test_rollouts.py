@@ -1,18 +1,26 @@
 """The fast loop of PPO against Stable-Baselines3's own, and the worlds that it learns in."""
 
+import io
+
 import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3")
 
 import torch
+from rich.console import Console
 from stable_baselines3 import PPO
 
 import lissajous_env
+from lissajous_env.storage.folder import Folder
 from training.learned.card import Card
+from training.learned.policy import Learned
 from training.sb3 import RobotVecEnv
 from training.sb3.critic import CentralCriticPolicy
 from training.sb3.rollouts import RobotPPO
+from training.sb3.trainer import Sb3Trainer, _Watch, train
+from training.settings import TrainingSettings
+from training.trainer import Trainer
 
 SHORT = {"task.duration": 2.0, "task.grid": None}
 
@@ -78,6 +86,62 @@ def test_a_critic_alone_learns_where_the_actor_is_held():
     model.learn(8 * env.num_envs)
     assert not torch.equal(model.policy.value_net.weight, before)
     assert all(torch.equal(model.policy.get_parameter(name), kept) for name, kept in held.items())
+
+
+def test_collisions_cost_more_while_learning_and_nowhere_else(tmp_path):
+    # Oracle: the scenario's own reward, which evaluations keep.
+    settings = TrainingSettings("intruders", caution=2.5, overrides={"task.reward_collision": -4.0})
+    assert settings.make_cautious_scenario().task.reward_collision == -10.0
+    assert settings.make_scenario().task.reward_collision == -4.0
+    settings = TrainingSettings("failure", worlds=2, caution=2.5, threads=1, rivals=(), out=tmp_path / "run")
+    with Folder(tmp_path / "run") as folder:
+        trainer = Sb3Trainer(settings, Console(quiet=True), folder)
+    learned_in, evaluated_in = trainer.env.scenario, trainer.scenario
+    assert learned_in.task.reward_collision == 2.5 * evaluated_in.task.reward_collision
+
+
+def test_noise_falls_as_the_settings_say(tmp_path, monkeypatch):
+    # Oracle: the line from the first to the last, from the end of imitation on; where it would rise it stays.
+    seen = []
+    set_noise = _Watch._set_noise
+
+    def recorded(watch):
+        set_noise(watch)
+        seen.append(watch.model.policy.log_std.detach().mean().item())
+
+    monkeypatch.setattr(_Watch, "_set_noise", recorded)
+    small = {"worlds": 4, "rollout": 8, "batch_size": 160, "layers": (4,), "threads": 1, "rivals": (), "epochs": 1,
+             "evaluation_episodes": 1, "steps": 800, "imitation_steps": 160, "log_std": -1.0}  # fmt: skip
+    quiet = Console(quiet=True)
+    train(TrainingSettings("failure", log_std_end=-2.0, out=tmp_path / "falls", **small), quiet)
+    assert seen == pytest.approx([-1.0, -1.25, -1.5, -1.75])
+    seen.clear()
+    train(TrainingSettings("failure", log_std_end=0.0, out=tmp_path / "stays", **small), quiet)
+    assert seen == pytest.approx([-1.0] * 4)
+    seen.clear()
+    train(TrainingSettings("failure", log_std_end=None, out=tmp_path / "learned", **small), quiet)
+    assert len(set(seen)) == 4
+
+
+def test_a_training_says_when_it_beat_its_rival(tmp_path, monkeypatch):
+    # Story: two evaluations beat it, the first of them is told, once.
+    out = io.StringIO()
+    settings = TrainingSettings(
+        "failure", worlds=4, rollout=8, batch_size=160, layers=(4,), teacher="none", threads=1, epochs=1,
+        rivals=("still",), evaluation_episodes=1, evaluate_every=160, steps=480, out=tmp_path / "run",
+    )  # fmt: skip
+    points = iter([9.5, 8.0, 7.0])
+
+    def evaluated(trainer, policy):
+        rival = not isinstance(policy, Learned)
+        trainer.history.seconds = 190.2
+        time = 9.0 if rival else next(points)
+        return {"detection_time": time, "collisions": 0.0, "return": -time, "detected_fraction": 0.5}
+
+    monkeypatch.setattr(Trainer, "_evaluated", evaluated)
+    train(settings, Console(file=out, width=120))
+    assert out.getvalue().count("better than still") == 1
+    assert "better than still after 0:03:10, 320 steps" in out.getvalue()
 
 
 def test_steps_without_dictionaries_are_the_same_steps():

@@ -106,9 +106,12 @@ class TrainingSettings:
     """Share that the average of the policy's weights keeps in each update; above 0, that average is the result."""
     log_std: float = -0.7
     """Logarithm of the standard deviation of the exploration at the start."""
+    log_std_end: float | None = -1.7
+    """The same at the end, where it is lower; it falls linearly, for what earns the most under much noise is not what
+    does without. None lets it be learned."""
     noise_steps: int = 1
     """Steps for which a robot explores with one random function of its inputs (gSDE); 1 draws noise in each step."""
-    caution: float = 3.0
+    caution: float = 2.0
     """What a collision costs while ppo learns, as a multiple of the scenario's `task.reward_collision`."""
     evaluate_every: int = 1_000_000
     """Robot steps between evaluations, each of which ends in a checkpoint."""
@@ -148,7 +151,9 @@ class TrainingSettings:
         for name in ("gamma", "gae_lambda", "short"):
             self._require(name, 0 <= getattr(self, name) <= 1, "must be from 0 to 1")
         self._require("averaging", 0 <= self.averaging < 1, "must be at least 0 and below 1")
-        self._require("log_std", -20 <= self.log_std <= 2, "must be from -20 to 2")
+        for name in ("log_std", "log_std_end"):
+            value = getattr(self, name)
+            self._require(name, value is None or -20 <= value <= 2, "must be from -20 to 2")
         for name in ("entropy", "value_weight", "residual_penalty", "caution"):
             self._require(name, getattr(self, name) >= 0, "must not be negative")
             self._require(name, getattr(self, name) <= 1e6, "must be at most 1e6")

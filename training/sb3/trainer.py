@@ -195,10 +195,20 @@ class _Watch(BaseCallback):
             trainer.evaluate_and_save()
             self._since = time.monotonic()
         trainer.stop_if_asked()
+        self._set_noise()
         if self.model.use_sde:
             # The noise has been drawn before this moment: draw it anew, from what a run that goes on knows too.
             torch.manual_seed(trainer.settings.seed << 40 | trainer.history.steps)
             cast(ActorCriticPolicy, self.model.policy).reset_noise(trainer.env.num_envs)
+
+    def _set_noise(self) -> None:
+        """Let the noise be what the settings say for this moment."""
+        settings, began = self.trainer.settings, self.trainer.settings.imitated_until
+        if settings.log_std_end is not None:
+            done = (self.trainer.history.steps - began) / max(settings.steps - began, 1)
+            fall = max(settings.log_std - settings.log_std_end, 0.0)
+            with torch.no_grad():
+                cast(ActorCriticPolicy, self.model.policy).log_std.fill_(settings.log_std - fall * min(done, 1.0))
 
     def _on_step(self) -> bool:
         return True
