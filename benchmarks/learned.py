@@ -3,7 +3,8 @@
 Every policy plays the same 64 held-out seeds, which neither the training nor the tuning saw, in one run. The tuned
 classical policies are those of `benchmarks/tuned.json`, which `python benchmarks/tuning.py` writes. Then the time of a
 learned policy's `act` and of its network alone, beside products of matrices by NumPy. `--training` measures the
-throughput of `lissajous train` too. `--store` puts what is found into docs/figures.json.
+throughput of `lissajous train` too, `--touches` how rare collisions are, over many more episodes. `--store` puts what
+is found into docs/figures.json, and how each shipped policy was made, from its card.
 """
 
 import argparse
@@ -21,9 +22,11 @@ from tuning import HELD_OUT, make
 import baselines
 import lissajous_env
 import training
-from baselines.benchmark.statistics import Statistics, summarize
+from baselines.benchmark.statistics import Statistics, interquartile_mean, summarize
 from baselines.benchmark.tables import SHOWN, in_words, number
 from baselines.policies.base import Policy
+from training.learned import checkpoint
+from training.learned.policy import find
 
 TUNED = Path(__file__).parent / "tuned.json"
 LEARNED = {"intruders": "learned-intruders", "rough-lost": "learned-rough"}
@@ -114,6 +117,33 @@ def times_per_row(name: str, worlds: int, steps: int = 2000) -> tuple[float, flo
     return found[0], found[1], found[2]
 
 
+def touches(scenario: str, seeds: range) -> list[list[str]]:
+    """Row of the learned policy, and of it behind the filter: in how many episodes of many robots touch."""
+    rows = []
+    for name in (LEARNED[scenario], f"{LEARNED[scenario]}-safe"):
+        policy = baselines.make(name, scenario, len(seeds))
+        played = lissajous_env.evaluate(policy, scenario, seeds)
+        touched = [row["seed"] for row in played if row["collisions"] > 0]
+        detection = interquartile_mean([row["detection_time_mean"] for row in played])
+        rows.append([f"`{name}`", f"{len(touched)}", f"{len(seeds):,}", f"{detection:.3f}"])
+    return rows
+
+
+def made(name: str) -> list[str]:
+    """Row of a shipped policy: what it is, by its card, and how long it was trained."""
+    card, text = checkpoint.read(find(name))[1:]
+    stages = {point.get("stage", 1) for point in text["curve"]}
+    learner = "PPO with a central critic" if card.settings.get("critic") == "world" else "PPO"
+    kind = f"a residual on `{card.base}`" if card.base else "a network of its own"
+    count = f", {len(stages)} stages" if len(stages) > 1 else ""
+    return [
+        f"`{name}`",
+        f"`{card.scenario}`",
+        f"{kind}, {learner}{count}",
+        f"{text['counters']['steps'] / 1e6:.0f} million",
+    ]
+
+
 def throughput(steps: int) -> tuple[float, float]:
     """Robot steps per second of `lissajous train` with the default network, and the environment's share of the time."""
     from training.sb3 import RobotVecEnv
@@ -131,7 +161,7 @@ def throughput(steps: int) -> tuple[float, float]:
 
         return call
 
-    RobotVecEnv.step_wait = timed(RobotVecEnv.step_wait)
+    RobotVecEnv._step = timed(RobotVecEnv._step)
     with tempfile.TemporaryDirectory() as folder:
         settings = TrainingSettings("intruders", steps=steps, teacher="none", rivals=(), evaluate_every=10 * steps,
                          evaluation_episodes=1, out=Path(folder))  # fmt: skip
@@ -144,6 +174,7 @@ def main() -> None:
     parser.add_argument("--scenarios", nargs="+", default=list(LEARNED), choices=list(LEARNED))
     parser.add_argument("--episodes", type=int, default=len(HELD_OUT))
     parser.add_argument("--training", action="store_true", help="measure training too")
+    parser.add_argument("--touches", type=int, default=0, help="episodes to count collisions in, seeds 3000 ...")
     parser.add_argument("--training-steps", type=int, default=5_000_000)
     parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
     options = parser.parse_args()
@@ -160,6 +191,14 @@ def main() -> None:
     columns = ["time of a robot, median", "act [us]", "its network [us]", "its matrices by NumPy [us]"]
     tables["learned-act"] = {"columns": columns, "rows": rows}
     figures.show("time of a learned policy", tables["learned-act"])
+    tables["learned-made"] = {"columns": ["name", "made for", "what it is", "steps of a robot"],
+                              "rows": [made(LEARNED[scenario]) for scenario in options.scenarios]}  # fmt: skip
+    if options.touches:
+        seeds = range(3000, 3000 + options.touches)
+        rows = [row for scenario in options.scenarios for row in touches(scenario, seeds)]
+        columns = ["policy", "episodes with a collision", "of", "detection [s]"]
+        tables["learned-touches"] = {"columns": columns, "rows": rows}
+        figures.show("collisions", tables["learned-touches"])
     if options.training:
         rate, share = throughput(options.training_steps)
         columns = ["", "robot steps per second", "in the environment [% of the time]"]

@@ -7,7 +7,8 @@ trainings and episodes (`baselines.benchmark.statistics.two_level_interval`).
 
 FOLDER holds a folder for each seed, as `lissajous train` leaves it, the rows of its episodes, and `trainings.json`.
 Killed and called again it goes on, and what is there is neither trained nor played again. Options that this script does
-not know are those of `lissajous train`. `--store` puts the table into docs/figures.json.
+not know are those of `lissajous train`. `--store` puts the table into docs/figures.json, and the curves of all
+trainings, by their own evaluations, into docs/trainings.png.
 """
 
 import argparse
@@ -32,6 +33,7 @@ from baselines.benchmark.tables import between, number
 from lissajous_env.console.terminal import plain
 from lissajous_env.storage.files import read_json, write_atomically
 from training.learned import checkpoint
+from training.learned.history import History
 
 COLUMNS = {
     "detection_time_mean": ("detection [s]", "sooner"),
@@ -40,6 +42,7 @@ COLUMNS = {
 }
 """Titles of a column, and of the probability that it is better than the reference's."""
 REFERENCE = "kuramoto-mpcc"
+_PANELS = {"detection_time": "detection time [s]", "collisions": "collisions an episode"}
 _ROLLOUT = 200_000
 """Steps by which a training may go beyond what it was asked for: it ends with a rollout."""
 
@@ -134,6 +137,31 @@ def _share(value: float, ends: Sequence[float] | None) -> str:
     return f"{100 * value:.0f} % ({words})" if words else f"{100 * value:.0f} %"
 
 
+def draw(out: Path, seeds: Sequence[int], path: Path) -> None:
+    """Draw the evaluations of all trainings, of detection and of collisions, with the reference as a line."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 5.2), layout="constrained", dpi=120)
+    axes = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    histories = {seed: History.read(checkpoint.read_text(out / f"seed-{seed}")) for seed in seeds}
+    for axis, (name, title) in zip(axes, _PANELS.items(), strict=True):
+        for seed, history in histories.items():
+            points = [(point["steps"] / 1e6, point[name]) for point in history.curve if point[name] is not None]
+            axis.plot(*zip(*points, strict=True), marker=".", linewidth=1.2, label=f"seed {seed}")
+        rival = histories[seeds[0]].rivals[REFERENCE][name]
+        axis.axhline(rival, color="black", linestyle="--", linewidth=1, label=REFERENCE)
+        axis.set(ylabel=title)
+        axis.grid(alpha=0.3)
+        axis.spines[["top", "right"]].set_visible(False)
+    axes[0].set_ylim(bottom=0)
+    axes[0].legend(frameon=False, fontsize=8, ncols=3)
+    # Linear up to a collision in ten episodes, so that none is on the picture, too.
+    axes[1].set_yscale("symlog", linthresh=0.1)
+    axes[1].set_ylim(bottom=-0.01)
+    axes[1].set(xlabel="steps of a robot [million]")
+    figure.savefig(path)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenario", default="intruders")
@@ -164,8 +192,10 @@ def main() -> None:
     write_atomically(options.out / "trainings.json", json.dumps(plain(text), indent=2) + "\n")
     table = as_table(result)
     figures.show(f"{command}, {options.episodes} held-out episodes", table)
+    draw(options.out, range(options.seeds), options.out / "trainings.png")
     if options.store:
         figures.store({"trainings": table})
+        draw(options.out, range(options.seeds), figures.ROOT / "docs" / "trainings.png")
 
 
 if __name__ == "__main__":

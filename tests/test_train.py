@@ -39,6 +39,7 @@ SMALL = {
     "threads": 1,
     "rivals": (),
     "imitation_steps": 1920,
+    "imitation_batch": 320,
     "overrides": {"task.duration": 6.0},
 }
 

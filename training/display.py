@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping
+from datetime import timedelta
 from typing import Any
 
 from rich import progress as bars
@@ -56,6 +57,11 @@ class Display:
         """Print a line for an evaluation."""
         at = f"{(point['steps'] or 0) / 1e6:6.1f} M steps, {in_words(point['seconds'] or 0)}"
         self.say(f"{at}: {_words(point)}")
+
+    def beaten(self, rival: str, point: Mapping[str, Any]) -> None:
+        """Print that the policy is better than a rival for the first time."""
+        after = timedelta(seconds=round(point["seconds"]))
+        self.say(f"better than {escape(rival)} after {after}, {point['steps']:,} steps")
 
 
 def _words(scores: Mapping[str, float | None]) -> str:

@@ -22,6 +22,7 @@ _MOST = {
     "worlds": 1_000_000,
     "rollout": 1_000_000,
     "batch_size": 10**9,
+    "imitation_batch": 10**9,
     "epochs": 10_000,
     "evaluate_every": 10**15,
     "evaluation_episodes": 65_536,
@@ -66,8 +67,10 @@ class TrainingSettings:
     arc-mpcc for cars."""
     imitation: Literal["dagger", "clone"] = "dagger"
     """How ppo imitates at its start."""
-    imitation_steps: int = 4_000_000
+    imitation_steps: int = 1_000_000
     """Steps of a robot, the first of `steps`, in which ppo imitates."""
+    imitation_batch: int = 1024
+    """Rows of a minibatch of imitation."""
     inputs: tuple[str, ...] = ()
     """Entries of the observation that the network reads; all by default."""
     critic: Literal["robot", "world"] = "robot"
@@ -103,11 +106,16 @@ class TrainingSettings:
     """Share that the average of the policy's weights keeps in each update; above 0, that average is the result."""
     log_std: float = -0.7
     """Logarithm of the standard deviation of the exploration at the start."""
+    log_std_end: float | None = -1.7
+    """The same at the end, where it is lower; it falls linearly, for what earns the most under much noise is not what
+    does without. None lets it be learned."""
     noise_steps: int = 1
     """Steps for which a robot explores with one random function of its inputs (gSDE); 1 draws noise in each step."""
-    evaluate_every: int = 5_000_000
+    caution: float = 2.0
+    """What a collision costs while ppo learns, as a multiple of the scenario's `task.reward_collision`."""
+    evaluate_every: int = 1_000_000
     """Robot steps between evaluations, each of which ends in a checkpoint."""
-    evaluation_episodes: int = 32
+    evaluation_episodes: int = 64
     """Episodes of an evaluation; their seeds, from 20,000, are kept from training."""
     rivals: tuple[str, ...] = ("kuramoto-mpcc",)
     """Policies that the evaluations are compared with."""
@@ -143,8 +151,10 @@ class TrainingSettings:
         for name in ("gamma", "gae_lambda", "short"):
             self._require(name, 0 <= getattr(self, name) <= 1, "must be from 0 to 1")
         self._require("averaging", 0 <= self.averaging < 1, "must be at least 0 and below 1")
-        self._require("log_std", -20 <= self.log_std <= 2, "must be from -20 to 2")
-        for name in ("entropy", "value_weight", "residual_penalty"):
+        for name in ("log_std", "log_std_end"):
+            value = getattr(self, name)
+            self._require(name, value is None or -20 <= value <= 2, "must be from -20 to 2")
+        for name in ("entropy", "value_weight", "residual_penalty", "caution"):
             self._require(name, getattr(self, name) >= 0, "must not be negative")
             self._require(name, getattr(self, name) <= 1e6, "must be at most 1e6")
         for name in ("imitation_steps", "critic_steps"):
@@ -188,6 +198,11 @@ class TrainingSettings:
         if made.task.reward_idleness == 0:
             made = make_scenario(made, **{"task.grid": None})
         return made
+
+    def make_cautious_scenario(self) -> Scenario:
+        """Make the scenario that is learned in: that of the evaluations, but for what a collision costs."""
+        made = self.make_scenario()
+        return make_scenario(made, **{"task.reward_collision": self.caution * made.task.reward_collision})
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, as written into a checkpoint: those that change what is learned, and the number of steps."""

@@ -87,6 +87,9 @@ class Trainer:
         alone = Learned(network, self.card, self.scenario, 1, settings.device)
         self.report.write(history, alone, last=history.steps >= settings.steps)
         self.display.evaluated(point)
+        for rival in settings.rivals:
+            if history.first_better(rival) is point:
+                self.display.beaten(rival, point)
 
     def stop_if_asked(self) -> None:
         """After Ctrl-C, write a checkpoint and end."""

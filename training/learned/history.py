@@ -1,7 +1,7 @@
 """How a training has gone so far: written into each checkpoint, and read again to go on."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +15,9 @@ SCORES = {
     "detected_fraction": "detected_fraction",
 }
 """What an evaluation says, each a number or None where there was none; and the column of a score row that it is of."""
+
+OFTEN = 0.02
+"""Collisions an episode by which a policy may exceed a rival's and still be as careful."""
 
 
 def summarize_scores(rows: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
@@ -44,7 +47,7 @@ class History:
     rivals: dict[str, dict[str, Any]] = field(default_factory=dict)
     """The same of the policies that it is compared with."""
     best: dict[str, Any] | None = None
-    """The policy whose return was the highest, as `checkpoint.best_of` describes it."""
+    """The best policy by `add`, as `checkpoint.best_of` describes it."""
 
     @classmethod
     def read(cls, text: Mapping[str, Any]) -> "History":
@@ -70,10 +73,30 @@ class History:
         return {"counters": self.counters, "scores": scores, **more}
 
     def add(self, point: dict[str, Any]) -> bool:
-        """Add an evaluation to the curve; whether its return is the highest so far."""
-        before = [_or_least(earlier["return"]) for earlier in self.curve]
+        """Add an evaluation to the curve; whether it is the best so far.
+
+        One that collides hardly more often than the best rival, in `OFTEN` more of the episodes at most, is better than
+        one that does; of two such the one of higher return is.
+        """
+        before = max(map(self._rank, self.curve), default=None)
         self.curve.append(point)
-        return _or_least(point["return"]) > max(before, default=-math.inf)
+        return (before is None and point["return"] is not None) or (before is not None and self._rank(point) > before)
+
+    def first_better(self, rival: str) -> dict[str, Any] | None:
+        """First evaluation that detects sooner than a rival does and collides hardly more often."""
+        theirs = self.rivals[rival]["detection_time"]
+        for point in self.curve:
+            ours = point["detection_time"]
+            if None not in (ours, theirs) and ours < theirs and self._is_careful(point, [self.rivals[rival]]):
+                return point
+        return None
+
+    def _rank(self, point: Mapping[str, Any]) -> tuple[bool, float]:
+        return self._is_careful(point, self.rivals.values()), _or_least(point["return"])
+
+    def _is_careful(self, point: Mapping[str, Any], rivals: Iterable[Mapping[str, Any]]) -> bool:
+        theirs = [scores["collisions"] or 0.0 for scores in rivals]
+        return not theirs or (point["collisions"] or 0.0) <= min(theirs) + OFTEN
 
 
 def check_notes(text: Mapping[str, Any]) -> None:

@@ -73,7 +73,8 @@ class RllibTrainer(Trainer):
             cores = int(ray.cluster_resources().get("CPU", 0))
             if settings.workers > cores:
                 raise ValueError(f"workers must be at most the {cores} CPUs of the Ray cluster, got {settings.workers}")
-            self.algorithm = ppo.make_ppo(settings, self.scenario, self.card, self._start, history.updates)
+            scenario = settings.make_cautious_scenario()
+            self.algorithm = ppo.make_ppo(settings, scenario, self.card, self._start, history.updates)
             try:
                 if self._state is not None:
                     self._load(self._state)

@@ -8,13 +8,15 @@ Differs from the paper: states are not aggregated over rounds. A round of the ba
 fresh ones alone, and nothing but the worlds has to be kept to go on.
 """
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO
+from stable_baselines3.common.policies import ActorCriticPolicy
 
 import baselines
+from training.sb3.blocks import Loss
+from training.sb3.rollouts import RobotPPO
 from training.sb3.vec_env import RobotVecEnv
 from training.settings import TrainingSettings
 
@@ -25,7 +27,7 @@ def taught_share(settings: TrainingSettings, steps: int) -> float:
 
 
 def collect(
-    env: RobotVecEnv, model: PPO, teacher: baselines.Policy, share: float, steps: int
+    env: RobotVecEnv, model: RobotPPO, teacher: baselines.Policy, share: float, steps: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Play on from the model's latest rows.
 
@@ -48,26 +50,35 @@ def collect(
         rows.append(torch.from_numpy(met))
         wanted.append(torch.from_numpy(shown))
         own, _ = model.predict(met, deterministic=True)
-        after, _, dones, _ = env.step(np.where(taught, shown, own))
-        model._last_obs, model._last_episode_starts = np.asarray(after), dones
-        if dones.any():
-            teacher.reset(dones.reshape(worlds, n).all(axis=1))
+        after = env.step_rows(np.where(taught, shown, own))
+        model._last_obs, model._last_episode_starts = after.rows, after.dones
+        if after.dones.any():
+            teacher.reset(after.dones.reshape(worlds, n).all(axis=1))
     return torch.cat(rows), torch.cat(wanted)
 
 
-def fit(policy: Any, settings: TrainingSettings, rows: torch.Tensor, wanted: torch.Tensor) -> float:
+def fit(model: RobotPPO, settings: TrainingSettings, rows: torch.Tensor, wanted: torch.Tensor) -> float:
     """Pass over the rows in minibatches; returns the mean squared error of the last pass."""
+    policy = model.policy
     policy.set_training_mode(True)
     rows, wanted = rows.to(policy.device), wanted.to(policy.device)
     losses = []
     for _ in range(settings.epochs):
         losses = []
-        for chosen in torch.from_numpy(np.random.permutation(len(rows))).split(settings.batch_size):
-            error = policy.get_distribution(rows[chosen]).mode() - wanted[chosen]
-            loss = error.square().mean()
-            policy.optimizer.zero_grad()
-            loss.backward()
+        drawn = torch.from_numpy(np.random.permutation(len(rows))).to(policy.device)
+        for chosen in drawn.split(settings.imitation_batch):
+            losses.append(model.blocks.differentiate(_squared_error(len(chosen)), (rows[chosen], wanted[chosen])))
             torch.nn.utils.clip_grad_norm_(policy.parameters(), settings.gradient_max)
             policy.optimizer.step()
-            losses.append(loss.item())
-    return float(np.mean(losses))
+    return torch.stack(losses).mean().item()
+
+
+def _squared_error(count: int) -> Loss:
+    """Mean squared error over a number of rows, by block."""
+
+    def loss(policy: ActorCriticPolicy, rows: Sequence[torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
+        met, wanted = rows
+        total = (policy.get_distribution(met).mode() - wanted).square().mean(1).sum() / count
+        return total, total
+
+    return loss

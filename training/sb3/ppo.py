@@ -1,28 +1,31 @@
 """Stable-Baselines3's PPO, its networks as plain arrays, and what a training of it goes on from."""
 
+import os
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.utils import ConstantSchedule, LinearSchedule
-from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.learned.network import Network
 from training.sb3.critic import CentralCriticPolicy
+from training.sb3.rollouts import RobotPPO
+from training.sb3.vec_env import RobotVecEnv
 from training.settings import TrainingSettings
 
 _FIRST_SEED = 1_000_000
 
 
-def make_ppo(settings: TrainingSettings, env: VecEnv, card: Card) -> PPO:
+def make_ppo(settings: TrainingSettings, env: RobotVecEnv, card: Card) -> RobotPPO:
     """Make Stable-Baselines3's PPO with the settings."""
     rows = env.num_envs * settings.rollout
     central = {"actor_inputs": card.network_inputs} if settings.critic == "world" else {}
-    model = PPO(
+    model = RobotPPO(
         CentralCriticPolicy if central else "MlpPolicy",
         env,
         learning_rate=LinearSchedule(settings.learning_rate, settings.learning_rate / 50, 1.0),
@@ -39,12 +42,14 @@ def make_ppo(settings: TrainingSettings, env: VecEnv, card: Card) -> PPO:
         sde_sample_freq=settings.noise_steps,
         policy_kwargs={
             "net_arch": list(settings.layers),
-            "activation_fn": {"relu": nn.ReLU, "tanh": nn.Tanh}[settings.activation],
+            "activation_fn": {"relu": partial(nn.ReLU, inplace=True), "tanh": nn.Tanh}[settings.activation],
+            "optimizer_kwargs": {"eps": 1e-5, "fused": True},
             "log_std_init": settings.log_std,
             **central,
         },
         seed=settings.seed,
         device=settings.device,
+        threads=settings.threads or os.cpu_count() or 1,
     )
     # PPO seeds the worlds with the number itself; they begin far from the seeds that evaluations are played on.
     env.seed(_FIRST_SEED * (1 + settings.seed))
@@ -90,9 +95,11 @@ def require_finite(model: Any, settings: TrainingSettings, steps: int, cause: Ex
         cause: What torch raised.
 
     Raises:
-        ValueError: weights, or the actions that they give for the latest rows, are not finite.
+        ValueError: weights, the spread of the noise, or the actions for the latest rows are not finite.
     """
     finite = all(bool(torch.isfinite(parameter).all()) for parameter in model.policy.parameters())
+    spread = model.policy.log_std.detach().exp()
+    finite = finite and bool((torch.isfinite(spread) & (spread > 0)).all())
     if finite and model._last_obs is not None:
         rows = torch.as_tensor(np.asarray(model._last_obs), dtype=torch.float32, device=model.device)
         with torch.no_grad():

@@ -46,19 +46,20 @@ class Sb3Trainer(Trainer):
 
     def __init__(self, settings: TrainingSettings, console: Console, folder: Folder):
         super().__init__(settings, console, folder)
-        threads = settings.threads or torch.get_num_threads()
-        torch.set_num_threads(threads)
+        # Blocks of rows and of worlds have the threads: torch's own would wait for one another at each operation.
+        torch.set_num_threads(1)
         penalty = settings.residual_penalty if settings.base else 0.0
         self.env = RobotVecEnv(
-            self.scenario,
+            settings.make_cautious_scenario(),
             settings.worlds,
             self.card,
             penalty,
             settings.device,
-            threads=threads,
+            threads=settings.threads,
             central=settings.critic == "world",
             short=settings.short,
             short_time=settings.short_time,
+            staggered=True,
         )
         self.model = ppo.make_ppo(settings, self.env, self.card)
         self.average: dict[str, np.ndarray] | None = None
@@ -143,7 +144,7 @@ class Sb3Trainer(Trainer):
             share = imitation.taught_share(settings, history.steps)
             try:
                 rows, wanted = imitation.collect(env, model, teacher, share, settings.rollout)
-                loss = imitation.fit(model.policy, settings, rows, wanted)
+                loss = imitation.fit(model, settings, rows, wanted)
             except ValueError as error:
                 ppo.require_finite(model, settings, history.steps, error)
                 raise
@@ -194,10 +195,20 @@ class _Watch(BaseCallback):
             trainer.evaluate_and_save()
             self._since = time.monotonic()
         trainer.stop_if_asked()
+        self._set_noise()
         if self.model.use_sde:
             # The noise has been drawn before this moment: draw it anew, from what a run that goes on knows too.
             torch.manual_seed(trainer.settings.seed << 40 | trainer.history.steps)
             cast(ActorCriticPolicy, self.model.policy).reset_noise(trainer.env.num_envs)
+
+    def _set_noise(self) -> None:
+        """Let the noise be what the settings say for this moment."""
+        settings, began = self.trainer.settings, self.trainer.settings.imitated_until
+        if settings.log_std_end is not None:
+            done = (self.trainer.history.steps - began) / max(settings.steps - began, 1)
+            fall = max(settings.log_std - settings.log_std_end, 0.0)
+            with torch.no_grad():
+                cast(ActorCriticPolicy, self.model.policy).log_std.fill_(settings.log_std - fall * min(done, 1.0))
 
     def _on_step(self) -> bool:
         return True

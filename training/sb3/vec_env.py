@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -17,6 +17,22 @@ from training.sb3.critic import WorldView
 
 _RECENT = 256
 """Episodes whose scores are kept."""
+_GOLDEN = (5**0.5 - 1) / 2
+
+
+class Step(NamedTuple):
+    """What a step of all rows returns."""
+
+    rows: np.ndarray
+    """(W N, inputs) rows to act on next."""
+    rewards: np.ndarray
+    """(W N,) reward of each."""
+    dones: np.ndarray
+    """(W N,) whether its episode ended."""
+    truncated: np.ndarray
+    """(W N,) whether it ended for want of time."""
+    last: np.ndarray
+    """(W N, inputs) rows before what ended began anew."""
 
 
 class RobotVecEnv(VecEnv):
@@ -39,6 +55,8 @@ class RobotVecEnv(VecEnv):
         central: Whether a row ends in what `WorldView` shows of the world, for a critic.
         short: Share of the worlds, the first ones, that begin anew after `short_time`.
         short_time: Time after which they do [s].
+        staggered: Whether the first episodes end at moments spread over an episode's time, so that ever after the rows
+            of a step are of all moments of an episode, not of one.
     """
 
     def __init__(
@@ -53,6 +71,7 @@ class RobotVecEnv(VecEnv):
         central: bool = False,
         short: float = 0.0,
         short_time: float = 3.0,
+        staggered: bool = False,
     ):
         self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads)
         self._seeded = seed is not None
@@ -62,9 +81,13 @@ class RobotVecEnv(VecEnv):
         self.scores: deque[dict[str, Any]] = deque(maxlen=_RECENT)
         self.render_mode = None
         self._view = WorldView(self.simulation) if central else None
-        last_step = np.full(num_worlds, self.scenario.task.steps)
-        last_step[: round(short * num_worlds)] = max(round(short_time / self.scenario.task.step), 1)
-        self._last_step = np.minimum(last_step, self.scenario.task.steps)
+        steps = self.scenario.task.steps
+        self._last_step = np.full(num_worlds, steps)
+        self._last_step[: round(short * num_worlds)] = min(max(round(short_time / self.scenario.task.step), 1), steps)
+        # Multiples of the golden section, so that any number of the first worlds is spread, too.
+        spread = np.arange(num_worlds) * _GOLDEN % 1.0 if staggered else np.ones(num_worlds)
+        self._first_end = np.ceil(np.maximum(spread, 1 / steps) * self._last_step).astype(np.int64)
+        self._end = self._first_end.copy()
         more = np.full(0 if self._view is None else self._view.size, np.inf, dtype=np.float32)
         low, high = np.concatenate([self._wiring.low, -more]), np.concatenate([self._wiring.high, more])
         actions = gymnasium.spaces.Box(-1.0, 1.0, (self.scenario.action_size,), np.float32)
@@ -82,18 +105,20 @@ class RobotVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         self._done = np.zeros(self.num_envs, dtype=bool)
+        self._end = self._first_end.copy()
         self._wiring.reset()
         return self._rows(self._wiring.read(self.simulation.observation.numpy()))
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy everything that changes while the worlds go on, by name."""
-        return prefixed("world", self.simulation.save_state()) | self._wiring.save_state()
+        return prefixed("world", self.simulation.save_state()) | self._wiring.save_state() | {"end": self._end}
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
         """Go on from what `save_state` returned."""
         self.simulation.load_state(within("world", saved))
         self._seeded = True
         self._done = self.simulation.terminated.numpy().astype(bool).reshape(-1)
+        self._end = saved["end"].copy()
         self._wiring.load_state(saved)
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -117,27 +142,38 @@ class RobotVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take the step: rows, rewards, dones, infos."""
+        step = self._step()
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for k in np.flatnonzero(step.dones):
+            infos[k] = {"terminal_observation": step.last[k], "TimeLimit.truncated": bool(step.truncated[k])}
+        return step.rows, step.rewards, step.dones, infos
+
+    def step_rows(self, actions: np.ndarray) -> Step:
+        """Take a step as `step` does, without a dictionary for each row."""
+        self.step_async(actions)
+        return self._step()
+
+    def _step(self) -> Step:
         simulation, wiring = self.simulation, self._wiring
         simulation.step(wiring.actions(self._actions))
         rewards = (simulation.reward.numpy() - wiring.penalty(self._actions)).reshape(-1)
         terminated = simulation.terminated.numpy().astype(bool).reshape(-1)
-        over = simulation.over | (simulation.clock.step.numpy() >= self._last_step)
+        over = simulation.over | (simulation.clock.step.numpy() >= self._end)
         ended = terminated | np.repeat(over, simulation.num_robots)
         dones = ended & ~self._done | np.repeat(over, simulation.num_robots)
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        last = None
         if dones.any():
             # The base's action is the one of the step before: of a last observation only its value is asked for.
             last = self._rows(wiring.rows(simulation.observation.numpy()))
-            for k in np.flatnonzero(dones):
-                infos[k]["terminal_observation"] = last[k]
-                infos[k]["TimeLimit.truncated"] = not terminated[k]
         if over.any():
             self.scores.extend(simulation.score(simulation.over))
             simulation.reset(over)
             wiring.reset(over)
+            self._end[over] = self._last_step[over]
             ended = simulation.terminated.numpy().astype(bool).reshape(-1)
         self._done = ended
-        return self._rows(wiring.read(simulation.observation.numpy())), rewards, dones, infos
+        rows = self._rows(wiring.read(simulation.observation.numpy()))
+        return Step(rows, rewards, dones, dones & ~terminated, rows if last is None else last)
 
     def _rows(self, rows: np.ndarray) -> np.ndarray:
         """(W N, inputs) copy of the rows (W, N, ...), with what a central critic sees."""
