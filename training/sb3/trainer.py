@@ -56,7 +56,7 @@ class Sb3Trainer(Trainer):
             penalty,
             settings.device,
             threads=settings.threads,
-            central=settings.critic == "world",
+            central=settings.has_central_critic,
             short=settings.short,
             short_time=settings.short_time,
             staggered=True,
