@@ -24,6 +24,7 @@ _MOST = {
     "batch_size": 10**9,
     "imitation_batch": 10**9,
     "epochs": 10_000,
+    "imitation_epochs": 10_000,
     "evaluate_every": 10**15,
     "evaluation_episodes": 65_536,
     "noise_steps": 10**9,
@@ -71,6 +72,8 @@ class TrainingSettings:
     """Steps of a robot, the first of `steps`, in which ppo imitates."""
     imitation_batch: int = 1024
     """Rows of a minibatch of imitation."""
+    imitation_epochs: int = 4
+    """Passes over a rollout of imitation."""
     inputs: tuple[str, ...] = ()
     """Entries of the observation that the network reads; all by default."""
     critic: Literal["robot", "world"] | None = None

@@ -150,7 +150,7 @@ class Sb3Trainer(Trainer):
                 raise
             ppo.require_finite(model, settings, history.steps)
             history.steps += settings.rollout * env.num_envs
-            history.updates += settings.epochs
+            history.updates += settings.imitation_epochs
             history.seconds += time.monotonic() - began
             model.num_timesteps, model._n_updates = history.steps, history.updates
             self.observe_rollout({"imitation/error": loss})

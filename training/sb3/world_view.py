@@ -9,6 +9,7 @@ import warp as wp
 
 from lissajous_env import Simulation
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.program import launcher
 from lissajous_env.world.state import PRESENT, WORKING
 
@@ -96,6 +97,8 @@ class WorldView:
             robots.speed, robots.status, targets.stage, targets.position, simulation.clock.step,
         ]  # fmt: skip
         self._launch, self._worlds = launcher(device), simulation.num_worlds
+        with compile_quietly():
+            self.rows()
 
     def rows(self) -> np.ndarray:
         """(W N, size) what the critic sees of the worlds as they are."""
