@@ -133,7 +133,7 @@ def made(name: str) -> list[str]:
     """Row of a shipped policy: what it is, by its card, and how long it was trained."""
     card, text = checkpoint.read(find(name))[1:]
     stages = {point.get("stage", 1) for point in text["curve"]}
-    learner = "PPO with a central critic" if card.settings.get("critic") == "world" else "PPO"
+    learner = "PPO with a central critic" if card.settings.get("critic", "robot") != "robot" else "PPO"
     kind = f"a residual on `{card.base}`" if card.base else "a network of its own"
     count = f", {len(stages)} stages" if len(stages) > 1 else ""
     return [

@@ -24,6 +24,7 @@ _MOST = {
     "batch_size": 10**9,
     "imitation_batch": 10**9,
     "epochs": 10_000,
+    "imitation_epochs": 10_000,
     "evaluate_every": 10**15,
     "evaluation_episodes": 65_536,
     "noise_steps": 10**9,
@@ -71,10 +72,13 @@ class TrainingSettings:
     """Steps of a robot, the first of `steps`, in which ppo imitates."""
     imitation_batch: int = 1024
     """Rows of a minibatch of imitation."""
+    imitation_epochs: int = 4
+    """Passes over a rollout of imitation."""
     inputs: tuple[str, ...] = ()
     """Entries of the observation that the network reads; all by default."""
-    critic: Literal["robot", "world"] = "robot"
-    """What the critic of ppo sees: the policy's inputs, or the whole world besides (MAPPO)."""
+    critic: Literal["robot", "world"] | None = None
+    """What the critic of ppo sees: the policy's inputs, or the whole world besides (MAPPO). By default the world, and
+    robot with ray, which knows no other."""
     critic_steps: int = 0
     """Steps of a robot, the first of ppo, in which the critic alone learns: what it says of a policy that was learned
     elsewhere is wrong at first, and would spoil it."""
@@ -106,12 +110,12 @@ class TrainingSettings:
     """Share that the average of the policy's weights keeps in each update; above 0, that average is the result."""
     log_std: float = -0.7
     """Logarithm of the standard deviation of the exploration at the start."""
-    log_std_end: float | None = -1.7
+    log_std_end: float | None = -1.2
     """The same at the end, where it is lower; it falls linearly, for what earns the most under much noise is not what
     does without. None lets it be learned."""
     noise_steps: int = 1
     """Steps for which a robot explores with one random function of its inputs (gSDE); 1 draws noise in each step."""
-    caution: float = 2.0
+    caution: float = 3.0
     """What a collision costs while ppo learns, as a multiple of the scenario's `task.reward_collision`."""
     evaluate_every: int = 1_000_000
     """Robot steps between evaluations, each of which ends in a checkpoint."""
@@ -179,6 +183,11 @@ class TrainingSettings:
         if self.start is not None or self.base is not None:
             return None
         return {"car": "arc-mpcc", "curve": "kuramoto"}.get(self.make_scenario().robot.kind)
+
+    @property
+    def has_central_critic(self) -> bool:
+        """Whether the critic sees the world."""
+        return self.engine == "sb3" and self.critic != "robot"
 
     @property
     def imitated_until(self) -> int:

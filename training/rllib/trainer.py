@@ -40,7 +40,9 @@ def train(settings: TrainingSettings, console: Console | None = None) -> History
         raise ValueError(f"algorithm of engine ray must be ppo, got {settings.algorithm}")
     if settings.teacher not in (None, "none"):
         raise ValueError(f"teacher of engine ray must be none, for it does not imitate, got {settings.teacher}")
-    for name, value in {"critic": "robot", "critic_steps": 0, "noise_steps": 1, "short": 0.0, "averaging": 0.0}.items():
+    if settings.critic == "world":
+        raise ValueError("critic of engine ray must be robot, got world")
+    for name, value in {"critic_steps": 0, "noise_steps": 1, "short": 0.0, "averaging": 0.0}.items():
         if getattr(settings, name) != value:
             raise ValueError(f"{name} of engine ray must be {value}, got {getattr(settings, name)}")
     if settings.imitated is not None:

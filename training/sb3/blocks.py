@@ -7,25 +7,30 @@ is learned does not depend on how many threads there are.
 """
 
 import copy
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import Any, cast
 
 import torch
+from stable_baselines3.common.distributions import DiagGaussianDistribution
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
 from lissajous_env.device.devices import side_by_side
 
-BLOCK = 2048
+BLOCK = 4096
 """Rows of a block on a CPU."""
+
+_HALF_LOG_TWO_PI = 0.5 * math.log(2 * math.pi)
 
 Loss = Callable[[ActorCriticPolicy, Sequence[torch.Tensor]], tuple[torch.Tensor, torch.Tensor]]
 """Of some rows: their share of the loss, and numbers about it, which are summed over the blocks."""
 
 
 class Blocks:
-    """A policy, ready to be differentiated on some threads.
+    """A policy, ready to be evaluated and differentiated on some threads.
 
     Args:
         policy: What is learned; it keeps its weights, which all threads share.
@@ -37,60 +42,113 @@ class Blocks:
         self._block = BLOCK if policy.device.type == "cpu" else None
         self._workers = [_own(policy) for _ in range(threads if self._block else 1)]
 
-    def differentiate(self, loss: Loss, rows: Sequence[torch.Tensor]) -> torch.Tensor:
-        """Put the gradient of the loss over all rows into the parameters that learn, and return its numbers."""
+    def differentiate(self, loss: Loss, tensors: Sequence[torch.Tensor], chosen: torch.Tensor) -> torch.Tensor:
+        """Put the gradient of the loss over the chosen rows into the parameters that learn, and return its numbers."""
         learning = [parameter for parameter in self._policy.parameters() if parameter.requires_grad]
-        blocks = list(zip(*(each.split(self._block or len(each)) for each in rows), strict=True))
-        found: list[Any] = [None] * len(blocks)
-        threads = min(len(self._workers), len(blocks))
 
-        def work(first: int) -> None:
-            for k in range(first, len(blocks), threads):
-                value, numbers = loss(self._workers[first], blocks[k])
-                found[k] = numbers.detach(), torch.autograd.grad(value, learning, allow_unused=True)
+        def work(policy: ActorCriticPolicy, block: slice) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
+            value, numbers = loss(policy, [tensor.index_select(0, chosen[block]) for tensor in tensors])
+            return numbers.detach(), torch.autograd.grad(value, learning, allow_unused=True)
 
-        side_by_side([partial(work, first) for first in range(threads)], threads)
-        numbers, gradients = zip(*found, strict=True)
+        numbers, gradients = zip(*self._map(work, len(chosen)), strict=True)
         for parameter, *parts in zip(learning, *gradients, strict=True):
             parameter.grad = None if parts[0] is None else torch.stack(parts).sum(0)
         return torch.stack(numbers).sum(0)
 
+    def values(self, rows: torch.Tensor) -> torch.Tensor:
+        """What the critic expects after each row."""
+
+        def work(policy: ActorCriticPolicy, block: slice) -> torch.Tensor:
+            with torch.no_grad():
+                # A copy: the next block takes the same buffers.
+                return policy.predict_values(rows[block]).flatten().clone()
+
+        return torch.cat(self._map(work, len(rows)))
+
+    def _map(self, work: Callable[[ActorCriticPolicy, slice], Any], rows: int) -> list[Any]:
+        """What `work` returns for each block of some rows, in their order."""
+        size = self._block or rows
+        blocks = [slice(first, min(first + size, rows)) for first in range(0, rows, size)]
+        found: list[Any] = [None] * len(blocks)
+        threads = min(len(self._workers), len(blocks))
+
+        def run(first: int) -> None:
+            for k in range(first, len(blocks), threads):
+                found[k] = work(self._workers[first], blocks[k])
+
+        side_by_side([partial(run, first) for first in range(threads)], threads)
+        return found
+
 
 def _own(policy: ActorCriticPolicy) -> ActorCriticPolicy:
-    """Copy what a thread needs of its own: the distribution, which remembers its latest rows, and the hidden layers."""
+    """Copy what a thread needs of its own: layers with buffers, and the distribution, which keeps its latest rows."""
     own = copy.copy(policy)
     own._modules = dict(policy._modules)
-    own.action_dist = copy.copy(policy.action_dist)
-    own.mlp_extractor = _TwoTowers(policy.mlp_extractor)  # type: ignore[assignment]
+    actor, critic = policy.mlp_extractor.policy_net, policy.mlp_extractor.value_net
+    if isinstance(policy.action_dist, DiagGaussianDistribution):
+        own.action_dist = _Gaussian(policy.action_dist.action_dim)
+        towers = _Towers(_Tower([*actor, policy.action_net]), _Tower([*critic, policy.value_net]))
+        own.action_net = nn.Identity()
+    else:
+        # The noise of gSDE is a function of the last hidden layer.
+        own.action_dist = copy.copy(policy.action_dist)
+        towers = _Towers(_Tower([*actor]), _Tower([*critic, policy.value_net]))
+    own.mlp_extractor, own.value_net = towers, nn.Identity()  # type: ignore[assignment]
     return own
 
 
-class _TwoTowers(nn.Module):
-    """Hidden layers of actor and critic; each reads as many entries of a row as it has inputs."""
+class _Gaussian(DiagGaussianDistribution):
+    """The library's normal distribution in closed form, without the checks that torch's makes at each use."""
 
-    def __init__(self, extractor: Any):
+    def proba_distribution(self, mean_actions: torch.Tensor, log_std: torch.Tensor) -> "_Gaussian":
+        """Take means (rows, components) and logarithms of standard deviations (components,)."""
+        self._mean, self._log_std = mean_actions, log_std
+        return self
+
+    def log_prob(self, actions: torch.Tensor) -> torch.Tensor:
+        """Logarithm of the density at actions, (rows,)."""
+        apart = ((actions - self._mean) * (-self._log_std).exp()).square().sum(1)
+        return -0.5 * apart - self._log_std.sum() - len(self._log_std) * _HALF_LOG_TWO_PI
+
+    def entropy(self) -> torch.Tensor:
+        """Entropy, (rows,)."""
+        each = self._log_std.sum() + len(self._log_std) * (0.5 + _HALF_LOG_TWO_PI)
+        return each.expand(len(self._mean))
+
+    def mode(self) -> torch.Tensor:
+        """Means."""
+        return self._mean
+
+
+class _Towers(nn.Module):
+    """What the policy takes for its extractor of features: the layers of actor and critic."""
+
+    def __init__(self, actor: "_Tower", critic: "_Tower"):
         super().__init__()
-        self.actor, self.critic = _Tower(extractor.policy_net), _Tower(extractor.value_net)
+        self.actor, self.critic = actor, critic
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Last hidden layers of both."""
-        return self.forward_actor(rows), self.forward_critic(rows)
+        """Outputs of both."""
+        return self.actor(rows), self.critic(rows)
 
     def forward_actor(self, rows: torch.Tensor) -> torch.Tensor:
-        """Last hidden layer of the actor."""
+        """Output of the actor."""
         return self.actor(rows)
 
     def forward_critic(self, rows: torch.Tensor) -> torch.Tensor:
-        """Last hidden layer of the critic."""
+        """Output of the critic."""
         return self.critic(rows)
 
 
 class _Tower:
-    """Layers of ReLU or tanh, forward and backward over the same buffers: one pass at a time."""
+    """Linear layers, with ReLU or tanh where one follows, forward and backward over the same buffers: a pass at a time.
 
-    def __init__(self, net: nn.Sequential):
-        self._layers = [layer for layer in net if isinstance(layer, nn.Linear)]
-        self._of_tanh = any(isinstance(layer, nn.Tanh) for layer in net)
+    It reads as many entries of a row as its first layer has inputs.
+    """
+
+    def __init__(self, modules: Sequence[nn.Module]):
+        self._layers = [layer for layer in modules if isinstance(layer, nn.Linear)]
+        self._bends = [type(after) for layer, after in pairwise([*modules, None]) if isinstance(layer, nn.Linear)]
         self._buffers: list[tuple[torch.Tensor, torch.Tensor]] = []
 
     def __call__(self, rows: torch.Tensor) -> torch.Tensor:
@@ -105,9 +163,13 @@ class _Tower:
             shapes = [(len(rows), layer.out_features) for layer in self._layers]
             self._buffers = [(rows.new_empty(shape), rows.new_empty(shape)) for shape in shapes]
         found = []
-        for layer, (buffer, _) in zip(self._layers, self._buffers, strict=True):
+        for layer, bend, (buffer, _) in zip(self._layers, self._bends, self._buffers, strict=True):
             rows = torch.addmm(layer.bias, rows, layer.weight.t(), out=buffer[: len(rows)])
-            found.append(rows.tanh_() if self._of_tanh else rows.relu_())
+            if bend is nn.ReLU:
+                rows.relu_()
+            elif bend is nn.Tanh:
+                rows.tanh_()
+            found.append(rows)
         return found
 
     def gradients(self, rows: torch.Tensor, outputs: Sequence[torch.Tensor], by_last: torch.Tensor) -> list[Any]:
@@ -116,10 +178,12 @@ class _Tower:
         by_output = by_last
         for k in reversed(range(len(self._layers))):
             by_sum = self._buffers[k][1][: len(rows)]
-            if self._of_tanh:
+            if self._bends[k] is nn.ReLU:
+                torch.ops.aten.threshold_backward.grad_input(by_output, outputs[k], 0, grad_input=by_sum)
+            elif self._bends[k] is nn.Tanh:
                 torch.ops.aten.tanh_backward.grad_input(by_output, outputs[k], grad_input=by_sum)
             else:
-                torch.ops.aten.threshold_backward.grad_input(by_output, outputs[k], 0, grad_input=by_sum)
+                by_sum = by_output
             found = [by_sum.t().mm(outputs[k - 1] if k else rows), by_sum.sum(0), *found]
             if k:
                 by_output = torch.mm(by_sum, self._layers[k].weight, out=self._buffers[k - 1][1][: len(rows)])

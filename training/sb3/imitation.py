@@ -63,11 +63,11 @@ def fit(model: RobotPPO, settings: TrainingSettings, rows: torch.Tensor, wanted:
     policy.set_training_mode(True)
     rows, wanted = rows.to(policy.device), wanted.to(policy.device)
     losses = []
-    for _ in range(settings.epochs):
+    for _ in range(settings.imitation_epochs):
         losses = []
         drawn = torch.from_numpy(np.random.permutation(len(rows))).to(policy.device)
         for chosen in drawn.split(settings.imitation_batch):
-            losses.append(model.blocks.differentiate(_squared_error(len(chosen)), (rows[chosen], wanted[chosen])))
+            losses.append(model.blocks.differentiate(_squared_error(len(chosen)), (rows, wanted), chosen))
             torch.nn.utils.clip_grad_norm_(policy.parameters(), settings.gradient_max)
             policy.optimizer.step()
     return torch.stack(losses).mean().item()

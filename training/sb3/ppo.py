@@ -24,7 +24,7 @@ _FIRST_SEED = 1_000_000
 def make_ppo(settings: TrainingSettings, env: RobotVecEnv, card: Card) -> RobotPPO:
     """Make Stable-Baselines3's PPO with the settings."""
     rows = env.num_envs * settings.rollout
-    central = {"actor_inputs": card.network_inputs} if settings.critic == "world" else {}
+    central = {"actor_inputs": card.network_inputs} if settings.has_central_critic else {}
     model = RobotPPO(
         CentralCriticPolicy if central else "MlpPolicy",
         env,

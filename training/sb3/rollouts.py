@@ -5,7 +5,7 @@ time where an episode runs out of time, and picks minibatches by NumPy. With tho
 learn from them. What is learned is the same to rounding, for the same random numbers are drawn in the same order.
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -14,12 +14,14 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.type_aliases import RolloutBufferSamples
 from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
 
 from training.sb3.blocks import Blocks, Loss
 from training.sb3.vec_env import RobotVecEnv
+
+RanOut = tuple[int, torch.Tensor, torch.Tensor]
+"""Step in which the time of some rows ran out, which they were, and what they saw last."""
 
 
 class Rollouts(RolloutBuffer):
@@ -39,43 +41,61 @@ class Rollouts(RolloutBuffer):
         """Begin again; what is stored is overwritten."""
         self.pos, self.full = 0, False
 
-    def add(self, obs: Any, action: Any, reward: Any, episode_start: Any, value: Any, log_prob: Any) -> None:
-        """Store a step, arrays or tensors; `episode_start` says which rows are the first of an episode."""
-        step = (obs, action, reward, episode_start, value, log_prob)
-        stored = (self._seen, self._taken, self._rewards, self._starts, self._values, self._log_probs)
-        for given, tensor in zip(step, stored, strict=True):
-            tensor[self.pos].copy_(torch.as_tensor(given).view_as(tensor[self.pos]))
+    def store(self, rows: torch.Tensor, actions: torch.Tensor, log_probs: torch.Tensor, starts: np.ndarray) -> None:
+        """Store what was seen and done in a step; `starts` says which rows are the first of an episode."""
+        self._seen[self.pos].copy_(rows)
+        self._taken[self.pos].copy_(actions)
+        self._log_probs[self.pos].copy_(log_probs)
+        self._starts[self.pos].copy_(torch.from_numpy(starts))
+
+    def reward(self, rewards: np.ndarray) -> None:
+        """Store what the step earned, which ends it."""
+        self._rewards[self.pos].copy_(torch.from_numpy(rewards))
         self.pos += 1
         self.full = self.pos == self.buffer_size
 
-    def compute_returns_and_advantage(self, last_values: torch.Tensor, dones: np.ndarray) -> None:
-        """Generalized advantage estimate and lambda-returns (Schulman et al., arXiv:1506.02438).
+    def judge(self, blocks: Blocks, last: torch.Tensor, dones: np.ndarray, ran_out: Sequence[RanOut]) -> None:
+        """Let the critic say what it expected, and compute advantages and returns.
+
+        Generalized advantage estimate and lambda-returns (Schulman et al., arXiv:1506.02438).
 
         Args:
-            last_values: Value of each row after the last step.
+            blocks: The policy, whose critic it is.
+            last: Rows after the last step.
             dones: Whether an episode of a row ended with the last step.
+            ran_out: Rows whose time ran out: they earn, besides their reward, what is expected after the last of them.
         """
+        self._values.copy_(blocks.values(self._seen.flatten(0, 1)).view_as(self._values))
+        if ran_out:
+            expected = blocks.values(torch.cat([rows for _, _, rows in ran_out]))
+            counts = [len(rows) for _, _, rows in ran_out]
+            for (t, mask, _), values in zip(ran_out, expected.split(counts), strict=True):
+                self._rewards[t, mask] += self.gamma * values
         goes_on = 1.0 - torch.as_tensor(dones, device=self.device, dtype=torch.float32)
-        after, advantage = last_values.flatten(), torch.zeros(self.n_envs, device=self.device)
+        after, advantage = blocks.values(last), torch.zeros(self.n_envs, device=self.device)
         for t in reversed(range(self.buffer_size)):
             surprise = self._rewards[t] + self.gamma * goes_on * after - self._values[t]
             advantage = surprise + self.gamma * self.gae_lambda * goes_on * advantage
             self._advantages[t] = advantage
             goes_on, after = 1.0 - self._starts[t], self._values[t]
         torch.add(self._advantages, self._values, out=self._returns)
-        # The library says by NumPy how much of the returns the critic explains.
-        self.values, self.returns = self._values.cpu().numpy(), self._returns.cpu().numpy()
 
-    def get(self, batch_size: int | None = None) -> Generator[RolloutBufferSamples, None, None]:
-        """Pass over all rows in minibatches, in the order in which the library's own buffer draws them."""
-        rows = self.buffer_size * self.n_envs
-        drawn = torch.from_numpy(np.random.permutation(rows))
+    @property
+    def tensors(self) -> list[torch.Tensor]:
+        """(T rows, ...) seen, done, logarithms of its probability, advantages, returns."""
+        stored = (self._seen, self._taken, self._log_probs, self._advantages, self._returns)
+        return [tensor.flatten(0, 1) for tensor in stored]
+
+    def draw(self, batch_size: int) -> Sequence[torch.Tensor]:
+        """Minibatches of a pass over all rows, as indices, in the order in which the library's buffer draws them."""
+        drawn = torch.from_numpy(np.random.permutation(self.buffer_size * self.n_envs))
         # The library lists the steps of a row one after the other, here the rows of a step are.
-        drawn = (drawn % self.buffer_size * self.n_envs + drawn // self.buffer_size).to(self.device)
-        stored = (self._seen, self._taken, self._values, self._log_probs, self._advantages, self._returns)
-        flat = [tensor.flatten(0, 1) for tensor in stored]
-        for chosen in drawn.split(batch_size or rows):
-            yield RolloutBufferSamples(*(tensor.index_select(0, chosen) for tensor in flat))
+        return (drawn % self.buffer_size * self.n_envs + drawn // self.buffer_size).to(self.device).split(batch_size)
+
+    @property
+    def explained(self) -> float:
+        """Share of the variance of the returns that the critic explains."""
+        return explained_variance(self._values.flatten().cpu().numpy(), self._returns.flatten().cpu().numpy())
 
 
 class RobotPPO(PPO):
@@ -88,11 +108,9 @@ class RobotPPO(PPO):
     def collect_rollouts(
         self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
     ) -> bool:
-        """Fill the buffer with steps of the present policy; whether the callback lets learning go on.
-
-        A row that ran out of time earns, besides its reward, what the critic expects after its last observation.
-        """
+        """Fill the buffer with steps of the present policy; whether the callback lets learning go on."""
         assert isinstance(env, RobotVecEnv)
+        assert isinstance(rollout_buffer, Rollouts)
         policy = self.policy
         policy.set_training_mode(False)
         rollout_buffer.reset()
@@ -100,55 +118,55 @@ class RobotPPO(PPO):
             policy.reset_noise(env.num_envs)
         callback.on_rollout_start()
         rows, dones = np.asarray(self._last_obs), np.asarray(self._last_episode_starts)
+        ran_out: list[RanOut] = []
         for step in range(n_rollout_steps):
             if self.use_sde and self.sde_sample_freq > 0 and step % self.sde_sample_freq == 0:
                 policy.reset_noise(env.num_envs)
+            seen = self._as_tensor(rows)
             with torch.no_grad():
-                actions, values, log_probs = policy(self._as_tensor(rows))
+                distribution = policy.get_distribution(seen)
+                actions = distribution.get_actions()
+                rollout_buffer.store(seen, actions, distribution.log_prob(actions), dones)
             after = env.step_rows(actions.cpu().numpy())
+            rollout_buffer.reward(after.rewards)
             self.num_timesteps += env.num_envs
             callback.update_locals(locals())
             if not callback.on_step():
                 return False
-            rewards = after.rewards
             if after.truncated.any():
-                with torch.no_grad():
-                    expected = policy.predict_values(self._as_tensor(after.last[after.truncated]))
-                rewards[after.truncated] += self.gamma * expected.flatten().cpu().numpy()
-            rollout_buffer.add(rows, actions, rewards, dones, values, log_probs)
+                mask = torch.from_numpy(after.truncated).to(self.device)
+                ran_out.append((step, mask, self._as_tensor(after.last[after.truncated])))
             rows, dones = after.rows, after.dones
             self._last_obs, self._last_episode_starts = rows, dones
-        with torch.no_grad():
-            values = policy.predict_values(self._as_tensor(rows))
-        rollout_buffer.compute_returns_and_advantage(values, dones)
+        rollout_buffer.judge(self.blocks, self._as_tensor(rows), dones, ran_out)
         callback.update_locals(locals())
         callback.on_rollout_end()
         return True
 
     def train(self) -> None:
         """Update the policy by the library's loss over the buffer, block by block."""
-        policy = self.policy
+        policy, buffer = self.policy, cast(Rollouts, self.rollout_buffer)
         policy.set_training_mode(True)
         self._update_learning_rate(policy.optimizer)
-        told = []
+        told, tensors = [], buffer.tensors
         for _ in range(self.n_epochs):
-            for batch in self.rollout_buffer.get(self.batch_size):
-                told.append(self.blocks.differentiate(self._loss_of(batch), batch[:6]))
+            for chosen in buffer.draw(self.batch_size):
+                told.append(self.blocks.differentiate(self._loss(tensors[3][chosen]), tensors, chosen))
                 torch.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
                 policy.optimizer.step()
             self._n_updates += 1
         self._record(torch.stack(told).cpu())
 
-    def _loss_of(self, batch: RolloutBufferSamples) -> Loss:
-        """Loss of a minibatch, as `PPO.train` has it: of the policy, clipped, of the critic, and of the entropy."""
+    def _loss(self, advantages: torch.Tensor) -> Loss:
+        """Loss of the rows of these advantages, as `PPO.train` has it: of the clipped policy, the critic, entropy."""
         clip = self.clip_range(self._current_progress_remaining)  # type: ignore[operator]
-        count = len(batch.advantages)
-        middle, spread = (batch.advantages.mean(), batch.advantages.std() + 1e-8) if count > 1 else (0.0, 1.0)
+        count = len(advantages)
+        middle, spread = (advantages.mean(), advantages.std() + 1e-8) if count > 1 else (0.0, 1.0)
 
         def loss(policy: ActorCriticPolicy, rows: Sequence[torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
-            observations, actions, _, old_log_prob, advantages, returns = rows
-            values, log_prob, entropy = policy.evaluate_actions(observations, actions)
-            gain, change = (advantages - middle) / spread, log_prob - old_log_prob
+            seen, taken, log_prob_then, advantage, returns = rows
+            values, log_prob, entropy = policy.evaluate_actions(seen, taken)
+            gain, change = (advantage - middle) / spread, log_prob - log_prob_then
             ratio = change.exp()
             of_policy = -torch.minimum(gain * ratio, gain * ratio.clamp(1 - clip, 1 + clip)).sum()
             of_values = (returns - values.flatten()).square().sum()
@@ -166,10 +184,8 @@ class RobotPPO(PPO):
         names = ("loss", "policy_gradient_loss", "value_loss", "entropy_loss", "clip_fraction", "approx_kl")
         for name, value in zip(names, told.mean(0).tolist(), strict=True):
             self.logger.record(f"train/{name}", value)
-        buffer, policy = self.rollout_buffer, self.policy
-        explained = explained_variance(buffer.values.flatten(), buffer.returns.flatten())
-        self.logger.record("train/explained_variance", explained)
-        self.logger.record("train/std", policy.log_std.exp().mean().item())
+        self.logger.record("train/explained_variance", cast(Rollouts, self.rollout_buffer).explained)
+        self.logger.record("train/std", self.policy.log_std.exp().mean().item())
 
     def _as_tensor(self, rows: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(rows).to(self.device)

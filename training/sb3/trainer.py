@@ -56,7 +56,7 @@ class Sb3Trainer(Trainer):
             penalty,
             settings.device,
             threads=settings.threads,
-            central=settings.critic == "world",
+            central=settings.has_central_critic,
             short=settings.short,
             short_time=settings.short_time,
             staggered=True,
@@ -150,7 +150,7 @@ class Sb3Trainer(Trainer):
                 raise
             ppo.require_finite(model, settings, history.steps)
             history.steps += settings.rollout * env.num_envs
-            history.updates += settings.epochs
+            history.updates += settings.imitation_epochs
             history.seconds += time.monotonic() - began
             model.num_timesteps, model._n_updates = history.steps, history.updates
             self.observe_rollout({"imitation/error": loss})

@@ -13,7 +13,7 @@ from lissajous_env.world.seeding import drawn_seeds
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.learned.wiring import Wiring
-from training.sb3.critic import WorldView
+from training.sb3.world_view import WorldView
 
 _RECENT = 256
 """Episodes whose scores are kept."""
