@@ -31,13 +31,13 @@ def make_env(central=False, **more):
     return RobotVecEnv(scenario, 8, short=0.5, short_time=0.7, central=central, **more)
 
 
-def weights(kind, activation, central=False, **settings):
+def weights(kind, activation, central=False, layers=(16, 8), **settings):
     env = make_env(central)
     inputs = Card.of(env.scenario).network_inputs
     policy, own = (CentralCriticPolicy, {"actor_inputs": inputs}) if central else ("MlpPolicy", {})
     model = kind(
         policy, env, n_steps=16, batch_size=160, n_epochs=2, seed=3, device="cpu",
-        policy_kwargs={"net_arch": [16, 8], "activation_fn": activation, **own}, **settings,
+        policy_kwargs={"net_arch": list(layers), "activation_fn": activation, **own}, **settings,
     )  # fmt: skip
     model.learn(3 * 16 * env.num_envs)
     return np.concatenate([parameter.detach().numpy().ravel() for parameter in model.policy.parameters()])
@@ -58,8 +58,9 @@ def on_one_thread():
         {"activation": torch.nn.Tanh, "ent_coef": 0.01, "vf_coef": 0.3},
         {"activation": torch.nn.ReLU, "use_sde": True, "sde_sample_freq": 5},
         {"activation": torch.nn.Tanh, "central": True},
+        {"activation": torch.nn.ReLU, "central": True, "layers": [], "use_sde": True},
     ],
-    ids=["relu", "tanh, entropy", "gSDE", "central critic"],
+    ids=["relu", "tanh, entropy", "gSDE", "central critic", "no hidden layer"],
 )
 def test_the_loop_learns_what_the_library_does(settings, monkeypatch):
     # Oracle: PPO itself on the same rows with the same draws. Sums are taken in another order, hence the tolerance.

@@ -92,7 +92,7 @@ class TrainingSettings:
     """Steps of each world between updates."""
     batch_size: int = 8192
     """Rows of a minibatch."""
-    epochs: int = 4
+    epochs: int = 2
     """Passes over a rollout."""
     gamma: float = 0.99
     """Discount per step."""

@@ -8,7 +8,7 @@ is learned does not depend on how many threads there are.
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import Any, cast
@@ -92,7 +92,8 @@ def _own(policy: ActorCriticPolicy) -> ActorCriticPolicy:
     else:
         # The noise of gSDE is a function of the last hidden layer.
         own.action_dist = copy.copy(policy.action_dist)
-        towers = _Towers(_Tower([*actor]), _Tower([*critic, policy.value_net]))
+        first = next(layer for layer in (*actor, policy.action_net) if isinstance(layer, nn.Linear))
+        towers = _Towers(_Tower(actor, first.in_features), _Tower([*critic, policy.value_net]))
     own.mlp_extractor, own.value_net = towers, nn.Identity()  # type: ignore[assignment]
     return own
 
@@ -143,19 +144,22 @@ class _Towers(nn.Module):
 class _Tower:
     """Linear layers, with ReLU or tanh where one follows, forward and backward over the same buffers: a pass at a time.
 
-    It reads as many entries of a row as its first layer has inputs.
+    It reads the first `inputs` entries of a row, by default as many as its first layer does.
     """
 
-    def __init__(self, modules: Sequence[nn.Module]):
+    def __init__(self, modules: Iterable[nn.Module], inputs: int | None = None):
+        modules = list(modules)
         self._layers = [layer for layer in modules if isinstance(layer, nn.Linear)]
+        self._inputs = inputs or self._layers[0].in_features
         self._bends = [type(after) for layer, after in pairwise([*modules, None]) if isinstance(layer, nn.Linear)]
         self._buffers: list[tuple[torch.Tensor, torch.Tensor]] = []
 
     def __call__(self, rows: torch.Tensor) -> torch.Tensor:
+        rows = rows[:, : self._inputs]
         if not self._layers:
             return rows
         weights = (parameter for layer in self._layers for parameter in (layer.weight, layer.bias))
-        return cast(torch.Tensor, _Pass.apply(self, rows[:, : self._layers[0].in_features], *weights))
+        return cast(torch.Tensor, _Pass.apply(self, rows, *weights))
 
     def outputs(self, rows: torch.Tensor) -> list[torch.Tensor]:
         """What each layer makes of the rows, in this tower's buffers."""

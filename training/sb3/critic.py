@@ -31,7 +31,7 @@ class _TwoViews(nn.Module):
         self.actor_inputs = actor_inputs
         self.policy_net = nn.Sequential(*create_mlp(actor_inputs, -1, layers, activation))
         self.value_net = nn.Sequential(*create_mlp(inputs, -1, layers, activation))
-        self.latent_dim_pi = self.latent_dim_vf = layers[-1]
+        self.latent_dim_pi, self.latent_dim_vf = ([first, *layers][-1] for first in (actor_inputs, inputs))
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Last hidden layers of actor and critic."""
