@@ -39,9 +39,9 @@ def rate(side: str, checkout: Path, scenario: str, part: str, seed: int) -> floa
     """Train once; steps of a robot per second."""
     with tempfile.TemporaryDirectory() as folder:
         options = ["--scenario", scenario, "--seed", str(seed), "--out", folder, "--evaluation-episodes", "1",
-                   "--quiet", "--rivals", *PARTS[part]]  # fmt: skip
+                   "--rivals", *PARTS[part]]  # fmt: skip
         start = ["-c", _LIBRARY] if side == LIBRARY else ["-m", "lissajous_env", "train"]
-        subprocess.run([sys.executable, *start, *options], check=True, cwd=folder,
+        subprocess.run([sys.executable, *start, *options], check=True, cwd=folder, stdout=subprocess.DEVNULL,
                        env=os.environ | {"PYTHONPATH": str(checkout)})  # fmt: skip
         curve = json.loads((Path(folder) / "checkpoint.json").read_text())["curve"]
     # How a training begins belongs to the whole; before the first evaluation kernels are loaded and threads start.
