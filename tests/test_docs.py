@@ -50,6 +50,7 @@ IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
     "unseen.png": "lissajous guarantee evaders-failure --policies kuramoto-mpcc kuramoto-mpcc-close open-loop-mpcc",
     "critical_speed.png": "lissajous guarantee`",
+    "trainings.png": "python benchmarks/trainings.py --store",
     "growth.png": "python benchmarks/growth.py --against FOLDER --store",
     "fig3.png": "lissajous reproduce fig3 fig6 fig9",
     "fig6.png": "lissajous reproduce fig3 fig6 fig9",
