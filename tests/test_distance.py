@@ -7,17 +7,22 @@ from reference_motion import curve_tree
 
 import baselines
 import lissajous_env
+from lissajous_env.device.abreast import Floats
 from lissajous_env.device.curve import CurveStruct, curve_struct
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory.closed_forms import curve_point
-from lissajous_env.world.distance import DistanceTable, curve_distance, table_of
+from lissajous_env.world.distance import DistanceTable, curve_distances, table_of
 from lissajous_env.world.distance_table import arc_distance, nearest_phase
 
 
 @wp.kernel
 def distances(table: DistanceTable, curve: CurveStruct, places: wp.array(dtype=wp.vec2), out: wp.array(dtype=float)):
     k = wp.tid()
-    out[k] = curve_distance(table, curve, places[k])
+    x = Floats()
+    y = Floats()
+    x[0] = places[k][0]
+    y[0] = places[k][1]
+    out[k] = curve_distances(table, curve, x, y, 1)[0]
 
 
 def by_table(scenario, places):

@@ -9,10 +9,21 @@ wp.set_module_options(OPTIONS)
 
 
 @wp.func
+def steering_angle(robot: RobotStruct, action: float) -> float:
+    """Steering angle u delta_max [rad] of an action u."""
+    return action * robot.steering_max
+
+
+@wp.func
+def throttle(robot: RobotStruct, action: float) -> float:
+    """Throttle tau_min + (u + 1) / 2 (tau_max - tau_min) of an action u."""
+    return robot.throttle_min + 0.5 * (action + 1.0) * (robot.throttle_max - robot.throttle_min)
+
+
+@wp.func
 def steering_and_throttle(robot: RobotStruct, action: wp.vec2) -> wp.vec2:
-    """Steering angle u_0 delta_max [rad] and throttle tau_min + (u_1 + 1) / 2 (tau_max - tau_min) of an action u."""
-    throttle = robot.throttle_min + 0.5 * (action[1] + 1.0) * (robot.throttle_max - robot.throttle_min)
-    return wp.vec2(action[0] * robot.steering_max, throttle)
+    """Both, of the two components of an action."""
+    return wp.vec2(steering_angle(robot, action[0]), throttle(robot, action[1]))
 
 
 @wp.func

@@ -119,6 +119,29 @@ def tangent2(curve: CurveStruct, gamma: float) -> wp.vec2:
 
 
 @wp.func
+def newton(
+    away: wp.vec2, tangent: wp.vec2, bend: wp.vec2, gamma: float, largest_step: float
+) -> float:
+    """One step of `project`, from the point at gamma to a place that lies `away` of it [m]."""
+    square = wp.dot(tangent, tangent)
+    lag = wp.dot(tangent, away) / wp.max(square - wp.dot(bend, away), 0.5 * square)
+    return gamma + wp.clamp(lag, -largest_step, largest_step)
+
+
+@wp.func
+def project_lissajous(curve: CurveStruct, x: float, y: float, gamma: float, largest_step: float) -> float:
+    """Do what `project` does, on a Lissajous curve."""
+    a = float(curve.a)
+    b = float(curve.b)
+    across = cos_sin(a * gamma)
+    up = cos_sin(b * gamma)
+    nearest = wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
+    tangent = wp.vec2(-curve.half_width * a * across[1], curve.half_height * b * up[0])
+    bend = wp.vec2(-a * a * nearest[0], -b * b * nearest[1])
+    return newton(wp.vec2(x, y) - nearest, tangent, bend, gamma, largest_step)
+
+
+@wp.func
 def project(curve: CurveStruct, position: wp.vec2, gamma: float, largest_step: float) -> float:
     """Move gamma by one Newton step towards the nearest point, where r'.(q - r) = 0, by at most `largest_step` [rad].
 
@@ -126,22 +149,7 @@ def project(curve: CurveStruct, position: wp.vec2, gamma: float, largest_step: f
     gamma and only ever corrects it locally. Beyond half of the radius of curvature the step is that of Gauss-Newton,
     doubled: there the second derivative vanishes and the nearest point is about to jump.
     """
-    nearest = wp.vec2(0.0, 0.0)
-    tangent = wp.vec2(0.0, 0.0)
-    bend = wp.vec2(0.0, 0.0)
-    if curve.harmonics.shape[0] > 0:
-        nearest = series(curve, gamma, 0)
-        tangent = series(curve, gamma, 1)
-        bend = series(curve, gamma, 2)
-    else:
-        a = float(curve.a)
-        b = float(curve.b)
-        across = cos_sin(a * gamma)
-        up = cos_sin(b * gamma)
-        nearest = wp.vec2(curve.half_width * across[0], curve.half_height * up[1])
-        tangent = wp.vec2(-curve.half_width * a * across[1], curve.half_height * b * up[0])
-        bend = wp.vec2(-a * a * nearest[0], -b * b * nearest[1])
-    away = position - nearest
-    square = wp.dot(tangent, tangent)
-    lag = wp.dot(tangent, away) / wp.max(square - wp.dot(bend, away), 0.5 * square)
-    return gamma + wp.clamp(lag, -largest_step, largest_step)
+    if curve.harmonics.shape[0] == 0:
+        return project_lissajous(curve, position[0], position[1], gamma, largest_step)
+    away = position - series(curve, gamma, 0)
+    return newton(away, series(curve, gamma, 1), series(curve, gamma, 2), gamma, largest_step)

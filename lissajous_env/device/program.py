@@ -18,11 +18,12 @@ from typing import Any, cast
 import numpy as np
 import warp as wp
 
+from lissajous_env.device.abreast import ABREAST
 from lissajous_env.device.devices import as_device, side_by_side
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN = "world", "robot", "target", "row", "field row", "bin"
 
-_PLACED = ("first", "lanes", "part", "begin", "end")
+_PLACED = ("first", "last", "lanes", "part", "begin", "end")
 """Parameters that say which worlds and entities a launch is for."""
 
 _MOST_LAUNCHES = 64
@@ -133,13 +134,17 @@ class Program:
     def _launch(self, stage: Stage, low: int, high: int, part: int, parts: int) -> Any:
         lanes = self._lanes(stage)
         begin, end = (self._sizes.get(stage.over, 0) * edge // parts for edge in (part, part + 1))
-        placed = {"first": low, "lanes": lanes, "part": part, "begin": begin, "end": end}
+        placed = {"first": low, "last": high, "lanes": lanes, "part": part, "begin": begin, "end": end}
         values = {**self._values, **stage.own, **placed}
         names = [argument.label for argument in stage.run.adj.args]
         if unknown := [name for name in names if name not in values]:
             there = ", ".join(sorted(values))
             raise ValueError(f"parameters of stage {stage.name} must be of {there}; got {', '.join(unknown)}")
-        size = (high - low,) if stage.over == WORLD else (high - low, lanes)
+        if "last" in names:
+            abreast = int(ABREAST) if self._device.is_cpu else 1
+            size = (-(-(high - low) * self._sizes[stage.over] // abreast),)
+        else:
+            size = (high - low,) if stage.over == WORLD else (high - low, lanes)
         return wp.launch(
             stage.run, dim=size, inputs=[values[name] for name in names], device=self._device, record_cmd=True
         )

@@ -7,6 +7,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters.parts import Task
+from lissajous_env.world.sight import longest_way
 from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Latest, Robots, Tally
 
 wp.set_module_options(OPTIONS)
@@ -47,6 +48,21 @@ def compare_pair(
     return least
 
 
+@wp.func
+def compare_with_all(
+    w: int, i: int, touch: float, beyond: float, way: float, robots: Robots, latest: Latest, tally: Tally
+) -> float:
+    """`compare_pair` with the robots after this one, of which none goes farther than `way` [m] in the step."""
+    last = robots.track.shape[2] - 1
+    nearest = float(1.0e30)
+    apart = beyond + 2.0 * way
+    for j in range(i + 1, robots.status.shape[1]):
+        away = robots.track[w, i, last] - robots.track[w, j, last]
+        if wp.length_sq(away) <= apart * apart and robots.status[w, j] != REMOVED:
+            nearest = wp.min(nearest, compare_pair(w, i, j, touch, beyond, robots, latest, tally))
+    return nearest
+
+
 @wp.kernel
 def find_collisions(
     first: int, lanes: int, robot: RobotStruct, clock: Clock, robots: Robots, latest: Latest, tally: Tally
@@ -60,11 +76,10 @@ def find_collisions(
     # A pair this far apart cannot touch, nor be the nearest of the episode.
     beyond = wp.max(tally.min_separation[w], PARTED * touch)
     nearest = float(1.0e30)
+    way = longest_way(w, robots)
     for i in range(lane, robots.status.shape[1], lanes):
         if robots.status[w, i] != REMOVED:
-            for j in range(i + 1, robots.status.shape[1]):
-                if robots.status[w, j] != REMOVED:
-                    nearest = wp.min(nearest, compare_pair(w, i, j, touch, beyond, robots, latest, tally))
+            nearest = wp.min(nearest, compare_with_all(w, i, touch, beyond, way, robots, latest, tally))
     if nearest < 1.0e30:
         wp.atomic_min(tally.min_separation, w, wp.sqrt(nearest))
 

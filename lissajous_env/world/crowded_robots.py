@@ -9,7 +9,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import RobotStruct, SensingStruct, TaskStruct
 from lissajous_env.world.bins import Bins, bin_of, column_of, columns_of, row_of, rows_of
-from lissajous_env.world.collisions import PARTED, compare_pair
+from lissajous_env.world.collisions import PARTED, compare_pair, compare_with_all
 from lissajous_env.world.observation import (
     LINK,
     OWN,
@@ -24,21 +24,6 @@ from lissajous_env.world.sight import longest_way, planar
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Latest, Links, Robots, Tally, Targets
 
 wp.set_module_options(OPTIONS)
-
-
-@wp.func
-def compare_with_all(
-    w: int, i: int, touch: float, beyond: float, way: float, robots: Robots, latest: Latest, tally: Tally
-) -> float:
-    """`compare_pair` with the robots after this one, of which none goes farther than `way` [m] in the step."""
-    last = robots.track.shape[2] - 1
-    nearest = float(1.0e30)
-    apart = beyond + 2.0 * way
-    for j in range(i + 1, robots.status.shape[1]):
-        away = robots.track[w, i, last] - robots.track[w, j, last]
-        if wp.length_sq(away) <= apart * apart and robots.status[w, j] != REMOVED:
-            nearest = wp.min(nearest, compare_pair(w, i, j, touch, beyond, robots, latest, tally))
-    return nearest
 
 
 @wp.func

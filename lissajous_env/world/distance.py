@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, point2, project
 from lissajous_env.parameters.parts import Curve
@@ -61,53 +62,73 @@ def distance_from_seed(table: DistanceTable, curve: CurveStruct, place: wp.vec2)
 
 
 @wp.func
-def curve_distance(table: DistanceTable, curve: CurveStruct, place: wp.vec2) -> float:
-    """Distance of a place from the curve [m]; 0 for robots that are always on it."""
-    if table.seeds.shape[0] > 0:
-        return distance_from_seed(table, curve, place)
-    if table.nodes.shape[0] == 0:
-        return 0.0
-    here = wp.vec2(wp.abs(place[0]), wp.abs(place[1]))
-    x = here[0] * table.per_width
-    y = here[1] * table.per_height
-    columns = table.columns
-    rows = table.rows
-    first = int(0)
-    if wp.max(x, y) > 1.0:
-        first = columns * rows
-        columns = _AROUND
-        rows = _AROUND
-        x *= 0.5
-        y *= 0.5
-        for _ in range(1, _GRIDS):
-            if wp.max(x, y) <= 1.0:
-                break
-            first += _AROUND * _AROUND
-            x *= 0.5
-            y *= 0.5
-    # From here on x and y are the place in the cell, 0 to its width in columns and rows.
-    x = wp.min(x, 1.0) * float(columns)
-    y = wp.min(y, 1.0) * float(rows)
-    column = wp.min(int(x), columns - 1)
-    row = wp.min(int(y), rows - 1)
-    node = table.nodes[first + row * columns + column]
+def leaf(table: DistanceTable, x: float, y: float) -> int:
+    """Node of the cell in which a place lies, x, y >= 0 [m]: 16 times its first arc, and how many it has."""
+    across = x * table.per_width
+    up = y * table.per_height
+    # How often the place is halved until it is within the innermost grid; the grid around that is the first, and so on.
+    exponent = (wp.cast(wp.max(across, up), wp.int32) - 1) >> 23
+    level = wp.clamp(exponent - 126, 0, _GRIDS)
+    power = wp.cast((127 - level) << 23, wp.float32)
+    columns = wp.where(level > 0, _AROUND, table.columns)
+    rows = wp.where(level > 0, _AROUND, table.rows)
+    before = wp.where(level > 0, table.columns * table.rows + (level - 1) * _AROUND * _AROUND, 0)
+    # From here on the place is that in the cell, 0 to its width in columns and rows.
+    across = wp.min(across * power, 1.0) * float(columns)
+    up = wp.min(up * power, 1.0) * float(rows)
+    column = wp.min(int(across), columns - 1)
+    row = wp.min(int(up), rows - 1)
+    node = table.nodes[before + row * columns + column]
     while node < 0:
-        x = (x - float(column)) * float(_SPLIT)
-        y = (y - float(row)) * float(_SPLIT)
-        column = wp.min(int(x), _SPLIT - 1)
-        row = wp.min(int(y), _SPLIT - 1)
+        across = (across - float(column)) * float(_SPLIT)
+        up = (up - float(row)) * float(_SPLIT)
+        column = wp.min(int(across), _SPLIT - 1)
+        row = wp.min(int(up), _SPLIT - 1)
         node = table.nodes[row * _SPLIT + column - node]
-    least = float(1.0e30)
-    begin = node >> 4
-    for k in range(begin, begin + (node & 15)):
-        arc = table.arcs[k]
-        across = here[0] - arc[0]
-        up = here[1] - arc[1]
-        g = 2.0 * (arc[2] * across + arc[3] * up) + arc[4] * (across * across + up * up)
-        # The root is at most 1 + |arc[4] g| / 2, so most arcs but the nearest are ruled out without it.
-        if wp.abs(g) < least * (2.0 + 0.5 * wp.abs(arc[4] * g)):
-            least = wp.min(least, wp.abs(g) / (1.0 + wp.sqrt(wp.max(1.0 + arc[4] * g, 0.0))))
-    return least
+    return node
+
+
+@wp.func
+def arc_distance(x: float, y: float, arc_x: float, arc_y: float, normal_x: float, normal_y: float, bend: float) -> float:
+    """Distance of a place from the circle of an arc that passes a point [m] with a unit normal and a bend [1/m]."""
+    across = x - arc_x
+    up = y - arc_y
+    g = 2.0 * (normal_x * across + normal_y * up) + bend * (across * across + up * up)
+    return wp.abs(g) / (1.0 + wp.sqrt(wp.max(1.0 + bend * g, 0.0)))
+
+
+@wp.func
+def curve_distances(table: DistanceTable, curve: CurveStruct, x: Floats, y: Floats, count: int) -> Floats:
+    """Distance of the robots of a block from the curve [m]; 0 for robots that are always on it."""
+    distance = Floats()
+    if table.seeds.shape[0] > 0:
+        for k in range(count):
+            distance[k] = distance_from_seed(table, curve, wp.vec2(x[k], y[k]))
+    elif table.nodes.shape[0] > 0:
+        node = Ints()
+        arc_x = Floats()
+        arc_y = Floats()
+        normal_x = Floats()
+        normal_y = Floats()
+        bend = Floats()
+        for k in range(count):
+            node[k] = leaf(table, wp.abs(x[k]), wp.abs(y[k]))
+            arc = table.arcs[node[k] >> 4]
+            arc_x[k] = arc[0]
+            arc_y[k] = arc[1]
+            normal_x[k] = arc[2]
+            normal_y[k] = arc[3]
+            bend[k] = arc[4]
+        for k in range(ABREAST):
+            if k < width():
+                place = wp.vec2(wp.abs(x[k]), wp.abs(y[k]))
+                distance[k] = arc_distance(place[0], place[1], arc_x[k], arc_y[k], normal_x[k], normal_y[k], bend[k])
+        for k in range(count):  # few cells have more arcs than one
+            for other in range((node[k] >> 4) + 1, (node[k] >> 4) + (node[k] & 15)):
+                arc = table.arcs[other]
+                further = arc_distance(wp.abs(x[k]), wp.abs(y[k]), arc[0], arc[1], arc[2], arc[3], arc[4])
+                distance[k] = wp.min(distance[k], further)
+    return distance
 
 
 def table_of(curve: Curve, keeps_to_curve: bool, device: Any) -> DistanceTable:

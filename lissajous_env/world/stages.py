@@ -18,6 +18,7 @@ from lissajous_env.world.contamination import clear_cells, reset_labels, spread
 from lissajous_env.world.coverage import cover, reset_cells
 from lissajous_env.world.crowded_robots import find_listed_collisions, observe_listed
 from lissajous_env.world.crowded_targets import move_and_detect_listed, place_unseen_listed
+from lissajous_env.world.deviations import find_deviations
 from lissajous_env.world.events import clear_events, gather_parts, reset_events
 from lissajous_env.world.faults import reset_losses, update_status
 from lissajous_env.world.guarantee import keep_guarantee, reset_guarantee
@@ -50,6 +51,7 @@ def step_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
         *_contamination_stages(scenario, range(scenario.spreading.ticks)),
         Stage("consequences", take_consequences, ROBOT, when=scenario.task.on_collision != "count"),
         Stage("boundary", watch_boundary, ROBOT),
+        Stage("deviations", find_deviations, ROBOT),
         Stage("score", keep_score, WORLD),
         Stage("end", end_episodes, WORLD),
         Stage("reward", give_reward, ROBOT),
@@ -80,6 +82,7 @@ def reset_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
         Stage("unseen", reset_guarantee, WORLD, when=follows),
         *_contamination_stages(scenario, [scenario.spreading.ticks - 1]),
         Stage("boundary", watch_boundary, ROBOT),
+        Stage("deviations", find_deviations, ROBOT),
         Stage("score", keep_score, WORLD),
         Stage("hearing", hear, ROBOT),
         Stage("final", keep_final, ROBOT),

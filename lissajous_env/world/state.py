@@ -189,6 +189,12 @@ class Latest:
     """(W, N) mean square of the action."""
     change: wp.array2d(dtype=wp.float32)
     """(W, N) mean square of the change of the action; 0 in an episode's first step."""
+    lateral: wp.array2d(dtype=wp.float32)
+    """(W, N) distance from the curve [m]."""
+    tracking: wp.array2d(dtype=wp.float32)
+    """(W, N) distance from the point of the curve at the robot's own phase [m]."""
+    lead: wp.array2d(dtype=wp.vec3)
+    """(W, N) phase less that of the equilibrium [rad], its cosine and sine."""
     in_sight: wp.array(dtype=wp.int32)
     """(W,) targets in some working robot's disc."""
     waiting: wp.array(dtype=wp.int32)

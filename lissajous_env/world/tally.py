@@ -3,10 +3,7 @@
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct, curve_parameter, point2, wrap
-from lissajous_env.device.part_structs import FormationStruct
-from lissajous_env.device.trig import cos_sin
-from lissajous_env.world.distance import DistanceTable, curve_distance
+from lissajous_env.device.curve import wrap
 from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Latest, Robots, Tally
 
 wp.set_module_options(OPTIONS)
@@ -52,15 +49,7 @@ def reset_tally(first: int, clock: Clock, tally: Tally):
 
 
 @wp.func
-def tally_tracking(
-    w: int,
-    now: int,
-    curve: CurveStruct,
-    alpha: float,
-    distances: DistanceTable,
-    robots: Robots,
-    tally: Tally,
-):
+def tally_tracking(w: int, now: int, robots: Robots, latest: Latest, tally: Tally):
     """Keep how far the robots are from the curve, and from the point of it at their own parameter."""
     there = int(0)
     lateral = wp.float64(0.0)
@@ -70,14 +59,10 @@ def tally_tracking(
     for i in range(robots.status.shape[1]):
         if robots.status[w, i] != REMOVED:
             there += 1
-            position = robots.position[w, i]
-            place = wp.vec2(position[0], position[1])
-            error = wp.length(place - point2(curve, curve_parameter(alpha, robots.phase[w, i])))
-            tracking += wp.float64(error)
-            tracking_max = wp.max(tracking_max, error)
-            distance = curve_distance(distances, curve, place)
-            lateral += wp.float64(distance)
-            lateral_max = wp.max(lateral_max, distance)
+            lateral += wp.float64(latest.lateral[w, i])
+            lateral_max = wp.max(lateral_max, latest.lateral[w, i])
+            tracking += wp.float64(latest.tracking[w, i])
+            tracking_max = wp.max(tracking_max, latest.tracking[w, i])
     tally.lateral_max[w] = wp.max(tally.lateral_max[w], lateral_max)
     tally.tracking_max[w] = wp.max(tally.tracking_max[w], tracking_max)
     if now > 0:
@@ -132,29 +117,29 @@ def tally_faults(w: int, robots: Robots, tally: Tally):
 
 
 @wp.func
-def formation_error(w: int, equilibrium: wp.array(dtype=wp.float64), robots: Robots) -> float:
+def formation_error(w: int, robots: Robots, latest: Latest) -> float:
     """max_i |wrap(phase_i - equilibrium_i - theta_0)| over robots that are there [rad], theta_0 by circular mean."""
     unit = wp.vec2(0.0, 0.0)
     n = robots.status.shape[1]
     for i in range(n):
         if robots.status[w, i] != REMOVED:
-            unit += cos_sin(float(robots.phase[w, i] - equilibrium[i]))
+            unit += wp.vec2(latest.lead[w, i][1], latest.lead[w, i][2])
     turn = wp.atan2(unit[1], unit[0])
     error = float(0.0)
     for i in range(n):
         if robots.status[w, i] != REMOVED:
-            error = wp.max(error, wp.abs(wrap(float(robots.phase[w, i] - equilibrium[i]) - turn)))
+            error = wp.max(error, wp.abs(wrap(latest.lead[w, i][0] - turn)))
     return error
 
 
 @wp.func
-def tally_formation(w: int, now: int, equilibrium: wp.array(dtype=wp.float64), robots: Robots, tally: Tally):
+def tally_formation(w: int, now: int, robots: Robots, latest: Latest, tally: Tally):
     """Keep the deviation from the equilibrium, its largest, its swing, and when a fault last had it off.
 
     A car on a curve that it can hardly follow swings around the equilibrium all the time: off is what is more than
     that, above max(RECOVERED, SWING_MARGIN swing).
     """
-    deviation = formation_error(w, equilibrium, robots)
+    deviation = formation_error(w, robots, latest)
     tally.phase_error[w] = deviation
     tally.phase_error_max[w] = wp.max(tally.phase_error_max[w], deviation)
     if tally.faulted[w] == 0:
@@ -175,11 +160,7 @@ def tally_coverage(w: int, now: int, robots: int, cells_total: int, tally: Tally
 @wp.kernel
 def keep_score(
     first: int,
-    curve: CurveStruct,
-    formation: FormationStruct,
     cells_total: int,
-    distances: DistanceTable,
-    equilibrium: wp.array(dtype=wp.float64),
     neighbours: wp.array2d(dtype=int),
     clock: Clock,
     robots: Robots,
@@ -194,10 +175,10 @@ def keep_score(
     n = robots.status.shape[1]
     for i in range(n):
         tally.outside_steps[w] += wp.int64(latest.outside[w, i])
-    tally_tracking(w, now, curve, float(formation.alpha), distances, robots, tally)
+    tally_tracking(w, now, robots, latest, tally)
     tally_driving(w, now, robots, latest, tally)
     tally_spacing(w, neighbours, robots, tally)
     tally_faults(w, robots, tally)
-    tally_formation(w, now, equilibrium, robots, tally)
+    tally_formation(w, now, robots, latest, tally)
     if cells_total > 0:
         tally_coverage(w, now, n, cells_total, tally)

@@ -6,7 +6,8 @@ import math
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.car_input import steering_and_throttle
+from lissajous_env.device.abreast import ABREAST, Floats, block_of, width
+from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
@@ -22,12 +23,12 @@ WALL = wp.constant(place_of(Task, "boundary", "wall"))
 
 
 @wp.func
-def motor_push(robot: RobotStruct, drive: float, throttle: float) -> float:
+def motor_push(robot: RobotStruct, drive: float, tau: float) -> float:
     """Acceleration by the motor, alpha tau - beta above the dead zone [m/s^2], equation (12).
 
     Differs from the paper: it knows no dead zone; the authors' plant has one, in which the car coasts.
     """
-    return wp.where(throttle > robot.dead_zone, drive * throttle - robot.offset, 0.0)
+    return wp.where(tau > robot.dead_zone, drive * tau - robot.offset, 0.0)
 
 
 @wp.func
@@ -70,7 +71,7 @@ def stop_at_wall(curve: CurveStruct, car: wp.vec4) -> wp.vec4:
 @wp.kernel
 def move_cars(
     first: int,
-    lanes: int,
+    last: int,
     curve: CurveStruct,
     robot: RobotStruct,
     task: TaskStruct,
@@ -79,32 +80,65 @@ def move_cars(
     robots: Robots,
 ):
     """Move cars: steering and throttle are held over the step."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
+    block = block_of(wp.tid(), first, last, robots.status.shape[1])
     substeps = robots.track.shape[2] - 1
-    for i in range(lane, robots.status.shape[1], lanes):
+    h = task.step / float(substeps)
+    x = Floats()
+    y = Floats()
+    heading = Floats()
+    speed = Floats()
+    curvature = Floats()
+    push = Floats()
+    wheelbase = Floats()
+    drive = Floats()
+    for k in range(block.count):
+        w = block.world[k]
+        i = block.robot[k]
         position = robots.position[w, i]
-        robots.track[w, i, 0] = position
-        if robots.status[w, i] != WORKING:
-            robots.speed[w, i] = 0.0
-            for s in range(substeps):
-                robots.track[w, i, s + 1] = position
-        else:
-            wanted = steering_and_throttle(robot, wp.vec2(command[w, i, 0], command[w, i, 1]))
-            steering = cos_sin(wanted[0])
-            curvature = steering[1] / (steering[0] * robots.wheelbase[w, i])
-            push = motor_push(robot, robots.drive[w, i], wanted[1])
-            car = wp.vec4(position[0], position[1], robots.heading[w, i], robots.speed[w, i])
-            for s in range(substeps):
-                car = car_step(robot, car, curvature, push, task.step / float(substeps))
-                if task.boundary == WALL:
-                    car = stop_at_wall(curve, car)
-                robots.track[w, i, s + 1] = wp.vec3(car[0], car[1], 0.0)
-            robots.position[w, i] = wp.vec3(car[0], car[1], 0.0)
-            robots.heading[w, i] = wrap(car[2])
-            robots.speed[w, i] = car[3]
+        x[k] = position[0]
+        y[k] = position[1]
+        heading[k] = robots.heading[w, i]
+        speed[k] = robots.speed[w, i]
+        curvature[k] = command[w, i, 0]
+        push[k] = command[w, i, 1]
+        wheelbase[k] = robots.wheelbase[w, i]
+        drive[k] = robots.drive[w, i]
+        if clock.active[w] == 1:
+            robots.track[w, i, 0] = position
+    for k in range(ABREAST):
+        if k < width():
+            steering = cos_sin(steering_angle(robot, curvature[k]))
+            curvature[k] = steering[1] / (steering[0] * wheelbase[k])
+            push[k] = motor_push(robot, drive[k], throttle(robot, push[k]))
+    for s in range(substeps):
+        for k in range(ABREAST):
+            if k < width():
+                car = car_step(robot, wp.vec4(x[k], y[k], heading[k], speed[k]), curvature[k], push[k], h)
+                x[k] = car[0]
+                y[k] = car[1]
+                heading[k] = car[2]
+                speed[k] = car[3]
+        if task.boundary == WALL:
+            for k in range(ABREAST):
+                if k < width():
+                    car = stop_at_wall(curve, wp.vec4(x[k], y[k], heading[k], speed[k]))
+                    x[k] = car[0]
+                    y[k] = car[1]
+                    speed[k] = car[3]
+        for k in range(block.count):
+            w = block.world[k]
+            i = block.robot[k]
+            if clock.active[w] == 1:
+                works = robots.status[w, i] == WORKING
+                robots.track[w, i, s + 1] = wp.where(works, wp.vec3(x[k], y[k], 0.0), robots.position[w, i])
+    for k in range(block.count):
+        w = block.world[k]
+        i = block.robot[k]
+        if clock.active[w] == 1:
+            works = robots.status[w, i] == WORKING
+            robots.position[w, i] = robots.track[w, i, substeps]
+            robots.heading[w, i] = wp.where(works, wrap(heading[k]), robots.heading[w, i])
+            robots.speed[w, i] = wp.where(works, speed[k], 0.0)
 
 
 def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:

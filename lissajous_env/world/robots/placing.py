@@ -3,8 +3,9 @@
 import warp as wp
 
 from lissajous_env.device import randomness
+from lissajous_env.device.abreast import ABREAST, Doubles, Floats, block_of, width
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import CurveStruct, curve_parameter, point, project, tangent2, wrap_phase
+from lissajous_env.device.curve import CurveStruct, curve_parameter, point, project, project_lissajous, tangent2, wrap_phase
 from lissajous_env.device.part_structs import FormationStruct, NoiseStruct, RobotStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters.parts import Formation
@@ -31,19 +32,34 @@ def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float
 
 
 @wp.kernel
-def follow_curve(first: int, lanes: int, curve: CurveStruct, formation: FormationStruct, clock: Clock, robots: Robots):
+def follow_curve(first: int, last: int, curve: CurveStruct, formation: FormationStruct, clock: Clock, robots: Robots):
     """Let the phase of a robot that is not bound to the curve follow it along its branch."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
+    block = block_of(wp.tid(), first, last, robots.status.shape[1])
     alpha = float(formation.alpha)
-    for i in range(lane, robots.status.shape[1], lanes):
-        if robots.status[w, i] == WORKING:
-            place = robots.position[w, i]
-            start = curve_parameter(alpha, robots.phase[w, i])
-            gamma = project(curve, wp.vec2(place[0], place[1]), start, LARGEST_CORRECTION)
-            robots.phase[w, i] = wrap_phase(robots.phase[w, i] + wp.float64((gamma - start) / alpha))
+    x = Floats()
+    y = Floats()
+    phase = Doubles()
+    for k in range(block.count):
+        place = robots.position[block.world[k], block.robot[k]]
+        x[k] = place[0]
+        y[k] = place[1]
+        phase[k] = robots.phase[block.world[k], block.robot[k]]
+    if curve.harmonics.shape[0] == 0:
+        for k in range(ABREAST):
+            if k < width():
+                start = curve_parameter(alpha, phase[k])
+                gamma = project_lissajous(curve, x[k], y[k], start, LARGEST_CORRECTION)
+                phase[k] = wrap_phase(phase[k] + wp.float64((gamma - start) / alpha))
+    else:
+        for k in range(block.count):
+            start = curve_parameter(alpha, phase[k])
+            gamma = project(curve, wp.vec2(x[k], y[k]), start, LARGEST_CORRECTION)
+            phase[k] = wrap_phase(phase[k] + wp.float64((gamma - start) / alpha))
+    for k in range(block.count):
+        w = block.world[k]
+        i = block.robot[k]
+        if clock.active[w] == 1 and robots.status[w, i] == WORKING:
+            robots.phase[w, i] = phase[k]
 
 
 @wp.kernel

@@ -1,0 +1,65 @@
+"""Robots side by side: loops that the compiler turns into SIMD instructions.
+
+A kernel that takes `first` and `last` goes over the robots of these worlds in blocks of `width()`. It gathers what it
+needs of a block into `Floats`, works on these in loops `for k in range(ABREAST)` whose passes do not depend on each
+other, and scatters the results. Each robot is worked on in the same way wherever it stands in a block, so a world does
+not depend on those beside it.
+
+For a loop to become SIMD its first question must be `if k < width()`, since a thread of a GPU has one robot alone, and
+nothing in it may end early, loop, or choose by anything but `wp.where` and short branches; a function must not take a
+`wp.vec2`.
+"""
+
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+
+wp.set_module_options(OPTIONS)
+
+ABREAST = wp.constant(16)
+
+Floats = wp.types.vector(length=16, dtype=wp.float32)
+Doubles = wp.types.vector(length=16, dtype=wp.float64)
+Ints = wp.types.vector(length=16, dtype=wp.int32)
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return 1;
+#else
+    return 16;
+#endif
+""")
+def width() -> int:
+    """How many robots a thread works on together."""
+    ...
+
+
+@wp.struct
+class Block:
+    """The robots of a thread."""
+
+    count: wp.int32
+    """How many there are: fewer than `width()` in the last block."""
+    world: Ints
+    """World of each."""
+    robot: Ints
+    """Number of each in its world."""
+
+
+@wp.func
+def block_of(thread: int, first: int, last: int, n: int) -> Block:
+    """Block of a thread, of the robots of worlds `first` to `last` - 1 with `n` each."""
+    begin = thread * width()
+    block = Block()
+    block.count = wp.min(width(), (last - first) * n - begin)
+    w = int(first + begin / n)
+    i = int(begin % n)
+    for k in range(block.count):
+        block.world[k] = w
+        block.robot[k] = i
+        i += 1
+        if i == n:
+            i = 0
+            w += 1
+    return block

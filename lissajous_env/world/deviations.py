@@ -1,0 +1,70 @@
+"""How far the robots are from where they should be: from the curve, and from their places in the formation."""
+
+import warp as wp
+
+from lissajous_env.device.abreast import ABREAST, Doubles, Floats, block_of, width
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct, curve_parameter, lissajous, point2
+from lissajous_env.device.part_structs import FormationStruct
+from lissajous_env.device.trig import cos_sin
+from lissajous_env.world.distance import DistanceTable, curve_distances
+from lissajous_env.world.state import Clock, Latest, Robots
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.func
+def own_distance(curve: CurveStruct, x: float, y: float, alpha: float, phase: wp.float64) -> float:
+    """Distance of a place from the point of a Lissajous curve at a phase [m]."""
+    point = lissajous(curve, curve_parameter(alpha, phase))
+    return wp.length(wp.vec2(x - point[0], y - point[1]))
+
+
+@wp.kernel
+def find_deviations(
+    first: int,
+    last: int,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    distances: DistanceTable,
+    equilibrium: wp.array(dtype=wp.float64),
+    clock: Clock,
+    robots: Robots,
+    latest: Latest,
+):
+    """Find how far each robot is from the curve, from its own point of it, and from the equilibrium."""
+    block = block_of(wp.tid(), first, last, robots.status.shape[1])
+    alpha = float(formation.alpha)
+    x = Floats()
+    y = Floats()
+    phase = Doubles()
+    lead = Floats()
+    ahead = Floats()
+    aside = Floats()
+    tracking = Floats()
+    for k in range(block.count):
+        position = robots.position[block.world[k], block.robot[k]]
+        x[k] = position[0]
+        y[k] = position[1]
+        phase[k] = robots.phase[block.world[k], block.robot[k]]
+        lead[k] = float(phase[k] - equilibrium[block.robot[k]])
+    if curve.harmonics.shape[0] == 0:
+        for k in range(ABREAST):
+            if k < width():
+                tracking[k] = own_distance(curve, x[k], y[k], alpha, phase[k])
+    else:
+        for k in range(block.count):
+            tracking[k] = wp.length(wp.vec2(x[k], y[k]) - point2(curve, curve_parameter(alpha, phase[k])))
+    for k in range(ABREAST):
+        if k < width():
+            turn = cos_sin(lead[k])
+            ahead[k] = turn[0]
+            aside[k] = turn[1]
+    lateral = curve_distances(distances, curve, x, y, block.count)
+    for k in range(block.count):
+        w = block.world[k]
+        i = block.robot[k]
+        if clock.active[w] == 1:
+            latest.tracking[w, i] = tracking[k]
+            latest.lateral[w, i] = lateral[k]
+            latest.lead[w, i] = wp.vec3(lead[k], ahead[k], aside[k])
