@@ -12,7 +12,7 @@ from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskS
 from lissajous_env.world.bins import Bins, bin_of
 from lissajous_env.world.sight import first_sight, longest_way, nearest_sensor, share_until_sight
 from lissajous_env.world.state import FOUND, GONE, HIDDEN, NOWHERE, PRESENT, Clock, Counted, Robots, Targets
-from lissajous_env.world.targets import CUSTOM, FLEEING, PLACES, STILL, count, detect, move_target
+from lissajous_env.world.targets import CUSTOM, FLEEING, PLACES, STILL, add_counts, detect, flee, wander
 
 wp.set_module_options(MOTION)
 
@@ -164,7 +164,12 @@ def move_and_detect_listed(
             if not alone and (motion == FLEEING or not moves):
                 nearest = look_around(w, k, moved_far, place, robots, bins)
             if moves:
-                place = move_target(w, t, key, motion, place, nearest, task.step, curve, target, robots, targets)
+                moved = wander(t, key, motion, place[0], place[1], targets.heading[w, t], task.step, curve, target)
+                if motion == FLEEING and nearest[1] < target.flee_radius * target.flee_radius:
+                    moved = flee(place, robots.sensor[w, int(nearest[0])], task.step, curve, target)
+                place = wp.vec2(moved[0], moved[1])
+                targets.position[w, t] = place
+                targets.heading[w, t] = moved[2]
                 if not alone:
                     nearest = look_around(w, k, moved_far, place, robots, bins)
             seen = nearest[1] < radius * radius
@@ -177,4 +182,4 @@ def move_and_detect_listed(
                 if stage == PRESENT and not alone:
                     sight = look_back(w, k, moved_far, before, place, radius, robots, bins)
                 waiting += detect(w, t, now, part, nearest, sight, radius, targets, counted)
-    count(w, part, waiting, sighted, counted)
+    add_counts(w, part, waiting, sighted, counted)

@@ -6,6 +6,7 @@ along its track of sub-steps.
 
 import warp as wp
 
+from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.approach import first_within
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.world.state import Robots
@@ -31,6 +32,23 @@ def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> wp.vec2:
             least = square
             nearest = i
     return wp.vec2(float(nearest), least)
+
+
+@wp.func
+def nearest_sensors(w: int, x: Floats, y: Floats, robots: Robots) -> tuple[Ints, Floats]:
+    """`nearest_sensor` of places side by side: index, squared distance [m^2]."""
+    nearest = Ints()
+    least = Floats(1.0e30)
+    for i in range(robots.sensor.shape[1]):
+        sensor = robots.sensor[w, i]
+        for k in range(ABREAST):
+            if k < width():
+                across = sensor[0] - x[k]
+                up = sensor[1] - y[k]
+                square = across * across + up * up
+                nearest[k] = wp.where(square < least[k], i, nearest[k])
+                least[k] = wp.min(square, least[k])
+    return nearest, least
 
 
 @wp.func

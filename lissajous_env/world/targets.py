@@ -3,13 +3,14 @@
 import warp as wp
 
 from lissajous_env.device import randomness
+from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters import parts
-from lissajous_env.world.sight import first_sight, longest_way, nearest_sensor
+from lissajous_env.world.sight import first_sight, longest_way, nearest_sensor, nearest_sensors
 from lissajous_env.world.state import FOUND, GONE, HIDDEN, NEVER, PRESENT, Clock, Counted, Robots, Targets
 
 wp.set_module_options(MOTION)
@@ -137,54 +138,53 @@ def place_unseen(
 
 
 @wp.func
-def bounce(place: wp.vec2, heading: float, curve: CurveStruct) -> wp.vec3:
+def bounce(x: float, y: float, heading: float, curve: CurveStruct) -> wp.vec3:
     """Reflect a target at the boundary of the rectangle: returns x, y [m], heading [rad]."""
-    x = place[0]
-    y = place[1]
-    turned = heading
-    if wp.abs(x) > curve.half_width:
-        x = wp.clamp(wp.sign(x) * 2.0 * curve.half_width - x, -curve.half_width, curve.half_width)
-        turned = 3.14159265 - turned
-    if wp.abs(y) > curve.half_height:
-        y = wp.clamp(wp.sign(y) * 2.0 * curve.half_height - y, -curve.half_height, curve.half_height)
-        turned = -turned
-    return wp.vec3(x, y, wrap(turned))
+    beside = wp.abs(x) > curve.half_width
+    above = wp.abs(y) > curve.half_height
+    inside_x = wp.clamp(wp.sign(x) * 2.0 * curve.half_width - x, -curve.half_width, curve.half_width)
+    inside_y = wp.clamp(wp.sign(y) * 2.0 * curve.half_height - y, -curve.half_height, curve.half_height)
+    turned = wp.where(beside, 3.14159265 - heading, heading)
+    turned = wp.where(above, -turned, turned)
+    return wp.vec3(wp.where(beside, inside_x, x), wp.where(above, inside_y, y), wrap(turned))
 
 
 @wp.func
-def move_target(
-    w: int,
+def wander(
     t: int,
     key: int,
     motion: int,
-    place: wp.vec2,
-    nearest: wp.vec2,
+    x: float,
+    y: float,
+    heading: float,
     step: float,
     curve: CurveStruct,
     target: TargetStruct,
-    robots: Robots,
-    targets: Targets,
-) -> wp.vec2:
-    """Move one target over a step [s] and return its new place [m]; `nearest` is of `nearest_sensor`."""
-    heading = targets.heading[w, t]
-    if motion == FLEEING and nearest[1] < target.flee_radius * target.flee_radius:
-        away = place - robots.sensor[w, int(nearest[0])]
-        # A wall turns the flight along itself; it does not send the target back to the robot.
-        fled = place + target.flee_speed * step * wp.normalize(away)
-        fled = wp.vec2(
-            wp.clamp(fled[0], -curve.half_width, curve.half_width),
-            wp.clamp(fled[1], -curve.half_height, curve.half_height),
-        )
-        targets.position[w, t] = fled
-        targets.heading[w, t] = wp.atan2(away[1], away[0])
-        return fled
-    if motion != DRIFTING:
-        # A uniform draw of this deviation: its sum over a second is normal, at a third of the cost.
-        heading += target.turn_rate * wp.sqrt(3.0 * step) * (2.0 * randomness.uniform(key, t, randomness.WANDER) - 1.0)
-    moved = bounce(place + target.speed * step * cos_sin(heading), heading, curve)
-    targets.heading[w, t] = moved[2]
-    targets.position[w, t] = wp.vec2(moved[0], moved[1])
-    return wp.vec2(moved[0], moved[1])
+) -> wp.vec3:
+    """Move one target over a step [s], straight on if it drifts: returns x, y [m], heading [rad]."""
+    # A uniform draw of this deviation: its sum over a second is normal, at a third of the cost.
+    turn = target.turn_rate * wp.sqrt(3.0 * step) * (2.0 * randomness.uniform(key, t, randomness.WANDER) - 1.0)
+    turned = wp.where(motion == DRIFTING, heading, heading + turn)
+    way = target.speed * step
+    ahead = cos_sin(turned)
+    return bounce(x + way * ahead[0], y + way * ahead[1], turned, curve)
+
+
+@wp.func
+def is_moved(motion: int) -> bool:
+    """Whether it moves by itself."""
+    return motion == DRIFTING or motion == WANDERING or motion == FLEEING
+
+
+@wp.func
+def flee(place: wp.vec2, sensor: wp.vec2, step: float, curve: CurveStruct, target: TargetStruct) -> wp.vec3:
+    """Move one target over a step [s] away from a sensor: returns x, y [m], heading [rad]."""
+    away = place - sensor
+    # A wall turns the flight along itself; it does not send the target back to the robot.
+    fled = place + target.flee_speed * step * wp.normalize(away)
+    x = wp.clamp(fled[0], -curve.half_width, curve.half_width)
+    y = wp.clamp(fled[1], -curve.half_height, curve.half_height)
+    return wp.vec3(x, y, wp.atan2(away[1], away[0]))
 
 
 @wp.func
@@ -216,12 +216,93 @@ def detect(
 
 
 @wp.func
-def count(w: int, part: int, waiting: int, sighted: int, counted: Counted):
+def add_counts(w: int, part: int, waiting: int, sighted: int, counted: Counted):
     """Add what one thread counted."""
     if waiting > 0:
         wp.atomic_add(counted.waiting, w, part, waiting)
     if sighted > 0:
         wp.atomic_add(counted.in_sight, w, part, sighted)
+
+
+@wp.func
+def move_together(
+    w: int,
+    key: int,
+    count: int,
+    chosen: Ints,
+    near: float,
+    way: float,
+    part: int,
+    curve: CurveStruct,
+    target: TargetStruct,
+    sensing: SensingStruct,
+    task: TaskStruct,
+    clock: Clock,
+    robots: Robots,
+    targets: Targets,
+    counted: Counted,
+) -> wp.vec2i:
+    """Move `count` chosen targets and let robots detect them; returns how many wait on, and are in sight."""
+    stage = Ints()
+    motion = Ints()
+    x = Floats()
+    y = Floats()
+    heading = Floats()
+    for k in range(count):
+        t = chosen[k]
+        stage[k] = targets.stage[w, t]
+        motion[k] = wp.where(stage[k] == HIDDEN, STILL, targets.motion[w, t])
+        x[k] = targets.position[w, t][0]
+        y[k] = targets.position[w, t][1]
+        heading[k] = targets.heading[w, t]
+    before_x = Floats(x)
+    before_y = Floats(y)
+    nearest, square = nearest_sensors(w, x, y, robots)
+    for k in range(ABREAST):
+        if k < width():
+            moved = wander(chosen[k], key, motion[k], x[k], y[k], heading[k], task.step, curve, target)
+            x[k] = wp.where(is_moved(motion[k]), moved[0], x[k])
+            y[k] = wp.where(is_moved(motion[k]), moved[1], y[k])
+            heading[k] = moved[2]
+    for k in range(count):
+        if motion[k] == FLEEING and square[k] < target.flee_radius * target.flee_radius:
+            place = wp.vec2(before_x[k], before_y[k])
+            fled = flee(place, robots.sensor[w, nearest[k]], task.step, curve, target)
+            x[k] = fled[0]
+            y[k] = fled[1]
+            heading[k] = fled[2]
+    # A target that was far from every sensor cannot have come into one's reach in this step.
+    comes_near = bool(False)
+    for k in range(count):
+        comes_near = comes_near or square[k] < near * near
+    nearest_after = nearest
+    square_after = square
+    if comes_near:
+        nearest_after, square_after = nearest_sensors(w, x, y, robots)
+    waiting = int(0)
+    sighted = int(0)
+    for k in range(count):
+        t = chosen[k]
+        before = wp.vec2(before_x[k], before_y[k])
+        after = wp.vec2(x[k], y[k])
+        reach = near + way
+        if is_moved(motion[k]):
+            targets.position[w, t] = after
+            targets.heading[w, t] = heading[k]
+        elif targets.motion[w, t] == CUSTOM:
+            before = targets.before[w, t]
+            targets.before[w, t] = after
+            reach = sensing.radius + wp.length(after - before) + way
+        seen = square_after[k] < sensing.radius * sensing.radius
+        targets.in_sight[w, t] = wp.where(seen, 1, 0)
+        sighted += wp.where(seen, 1, 0)
+        if stage[k] != FOUND:
+            sight = wp.vec2(-1.0, 2.0)
+            if stage[k] == PRESENT and square[k] < reach * reach:
+                sight = first_sight(w, before, after, sensing.radius, reach, robots)
+            at_end = wp.vec2(float(nearest_after[k]), square_after[k])
+            waiting += detect(w, t, clock.step[w], part, at_end, sight, sensing.radius, targets, counted)
+    return wp.vec2i(waiting, sighted)
 
 
 @wp.kernel
@@ -250,37 +331,27 @@ def move_and_detect(
         return
     now = clock.step[w]
     key = randomness.step_key(clock.seed[w], now)
-    way, radius = longest_way(w, robots), sensing.radius
-    near = radius + task.step * wp.max(target.speed, target.flee_speed)
-    waiting = int(0)
-    sighted = int(0)
-    for t in range(begin + lane, end, lanes):
-        if targets.appears_at[w, t] > now:
-            break  # the slots are in the order of their times
-        stage = targets.stage[w, t]
-        if stage == FOUND and target.leave == 1:
-            targets.stage[w, t] = GONE
-            targets.in_sight[w, t] = 0
-        elif stage != GONE:
-            place = targets.position[w, t]
-            motion = targets.motion[w, t]
-            nearest = nearest_sensor(w, place, robots)
-            before = place
-            reach = near + way
-            if motion == CUSTOM:
-                before = targets.before[w, t]
-                targets.before[w, t] = place
-                reach = radius + wp.length(place - before) + way
-            reach = wp.where(stage == PRESENT and nearest[1] < reach * reach, reach, 0.0)
-            if stage != HIDDEN and motion != STILL and motion != CUSTOM:
-                place = move_target(w, t, key, motion, place, nearest, task.step, curve, target, robots, targets)
-                # A target that was far from every sensor cannot have come into one's reach in this step.
-                if nearest[1] < near * near:
-                    nearest = nearest_sensor(w, place, robots)
-            seen = wp.where(nearest[1] < radius * radius, 1, 0)
-            sighted += seen
-            targets.in_sight[w, t] = seen
-            if stage != FOUND:
-                sight = first_sight(w, before, place, radius, reach, robots)
-                waiting += detect(w, t, now, part, nearest, sight, radius, targets, counted)
-    count(w, part, waiting, sighted, counted)
+    way = longest_way(w, robots)
+    near = sensing.radius + task.step * wp.max(target.speed, target.flee_speed)
+    total = wp.vec2i(0, 0)
+    t = int(begin + lane)
+    while t < end:
+        chosen = Ints()
+        count = int(0)
+        while t < end and count < width():
+            if targets.appears_at[w, t] > now:
+                t = end  # the slots are in the order of their times
+            else:
+                stage = targets.stage[w, t]
+                if stage == FOUND and target.leave == 1:
+                    targets.stage[w, t] = GONE
+                    targets.in_sight[w, t] = 0
+                elif stage != GONE:
+                    chosen[count] = t
+                    count += 1
+                t += lanes
+        if count > 0:
+            total += move_together(
+                w, key, count, chosen, near, way, part, curve, target, sensing, task, clock, robots, targets, counted
+            )
+    add_counts(w, part, total[0], total[1], counted)
