@@ -38,7 +38,7 @@ def test_the_stages_print_in_their_order():
     printed = str(simulation.stages).splitlines()
     assert [line.split()[0] for line in printed] == [
         "clock", "events", "faults", "commands", "motion", "phase", "measurement", "sending", "collisions", "targets",
-        "coverage", "boundary", "score", "end", "reward", "hearing", "observation",
+        "coverage", "boundary", "deviations", "score", "end", "reward", "hearing", "observation",
     ]  # fmt: skip
     assert printed[4].split()[1] == "robot"
     assert "Move cars" in printed[4]
@@ -124,7 +124,8 @@ def count(first: int, clock: Clock, count_out: wp.array(dtype=int)):
 def test_a_kernel_that_asks_for_what_is_not_there_is_refused_by_name():
     clock = lissajous_env.Simulation("experiment").clock
     with pytest.raises(
-        ValueError, match="parameters of stage mine must be of begin, clock, end, first, lanes, part; got nonsense"
+        ValueError,
+        match="parameters of stage mine must be of begin, clock, end, first, lanes, last, part; got nonsense",
     ):
         Program([Stage("mine", ask_for_nonsense, ROBOT)], {"clock": clock}, {ROBOT: 5}, 1, wp.get_device("cpu"), 1)
 

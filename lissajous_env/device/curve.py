@@ -119,9 +119,7 @@ def tangent2(curve: CurveStruct, gamma: float) -> wp.vec2:
 
 
 @wp.func
-def newton(
-    away: wp.vec2, tangent: wp.vec2, bend: wp.vec2, gamma: float, largest_step: float
-) -> float:
+def newton(away: wp.vec2, tangent: wp.vec2, bend: wp.vec2, gamma: float, largest_step: float) -> float:
     """One step of `project`, from the point at gamma to a place that lies `away` of it [m]."""
     square = wp.dot(tangent, tangent)
     lag = wp.dot(tangent, away) / wp.max(square - wp.dot(bend, away), 0.5 * square)

@@ -58,7 +58,9 @@ def compare_with_all(
     apart = beyond + 2.0 * way
     for j in range(i + 1, robots.status.shape[1]):
         away = robots.track[w, i, last] - robots.track[w, j, last]
-        if wp.length_sq(away) <= apart * apart and robots.status[w, j] != REMOVED:
+        if wp.length_sq(away) > apart * apart:
+            tally.contact[w, i, j] = 0
+        elif robots.status[w, j] != REMOVED:
             nearest = wp.min(nearest, compare_pair(w, i, j, touch, beyond, robots, latest, tally))
     return nearest
 

@@ -35,25 +35,22 @@ def take_commands(
     size = action.shape[2]
     for i in range(lane, action.shape[1], lanes):
         finite = bool(True)
-        squares = float(0.0)
         for k in range(size):
             finite = finite and wp.abs(action[w, i, k]) <= _LARGEST
-            command = wp.clamp(action[w, i, k], -1.0, 1.0)
-            squares += command * command
-            command_out[w, i, k] = command
         if not finite:
             clock.invalid[w] = 1
             if clock.invalid_at[w] == 0:
                 clock.invalid_at[w] = clock.step[w]
-            squares = 0.0
-            for k in range(size):
-                command_out[w, i, k] = 0.0
-        latest.effort[w, i] = squares / float(size)
+        squares = float(0.0)
         change = float(0.0)
         for k in range(size):
-            difference = command_out[w, i, k] - taken[w, i, k]
+            command = wp.where(finite, wp.clamp(action[w, i, k], -1.0, 1.0), 0.0)
+            difference = command - taken[w, i, k]
+            squares += command * command
             change += difference * difference
-            taken[w, i, k] = command_out[w, i, k]
+            command_out[w, i, k] = command
+            taken[w, i, k] = command
+        latest.effort[w, i] = squares / float(size)
         latest.change[w, i] = wp.where(clock.step[w] > 1, change / float(size), 0.0)
         if noise.actuator > 0.0:
             draw = randomness.stream(randomness.step_key(clock.seed[w], clock.step[w]), i, randomness.ACTUATOR)

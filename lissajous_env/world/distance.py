@@ -89,10 +89,8 @@ def leaf(table: DistanceTable, x: float, y: float) -> int:
 
 
 @wp.func
-def arc_distance(x: float, y: float, arc_x: float, arc_y: float, normal_x: float, normal_y: float, bend: float) -> float:
-    """Distance of a place from the circle of an arc that passes a point [m] with a unit normal and a bend [1/m]."""
-    across = x - arc_x
-    up = y - arc_y
+def arc_distance(across: float, up: float, normal_x: float, normal_y: float, bend: float) -> float:
+    """Distance from a circle [m] that passes a point with a unit normal and a bend [1/m], of a place so far from it."""
     g = 2.0 * (normal_x * across + normal_y * up) + bend * (across * across + up * up)
     return wp.abs(g) / (1.0 + wp.sqrt(wp.max(1.0 + bend * g, 0.0)))
 
@@ -106,27 +104,26 @@ def curve_distances(table: DistanceTable, curve: CurveStruct, x: Floats, y: Floa
             distance[k] = distance_from_seed(table, curve, wp.vec2(x[k], y[k]))
     elif table.nodes.shape[0] > 0:
         node = Ints()
-        arc_x = Floats()
-        arc_y = Floats()
+        across = Floats()
+        up = Floats()
         normal_x = Floats()
         normal_y = Floats()
         bend = Floats()
         for k in range(count):
             node[k] = leaf(table, wp.abs(x[k]), wp.abs(y[k]))
             arc = table.arcs[node[k] >> 4]
-            arc_x[k] = arc[0]
-            arc_y[k] = arc[1]
+            across[k] = wp.abs(x[k]) - arc[0]
+            up[k] = wp.abs(y[k]) - arc[1]
             normal_x[k] = arc[2]
             normal_y[k] = arc[3]
             bend[k] = arc[4]
         for k in range(ABREAST):
             if k < width():
-                place = wp.vec2(wp.abs(x[k]), wp.abs(y[k]))
-                distance[k] = arc_distance(place[0], place[1], arc_x[k], arc_y[k], normal_x[k], normal_y[k], bend[k])
+                distance[k] = arc_distance(across[k], up[k], normal_x[k], normal_y[k], bend[k])
         for k in range(count):  # few cells have more arcs than one
             for other in range((node[k] >> 4) + 1, (node[k] >> 4) + (node[k] & 15)):
                 arc = table.arcs[other]
-                further = arc_distance(wp.abs(x[k]), wp.abs(y[k]), arc[0], arc[1], arc[2], arc[3], arc[4])
+                further = arc_distance(wp.abs(x[k]) - arc[0], wp.abs(y[k]) - arc[1], arc[2], arc[3], arc[4])
                 distance[k] = wp.min(distance[k], further)
     return distance
 

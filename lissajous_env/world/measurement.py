@@ -6,6 +6,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, curve_parameter, project, wrap_phase
 from lissajous_env.device.part_structs import FormationStruct, NoiseStruct
+from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.robots.placing import LARGEST_CORRECTION
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Robots
 
@@ -47,4 +48,4 @@ def measure(
                 seen = project(curve, wp.vec2(pose[0], pose[1]), gamma, LARGEST_CORRECTION)
                 phase = wrap_phase(phase + wp.float64((seen - gamma) / alpha))
             robots.measured[w, i] = pose
-            robots.measured_phase[w, i] = float(phase)
+            robots.measured_turn[w, i] = cos_sin(float(phase))

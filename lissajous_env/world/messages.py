@@ -35,7 +35,8 @@ def send(first: int, lanes: int, clock: Clock, robots: Robots, links: Links):
     for i in range(lane, robots.status.shape[1], lanes):
         links.sending[w, i, slot] = wp.where(robots.status[w, i] == REMOVED, 0, 1)
         pose = robots.measured[w, i]
-        links.sent[w, i, slot] = wp.vec3(robots.measured_phase[w, i], pose[0], pose[1])
+        turn = robots.measured_turn[w, i]
+        links.sent[w, i, slot] = wp.vec4(turn[0], turn[1], pose[0], pose[1])
 
 
 @wp.kernel

@@ -174,9 +174,8 @@ def observe_self(
 ):
     """Fill entries 0 to 7."""
     own = robots.measured[w, i]
-    phase = robots.measured_phase[w, i]
     ahead = cos_sin(own[2])
-    turn = cos_sin(phase)
+    turn = robots.measured_turn[w, i]
     observation_out[w, i, 0] = far(own[0] / curve.half_width)
     observation_out[w, i, 1] = far(own[1] / curve.half_height)
     observation_out[w, i, 2] = ahead[0]
@@ -200,7 +199,7 @@ def observe_ring(
 ):
     """Fill entries 8 to 19."""
     own = robots.measured[w, i]
-    phase = robots.measured_phase[w, i]
+    turn = robots.measured_turn[w, i]
     for side in range(2):
         start = OWN + LINK * side
         heard_at = links.heard_at[w, i, side]
@@ -208,13 +207,12 @@ def observe_ring(
             clear(w, i, start, start + LINK, observation_out)
         else:
             message = links.heard[w, i, side]
-            lead = cos_sin(message[0] - phase)
             observation_out[w, i, start] = 1.0
             observation_out[w, i, start + 1] = wp.min(float(now - heard_at) * task.step, 1.0)
-            observation_out[w, i, start + 2] = lead[0]
-            observation_out[w, i, start + 3] = lead[1]
-            observation_out[w, i, start + 4] = far(0.5 * (message[1] - own[0]) / curve.half_width)
-            observation_out[w, i, start + 5] = far(0.5 * (message[2] - own[1]) / curve.half_height)
+            observation_out[w, i, start + 2] = wp.clamp(message[0] * turn[0] + message[1] * turn[1], -1.0, 1.0)
+            observation_out[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
+            observation_out[w, i, start + 4] = far(0.5 * (message[2] - own[0]) / curve.half_width)
+            observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
 
 
 @wp.func

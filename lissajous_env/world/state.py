@@ -76,20 +76,20 @@ class Robots:
     """x, y of a working robot [m]; far away where the robot senses nothing."""
     measured: wp.array2d(dtype=wp.vec4)
     """Measured x, y [m], heading [rad], speed [m/s]."""
-    measured_phase: wp.array2d(dtype=wp.float32)
-    """Measured phase [rad]."""
+    measured_turn: wp.array2d(dtype=wp.vec2)
+    """Cosine and sine of the measured phase."""
 
 
 @wp.struct
 class Links:
     """Messages on the ring: what each robot sent, and what it last heard from its two neighbours."""
 
-    sent: wp.array3d(dtype=wp.vec3)
-    """(W, N, delay + 1) phase, x, y as sent in the latest steps."""
+    sent: wp.array3d(dtype=wp.vec4)
+    """(W, N, delay + 1) cosine and sine of the phase, x, y [m] as sent in the latest steps."""
     sending: wp.array3d(dtype=wp.int32)
     """(W, N, delay + 1) 1 where something was sent."""
-    heard: wp.array3d(dtype=wp.vec3)
-    """(W, N, 2) phase, x, y last heard."""
+    heard: wp.array3d(dtype=wp.vec4)
+    """(W, N, 2) the same, last heard."""
     heard_at: wp.array3d(dtype=wp.int32)
     """(W, N, 2) step in which what was last heard was sent; -1 for nothing yet."""
 

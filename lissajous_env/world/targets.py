@@ -173,7 +173,7 @@ def wander(
 @wp.func
 def is_moved(motion: int) -> bool:
     """Whether it moves by itself."""
-    return motion == DRIFTING or motion == WANDERING or motion == FLEEING
+    return motion != STILL and motion != CUSTOM
 
 
 @wp.func

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.abreast import ABREAST, Floats, block_of, width
+from lissajous_env.device.abreast import ABREAST, Block, Floats, Ints, block_of, width
 from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
@@ -68,6 +68,42 @@ def stop_at_wall(curve: CurveStruct, car: wp.vec4) -> wp.vec4:
     return wp.vec4(x, y, car[2], car[3] * kept)
 
 
+@wp.func
+def begin_track(w: int, i: int, place: wp.vec3, robots: Robots) -> int:
+    """Begin a robot's track where it is [m], and let one that does not work stand there; returns 1 if it moves."""
+    robots.track[w, i, 0] = place
+    if robots.status[w, i] == WORKING:
+        return 1
+    robots.speed[w, i] = 0.0
+    for s in range(1, robots.track.shape[2]):
+        robots.track[w, i, s] = place
+    return 0
+
+
+@wp.func
+def take_input(
+    block: Block, robot: RobotStruct, command: wp.array3d(dtype=float), robots: Robots
+) -> tuple[Floats, Floats]:
+    """Curvature of the way [1/m] and acceleration by the motor [m/s^2] of the cars of a block."""
+    curvature = Floats()
+    push = Floats()
+    wheelbase = Floats()
+    drive = Floats()
+    for k in range(block.count):
+        w = block.world[k]
+        i = block.robot[k]
+        curvature[k] = command[w, i, 0]
+        push[k] = command[w, i, 1]
+        wheelbase[k] = robots.wheelbase[w, i]
+        drive[k] = robots.drive[w, i]
+    for k in range(ABREAST):
+        if k < width():
+            steering = cos_sin(steering_angle(robot, curvature[k]))
+            curvature[k] = steering[1] / (steering[0] * wheelbase[k])
+            push[k] = motor_push(robot, drive[k], throttle(robot, push[k]))
+    return curvature, push
+
+
 @wp.kernel
 def move_cars(
     first: int,
@@ -87,29 +123,18 @@ def move_cars(
     y = Floats()
     heading = Floats()
     speed = Floats()
-    curvature = Floats()
-    push = Floats()
-    wheelbase = Floats()
-    drive = Floats()
+    moves = Ints()
     for k in range(block.count):
         w = block.world[k]
         i = block.robot[k]
-        position = robots.position[w, i]
-        x[k] = position[0]
-        y[k] = position[1]
+        place = robots.position[w, i]
+        x[k] = place[0]
+        y[k] = place[1]
         heading[k] = robots.heading[w, i]
         speed[k] = robots.speed[w, i]
-        curvature[k] = command[w, i, 0]
-        push[k] = command[w, i, 1]
-        wheelbase[k] = robots.wheelbase[w, i]
-        drive[k] = robots.drive[w, i]
         if clock.active[w] == 1:
-            robots.track[w, i, 0] = position
-    for k in range(ABREAST):
-        if k < width():
-            steering = cos_sin(steering_angle(robot, curvature[k]))
-            curvature[k] = steering[1] / (steering[0] * wheelbase[k])
-            push[k] = motor_push(robot, drive[k], throttle(robot, push[k]))
+            moves[k] = begin_track(w, i, place, robots)
+    curvature, push = take_input(block, robot, command, robots)
     for s in range(substeps):
         for k in range(ABREAST):
             if k < width():
@@ -126,19 +151,15 @@ def move_cars(
                     y[k] = car[1]
                     speed[k] = car[3]
         for k in range(block.count):
+            if moves[k] == 1:
+                robots.track[block.world[k], block.robot[k], s + 1] = wp.vec3(x[k], y[k], 0.0)
+    for k in range(block.count):
+        if moves[k] == 1:
             w = block.world[k]
             i = block.robot[k]
-            if clock.active[w] == 1:
-                works = robots.status[w, i] == WORKING
-                robots.track[w, i, s + 1] = wp.where(works, wp.vec3(x[k], y[k], 0.0), robots.position[w, i])
-    for k in range(block.count):
-        w = block.world[k]
-        i = block.robot[k]
-        if clock.active[w] == 1:
-            works = robots.status[w, i] == WORKING
-            robots.position[w, i] = robots.track[w, i, substeps]
-            robots.heading[w, i] = wp.where(works, wrap(heading[k]), robots.heading[w, i])
-            robots.speed[w, i] = wp.where(works, speed[k], 0.0)
+            robots.position[w, i] = wp.vec3(x[k], y[k], 0.0)
+            robots.heading[w, i] = wrap(heading[k])
+            robots.speed[w, i] = speed[k]
 
 
 def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:

@@ -5,7 +5,15 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.abreast import ABREAST, Doubles, Floats, block_of, width
 from lissajous_env.device.compilation import MOTION
-from lissajous_env.device.curve import CurveStruct, curve_parameter, point, project, project_lissajous, tangent2, wrap_phase
+from lissajous_env.device.curve import (
+    CurveStruct,
+    curve_parameter,
+    point,
+    project,
+    project_lissajous,
+    tangent2,
+    wrap_phase,
+)
 from lissajous_env.device.part_structs import FormationStruct, NoiseStruct, RobotStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters.parts import Formation
