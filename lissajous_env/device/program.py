@@ -2,10 +2,11 @@
 
 A kernel of a program takes `first`, the first world of the block that it works on, and, unless it goes over whole
 worlds, `lanes`, how many threads share the entities of a world: on a GPU there is one for each entity, on a CPU one
-that loops over them all, which saves its setup. One that takes `begin` and `end` too, and goes over the entities from
-the one to the other, may have those of a large world split among CPU threads; the number of the share is `part`. It
-must not write what another part reads or writes, nor add to it: an atomic operation is none on a CPU. Every other
-parameter is looked up by its name.
+that loops over them all, which saves its setup. One that takes `last` instead, the world after the block, goes over
+the entities of all its worlds, side by side (`lissajous_env.device.abreast`). One that takes `begin` and `end` too, and
+goes over the entities from the one to the other, may have those of a large world split among CPU threads; the number of
+the share is `part`. It must not write what another part reads or writes, nor add to it: an atomic operation is none on
+a CPU. Every other parameter is looked up by its name.
 """
 
 import ctypes
@@ -140,11 +141,10 @@ class Program:
         if unknown := [name for name in names if name not in values]:
             there = ", ".join(sorted(values))
             raise ValueError(f"parameters of stage {stage.name} must be of {there}; got {', '.join(unknown)}")
+        size: tuple[int, ...] = (high - low,) if stage.over == WORLD else (high - low, lanes)
         if "last" in names:
             abreast = int(ABREAST) if self._device.is_cpu else 1
             size = (-(-(high - low) * self._sizes[stage.over] // abreast),)
-        else:
-            size = (high - low,) if stage.over == WORLD else (high - low, lanes)
         return wp.launch(
             stage.run, dim=size, inputs=[values[name] for name in names], device=self._device, record_cmd=True
         )

@@ -20,7 +20,7 @@ GRIDS = 12
 """Grids around the innermost one; a place beyond the last is looked up at its edge."""
 SPLIT = 4
 """Parts of a cell in each direction, where it has to be divided."""
-AROUND = 16
+AROUND = 8
 """Columns and rows of the grids around the innermost one."""
 _SAMPLES = 9
 _MOST_ARCS = 7
