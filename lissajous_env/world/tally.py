@@ -4,6 +4,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
+from lissajous_env.device.trig import atan2
 from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Latest, Robots, Tally
 
 wp.set_module_options(OPTIONS)
@@ -124,7 +125,7 @@ def formation_error(w: int, robots: Robots, latest: Latest) -> float:
     for i in range(n):
         if robots.status[w, i] != REMOVED:
             unit += wp.vec2(latest.lead[w, i][1], latest.lead[w, i][2])
-    turn = wp.atan2(unit[1], unit[0])
+    turn = atan2(unit[1], unit[0])
     error = float(0.0)
     for i in range(n):
         if robots.status[w, i] != REMOVED:

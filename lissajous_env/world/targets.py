@@ -8,7 +8,7 @@ from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
 from lissajous_env.device.structs import place_of
-from lissajous_env.device.trig import cos_sin
+from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters import parts
 from lissajous_env.world.sight import first_sight, longest_way, nearest_sensor, nearest_sensors
 from lissajous_env.world.state import FOUND, GONE, HIDDEN, NEVER, PRESENT, Clock, Counted, Robots, Targets
@@ -184,7 +184,7 @@ def flee(place: wp.vec2, sensor: wp.vec2, step: float, curve: CurveStruct, targe
     fled = place + target.flee_speed * step * wp.normalize(away)
     x = wp.clamp(fled[0], -curve.half_width, curve.half_width)
     y = wp.clamp(fled[1], -curve.half_height, curve.half_height)
-    return wp.vec3(x, y, wp.atan2(away[1], away[0]))
+    return wp.vec3(x, y, atan2(away[1], away[0]))
 
 
 @wp.func
