@@ -62,8 +62,8 @@ def distance_from_seed(table: DistanceTable, curve: CurveStruct, place: wp.vec2)
 
 
 @wp.func
-def leaf(table: DistanceTable, x: float, y: float) -> int:
-    """Node of the cell in which a place lies, x, y >= 0 [m]: 16 times its first arc, and how many it has."""
+def cell_at(table: DistanceTable, x: float, y: float) -> tuple[int, float, float]:
+    """Cell in which a place lies, x, y >= 0 [m], and where in it, from 0 to 1 along its width and its height."""
     across = x * table.per_width
     up = y * table.per_height
     # How often the place is halved until it is within the innermost grid; the grid around that is the first, and so on.
@@ -73,18 +73,25 @@ def leaf(table: DistanceTable, x: float, y: float) -> int:
     columns = wp.where(level > 0, _AROUND, table.columns)
     rows = wp.where(level > 0, _AROUND, table.rows)
     before = wp.where(level > 0, table.columns * table.rows + (level - 1) * _AROUND * _AROUND, 0)
-    # From here on the place is that in the cell, 0 to its width in columns and rows.
     across = wp.min(across * power, 1.0) * float(columns)
     up = wp.min(up * power, 1.0) * float(rows)
     column = wp.min(int(across), columns - 1)
     row = wp.min(int(up), rows - 1)
-    node = table.nodes[before + row * columns + column]
+    return before + row * columns + column, across - float(column), up - float(row)
+
+
+@wp.func
+def leaf(table: DistanceTable, cell: int, across: float, up: float) -> int:
+    """Node of a place in a cell: 16 times the first arc of the part in which it lies, and how many that has."""
+    node = int(table.nodes[cell])
     while node < 0:
-        across = (across - float(column)) * float(_SPLIT)
-        up = (up - float(row)) * float(_SPLIT)
+        across *= float(_SPLIT)
+        up *= float(_SPLIT)
         column = wp.min(int(across), _SPLIT - 1)
         row = wp.min(int(up), _SPLIT - 1)
         node = table.nodes[row * _SPLIT + column - node]
+        across -= float(column)
+        up -= float(row)
     return node
 
 
@@ -109,8 +116,14 @@ def curve_distances(table: DistanceTable, curve: CurveStruct, x: Floats, y: Floa
         normal_x = Floats()
         normal_y = Floats()
         bend = Floats()
+        for k in range(ABREAST):
+            if k < width():
+                cell, along, above = cell_at(table, wp.abs(x[k]), wp.abs(y[k]))
+                node[k] = cell
+                across[k] = along
+                up[k] = above
         for k in range(count):
-            node[k] = leaf(table, wp.abs(x[k]), wp.abs(y[k]))
+            node[k] = leaf(table, node[k], across[k], up[k])
             arc = table.arcs[node[k] >> 4]
             across[k] = wp.abs(x[k]) - arc[0]
             up[k] = wp.abs(y[k]) - arc[1]
