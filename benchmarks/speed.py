@@ -46,9 +46,9 @@ def measured(part: Part, options: Options) -> dict[str, figures.Table]:
 
 def at_least_one(text: str) -> int:
     """A whole number from the command line."""
-    if (number := int(text)) < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1, got {number}")
-    return number
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, got {text}")
+    return int(text)
 
 
 def checkout(text: str) -> Path:

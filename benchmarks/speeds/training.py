@@ -58,7 +58,7 @@ def declared(checkout: Path, folder: Path) -> Path:
     Otherwise another version would look for the modules of the version that is.
     """
     project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
-    made = folder / "declared" / f"{project['name']}-0.dist-info"
+    made = folder / "declared" / f"{project['name'].replace('-', '_')}-0.dist-info"
     made.mkdir(parents=True)
     (made / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 0\n")
     groups = {"console_scripts": project.get("scripts", {}), **project.get("entry-points", {})}
