@@ -1,16 +1,13 @@
 """Shipped policies against the classical ones, as they are and tuned: `python benchmarks/learned.py`.
 
 Every policy plays the same 64 held-out seeds, which neither the training nor the tuning saw, in one run. The tuned
-classical policies are those of `benchmarks/tuned.json`, which `python benchmarks/tuning.py` writes. Then the time of a
-learned policy's `act` and of its network alone, beside products of matrices by NumPy. `--training` measures the
-throughput of `lissajous train` too, `--touches` how rare collisions are, over many more episodes. `--store` puts what
-is found into docs/figures.json, and how each shipped policy was made, from its card.
+classical policies are those of `benchmarks/tuned.json`, which `python benchmarks/tuning.py` writes. `--touches` counts
+how rare collisions are, over many more episodes. `--store` puts what is found into docs/figures.json, and how each
+shipped policy was made, from its card.
 """
 
 import argparse
 import json
-import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +18,6 @@ from tuning import HELD_OUT, make
 
 import baselines
 import lissajous_env
-import training
 from baselines.benchmark.statistics import Statistics, interquartile_mean, summarize
 from baselines.benchmark.tables import SHOWN, in_words, number
 from baselines.policies.base import Policy
@@ -92,31 +88,6 @@ def ratios(scenario: str, scores: dict[str, dict[str, Statistics]], console: Con
         console.print(f"  of {label}: {', '.join(filter(None, parts))}; intervals {'apart' if apart else 'overlap'}")
 
 
-def times_per_row(name: str, worlds: int, steps: int = 2000) -> tuple[float, float, float]:
-    """Times per robot [us], the median of a step: `act`, the network's kernel alone, and its matrices by NumPy."""
-    policy = training.load(name, num_worlds=worlds)
-    simulation = lissajous_env.Simulation(policy.scenario, worlds)
-    seen, network = simulation.observation.numpy(), policy.network
-    rows = np.random.default_rng(0).normal(size=(worlds * simulation.num_robots, network.inputs)).astype(np.float32)
-    base = None if policy.base is None else policy.base.action
-
-    def by_matrices() -> None:
-        x = rows
-        for k, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-            x = x @ weight.T + bias
-            x = x if k == len(network.weights) - 1 else np.maximum(x, 0.0)
-
-    found = []
-    for call in (lambda: policy.act(seen), lambda: policy._forward.launch(simulation.observation, base), by_matrices):
-        times = []
-        for _ in range(steps):
-            begin = time.perf_counter()
-            call()
-            times.append(time.perf_counter() - begin)
-        found.append(float(np.median(times)) / len(rows) * 1e6)
-    return found[0], found[1], found[2]
-
-
 def touches(scenario: str, seeds: range) -> list[list[str]]:
     """Row of the learned policy, and of it behind the filter: in how many episodes of many robots touch."""
     rows = []
@@ -144,38 +115,11 @@ def made(name: str) -> list[str]:
     ]
 
 
-def throughput(steps: int) -> tuple[float, float]:
-    """Robot steps per second of `lissajous train` with the default network, and the environment's share of the time."""
-    from training.sb3 import RobotVecEnv
-    from training.sb3.trainer import train
-    from training.settings import TrainingSettings
-
-    in_env = [0.0]
-
-    def timed(step: Any) -> Any:
-        def call(self: Any) -> Any:
-            begin = time.perf_counter()
-            found = step(self)
-            in_env[0] += time.perf_counter() - begin
-            return found
-
-        return call
-
-    RobotVecEnv._step = timed(RobotVecEnv._step)
-    with tempfile.TemporaryDirectory() as folder:
-        settings = TrainingSettings("intruders", steps=steps, teacher="none", rivals=(), evaluate_every=10 * steps,
-                         evaluation_episodes=1, out=Path(folder))  # fmt: skip
-        history = train(settings, Console(quiet=True))
-    return history.steps / history.seconds, in_env[0] / history.seconds
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description="Shipped policies against the classical ones.")
     parser.add_argument("--scenarios", nargs="+", default=list(LEARNED), choices=list(LEARNED))
     parser.add_argument("--episodes", type=int, default=len(HELD_OUT))
-    parser.add_argument("--training", action="store_true", help="measure training too")
     parser.add_argument("--touches", type=int, default=0, help="episodes to count collisions in, seeds 3000 ...")
-    parser.add_argument("--training-steps", type=int, default=5_000_000)
     parser.add_argument("--store", action="store_true", help="put the tables into docs/figures.json, too")
     options = parser.parse_args()
     scores = {scenario: compare(scenario, options.episodes) for scenario in options.scenarios}
@@ -183,14 +127,6 @@ def main() -> None:
     figures.show(f"{options.episodes} held-out episodes", tables["learned"])
     for scenario in options.scenarios:
         ratios(scenario, scores[scenario], Console(width=140))
-    rows = []
-    for name in dict.fromkeys(LEARNED[scenario] for scenario in options.scenarios):
-        for worlds in (1, 32, 1024):
-            times = times_per_row(name, worlds, 2000 if worlds < 100 else 100)
-            rows.append([f"`{name}`, {worlds:,} world{'s' * (worlds > 1)}", *map(number, times)])
-    columns = ["time of a robot, median", "act [us]", "its network [us]", "its matrices by NumPy [us]"]
-    tables["learned-act"] = {"columns": columns, "rows": rows}
-    figures.show("time of a learned policy", tables["learned-act"])
     tables["learned-made"] = {"columns": ["name", "made for", "what it is", "steps of a robot"],
                               "rows": [made(LEARNED[scenario]) for scenario in options.scenarios]}  # fmt: skip
     if options.touches:
@@ -199,12 +135,6 @@ def main() -> None:
         columns = ["policy", "episodes with a collision", "of", "detection [s]"]
         tables["learned-touches"] = {"columns": columns, "rows": rows}
         figures.show("collisions", tables["learned-touches"])
-    if options.training:
-        rate, share = throughput(options.training_steps)
-        columns = ["", "robot steps per second", "in the environment [% of the time]"]
-        rows = [["`lissajous train`", f"{rate:,.0f}", number(100 * share)]]
-        tables["learned-training"] = {"columns": columns, "rows": rows}
-        figures.show("training", tables["learned-training"])
     if options.store:
         figures.store(tables)
 

@@ -1,19 +1,17 @@
-"""Speed and optimality of the MPCC against CasADi + IPOPT on the same problems: `python benchmarks/mpcc.py`.
+"""Optimality of the MPCC against CasADi + IPOPT on the same problems, which `python benchmarks/speed.py` times, too.
 
 Two sets of problems, started from the same guess on both sides: states met in closed loop on the paper's experiment
 (guess: the last solution shifted by a stage) and random states near its curve (guess: straight on at the speed wanted
-at the start). All on one thread; `--states 30` makes it short, `--store` puts what is found into docs/figures.json.
+at the start).
 """
 
-import argparse
 import time
 from dataclasses import dataclass
 
-import figures
 import numpy as np
 
 from baselines.benchmark.tables import number
-from baselines.mpcc.solver import Mpcc, MpccParameters
+from baselines.mpcc.solver import Mpcc, MpccParameters, Solution
 from lissajous_env.extras import missing
 from lissajous_env.parameters.scenario import Curve, Robot
 from lissajous_env.theory import closed_forms
@@ -202,38 +200,12 @@ def random_problems(count: int, curve: Curve, p: MpccParameters, rng: np.random.
     return Problems(state, rate, guess)
 
 
-def timed(mpcc: Mpcc, problems: Problems, guess: bool, repeats: int = 5):
-    """Solve a set; returns the solution and the shortest time per problem [s]."""
-    times = []
-    for _ in range(repeats):
-        mpcc.reset()
-        begin = time.perf_counter()
-        solution = mpcc.solve(problems.state, problems.phase_rate, problems.guess if guess else None)
-        times.append((time.perf_counter() - begin) / len(problems.phase_rate))
-    return solution, min(times)
-
-
-def compare(problems: Problems, curve: Curve, p: MpccParameters, ipopt: Ipopt) -> dict[str, str]:
-    """Our side and IPOPT's on one set, in words."""
-    count = len(problems.phase_rate)
-    mpcc = Mpcc(curve, p, batch=count, threads=1)
-    _, cold = timed(mpcc, problems, guess=False)
-    solution, guessed = timed(mpcc, problems, guess=True)
-    times, costs = [], []
-    for k in range(count):
-        begin = time.perf_counter()
-        costs.append(ipopt.solve(problems.state[k], problems.phase_rate[k], problems.guess[k])[0])
-        times.append(time.perf_counter() - begin)
-    ours = np.array(
-        [ipopt.cost(problems.state[k], problems.phase_rate[k], solution.control[k].astype(float)) for k in range(count)]
-    )
-    excess = ours / np.array(costs) - 1
+def accuracy(problems: Problems, solution: Solution, costs: np.ndarray, ipopt: Ipopt) -> dict[str, str]:
+    """What a solution costs above IPOPT's costs (n,) on a set, in words."""
+    controls = solution.control.astype(float)
+    ours = [ipopt.cost(*each) for each in zip(problems.state, problems.phase_rate, controls, strict=True)]
+    excess = np.array(ours) / costs - 1
     return {
-        "states": str(count),
-        "solve without a guess [us]": number(cold * 1e6),
-        "solve from the guess [us]": number(guessed * 1e6),
-        "IPOPT from the guess, median [us]": number(float(np.median(times)) * 1e6),
-        "IPOPT takes, times as long": number(float(np.median(times)) / guessed),
         "cost above IPOPT's, median": f"{np.median(excess):.1e}",
         "cost above IPOPT's, 99th percentile": f"{np.percentile(excess, 99):.1e}",
         "at most 1 % above IPOPT's [% of the states]": number(100 * float(np.mean(excess <= 0.01))),
@@ -242,31 +214,3 @@ def compare(problems: Problems, curve: Curve, p: MpccParameters, ipopt: Ipopt) -
         "NaN": str(np.isnan(solution.control).any(axis=(1, 2)).sum()),
         "failures": str(int(solution.failed.sum())),
     }
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--states", type=int, default=500, help="problems in each set")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
-    options = parser.parse_args()
-    rng = np.random.default_rng(options.seed)
-    curve, p = Curve(), MpccParameters()
-    ipopt = Ipopt(curve, p)
-
-    steps = max(600, -(-options.states // len(RING)) + 1)
-    runs = [closed_loop(Mpcc(curve, p, len(RING), threads=1), curve, steps) for _ in range(3)]
-    met, warm = runs[0][0], np.min([run[1] for run in runs], axis=0)
-    met = met[rng.permutation(len(met.phase_rate))[: options.states]]
-    in_loop = compare(met, curve, p, ipopt)
-    near = compare(random_problems(options.states, curve, p, rng), curve, p, ipopt)
-    rows = [[name, words, near[name]] for name, words in in_loop.items()]
-    rows.insert(1, ["warm solve in closed loop, mean [us]", number(float(warm.mean()) * 1e6), ""])
-    table = {"columns": ["", "closed loop", "random"], "rows": rows}
-    figures.show("contouring controller, one thread", table)
-    if options.store:
-        figures.store({"mpcc": table})
-
-
-if __name__ == "__main__":
-    main()

@@ -5,8 +5,12 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from baselines.benchmark.tables import between, number
+
 Side = tuple[Callable[[], object], int]
 """A step, and how often it is called in a round."""
+Times = list[float]
+"""Time of a call in each round [us]."""
 
 
 def microseconds(step: Callable[[], object], calls: int) -> float:
@@ -17,11 +21,11 @@ def microseconds(step: Callable[[], object], calls: int) -> float:
     return (time.perf_counter() - begin) / calls * 1e6
 
 
-def by_turns(sides: Mapping[str, Side], rounds: int) -> dict[str, list[float]]:
+def by_turns(sides: Mapping[str, Side], rounds: int) -> dict[str, Times]:
     """Mean time of a call of each side in each round [us]; they take turns, so that a slow moment hits them alike."""
     for step, _ in sides.values():
         step()
-    times: dict[str, list[float]] = {name: [] for name in sides}
+    times: dict[str, Times] = {name: [] for name in sides}
     for _ in range(rounds):
         for name, (step, calls) in sides.items():
             times[name].append(microseconds(step, calls))
@@ -34,3 +38,10 @@ def ratio(own: Sequence[float], others: Sequence[float]) -> tuple[float, float, 
     drawn = np.random.default_rng(0).choice(ratios, (5000, len(ratios)))
     low, high = np.quantile(np.median(drawn, axis=1), [0.025, 0.975])
     return float(np.median(ratios)), float(low), float(high)
+
+
+def ratio_in_words(own: Sequence[float], others: Sequence[float]) -> str:
+    """The ratio others / own and its interval, as a table has them."""
+    middle, low, high = ratio(own, others)
+    ends = between(low, high)
+    return f"{number(middle)} ({ends})" if ends else number(middle)

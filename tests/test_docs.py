@@ -6,12 +6,17 @@ What docs/extending.md holds is tried in test_extending.py, the notebooks are ru
 import ast
 import re
 import shlex
+import sys
 import tomllib
 from functools import cache
 from pathlib import Path
 
 import gymnasium
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+import speed
 
 import baselines
 import lissajous_env
@@ -51,7 +56,7 @@ IMAGES = {
     "unseen.png": "lissajous guarantee evaders-failure --policies kuramoto-mpcc kuramoto-mpcc-close open-loop-mpcc",
     "critical_speed.png": "lissajous guarantee`",
     "trainings.png": "python benchmarks/trainings.py --store",
-    "growth.png": "python benchmarks/growth.py --against FOLDER --store",
+    "growth.png": "python benchmarks/speed.py --parts growth --against FOLDER --store",
     "fig3.png": "lissajous reproduce fig3 fig6 fig9",
     "fig6.png": "lissajous reproduce fig3 fig6 fig9",
     "fig9.png": "lissajous reproduce fig3 fig6 fig9",
@@ -110,6 +115,9 @@ def check_install(line):
 def check_python(line):
     # A program of benchmarks/, whose own tests say what it does; the options must be its own.
     module = re.match(r"python (?:-m )?(\S+)", line)[1]
+    if module == "benchmarks/speed.py":
+        speed.parser().parse_args([str(ROOT) if word == "FOLDER" else word for word in shlex.split(line)[2:]])
+        return
     if module == "pytest":
         assert "-m pytest -n auto --dist loadfile" in (ROOT / ".ci" / "run").read_text()
         return
@@ -163,7 +171,7 @@ def test_commands_in_the_text_are_commands(path):
     text = " ".join(path.read_text(encoding="utf-8").split())
     for command, rest in re.findall(r"`lissajous ([a-z]+)([^`]*)`", text):
         assert set(re.findall(r"(?<= )--[\w-]+", rest)) <= options_of(command), (command, rest)
-    for line in re.findall(r"`(python (?:benchmarks/|-m training)[^`]*)`", text):
+    for line in re.findall(r"`(?:[^`]* && )?(python (?:benchmarks/|-m training)[^`]*)`", text):
         check_python(line)
 
 

@@ -8,8 +8,10 @@ import pytest
 from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
-import growth
 import timing
+from figures import ROOT
+from speeds import growth
+from speeds.served import Side
 
 # Seconds of a step, ours and before: 3 ns a target, and 1 ms.
 FOUND = {
@@ -53,7 +55,7 @@ def test_a_picture_is_drawn(tmp_path):
 
 def test_what_is_measured_is_a_step_of_a_world():
     # Oracle: a process that takes some steps has taken time and memory; no thread takes more than all.
-    sides = [growth.Side(growth.figures.ROOT, 5, 1000, 1)]
+    sides = [Side(ROOT, 5, 1000, 1)]
     times, peaks = growth.measured(sides, 2)
     assert times.shape == (2, 1)
     assert (times > 1e-5).all()

@@ -14,8 +14,6 @@ import learned
 import results
 import safety
 import table
-import throughput
-import timing
 import trainings
 
 import lissajous_env
@@ -129,39 +127,6 @@ def test_the_table_of_trainings_has_each_of_them_all_and_the_reference():
     assert cell(made, "after 15 million steps, all", "sooner").startswith("75 % (")
     assert cell(made, "`kuramoto-mpcc`", "detection [s]") == "2"
     assert cell(made, "`kuramoto-mpcc`", "sooner") == ""
-
-
-def test_a_step_of_a_batch_stands_beside_the_rivals_per_world():
-    # Oracle: by hand; 8 us for 4 worlds are 2 us a world, half a million a second, and 80 us are ten times that.
-    times = {"ours": [8.0, 4.0, 16.0], "rival": [80.0, 80.0, 160.0]}
-    assert throughput.speed_rows(times, 4, "rival") == [
-        ["ours", "4", "2", "1", "0.500", "rival", "20", "10 (10\u201320)"]
-    ]
-    assert throughput.speed_rows({"ours": times["ours"]}, 4, "rival")[0][5:] == ["", "", ""]
-
-
-def test_contamination_stands_beside_a_step_without_it():
-    times = {"without": [8.0, 8.0, 8.0], "grid": [20.0, 20.0, 16.0]}
-    assert throughput.contamination_rows(times, "batch", 4) == [
-        ["batch, without", "4", "2", "2", "", ""],
-        ["batch, grid", "4", "5", "4", "3", "2.50 (2\u20132.50)"],
-    ]
-
-
-def test_sides_take_turns_and_a_ratio_is_of_their_pairs():
-    # Story: every other round is ten times as slow, for both sides; their ratio is three in each.
-    called = []
-    times = timing.by_turns({"a": (lambda: called.append("a"), 1), "b": (lambda: called.append("b"), 2)}, 2)
-    assert "".join(called) == "ab" + "abb" * 2
-    assert [len(each) for each in times.values()] == [2, 2]
-    assert timing.ratio([1.0, 10.0, 1.0, 10.0], [3.0, 30.0, 3.0, 30.0]) == (3.0, 3.0, 3.0)
-
-
-def test_the_machine_is_a_row():
-    made = throughput.machine(3)
-    assert cell(made, "measured on", "threads") == "3"
-    assert cell(made, "measured on", "Python") == ".".join(map(str, sys.version_info[:3]))
-    assert all(made["rows"][0])
 
 
 def test_collisions_with_a_filter_stand_beside_those_without():

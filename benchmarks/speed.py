@@ -1,0 +1,119 @@
+"""All figures of speed, each beside what a user would pick instead or beside another checkout, both sides in one run.
+
+    pip install ".[bench,train]" && git worktree add ../before COMMIT
+    python benchmarks/speed.py --against ../before --store
+
+The sides of a part take turns, so that a slow moment of the machine hits them alike; a ratio is that of their pairs,
+with its 95 % interval. Each part has a process of its own, in which no other left anything behind. One whose rival is
+not there is left out, which is said. `--store` puts the tables into docs/figures.json as soon as their part is done.
+"""
+
+import argparse
+import multiprocessing
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import figures
+import warp
+from speeds import Options, Part, act, contamination, controller, growth, memory, step, training
+
+PARTS = {each.PART.name: each.PART for each in (step, memory, contamination, growth, controller, act, training)}
+
+
+def machine(threads: int) -> figures.Table:
+    """What is measured on."""
+    told = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
+    models = [line.partition(": ")[2] for line in told.splitlines() if line.startswith("model name")]
+    of = {
+        "processor": models[0] if models else platform.processor() or platform.machine(),
+        "cores": str(os.cpu_count()),
+        "threads": str(threads),
+        "Python": platform.python_version(),
+        "Warp": warp.__version__,
+    }
+    return {"columns": ["", *of], "rows": [["measured on", *of.values()]]}
+
+
+def measured(part: Part, options: Options) -> dict[str, figures.Table]:
+    """The tables of a part, measured in a process of its own."""
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(part.tables, options).result()
+
+
+def at_least_one(text: str) -> int:
+    """A whole number from the command line."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, got {text}")
+    return int(text)
+
+
+def checkout(text: str) -> Path:
+    """A folder from the command line that holds another version of this project."""
+    if not (Path(text) / "lissajous_env" / "__init__.py").is_file():
+        raise argparse.ArgumentTypeError(f"must be a checkout of this project, got {text}")
+    return Path(text).resolve()
+
+
+def parser() -> argparse.ArgumentParser:
+    """The options."""
+    words = "\n".join(f"  {name:14}{part.what}" for name, part in PARTS.items())
+    made = argparse.ArgumentParser(description=f"{__doc__}\nparts:\n{words}",
+                                   formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+    made.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS), metavar="PART",
+                      help="what is measured; all where none is named")  # fmt: skip
+    made.add_argument("--rounds", type=at_least_one, help="turns of each side, instead of each part's own number")
+    made.add_argument("--worlds", type=at_least_one, help="worlds of a batch (default: 4096)")
+    made.add_argument("--threads", type=at_least_one, default=os.cpu_count() or 1)
+    made.add_argument("--against", type=checkout, metavar="FOLDER", help="another checkout of this project")
+    made.add_argument("--without-rivals", action="store_true", help="measure this checkout alone")
+    made.add_argument(
+        "--quick", action="store_true", help="two rounds of all but nothing: whether it runs, not how fast"
+    )
+    made.add_argument("--store", action="store_true", help="keep tables and pictures in docs/, too")
+    return made
+
+
+def options_of(part: Part, given: argparse.Namespace) -> Options:
+    """What the command line asks of a part."""
+    return Options(
+        rounds=given.rounds or (2 if given.quick else part.rounds),
+        worlds=given.worlds or (8 if given.quick else 4096),
+        threads=given.threads,
+        against=given.against,
+        rivals=not given.without_rivals,
+        quick=given.quick,
+        store=given.store,
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure, print and store."""
+    given = parser().parse_args(arguments)
+    if given.quick and given.store:
+        sys.exit("error: --store must be without --quick, whose figures say nothing")
+    left = []
+    for part in (PARTS[name] for name in dict.fromkeys(given.parts)):
+        options = options_of(part, given)
+        if words := part.missing(options):
+            print(f"left out: {part.name}; {words}", flush=True)
+        else:
+            left.append((part, options))
+    if not left:
+        sys.exit("error: no part is left to measure")
+    told = {"machine": machine(given.threads)}
+    figures.show("machine", told["machine"])
+    for part, options in left:
+        print(f"{part.name}: {part.what}", flush=True)
+        found = measured(part, options)
+        for name, table in found.items():
+            figures.show(name, table)
+        if given.store:
+            figures.store(told | found)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""The time of a learned policy's `act` and of its network alone, beside products of matrices by NumPy."""
+
+import statistics
+
+import numpy as np
+from figures import Table
+from timing import by_turns
+
+import lissajous_env
+import training
+from baselines.benchmark.tables import number
+from speeds import Options, Part
+
+POLICIES = ("learned-intruders", "learned-rough")
+WORLDS = (1, 32, 1024)
+
+
+def times_per_row(name: str, worlds: int, calls: int, rounds: int) -> list[float]:
+    """Times per robot [us], the median of the rounds: `act`, the network's kernel alone, and its matrices by NumPy."""
+    policy = training.load(name, num_worlds=worlds)
+    simulation = lissajous_env.Simulation(policy.scenario, worlds)
+    seen, network = simulation.observation.numpy(), policy.network
+    rows = np.random.default_rng(0).normal(size=(worlds * simulation.num_robots, network.inputs)).astype(np.float32)
+    base = None if policy.base is None else policy.base.action
+
+    def by_matrices() -> None:
+        x = rows
+        for k, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+            x = x @ weight.T + bias
+            x = x if k == len(network.weights) - 1 else np.maximum(x, 0.0)
+
+    sides = {
+        "act": (lambda: policy.act(seen), calls),
+        "network": (lambda: policy._forward.launch(simulation.observation, base), calls),
+        "matrices": (by_matrices, calls),
+    }
+    return [statistics.median(times) / len(rows) for times in by_turns(sides, rounds).values()]
+
+
+def tables(options: Options) -> dict[str, Table]:
+    """Measure; the table `learned-act`."""
+    rows = []
+    for name in POLICIES:
+        for worlds in WORLDS:
+            calls = 1 if options.quick else 100 if worlds < 100 else 5
+            times = times_per_row(name, worlds, calls, options.rounds)
+            rows.append([f"`{name}`, {worlds:,} world{'s' * (worlds > 1)}", *map(number, times)])
+    columns = ["time of a robot, median", "act [us]", "its network [us]", "its matrices by NumPy [us]"]
+    return {"learned-act": {"columns": columns, "rows": rows}}
+
+
+PART = Part("act", "`act` of a learned policy beside its network alone and its matrices by NumPy", tables, rounds=20)

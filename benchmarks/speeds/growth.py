@@ -1,0 +1,122 @@
+"""How the cost of a step grows with the robots and the targets of one world, beside another version of this project.
+
+Each row is `swarm` on a curve for so many robots, at the same ground speed, in formation; targets stay when they are
+detected, so that no step is an easy one. The versions take turns, each in a process of its own, on one thread: a time
+is that of the processor, a ratio the median over pairs of turns, with its 95 % interval by bootstrap. A second table
+has the largest worlds on one thread and on all, by what the first thread has to work, which takes a share as large as
+the others': where as many cores are idle, a step takes as long.
+"""
+
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from figures import ROOT, Table
+from timing import ratio as ratio_of
+
+from speeds import Options, Part
+from speeds.served import CURVES, Side
+
+TARGETS = (1_000, 10_000, 100_000, 1_000_000)
+PICTURE = ROOT / "docs" / "growth.png"
+# Okabe and Ito's, which the colour-blind tell apart.
+COLOURS = {5: "#0072B2", 101: "#009E73", 501: "#E69F00", 1001: "#D55E00"}
+
+
+def measured(sides: Sequence[Side], rounds: int, first: bool = False) -> tuple[Any, list[float]]:
+    """Seconds of a step (rounds, sides), by turns, and the largest memory of each side [MB]."""
+    steps = [max(1, min(1000, round(0.1 / side.seconds(1, first)))) for side in sides]
+    times = [[side.seconds(count, first) for side, count in zip(sides, steps, strict=True)] for _ in range(rounds)]
+    return np.array(times), [side.peak() for side in sides]
+
+
+def table_of(found: dict[tuple[int, int], tuple[Any, list[float]]]) -> Table:
+    """A row for each number of robots and targets; with another version, what it takes and the ratio beside."""
+    compared = any(times.shape[1] == 2 for times, _ in found.values())
+    columns = ["one world", "ms a step", "ns a target", "ns each further target", "peak [MB]"]
+    columns += ["ms a step before", "times faster", "95 % interval"] if compared else []
+    rows = []
+    for (robots, targets), (times, peaks) in found.items():
+        own = statistics.median(times[:, 0])
+        fewer = found.get((robots, targets // 10))
+        more = (own - statistics.median(fewer[0][:, 0])) / (targets * 0.9) * 1e9 if fewer else None
+        row = [f"{robots:,} robots, {targets:,} targets", f"{own * 1e3:.3g}", f"{own / targets * 1e9:.3g}"]
+        row += ["" if more is None else f"{more:.3g}", f"{peaks[0]:.0f}"]
+        if compared:
+            ratio, low, high = ratio_of(*times.T)
+            row += [f"{statistics.median(times[:, 1]) * 1e3:.3g}", f"{ratio:.3g}", f"{low:.3g} - {high:.3g}"]
+        rows.append(row)
+    return {"columns": columns, "rows": rows}
+
+
+def threads_table(robots: int, counts: Sequence[int], threads: int, rounds: int) -> Table:
+    """A row for each number of targets: the time of a step on one thread, on all, and the ratio."""
+    rows = []
+    for targets in counts:
+        sides = [Side(ROOT, robots, targets, each) for each in (threads, 1)]
+        times, _ = measured(sides, rounds, first=True)
+        ratio, low, high = ratio_of(*times.T)
+        row = [f"{robots:,} robots, {targets:,} targets", str(threads)]
+        row += [f"{each * 1e3:.3g}" for each in np.median(times, axis=0)[::-1]]
+        rows.append([*row, f"{ratio:.3g}", f"{low:.3g} - {high:.3g}"])
+    columns = ["one world", "threads", "ms a step on one", "ms on all", "times faster", "95 % interval"]
+    return {"columns": columns, "rows": rows}
+
+
+def draw(found: dict[tuple[int, int], tuple[Any, list[float]]], path: Path) -> None:
+    """Time of a step over the number of targets, a line for each number of robots; dashed is the other version."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(7, 4.6), dpi=150)
+    compared = False
+    for robots, colour in COLOURS.items():
+        counts = [targets for each, targets in found if each == robots]
+        if not counts:
+            continue
+        times = np.array([np.median(found[robots, targets][0], axis=0) for targets in counts]) * 1e3
+        axes.plot(counts, times[:, 0], "o-", color=colour, label=f"{robots:,} robots")
+        if times.shape[1] == 2:
+            compared = True
+            axes.plot(counts, times[:, 1], "o--", color=colour, markerfacecolor="white", linewidth=1)
+    if compared:
+        axes.plot([], [], "o--", color="0.4", markerfacecolor="white", linewidth=1, label="before")
+    axes.set(xscale="log", yscale="log", xlabel="targets in one world", ylabel="time of a step [ms]")
+    axes.grid(which="major", color="0.85", linewidth=0.8)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, loc="upper left")
+    figure.tight_layout()
+    figure.savefig(path)
+    plt.close(figure)
+
+
+def tables(options: Options) -> dict[str, Table]:
+    """Measure, draw the picture if it is kept; the tables `growth` and `growth_threads`."""
+    folders = [ROOT]
+    if options.rivals and options.against is not None:
+        folders.append(options.against)
+    sizes = (5, 101) if options.quick else tuple(CURVES)
+    counts = (100, 1000) if options.quick else TARGETS
+    found = {}
+    for robots in sizes:
+        for targets in counts:
+            sides = [Side(folder, robots, targets, 1) for folder in folders]
+            found[robots, targets] = times, _ = measured(sides, options.rounds)
+            told = ", ".join(f"{each * 1e3:.3g} ms" for each in np.median(times, axis=0))
+            print(f"{robots:,} robots, {targets:,} targets: {told}", flush=True)
+    if options.store:
+        draw(found, PICTURE)
+    threads = threads_table(sizes[-1], counts[-2:], options.threads, options.rounds)
+    return {"growth": table_of(found), "growth_threads": threads}
+
+
+PART = Part(
+    "growth",
+    "a step of one large world beside another checkout, time of the processor; then on one thread and on all",
+    tables,
+    against=True,
+)

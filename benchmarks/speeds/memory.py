@@ -1,0 +1,29 @@
+"""The largest memory of a process that holds the batches of the part `step`."""
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+
+from figures import Table
+
+from speeds import Options, Part, step
+from speeds.served import peak_memory
+
+
+def peak(worlds: int, threads: int) -> float:
+    """Make the batches, step each once; the largest memory of this process [MB]."""
+    made = [step.batch(*what, worlds, threads) for what in step.BATCHES.values()]
+    for each in made:
+        each()
+    return peak_memory()
+
+
+def tables(options: Options) -> dict[str, Table]:
+    """Measure; the table `memory`."""
+    # Another process first: where kernels have to be compiled, that takes more memory than all worlds.
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        pool.submit(peak, 1, options.threads).result()
+    rows = [["six batches", f"{options.worlds:,}", f"{peak(options.worlds, options.threads):.0f}"]]
+    return {"memory": {"columns": ["", "worlds in each", "peak [MB]"], "rows": rows}}
+
+
+PART = Part("memory", "the memory of a process with the batches of the part `step`", tables)

@@ -1,0 +1,99 @@
+"""One large world of some version of this project, in a process of its own that is asked for times.
+
+The process runs this file, whatever the version: of the checkout that is measured it takes `lissajous_env` alone.
+"""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+CURVES = {5: (3, 2), 101: (51, 50), 501: (251, 250), 1001: (501, 500)}
+"""(a, b) of the curve for so many robots."""
+
+
+def peak_memory() -> float:
+    """The largest memory of this process so far [MB]."""
+    status = Path("/proc/self/status")
+    if not status.exists():
+        import resource
+
+        # In bytes on macOS, which has no /proc.
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    # Not `ru_maxrss`, which begins on Linux with what the process had that started this one.
+    told = dict(line.split(":", 1) for line in status.read_text().splitlines())
+    return int(told["VmHWM"].split()[0]) / 1024
+
+
+def serve(robots: int, targets: int, threads: int) -> None:
+    """Make a world, say where its code is; for each line on standard input, take so many steps.
+
+    What is printed then is the seconds that one took: of the processor, on all threads together, and of the first
+    thread alone. An empty line ends it: the largest memory of this process [MB] is printed.
+    """
+    import numpy as np
+
+    import lissajous_env
+
+    a, b = CURVES[robots]
+    overrides = {"curve.a": a, "curve.b": b, "targets.count": targets, "targets.leave": False}
+    overrides |= {"formation.phase_rate": 0.02 * 51 / a, "task.duration": 1e5}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("swarm", **overrides), threads=threads)
+    made = simulation.scenario
+    rate = made.formation.phase_rate / made.formation.alpha / made.robot.phase_rate_max
+    action = np.full(simulation.action_shape, rate, dtype=np.float32)
+    for _ in range(3):
+        simulation.step(action)
+    print(Path(lissajous_env.__file__).parent.parent, flush=True)
+    for line in sys.stdin:
+        if not line.strip():
+            break
+        begin = time.process_time(), time.thread_time()
+        for _ in range(int(line)):
+            simulation.step(action)
+        passed = time.process_time() - begin[0], time.thread_time() - begin[1]
+        print(*(each / int(line) for each in passed), flush=True)
+    print(peak_memory(), flush=True)
+
+
+class Side:
+    """The world of the version in a folder."""
+
+    def __init__(self, folder: Path, robots: int, targets: int, threads: int):
+        # Without the folder that it is started in (-P): only what is named here, and what is installed.
+        command = [sys.executable, "-P", "-m", "speeds.served", *map(str, (robots, targets, threads))]
+        path = os.pathsep.join(map(str, (folder, Path(__file__).resolve().parent.parent)))
+        self._process = subprocess.Popen(
+            command, env=os.environ | {"PYTHONPATH": path}, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        told = Path(self._answer().strip())
+        if told.resolve() != folder.resolve():
+            raise RuntimeError(f"what is measured must be of {folder}, got {told}")
+
+    def seconds(self, steps: int, first: bool) -> float:
+        """Time that a step takes, of all threads or of the first alone, as the mean of some."""
+        return float(self._ask(str(steps)).split()[first])
+
+    def peak(self) -> float:
+        """End the process; its largest memory [MB]."""
+        peak = float(self._ask(""))
+        self._process.wait()
+        return peak
+
+    def _ask(self, line: str) -> str:
+        assert self._process.stdin is not None
+        self._process.stdin.write(line + "\n")
+        self._process.stdin.flush()
+        return self._answer()
+
+    def _answer(self) -> str:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line:
+            sys.exit(f"error: a process that measures ended with {self._process.wait()}")
+        return line
+
+
+if __name__ == "__main__":
+    serve(*map(int, sys.argv[1:]))

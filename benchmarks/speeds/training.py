@@ -1,0 +1,158 @@
+"""How fast a training learns, beside another checkout and beside Stable-Baselines3's own loop.
+
+Each side runs `lissajous train` in a process of its own, A B A B, and its rate is what its checkpoint says: steps of a
+robot over the time that they took, evaluations and imports left out. `ppo` is reinforcement learning alone, from the
+first evaluation on, with the same settings on all sides; `ppo, defaults` with each side's own, as `whole`, which is the
+README's command for 5 million steps. A ratio is the interquartile mean over the pairs of neighbouring runs, with its
+95 % interval. Then the share of a training's time that its environment takes.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from figures import ROOT, Table
+from rich.console import Console
+
+from baselines.benchmark.statistics import summarize
+from baselines.benchmark.tables import between, number
+from speeds import Options, Part
+
+SCENARIO = "intruders"
+_ALONE = ["--teacher", "none", "--steps", "1500000", "--evaluate-every", "300000"]
+KINDS = {
+    "ppo": [*_ALONE, "--critic", "robot", "--epochs", "4"],
+    "ppo, defaults": _ALONE,
+    "whole": ["--steps", "5000000", "--evaluate-every", "1000000"],
+}
+"""Options of a training: what is learned, and how often the time is taken."""
+QUICK = ["--steps", "4000", "--evaluate-every", "1000", "--worlds", "4", "--rollout", "8", "--imitation-steps", "0"]
+"""Options that are given once more where the figures need not say anything."""
+OURS, LIBRARY = "here", "the library's loop"
+
+
+def rate(side: str, checkout: Path, kind: str, seed: int, quick: bool) -> float:
+    """Train once; steps of a robot per second."""
+    with tempfile.TemporaryDirectory() as folder:
+        options = ["--scenario", SCENARIO, "--seed", str(seed), "--out", folder, "--evaluation-episodes", "1",
+                   "--rivals", *KINDS[kind], *(QUICK if quick else [])]  # fmt: skip
+        start = ["-c", _LIBRARY] if side == LIBRARY else ["-m", "lissajous_env", "train"]
+        path = os.pathsep.join(map(str, (checkout, declared(checkout, Path(folder)))))
+        subprocess.run([sys.executable, *start, *options], check=True, cwd=folder, stdout=subprocess.DEVNULL,
+                       env=os.environ | {"PYTHONPATH": path})  # fmt: skip
+        curve = json.loads((Path(folder) / "checkpoint.json").read_text())["curve"]
+    # How a training begins belongs to the whole; before the first evaluation kernels are loaded and threads start.
+    first = {"steps": 0, "seconds": 0.0} if kind == "whole" else curve[0]
+    return (curve[-1]["steps"] - first["steps"]) / (curve[-1]["seconds"] - first["seconds"])
+
+
+def declared(checkout: Path, folder: Path) -> Path:
+    """A folder for the path that declares what the project of a checkout registers, as if that were installed.
+
+    Otherwise another version would look for the modules of the version that is.
+    """
+    project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
+    made = folder / "declared" / f"{project['name'].replace('-', '_')}-0.dist-info"
+    made.mkdir(parents=True)
+    (made / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 0\n")
+    groups = {"console_scripts": project.get("scripts", {}), **project.get("entry-points", {})}
+    lines = [line for group, of in groups.items() for line in (f"[{group}]", *(f"{a} = {b}" for a, b in of.items()))]
+    (made / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    return made.parent
+
+
+_LIBRARY = """
+import sys
+import torch
+from stable_baselines3 import PPO
+from training.sb3 import ppo
+
+threads = torch.get_num_threads()
+
+def library(policy, env, threads=None, **settings):
+    return PPO(policy, env, **settings)
+
+ppo.RobotPPO = library
+torch.set_num_threads = lambda count: None
+sys.argv = ["lissajous", "train", *sys.argv[1:]]
+from lissajous_env.console.cli import main
+main()
+"""
+"""`lissajous train`, with `PPO` itself and torch's own threads."""
+
+
+def rows_of(kind: str, rates: dict[str, list[float]]) -> list[list[str]]:
+    """A row for each side: its rate, and how many times as fast this checkout is."""
+    rows = []
+    for side, theirs in rates.items():
+        own = summarize(theirs)
+        ratio = summarize([a / b for a, b in zip(rates[OURS], theirs, strict=True)])
+        words = "" if side == OURS else f"{number(ratio.iqm)} ({between(ratio.low, ratio.high)})"
+        rows.append([f"{kind}, {side}", f"{own.iqm:,.0f}", f"{max(theirs):,.0f}", words])
+    return rows
+
+
+def environment(steps: int) -> tuple[float, float]:
+    """Steps of a robot per second of `lissajous train` with the default network, and the environment's share of it."""
+    from training.sb3 import RobotVecEnv
+    from training.sb3.trainer import train
+    from training.settings import TrainingSettings
+
+    in_env = [0.0]
+
+    def timed(step: Any) -> Any:
+        def call(self: Any) -> Any:
+            begin = time.perf_counter()
+            found = step(self)
+            in_env[0] += time.perf_counter() - begin
+            return found
+
+        return call
+
+    RobotVecEnv._step = timed(RobotVecEnv._step)
+    with tempfile.TemporaryDirectory() as folder:
+        settings = TrainingSettings(SCENARIO, steps=steps, teacher="none", rivals=(), evaluate_every=10 * steps,
+                         evaluation_episodes=1, out=Path(folder))  # fmt: skip
+        history = train(settings, Console(quiet=True))
+    return history.steps / history.seconds, in_env[0] / history.seconds
+
+
+def tables(options: Options) -> dict[str, Table]:
+    """Measure; the tables `training-speed` and `learned-training`."""
+    rows = []
+    for kind in KINDS:
+        sides = {OURS: ROOT}
+        if options.rivals and options.against is not None:
+            sides[options.against.name] = options.against
+        if options.rivals and kind == "ppo":
+            sides[LIBRARY] = ROOT
+        rates: dict[str, list[float]] = {side: [] for side in sides}
+        for turn in range(options.rounds):
+            for side, checkout in sides.items():
+                rates[side].append(rate(side, checkout, kind, turn, options.quick))
+                print(f"{kind}, round {turn}, {side}: {rates[side][-1]:,.0f} steps/s", flush=True)
+        rows += rows_of(kind, rates)
+    columns = ["training", "robot steps per second", "best", "times as fast here"]
+    own, share = environment(1000 if options.quick else 5_000_000)
+    return {
+        "training-speed": {"columns": columns, "rows": rows},
+        "learned-training": {
+            "columns": ["", "robot steps per second", "in the environment [% of the time]"],
+            "rows": [["`lissajous train`", f"{own:,.0f}", number(100 * share)]],
+        },
+    }
+
+
+PART = Part(
+    "training",
+    "`lissajous train` beside the library's own loop, and beside another checkout where one is given",
+    tables,
+    rounds=5,
+    needs={"stable_baselines3": "train", "torch": "train"},
+)
