@@ -181,5 +181,5 @@ def move_and_detect_listed(
                 sight = wp.vec2(-1.0, 2.0)
                 if stage == PRESENT and not alone:
                     sight = look_back(w, k, moved_far, before, place, radius, robots, bins)
-                waiting += detect(w, t, now, part, nearest, sight, radius, targets, counted)
+                waiting += 1 - detect(w, t, now, part, nearest, sight, radius, targets, counted)
     add_counts(w, part, waiting, sighted, counted)

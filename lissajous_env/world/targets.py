@@ -201,7 +201,7 @@ def detect(
 ) -> int:
     """Let a robot detect a target: the first on its way or else, if it is seen there, the nearest at its end.
 
-    `nearest` is of `nearest_sensor`, `sight` of `first_sight`. Returns 1 where the target waits on, undetected.
+    `nearest` is of `nearest_sensor`, `sight` of `first_sight`. Returns 1 where it does.
     """
     found = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
     if sight[1] <= 1.0:
@@ -209,10 +209,10 @@ def detect(
         targets.found_early[w, t] = 1.0 - sight[1]
     targets.stage[w, t] = wp.where(found >= 0, FOUND, PRESENT)
     if found < 0:
-        return 1
+        return 0
     targets.found_at[w, t] = now
     wp.atomic_add(counted.detections, w, part, found, 1)
-    return 0
+    return 1
 
 
 @wp.func
@@ -248,15 +248,24 @@ def move_together(
     x = Floats()
     y = Floats()
     heading = Floats()
+    reach = Floats(near + way)
     for k in range(count):
         t = chosen[k]
         stage[k] = targets.stage[w, t]
-        motion[k] = wp.where(stage[k] == HIDDEN, STILL, targets.motion[w, t])
+        motion[k] = targets.motion[w, t]
         x[k] = targets.position[w, t][0]
         y[k] = targets.position[w, t][1]
         heading[k] = targets.heading[w, t]
     before_x = Floats(x)
     before_y = Floats(y)
+    for k in range(count):
+        if motion[k] == CUSTOM:
+            before = targets.before[w, chosen[k]]
+            before_x[k] = before[0]
+            before_y[k] = before[1]
+            targets.before[w, chosen[k]] = wp.vec2(x[k], y[k])
+            reach[k] = sensing.radius + wp.length(wp.vec2(x[k], y[k]) - before) + way
+        motion[k] = wp.where(stage[k] == HIDDEN, STILL, motion[k])
     nearest, square = nearest_sensors(w, x, y, robots)
     for k in range(ABREAST):
         if k < width():
@@ -264,44 +273,44 @@ def move_together(
             x[k] = wp.where(is_moved(motion[k]), moved[0], x[k])
             y[k] = wp.where(is_moved(motion[k]), moved[1], y[k])
             heading[k] = moved[2]
+    comes_near = bool(False)
     for k in range(count):
-        if motion[k] == FLEEING and square[k] < target.flee_radius * target.flee_radius:
+        comes_near = comes_near or square[k] < near * near
+        if square[k] < target.flee_radius * target.flee_radius and motion[k] == FLEEING:
             place = wp.vec2(before_x[k], before_y[k])
             fled = flee(place, robots.sensor[w, nearest[k]], task.step, curve, target)
             x[k] = fled[0]
             y[k] = fled[1]
             heading[k] = fled[2]
     # A target that was far from every sensor cannot have come into one's reach in this step.
-    comes_near = bool(False)
-    for k in range(count):
-        comes_near = comes_near or square[k] < near * near
     nearest_after = nearest
     square_after = square
     if comes_near:
         nearest_after, square_after = nearest_sensors(w, x, y, robots)
     waiting = int(0)
     sighted = int(0)
+    seen = Ints()
+    asks = Ints()
+    for k in range(ABREAST):
+        if k < width():
+            seen[k] = wp.where(square_after[k] < sensing.radius * sensing.radius, 1, 0)
+            near_now = wp.where(square[k] < reach[k] * reach[k], 1, 0)
+            asks[k] = wp.where(stage[k] == FOUND, 0, seen[k] | near_now | wp.where(stage[k] == HIDDEN, 1, 0))
     for k in range(count):
         t = chosen[k]
-        before = wp.vec2(before_x[k], before_y[k])
-        after = wp.vec2(x[k], y[k])
-        reach = near + way
+        targets.in_sight[w, t] = seen[k]
+        sighted += seen[k]
+        waiting += wp.where(stage[k] == FOUND, 0, 1)
         if is_moved(motion[k]):
-            targets.position[w, t] = after
+            targets.position[w, t] = wp.vec2(x[k], y[k])
             targets.heading[w, t] = heading[k]
-        elif targets.motion[w, t] == CUSTOM:
-            before = targets.before[w, t]
-            targets.before[w, t] = after
-            reach = sensing.radius + wp.length(after - before) + way
-        seen = square_after[k] < sensing.radius * sensing.radius
-        targets.in_sight[w, t] = wp.where(seen, 1, 0)
-        sighted += wp.where(seen, 1, 0)
-        if stage[k] != FOUND:
+        if asks[k] == 1:
             sight = wp.vec2(-1.0, 2.0)
-            if stage[k] == PRESENT and square[k] < reach * reach:
-                sight = first_sight(w, before, after, sensing.radius, reach, robots)
+            if stage[k] == PRESENT:
+                before = wp.vec2(before_x[k], before_y[k])
+                sight = first_sight(w, before, wp.vec2(x[k], y[k]), sensing.radius, reach[k], robots)
             at_end = wp.vec2(float(nearest_after[k]), square_after[k])
-            waiting += detect(w, t, clock.step[w], part, at_end, sight, sensing.radius, targets, counted)
+            waiting -= detect(w, t, clock.step[w], part, at_end, sight, sensing.radius, targets, counted)
     return wp.vec2i(waiting, sighted)
 
 
@@ -343,7 +352,7 @@ def move_and_detect(
                 t = end  # the slots are in the order of their times
             else:
                 stage = targets.stage[w, t]
-                if stage == FOUND and target.leave == 1:
+                if target.leave == 1 and stage == FOUND:
                     targets.stage[w, t] = GONE
                     targets.in_sight[w, t] = 0
                 elif stage != GONE:
