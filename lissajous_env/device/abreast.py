@@ -7,7 +7,7 @@ not depend on those beside it.
 
 For a loop to become SIMD its first question must be `if k < width()`, since a thread of a GPU has one robot alone, and
 nothing in it may end early, loop, or choose by anything but `wp.where` and short branches; a function must not take a
-`wp.vec2`.
+`wp.vec2`, and what it goes over must be vectors of their own, not fields of a struct.
 """
 
 import warp as wp

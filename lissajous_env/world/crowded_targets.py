@@ -1,6 +1,6 @@
 """Targets where robots or targets are many: each asks the robots in the list of its bin, and threads share them.
 
-The same numbers as those of `lissajous_env.world.targets`, to the last bit.
+The same numbers as those of `lissajous_env.world.flock`, to the last bit.
 """
 
 import warp as wp

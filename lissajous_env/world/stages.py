@@ -21,6 +21,7 @@ from lissajous_env.world.crowded_targets import move_and_detect_listed, place_un
 from lissajous_env.world.deviations import find_deviations
 from lissajous_env.world.events import clear_events, gather_parts, reset_events
 from lissajous_env.world.faults import reset_losses, update_status
+from lissajous_env.world.flock import move_and_detect
 from lissajous_env.world.guarantee import keep_guarantee, reset_guarantee
 from lissajous_env.world.measurement import measure
 from lissajous_env.world.messages import hear, reset_messages, send
@@ -29,7 +30,7 @@ from lissajous_env.world.reward import give_reward
 from lissajous_env.world.robots.placing import follow_curve, reset_robots
 from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.tally import keep_score, reset_tally
-from lissajous_env.world.targets import move_and_detect, place_unseen, reset_arrivals, reset_targets
+from lissajous_env.world.targets import place_unseen, reset_arrivals, reset_targets
 
 
 def step_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:

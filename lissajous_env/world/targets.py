@@ -3,15 +3,14 @@
 import warp as wp
 
 from lissajous_env.device import randomness
-from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters import parts
-from lissajous_env.world.sight import first_sight, longest_way, nearest_sensor, nearest_sensors
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, NEVER, PRESENT, Clock, Counted, Robots, Targets
+from lissajous_env.world.sight import nearest_sensor
+from lissajous_env.world.state import FOUND, HIDDEN, NEVER, PRESENT, Clock, Counted, Robots, Targets
 
 wp.set_module_options(MOTION)
 
@@ -222,145 +221,3 @@ def add_counts(w: int, part: int, waiting: int, sighted: int, counted: Counted):
         wp.atomic_add(counted.waiting, w, part, waiting)
     if sighted > 0:
         wp.atomic_add(counted.in_sight, w, part, sighted)
-
-
-@wp.func
-def move_together(
-    w: int,
-    key: int,
-    count: int,
-    chosen: Ints,
-    near: float,
-    way: float,
-    part: int,
-    curve: CurveStruct,
-    target: TargetStruct,
-    sensing: SensingStruct,
-    task: TaskStruct,
-    clock: Clock,
-    robots: Robots,
-    targets: Targets,
-    counted: Counted,
-) -> wp.vec2i:
-    """Move `count` chosen targets and let robots detect them; returns how many wait on, and are in sight."""
-    stage = Ints()
-    motion = Ints()
-    x = Floats()
-    y = Floats()
-    heading = Floats()
-    reach = Floats(near + way)
-    for k in range(count):
-        t = chosen[k]
-        stage[k] = targets.stage[w, t]
-        motion[k] = targets.motion[w, t]
-        x[k] = targets.position[w, t][0]
-        y[k] = targets.position[w, t][1]
-        heading[k] = targets.heading[w, t]
-    before_x = Floats(x)
-    before_y = Floats(y)
-    for k in range(count):
-        if motion[k] == CUSTOM:
-            before = targets.before[w, chosen[k]]
-            before_x[k] = before[0]
-            before_y[k] = before[1]
-            targets.before[w, chosen[k]] = wp.vec2(x[k], y[k])
-            reach[k] = sensing.radius + wp.length(wp.vec2(x[k], y[k]) - before) + way
-        motion[k] = wp.where(stage[k] == HIDDEN, STILL, motion[k])
-    nearest, square = nearest_sensors(w, x, y, robots)
-    for k in range(ABREAST):
-        if k < width():
-            moved = wander(chosen[k], key, motion[k], x[k], y[k], heading[k], task.step, curve, target)
-            x[k] = wp.where(is_moved(motion[k]), moved[0], x[k])
-            y[k] = wp.where(is_moved(motion[k]), moved[1], y[k])
-            heading[k] = moved[2]
-    comes_near = bool(False)
-    for k in range(count):
-        comes_near = comes_near or square[k] < near * near
-        if square[k] < target.flee_radius * target.flee_radius and motion[k] == FLEEING:
-            place = wp.vec2(before_x[k], before_y[k])
-            fled = flee(place, robots.sensor[w, nearest[k]], task.step, curve, target)
-            x[k] = fled[0]
-            y[k] = fled[1]
-            heading[k] = fled[2]
-    # A target that was far from every sensor cannot have come into one's reach in this step.
-    nearest_after = nearest
-    square_after = square
-    if comes_near:
-        nearest_after, square_after = nearest_sensors(w, x, y, robots)
-    waiting = int(0)
-    sighted = int(0)
-    seen = Ints()
-    asks = Ints()
-    for k in range(ABREAST):
-        if k < width():
-            seen[k] = wp.where(square_after[k] < sensing.radius * sensing.radius, 1, 0)
-            near_now = wp.where(square[k] < reach[k] * reach[k], 1, 0)
-            asks[k] = wp.where(stage[k] == FOUND, 0, seen[k] | near_now | wp.where(stage[k] == HIDDEN, 1, 0))
-    for k in range(count):
-        t = chosen[k]
-        targets.in_sight[w, t] = seen[k]
-        sighted += seen[k]
-        waiting += wp.where(stage[k] == FOUND, 0, 1)
-        if is_moved(motion[k]):
-            targets.position[w, t] = wp.vec2(x[k], y[k])
-            targets.heading[w, t] = heading[k]
-        if asks[k] == 1:
-            sight = wp.vec2(-1.0, 2.0)
-            if stage[k] == PRESENT:
-                before = wp.vec2(before_x[k], before_y[k])
-                sight = first_sight(w, before, wp.vec2(x[k], y[k]), sensing.radius, reach[k], robots)
-            at_end = wp.vec2(float(nearest_after[k]), square_after[k])
-            waiting -= detect(w, t, clock.step[w], part, at_end, sight, sensing.radius, targets, counted)
-    return wp.vec2i(waiting, sighted)
-
-
-@wp.kernel
-def move_and_detect(
-    first: int,
-    lanes: int,
-    part: int,
-    begin: int,
-    end: int,
-    curve: CurveStruct,
-    target: TargetStruct,
-    sensing: SensingStruct,
-    task: TaskStruct,
-    clock: Clock,
-    robots: Robots,
-    targets: Targets,
-    counted: Counted,
-):
-    """Let detected targets leave, others appear or move, and the first robot that meets one detect it.
-
-    A target appears at the end of its step: it is detected then or, on its way, from the next step on.
-    """
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    now = clock.step[w]
-    key = randomness.step_key(clock.seed[w], now)
-    way = longest_way(w, robots)
-    near = sensing.radius + task.step * wp.max(target.speed, target.flee_speed)
-    total = wp.vec2i(0, 0)
-    t = int(begin + lane)
-    while t < end:
-        chosen = Ints()
-        count = int(0)
-        while t < end and count < width():
-            if targets.appears_at[w, t] > now:
-                t = end  # the slots are in the order of their times
-            else:
-                stage = targets.stage[w, t]
-                if target.leave == 1 and stage == FOUND:
-                    targets.stage[w, t] = GONE
-                    targets.in_sight[w, t] = 0
-                elif stage != GONE:
-                    chosen[count] = t
-                    count += 1
-                t += lanes
-        if count > 0:
-            total += move_together(
-                w, key, count, chosen, near, way, part, curve, target, sensing, task, clock, robots, targets, counted
-            )
-    add_counts(w, part, total[0], total[1], counted)
