@@ -10,6 +10,8 @@ nothing in it may end early, loop, or choose by anything but `wp.where` and shor
 `wp.vec2`, and what it goes over must be vectors of their own, not fields of a struct.
 """
 
+from typing import Any
+
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
@@ -23,16 +25,24 @@ Doubles = wp.types.vector(length=16, dtype=wp.float64)
 Ints = wp.types.vector(length=16, dtype=wp.int32)
 
 
-@wp.func_native("""
+_ON_CPU = int(ABREAST)
+
+
+@wp.func_native(f"""
 #if defined(__CUDA_ARCH__)
     return 1;
 #else
-    return 16;
+    return {_ON_CPU};
 #endif
 """)
 def width() -> int:
     """How many robots a thread works on together."""
     ...
+
+
+def width_on(device: Any) -> int:
+    """`width()` on a device, on the host."""
+    return _ON_CPU if device.is_cpu else 1
 
 
 @wp.struct

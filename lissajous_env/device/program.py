@@ -19,7 +19,7 @@ from typing import Any, cast
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.abreast import ABREAST
+from lissajous_env.device.abreast import width_on
 from lissajous_env.device.devices import as_device, side_by_side
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN = "world", "robot", "target", "row", "field row", "bin"
@@ -143,8 +143,7 @@ class Program:
             raise ValueError(f"parameters of stage {stage.name} must be of {there}; got {', '.join(unknown)}")
         size: tuple[int, ...] = (high - low,) if stage.over == WORLD else (high - low, lanes)
         if "last" in names:
-            abreast = int(ABREAST) if self._device.is_cpu else 1
-            size = (-(-(high - low) * self._sizes[stage.over] // abreast),)
+            size = (-(-(high - low) * self._sizes[stage.over] // width_on(self._device)),)
         return wp.launch(
             stage.run, dim=size, inputs=[values[name] for name in names], device=self._device, record_cmd=True
         )

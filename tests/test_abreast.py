@@ -1,0 +1,56 @@
+"""Robots and targets side by side: what a GPU does with each alone."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import lissajous_env
+
+PACKAGE = Path(lissajous_env.__file__).parent
+
+PLAYED = """
+import sys
+
+import numpy as np
+
+import lissajous_env
+
+kept = {}
+for name, worlds, settings in (("rough", 3, {}), ("experiment", 7, {"task.boundary": "wall"})):
+    simulation = lissajous_env.Simulation(lissajous_env.scenario(name, **settings), worlds, seed=3, threads=1)
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        simulation.step(rng.uniform(-1, 1, simulation.action_shape).astype(np.float32))
+    kept |= {f"{name} {key}": value for key, value in simulation.save_state().items()}
+np.savez(sys.argv[1], **kept)
+print(lissajous_env.__file__)
+"""
+
+
+def played(path, folder):
+    """What the package in a folder plays, by name; which it is, it says."""
+    environment = os.environ | {"PYTHONPATH": str(path)}
+    command = [sys.executable, "-c", PLAYED, str(folder / "kept.npz")]
+    told = subprocess.run(command, check=True, cwd=folder, env=environment, capture_output=True, text=True).stdout
+    assert Path(told.strip().splitlines()[-1]).is_relative_to(path)
+    with np.load(folder / "kept.npz") as kept:
+        return dict(kept)
+
+
+def test_one_by_one_they_do_the_same_to_the_last_bit(tmp_path):
+    # Oracle: a copy of the package whose kernels take one robot or target at a time, as they do on a GPU. Worlds of
+    # five robots fill no block of sixteen, so blocks hold parts of worlds, and the last one is not full.
+    copy, folder = tmp_path / "copy", tmp_path / "empty"
+    folder.mkdir()
+    shutil.copytree(PACKAGE, copy / "lissajous_env", ignore=shutil.ignore_patterns("__pycache__"))
+    changed = copy / "lissajous_env" / "device" / "abreast.py"
+    text = changed.read_text()
+    assert text.count("_ON_CPU = int(ABREAST)") == 1
+    changed.write_text(text.replace("_ON_CPU = int(ABREAST)", "_ON_CPU = 1"))
+    alone, together = played(copy, folder), played(PACKAGE.parent, folder)
+    assert alone.keys() == together.keys()
+    assert [name for name in alone if not np.array_equal(alone[name], together[name], equal_nan=True)] == []
