@@ -12,7 +12,6 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct
-from lissajous_env.world.bits import lowest
 from lissajous_env.world.discs import visit_disc
 from lissajous_env.world.state import NOWHERE, Cells, Clock, Latest, Robots, Tally
 
@@ -30,43 +29,69 @@ def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
         for column in range(cells.sensed_at.shape[2]):
             cells.sensed_at[w, row, column] = 0
         for word in range(cells.sensed.shape[2]):
-            cells.sensed[w, row, word] = wp.uint32(0)
-            cells.in_discs[w, row, word] = wp.uint32(0)
-            for i in range(cells.sensed_by.shape[2]):
-                cells.sensed_by[w, row, i, word] = wp.uint32(0)
+            cells.sensed[w, row, word] = wp.uint64(0)
+            cells.in_discs[w, row, word] = wp.uint64(0)
+            for i in range(cells.sensed_by.shape[1]):
+                cells.sensed_by[w, i, row, word] = wp.uint64(0)
         cells.idle_squares[w, row] = wp.int64(0)
         cells.idle_max[w, row] = 0
 
 
-@wp.func
-def count_visits(w: int, row: int, now: int, cells: Cells) -> wp.int64:
+_COUNT_VISITS = """
+    wp::vec_t<2, wp::int64> counts(0, 0);
+    const int rows = cells.sensed_at.shape[1], columns = cells.sensed_at.shape[2];
+    unsigned long long* const before = &wp::index(cells.in_discs, w, 0, 0);
+    unsigned long long* const after = &wp::index(cells.coming, w, 0, 0);
+    unsigned long long* const ever = &wp::index(cells.sensed, w, 0, 0);
+    wp::int64* const squares = &wp::index(cells.idle_squares, w, 0);
+    int* const longest = &wp::index(cells.idle_max, w, 0);
+    int* const sensed_at = &wp::index(cells.sensed_at, w, 0, 0);
+    const auto count = [&](const int lane, const int lanes, const int words) {
+        wp::int64 ended = 0, fresh = 0;
+        for (int row = lane; row < rows; row += lanes)
+            for (int at = row * words; at < (row + 1) * words; ++at) {
+                const int staying = wp::bit_count(before[at] & after[at]);
+                squares[row] += staying;
+                ended += staying;
+                longest[row] = longest[row] < 1 && staying > 0 ? 1 : longest[row];
+                fresh += wp::bit_count(after[at] & ~ever[at]);
+                ever[at] |= after[at];
+                const unsigned long long now_in = after[at];
+                after[at] ^= before[at];
+                before[at] = now_in;
+            }
+        for (int row = lane; row < rows; row += lanes)
+            for (int word = 0; word < words; ++word) {
+                unsigned long long changed = after[row * words + word];
+                const unsigned long long inside = before[row * words + word];
+                while (changed) {
+                    const unsigned long long first = changed & (~changed + 1);
+                    int* const cell = sensed_at + row * columns + 64 * word + wp::bit_count(first - 1);
+                    const bool comes = (inside & first) != 0;
+                    const int gap = comes ? now - *cell : 0;
+                    *cell = comes ? *cell : now - 1;
+                    squares[row] += (wp::int64)gap * gap;
+                    ended += gap;
+                    longest[row] = longest[row] < gap ? gap : longest[row];
+                    changed ^= first;
+                }
+            }
+        counts = wp::vec_t<2, wp::int64>(ended, fresh);
+    };
+    if (lanes == 1 && cells.coming.shape[2] == 1)
+        count(0, 1, 1);
+    else
+        count(lane, lanes, cells.coming.shape[2]);
+    return counts;
+"""
+
+Counts = wp.types.vector(2, wp.int64)
+
+
+@wp.func_native(_COUNT_VISITS)
+def count_visits(w: int, lane: int, lanes: int, now: int, cells: Cells) -> Counts:
     """Count the visits of a row's cells, from what is sensed now and what was; returns the idleness that they end."""
-    ended = wp.int64(0)
-    squares = cells.idle_squares[w, row]
-    longest = cells.idle_max[w, row]
-    for word in range(cells.in_discs.shape[2]):
-        before = cells.in_discs[w, row, word]
-        after = cells.coming[w, row, word]
-        staying = wp.int64(wp.bit_count(before & after))
-        if staying > wp.int64(0):  # each for a step
-            squares += staying
-            ended += staying
-            longest = wp.max(longest, 1)
-        changed = before ^ after
-        while changed != wp.uint32(0):
-            column = 32 * word + lowest(changed)
-            if (before & changed & (~changed + wp.uint32(1))) != wp.uint32(0):
-                cells.sensed_at[w, row, column] = now - 1
-            else:
-                gap = now - cells.sensed_at[w, row, column]
-                squares += wp.int64(gap) * wp.int64(gap)
-                ended += wp.int64(gap)
-                longest = wp.max(longest, gap)
-            changed &= changed - wp.uint32(1)
-        cells.in_discs[w, row, word] = after
-    cells.idle_squares[w, row] = squares
-    cells.idle_max[w, row] = longest
-    return ended
+    ...
 
 
 @wp.kernel
@@ -88,25 +113,19 @@ def cover(
         return
     rows = cells.sensed_at.shape[1]
     columns = cells.sensed_at.shape[2]
-    ended = wp.int64(0)
-    fresh = wp.int64(0)
     fresh_each = wp.int64(0)
     for row in range(lane, rows, lanes):
         for word in range(cells.coming.shape[2]):
-            cells.coming[w, row, word] = wp.uint32(0)
+            cells.coming[w, row, word] = wp.uint64(0)
     for i in range(robots.sensor.shape[1]):
         place = robots.sensor[w, i]
         if place[0] < 0.5 * NOWHERE:
             fresh_each += wp.int64(
                 visit_disc(w, i, place, lane, lanes, curve, sensing.radius, columns, cells.coming, cells.sensed_by)
             )
-    for row in range(lane, rows, lanes):
-        ended += count_visits(w, row, clock.step[w], cells)
-        for word in range(cells.sensed.shape[2]):
-            new = cells.in_discs[w, row, word] & ~cells.sensed[w, row, word]
-            if new != wp.uint32(0):
-                fresh += wp.int64(wp.bit_count(new))
-                cells.sensed[w, row, word] |= new
+    counts = count_visits(w, lane, lanes, clock.step[w], cells)
+    ended = counts[0]
+    fresh = counts[1]
     if ended > wp.int64(0):
         wp.atomic_add(latest.idle_ended, w, ended)
     if fresh_each > wp.int64(0):
@@ -124,5 +143,5 @@ def last_sensed(sensed_at: np.ndarray, in_discs: np.ndarray, step: Any, columns:
         columns: (C,) which columns of the grid these are; all by default.
     """
     columns = np.arange(sensed_at.shape[-1]) if columns is None else columns
-    inside = (in_discs[..., columns // 32] >> (columns % 32).astype(np.uint32)) & 1
+    inside = (in_discs[..., columns // 64] >> (columns % 64).astype(np.uint64)) & 1
     return np.where(inside.astype(bool), np.asarray(step, dtype=np.int32)[..., None, None], sensed_at)

@@ -78,48 +78,72 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, columns: int) -> w
     return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
 
 
-def _over_runs(each: str) -> str:
+def _over_runs(word: str, each: str) -> str:
     """C++ that finds the run of columns of a disc in the rows of a lane, for eight at once; then `each` with them.
 
-    `each` knows `row`, `word` of those that the run meets, and `run`, the bits of its columns in that word.
+    `each` knows `at`, where the bits of a row in a `word` of those that the disc meets stand in `marks`, and `run`, the
+    bits of the columns of the row in that word.
     """
     return (
         """
+#if defined(__CUDA_ARCH__)
+    const int together = 1;
+#else
     const int together = 8;
+#endif
+"""
+        f"    typedef {word} Word;"
+        """
+    const int bits = 8 * sizeof(Word), rows = marks.shape[1];
     const float row_scale = (float)rows / (2.0f * curve.half_height);
     const float scale = (float)columns / (2.0f * curve.half_width);
     const float low = (place[1] - radius + curve.half_height) * row_scale;
     const float high = (place[1] + radius + curve.half_height) * row_scale;
     const int top = (int)wp::clamp(low, 0.0f, (float)rows), last = (int)wp::clamp(high, -1.0f, rows - 1.0f);
-    for (int first = top + (lane + lanes - top % lanes) % lanes; first <= last; first += together * lanes) {
-        int from[together], to[together];
-        for (int k = 0; k < together; ++k) {
-            const float up = (first + k * lanes + 0.5f) / row_scale - curve.half_height - place[1];
-            const float square = radius * radius - up * up, half = sqrtf(square > 0.0f ? square : 0.0f);
-            const float left = ceilf((place[0] - half + curve.half_width) * scale - 0.5f);
-            const float right = floorf((place[0] + half + curve.half_width) * scale - 0.5f);
-            const float most = right < columns - 1.0f ? right : columns - 1.0f;
-            // Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
-            from[k] = (int)(left > 0.0f ? (left < columns ? left : (float)columns) : 0.0f);
-            to[k] = square < 0.0f || radius <= 0.0f ? -1 : (int)(most > -1.0f ? most : -1.0f);
-        }
-        for (int k = 0; k < together && first + k * lanes <= last; ++k) {
-            const int row = first + k * lanes;
-            for (int word = from[k] / 32; word <= to[k] / 32 && from[k] <= to[k]; ++word) {
-                const int start = from[k] > 32 * word ? from[k] - 32 * word : 0;
-                const int stop = to[k] < 32 * word + 31 ? to[k] - 32 * word : 31;
-                const unsigned int run = (0xffffffffu >> (31 - (stop - start))) << start;
+    const auto mark_rows = [&](const int lane, const int lanes, const int words) {
+        // Whole blocks, so that those of all discs are the same.
+        const int block = together * lanes;
+        for (int first = top / block * block + lane; first <= last; first += block) {
+            int from[together], to[together];
+            for (int k = 0; k < together; ++k) {
+                const float up = (first + k * lanes + 0.5f) / row_scale - curve.half_height - place[1];
+                const float square = radius * radius - up * up, half = sqrtf(square > 0.0f ? square : 0.0f);
+                const float left = ceilf((place[0] - half + curve.half_width) * scale - 0.5f);
+                const float right = floorf((place[0] + half + curve.half_width) * scale - 0.5f);
+                const float most = right < columns - 1.0f ? right : columns - 1.0f;
+                // Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
+                from[k] = (int)(left > 0.0f ? (left < columns ? left : (float)columns) : 0.0f);
+                to[k] = square < 0.0f || radius <= 0.0f ? -1 : (int)(most > -1.0f ? most : -1.0f);
+            }
+            int least = from[0], most = to[0];
+            for (int k = 1; k < together && words > 1; ++k) {
+                least = from[k] < least ? from[k] : least;
+                most = to[k] > most ? to[k] : most;
+            }
+            const int count = (rows - first + lanes - 1) / lanes < together ? (rows - first + lanes - 1) / lanes : together;
+            for (int word = words > 1 ? least / bits : 0; word <= (words > 1 ? most / bits : 0); ++word)
+                for (int k = 0; k < count; ++k) {
+                    const int start = from[k] > bits * word ? from[k] - bits * word : 0;
+                    const int stop = to[k] < bits * word + bits - 1 ? to[k] - bits * word : bits - 1;
+                    const Word run = start <= stop ? (~(Word)0 >> (bits - 1 - (stop - start))) << start : 0;
+                    const int at = (first + k * lanes) * words + word;
 """
         + each
         + """
-            }
+                }
         }
-    }
+    };
+    if (lanes == 1 && marks.shape[2] == 1)
+        mark_rows(0, 1, 1);
+    else
+        mark_rows(lane, lanes, marks.shape[2]);
 """
     )
 
 
-@wp.func_native("const int rows = marks.shape[1];" + _over_runs("wp::index(marks, w, row, word) |= run;"))
+@wp.func_native(
+    "unsigned int* mark = &wp::index(marks, w, 0, 0);" + _over_runs("unsigned int", "mark[at] |= run;")
+)
 def mark_disc(
     w: int,
     place: wp.vec2,
@@ -135,16 +159,18 @@ def mark_disc(
 
 
 _VISIT = """
-                wp::index(marks, w, row, word) |= run;
-                unsigned int& met = wp::index(met_before, w, row, i, word);
-                if (run & ~met) {
-                    fresh += wp::bit_count(run & ~met);
-                    met |= run;
-                }
+                    mark[at] |= run;
+                    fresh += wp::bit_count(run & ~met[at]);
+                    met[at] |= run;
 """
 
 
-@wp.func_native("int fresh = 0; const int rows = marks.shape[1];" + _over_runs(_VISIT) + "return fresh;")
+@wp.func_native(
+    "int fresh = 0; unsigned long long* mark = &wp::index(marks, w, 0, 0);"
+    "unsigned long long* met = &wp::index(met_before, w, i, 0, 0);"
+    + _over_runs("unsigned long long", _VISIT)
+    + "return fresh;"
+)
 def visit_disc(
     w: int,
     i: int,
@@ -154,8 +180,8 @@ def visit_disc(
     curve: CurveStruct,
     radius: float,
     columns: int,
-    marks: wp.array3d(dtype=wp.uint32),
-    met_before: wp.array4d(dtype=wp.uint32),
+    marks: wp.array3d(dtype=wp.uint64),
+    met_before: wp.array4d(dtype=wp.uint64),
 ) -> int:
     """Mark the cells as `mark_disc` does, and among those that robot i has met; returns how many are new to it."""
     ...

@@ -125,13 +125,13 @@ class Cells:
     sensed_at: wp.array3d(dtype=wp.int32)
     """(W, R, C) step in which a cell was last sensed, 0 for never; of those that are sensed now, when they had been
     before: `lissajous_env.world.coverage.last_sensed` has both."""
-    sensed: wp.array3d(dtype=wp.uint32)
+    sensed: wp.array3d(dtype=wp.uint64)
     """(W, R, B) a bit for each cell that some robot has sensed."""
-    sensed_by: wp.array4d(dtype=wp.uint32)
-    """(W, R, N, B) the same for each robot."""
-    in_discs: wp.array3d(dtype=wp.uint32)
+    sensed_by: wp.array4d(dtype=wp.uint64)
+    """(W, N, R, B) the same for each robot."""
+    in_discs: wp.array3d(dtype=wp.uint64)
     """(W, R, B) a bit for each cell that is sensed now."""
-    coming: wp.array3d(dtype=wp.uint32)
+    coming: wp.array3d(dtype=wp.uint64)
     """(W, R, B) the same, while it is being found."""
     idle_squares: wp.array2d(dtype=wp.int64)
     """(W, R) sum over cells and visits of the squared time since the visit before [step^2]."""
