@@ -38,34 +38,32 @@ def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
 
 
 _COUNT_VISITS = """
-    wp::vec_t<2, wp::int64> counts(0, 0);
-    const int rows = cells.sensed_at.shape[1], columns = cells.sensed_at.shape[2];
-    unsigned long long* const before = &wp::index(cells.in_discs, w, 0, 0);
-    unsigned long long* const after = &wp::index(cells.coming, w, 0, 0);
-    unsigned long long* const ever = &wp::index(cells.sensed, w, 0, 0);
-    wp::int64* const squares = &wp::index(cells.idle_squares, w, 0);
-    int* const longest = &wp::index(cells.idle_max, w, 0);
-    int* const sensed_at = &wp::index(cells.sensed_at, w, 0, 0);
-    const auto count = [&](const int lane, const int lanes, const int words) {
+    typedef unsigned long long Word;
+    const int rows = cells.sensed_at.shape[1], columns = cells.sensed_at.shape[2], most = 64;
+    const auto count = [&](const int lane, const int lanes, const int words, Word* __restrict before,
+                           Word* __restrict after, Word* __restrict ever, wp::int64* __restrict squares,
+                           int* __restrict longest, int* __restrict sensed_at) {
         wp::int64 ended = 0, fresh = 0;
         for (int row = lane; row < rows; row += lanes)
-            for (int at = row * words; at < (row + 1) * words; ++at) {
-                const int staying = wp::bit_count(before[at] & after[at]);
+            for (int word = 0; word < words; ++word) {
+                const int at = row * words + word;
+                const Word inside = after[at];
+                const int staying = wp::bit_count(before[at] & inside);
                 squares[row] += staying;
                 ended += staying;
-                longest[row] = longest[row] < 1 && staying > 0 ? 1 : longest[row];
-                fresh += wp::bit_count(after[at] & ~ever[at]);
-                ever[at] |= after[at];
-                const unsigned long long now_in = after[at];
-                after[at] ^= before[at];
-                before[at] = now_in;
+                longest[row] = wp::max(longest[row], staying > 0 ? 1 : 0);
+                fresh += wp::bit_count(inside & ~ever[at]);
+                ever[at] |= inside;
+                after[at] = before[at] ^ inside;
+                before[at] = inside;
             }
         for (int row = lane; row < rows; row += lanes)
             for (int word = 0; word < words; ++word) {
-                unsigned long long changed = after[row * words + word];
-                const unsigned long long inside = before[row * words + word];
+                Word changed = after[row * words + word];
+                const Word inside = before[row * words + word];
+                after[row * words + word] = 0;
                 while (changed) {
-                    const unsigned long long first = changed & (~changed + 1);
+                    const Word first = changed & (~changed + 1);
                     int* const cell = sensed_at + row * columns + 64 * word + wp::bit_count(first - 1);
                     const bool comes = (inside & first) != 0;
                     const int gap = comes ? now - *cell : 0;
@@ -76,13 +74,15 @@ _COUNT_VISITS = """
                     changed ^= first;
                 }
             }
-        counts = wp::vec_t<2, wp::int64>(ended, fresh);
+        return wp::vec_t<2, wp::int64>(ended, fresh);
     };
+    Word *const before = &wp::index(cells.in_discs, w, 0, 0), *const after = &wp::index(cells.coming, w, 0, 0);
+    Word* const ever = &wp::index(cells.sensed, w, 0, 0);
+    wp::int64* const squares = &wp::index(cells.idle_squares, w, 0);
+    int *const longest = &wp::index(cells.idle_max, w, 0), *const sensed_at = &wp::index(cells.sensed_at, w, 0, 0);
     if (lanes == 1 && cells.coming.shape[2] == 1)
-        count(0, 1, 1);
-    else
-        count(lane, lanes, cells.coming.shape[2]);
-    return counts;
+        return count(0, 1, 1, before, after, ever, squares, longest, sensed_at);
+    return count(lane, lanes, cells.coming.shape[2], before, after, ever, squares, longest, sensed_at);
 """
 
 Counts = wp.types.vector(2, wp.int64)
@@ -114,9 +114,6 @@ def cover(
     rows = cells.sensed_at.shape[1]
     columns = cells.sensed_at.shape[2]
     fresh_each = wp.int64(0)
-    for row in range(lane, rows, lanes):
-        for word in range(cells.coming.shape[2]):
-            cells.coming[w, row, word] = wp.uint64(0)
     for i in range(robots.sensor.shape[1]):
         place = robots.sensor[w, i]
         if place[0] < 0.5 * NOWHERE:
