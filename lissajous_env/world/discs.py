@@ -78,7 +78,7 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, columns: int) -> w
     return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
 
 
-def _over_runs(word: str, each: str) -> str:
+def _over_runs(word: str, met: str, each: str) -> str:
     """C++ that finds the run of columns of a disc in the rows of a lane, for eight at once; then `each` with them.
 
     `each` knows `at`, where the bits of a row in a `word` of those that the disc meets stand in `marks`, and `run`, the
@@ -92,7 +92,7 @@ def _over_runs(word: str, each: str) -> str:
     const int together = 8;
 #endif
 """
-        f"    typedef {word} Word;"
+        f"    typedef {word} Word; Word* const mark = &wp::index(marks, w, 0, 0); Word* const met = {met};"
         """
     const int bits = 8 * sizeof(Word), rows = marks.shape[1];
     const float row_scale = (float)rows / (2.0f * curve.half_height);
@@ -100,7 +100,7 @@ def _over_runs(word: str, each: str) -> str:
     const float low = (place[1] - radius + curve.half_height) * row_scale;
     const float high = (place[1] + radius + curve.half_height) * row_scale;
     const int top = (int)wp::clamp(low, 0.0f, (float)rows), last = (int)wp::clamp(high, -1.0f, rows - 1.0f);
-    const auto mark_rows = [&](const int lane, const int lanes, const int words) {
+    const auto mark_rows = [&](const int lane, const int lanes, const int words, Word* __restrict mark, Word* __restrict met) {
         // Whole blocks, so that those of all discs are the same.
         const int block = together * lanes;
         for (int first = top / block * block + lane; first <= last; first += block) {
@@ -120,9 +120,10 @@ def _over_runs(word: str, each: str) -> str:
                 least = from[k] < least ? from[k] : least;
                 most = to[k] > most ? to[k] : most;
             }
-            const int count = (rows - first + lanes - 1) / lanes < together ? (rows - first + lanes - 1) / lanes : together;
             for (int word = words > 1 ? least / bits : 0; word <= (words > 1 ? most / bits : 0); ++word)
-                for (int k = 0; k < count; ++k) {
+                for (int k = 0; k < together; ++k) {
+                    if (first + k * lanes >= rows)
+                        continue;
                     const int start = from[k] > bits * word ? from[k] - bits * word : 0;
                     const int stop = to[k] < bits * word + bits - 1 ? to[k] - bits * word : bits - 1;
                     const Word run = start <= stop ? (~(Word)0 >> (bits - 1 - (stop - start))) << start : 0;
@@ -134,15 +135,15 @@ def _over_runs(word: str, each: str) -> str:
         }
     };
     if (lanes == 1 && marks.shape[2] == 1)
-        mark_rows(0, 1, 1);
+        mark_rows(0, 1, 1, mark, met);
     else
-        mark_rows(lane, lanes, marks.shape[2]);
+        mark_rows(lane, lanes, marks.shape[2], mark, met);
 """
     )
 
 
 @wp.func_native(
-    "unsigned int* mark = &wp::index(marks, w, 0, 0);" + _over_runs("unsigned int", "mark[at] |= run;")
+    _over_runs("unsigned int", "0", "mark[at] |= run;")
 )
 def mark_disc(
     w: int,
@@ -166,9 +167,7 @@ _VISIT = """
 
 
 @wp.func_native(
-    "int fresh = 0; unsigned long long* mark = &wp::index(marks, w, 0, 0);"
-    "unsigned long long* met = &wp::index(met_before, w, i, 0, 0);"
-    + _over_runs("unsigned long long", _VISIT)
+    "int fresh = 0;" + _over_runs("unsigned long long", "&wp::index(met_before, w, i, 0, 0)", _VISIT)
     + "return fresh;"
 )
 def visit_disc(
