@@ -66,11 +66,13 @@ _COUNT_VISITS = """
                     const Word first = changed & (~changed + 1);
                     int* const cell = sensed_at + row * columns + 64 * word + wp::bit_count(first - 1);
                     const bool comes = (inside & first) != 0;
-                    const int gap = comes ? now - *cell : 0;
-                    *cell = comes ? *cell : now - 1;
+                    if (comes) {
+                    const int gap = now - *cell;
                     squares[row] += (wp::int64)gap * gap;
                     ended += gap;
                     longest[row] = longest[row] < gap ? gap : longest[row];
+                    } else
+                        *cell = now - 1;
                     changed ^= first;
                 }
             }
