@@ -102,8 +102,8 @@ def _over_runs(word: str, met: str, each: str) -> str:
     const int top = (int)wp::clamp(low, 0.0f, (float)rows), last = (int)wp::clamp(high, -1.0f, rows - 1.0f);
     const auto mark_rows = [&](const int lane, const int lanes, const int words, Word* __restrict mark, Word* __restrict met) {
         // Whole blocks, so that those of all discs are the same.
-        const int block = together * lanes;
-        for (int first = top / block * block + lane; first <= last; first += block) {
+        const int skipped = top > lane ? (top - lane + lanes - 1) / lanes / together * together : 0;
+        for (int first = lane + skipped * lanes; first <= last; first += together * lanes) {
             int from[together], to[together];
             for (int k = 0; k < together; ++k) {
                 const float up = (first + k * lanes + 0.5f) / row_scale - curve.half_height - place[1];
