@@ -19,7 +19,7 @@ from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters import parts
-from lissajous_env.world.bits import run_of_bits
+from lissajous_env.world.bits import half_of, run_of_bits
 from lissajous_env.world.discs import along, mark_disc, mark_way
 from lissajous_env.world.labels import MARGIN, Hops, forget_seen, label_cells, now_of, slot_of
 from lissajous_env.world.sight import planar
@@ -34,8 +34,9 @@ _BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
 def entries(entry: int, word: int, row: int, rows: int, columns: int) -> wp.uint32:
     """Bits of the cells of a word in which rogues are introduced."""
     if entry != _BOUNDARY or row == 0 or row == rows - 1:
-        return run_of_bits(word, 0, columns - 1)
-    return run_of_bits(word, 0, 0) | run_of_bits(word, columns - 1, columns - 1)
+        return half_of(run_of_bits(word / 2, 0, columns - 1), word)
+    ends = run_of_bits(word / 2, 0, 0) | run_of_bits(word / 2, columns - 1, columns - 1)
+    return half_of(ends, word)
 
 
 @wp.kernel
@@ -99,8 +100,9 @@ def reset_labels(
     rows = contamination.sensed.shape[1]
     for row in range(lane, rows, lanes):
         for word in range(contamination.sensed.shape[2]):
-            contamination.sensed[w, row, word] = wp.uint32(0)
-            contamination.swept[w, row, word] = wp.uint32(0)
+            contamination.sensed[w, row, word] = wp.uint64(0)
+            contamination.swept[w, row, word] = wp.uint64(0)
+        for word in range(contamination.settled.shape[2]):
             contamination.settled[w, row, word] = wp.uint32(0)
             there = wp.uint32(0)
             if target.count > 0:
@@ -134,11 +136,11 @@ def spread(
     for row in range(lane, rows, lanes):
         row_oldest = int(NEVER)
         ages = wp.int64(0)
-        for word in range(contamination.sensed.shape[2]):
-            sensed = contamination.sensed[w, row, word]
-            seen = sensed | contamination.swept[w, row, word]
+        for word in range(contamination.settled.shape[2]):
+            sensed = half_of(contamination.sensed[w, row, word / 2], word)
+            seen = sensed | half_of(contamination.swept[w, row, word / 2], word)
             settled = contamination.settled[w, row, word] & ~seen
-            todo = run_of_bits(word, 0, hops.columns - 1) & ~sensed & ~settled
+            todo = half_of(run_of_bits(word / 2, 0, hops.columns - 1), word) & ~sensed & ~settled
             if settled != wp.uint32(0):
                 row_oldest = now.oldest
                 ages += wp.int64(int(wp.bit_count(settled)) * (now.step - now.oldest))

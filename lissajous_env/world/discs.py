@@ -78,7 +78,7 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, columns: int) -> w
     return wp.vec2i(first, int(wp.clamp(high, -1.0, float(columns - 1))))
 
 
-def _over_runs(word: str, met: str, each: str) -> str:
+def _over_runs(met: str, each: str) -> str:
     """C++ that finds the run of columns of a disc in the rows of a lane, for eight at once; then `each` with them.
 
     `each` knows `at`, where the bits of a row in a `word` of those that the disc meets stand in `marks`, and `run`, the
@@ -92,9 +92,9 @@ def _over_runs(word: str, met: str, each: str) -> str:
     const int together = 8;
 #endif
 """
-        f"    typedef {word} Word; Word* const mark = &wp::index(marks, w, 0, 0); Word* const met = {met};"
+        f"    typedef unsigned long long Word; Word* const mark = &wp::index(marks, w, 0, 0); Word* const met = {met};"
         """
-    const int bits = 8 * sizeof(Word), rows = marks.shape[1];
+    const int rows = marks.shape[1];
     const float row_scale = (float)rows / (2.0f * curve.half_height);
     const float scale = (float)columns / (2.0f * curve.half_width);
     const float low = (place[1] - radius + curve.half_height) * row_scale;
@@ -120,13 +120,13 @@ def _over_runs(word: str, met: str, each: str) -> str:
                 least = from[k] < least ? from[k] : least;
                 most = to[k] > most ? to[k] : most;
             }
-            for (int word = words > 1 ? least / bits : 0; word <= (words > 1 ? most / bits : 0); ++word)
+            for (int word = words > 1 ? least / 64 : 0; word <= (words > 1 ? most / 64 : 0); ++word)
                 for (int k = 0; k < together; ++k) {
                     if (first + k * lanes >= rows)
                         continue;
-                    const int start = from[k] > bits * word ? from[k] - bits * word : 0;
-                    const int stop = to[k] < bits * word + bits - 1 ? to[k] - bits * word : bits - 1;
-                    const Word run = start <= stop ? (~(Word)0 >> (bits - 1 - (stop - start))) << start : 0;
+                    const int start = from[k] > 64 * word ? from[k] - 64 * word : 0;
+                    const int stop = to[k] < 64 * word + 63 ? to[k] - 64 * word : 63;
+                    const Word run = start <= stop ? (~(Word)0 >> (63 - (stop - start))) << start : 0;
                     const int at = (first + k * lanes) * words + word;
 """
         + each
@@ -143,7 +143,7 @@ def _over_runs(word: str, met: str, each: str) -> str:
 
 
 @wp.func_native(
-    _over_runs("unsigned int", "0", "mark[at] |= run;")
+    _over_runs("0", "mark[at] |= run;")
 )
 def mark_disc(
     w: int,
@@ -153,7 +153,7 @@ def mark_disc(
     curve: CurveStruct,
     radius: float,
     columns: int,
-    marks: wp.array3d(dtype=wp.uint32),
+    marks: wp.array3d(dtype=wp.uint64),
 ):
     """Mark the cells, in the rows of a lane, that a disc covers at a place [m]."""
     ...
@@ -167,7 +167,7 @@ _VISIT = """
 
 
 @wp.func_native(
-    "int fresh = 0;" + _over_runs("unsigned long long", "&wp::index(met_before, w, i, 0, 0)", _VISIT)
+    "int fresh = 0;" + _over_runs("&wp::index(met_before, w, i, 0, 0)", _VISIT)
     + "return fresh;"
 )
 def visit_disc(
@@ -196,7 +196,7 @@ def mark_way(
     curve: CurveStruct,
     radius: float,
     columns: int,
-    marks: wp.array3d(dtype=wp.uint32),
+    marks: wp.array3d(dtype=wp.uint64),
 ):
     """Mark the cells, in the rows of a lane, that a disc covers which moves from a to b [m]."""
     rows = marks.shape[1]
@@ -209,5 +209,5 @@ def mark_way(
     for row in range(first + (lane + lanes - first % lanes) % lanes, after, lanes):
         y = (float(row) + 0.5) / row_scale - curve.half_height
         run = columns_of(swept_run(a, b, radius, y), curve.half_width, scale, columns)
-        for word in range(run[0] / 32, run[1] / 32 + 1):
+        for word in range(run[0] / 64, run[1] / 64 + 1):
             marks[w, row, word] |= run_of_bits(word, run[0], run[1])

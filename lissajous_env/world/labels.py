@@ -119,15 +119,18 @@ def now_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> Now:
 
 
 _FORGET_SEEN = f"""
-    const int words = sensed.shape[2], ring = there.shape[3];
+    const int words = there.shape[2] - 2, ring = there.shape[3];
     unsigned int* bits = &wp::index(there, w, row + {int(MARGIN)}, 1, 0);
+    unsigned long long* const now = &wp::index(sensed, w, row, 0);
+    unsigned long long* const passed = &wp::index(swept, w, row, 0);
     for (int word = 0; word < words; ++word, bits += ring) {{
-        unsigned int& now = wp::index(sensed, w, row, word);
-        unsigned int& passed = wp::index(swept, w, row, word);
+        const unsigned int seen = (now[word / 2] | passed[word / 2]) >> 32 * (word & 1), stays = bits[kept];
         for (int tick = 0; tick < ring; ++tick)
-            bits[tick] &= tick == kept ? 0xffffffffu : ~(now | passed);
-        now = passed = 0;
+            bits[tick] &= ~seen;
+        bits[kept] = stays;
     }}
+    for (int word = 0; word < sensed.shape[2]; ++word)
+        now[word] = passed[word] = 0;
 """
 
 
@@ -136,8 +139,8 @@ def forget_seen(
     w: int,
     row: int,
     kept: int,
-    sensed: wp.array3d(dtype=wp.uint32),
-    swept: wp.array3d(dtype=wp.uint32),
+    sensed: wp.array3d(dtype=wp.uint64),
+    swept: wp.array3d(dtype=wp.uint64),
     there: wp.array4d(dtype=wp.uint32),
 ):
     """Forget who was in the cells of a row that were seen in the tick before, but for who came in the slot `kept`."""

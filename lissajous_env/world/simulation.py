@@ -189,7 +189,8 @@ class Simulation:
         grid |= dict.fromkeys(("sensed", "in_discs", "coming"), (w, rows, words))
         self.cells = allocate(Cells, grid, (w, rows), self.device)
         bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
-        field = {"labels": (w, *labels), "sensed": bits, "swept": bits, "settled": bits}
+        field = {"labels": (w, *labels), "settled": bits}
+        field |= dict.fromkeys(("sensed", "swept"), (w, hops.rows, (hops.columns + 63) // 64))
         field["there"] = w, hops.rows + 2 * int(MARGIN), bits[2] + 2, hops.ring
         field |= {"row_oldest": field_row, "row_ages": field_row}
         self.contamination = allocate(Contamination, field, each, self.device)

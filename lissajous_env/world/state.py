@@ -147,10 +147,10 @@ class Contamination:
     """(W, K, R + 4, C + 4 or more) label in each of the latest K ticks of each cell, with a margin around the grid."""
     there: wp.array4d(dtype=wp.uint32)
     """(W, R + 4, B + 2, K) a bit for each cell that had a label in this tick and was not sensed since."""
-    sensed: wp.array3d(dtype=wp.uint32)
-    """(W, R, B) a bit for each cell that a robot senses now."""
-    swept: wp.array3d(dtype=wp.uint32)
-    """(W, R, B) a bit for each cell that a robot has sensed on a long way since the tick before."""
+    sensed: wp.array3d(dtype=wp.uint64)
+    """(W, R, D) a bit for each cell that a robot senses now."""
+    swept: wp.array3d(dtype=wp.uint64)
+    """(W, R, D) a bit for each cell that a robot has sensed on a long way since the tick before."""
     settled: wp.array3d(dtype=wp.uint32)
     """(W, R, B) a bit for each cell that has the oldest label of this world in every tick."""
     row_oldest: wp.array2d(dtype=wp.int32)
