@@ -209,21 +209,24 @@ _LABEL_CELLS = f"""
         }}
         unsigned int same_bits = 0;
         for (int l = 0; l < lanes; ++l) {{
-            int found = (enter >> (first + l) & 1) && now.entry < label[l] ? now.entry : label[l];
-            found = found / 256 > now.oldest && hopped[l] < found ? hopped[l] : found;
-            const int since = found / 256;
-            const bool counts = found < none && (todo >> (first + l) & 1);
-            oldest = counts && since < oldest ? since : oldest;
+            const int entered = enter >> (first + l) & 1 ? now.entry : none;
+            const int stayed = entered < label[l] ? entered : label[l];
+            const int hops_in = stayed / 256 > now.oldest ? hopped[l] : none;
+            const int found = hops_in < stayed ? hops_in : stayed, since = found / 256;
+            const int counts = (found < none ? 1 : 0) & todo >> (first + l);
+            const int known = counts ? since : {int(NEVER)};
+            oldest = known < oldest ? known : oldest;
             ages += counts ? now.step - since : 0;
-            contaminated |= (counts ? 1u : 0u) << (first + l);
-            same_bits |= (counts && found == now.oldest * 256 ? 1u : 0u) << l;
+            contaminated |= (unsigned int)counts << (first + l);
+            same_bits |= (unsigned int)(found == now.oldest * 256 ? counts : 0) << l;
             label[l] = found;
         }}
-        for (int tick = 0; tick < ring && same_bits; ++tick)
-            for (int l = 0; l < lanes; ++l) {{
-                const bool is_same = bits[tick] >> (first + l) & 1 && here[tick * plane + l] == label[l];
-                same_bits &= ~((tick == now.slot || is_same ? 0u : 1u) << l);
-            }}
+        for (int tick = 0; tick < ring && same_bits; ++tick) {{
+            unsigned int same = tick == now.slot ? all : 0;
+            for (int l = 0; l < lanes; ++l)
+                same |= (here[tick * plane + l] == label[l] ? 1u : 0u) << l;
+            same_bits &= tick == now.slot ? all : same & bits[tick] >> first;
+        }}
         settles |= same_bits << first;
         for (int l = 0; l < lanes; ++l)
             here[now.slot * plane + l] = label[l];
