@@ -222,7 +222,7 @@ _LABEL_CELLS = f"""
             label[l] = found;
         }}
         for (int tick = 0; tick < ring && same_bits; ++tick) {{
-            unsigned int same = tick == now.slot ? all : 0;
+            unsigned int same = 0;
             for (int l = 0; l < lanes; ++l)
                 same |= (here[tick * plane + l] == label[l] ? 1u : 0u) << l;
             same_bits &= tick == now.slot ? all : same & bits[tick] >> first;
