@@ -60,11 +60,11 @@ def clear_cells(
     latest = (slot - 1 + hops.ring) % hops.ring
     if hops.period > 1 and clock.step[w] % hops.period != 0:
         latest = slot
-    rows = contamination.sensed.shape[1]
+    rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         forget_seen(w, row, latest, contamination.sensed, contamination.swept, contamination.there)
     cell = 2.0 * wp.min(
-        curve.half_width / float(hops.columns), curve.half_height / float(contamination.sensed.shape[1])
+        curve.half_width / float(hops.columns), curve.half_height / float(rows)
     )
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < 0.5 * NOWHERE:
@@ -97,11 +97,11 @@ def reset_labels(
     w = first + tid
     if clock.active[w] == 0:
         return
-    rows = contamination.sensed.shape[1]
+    rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
-        for word in range(contamination.sensed.shape[2]):
-            contamination.sensed[w, row, word] = wp.uint64(0)
-            contamination.swept[w, row, word] = wp.uint64(0)
+        for word in range(contamination.sensed.shape[1]):
+            contamination.sensed[w, word, row] = wp.uint64(0)
+            contamination.swept[w, word, row] = wp.uint64(0)
         for word in range(contamination.settled.shape[2]):
             contamination.settled[w, row, word] = wp.uint32(0)
             there = wp.uint32(0)
@@ -132,13 +132,13 @@ def spread(
     if clock.active[w] == 0:
         return
     now = now_of(clock.step[w], tick, contamination.oldest[w], target.arrival_rate > 0.0, hops)
-    rows = contamination.sensed.shape[1]
+    rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         row_oldest = int(NEVER)
         ages = wp.int64(0)
         for word in range(contamination.settled.shape[2]):
-            sensed = half_of(contamination.sensed[w, row, word / 2], word)
-            seen = sensed | half_of(contamination.swept[w, row, word / 2], word)
+            sensed = half_of(contamination.sensed[w, word / 2, row], word)
+            seen = sensed | half_of(contamination.swept[w, word / 2, row], word)
             settled = contamination.settled[w, row, word] & ~seen
             todo = half_of(run_of_bits(word / 2, 0, hops.columns - 1), word) & ~sensed & ~settled
             if settled != wp.uint32(0):

@@ -28,63 +28,59 @@ def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
     for row in range(lane, cells.sensed_at.shape[1], lanes):
         for column in range(cells.sensed_at.shape[2]):
             cells.sensed_at[w, row, column] = 0
-        for word in range(cells.sensed.shape[2]):
-            cells.sensed[w, row, word] = wp.uint64(0)
-            cells.in_discs[w, row, word] = wp.uint64(0)
+        for word in range(cells.sensed.shape[1]):
+            cells.sensed[w, word, row] = wp.uint64(0)
+            cells.in_discs[w, word, row] = wp.uint64(0)
             for i in range(cells.sensed_by.shape[1]):
-                cells.sensed_by[w, i, row, word] = wp.uint64(0)
+                cells.sensed_by[w, i, word, row] = wp.uint64(0)
         cells.idle_squares[w, row] = wp.int64(0)
         cells.idle_max[w, row] = 0
 
 
 _COUNT_VISITS = """
     typedef unsigned long long Word;
-    const int rows = cells.sensed_at.shape[1], columns = cells.sensed_at.shape[2], most = 64;
-    const auto count = [&](const int lane, const int lanes, const int words, Word* __restrict before,
-                           Word* __restrict after, Word* __restrict ever, wp::int64* __restrict squares,
-                           int* __restrict longest, int* __restrict sensed_at) {
+    const int words = cells.coming.shape[1], rows = cells.coming.shape[2], columns = cells.sensed_at.shape[2];
+    const auto count = [&](const int lane, const int lanes, Word* __restrict inside, Word* __restrict coming,
+                           Word* __restrict sensed, wp::int64* __restrict squares, int* __restrict longest) {
         wp::int64 ended = 0, fresh = 0;
-        for (int row = lane; row < rows; row += lanes)
-            for (int word = 0; word < words; ++word) {
-                const int at = row * words + word;
-                const Word inside = after[at];
-                const int staying = wp::bit_count(before[at] & inside);
+        for (int word = 0; word < words; ++word, inside += rows, coming += rows, sensed += rows) {
+            for (int row = lane; row < rows; row += lanes) {
+                const Word before = inside[row], now_inside = coming[row];
+                const int staying = wp::bit_count(before & now_inside);  // each for a step
                 squares[row] += staying;
                 ended += staying;
                 longest[row] = wp::max(longest[row], staying > 0 ? 1 : 0);
-                fresh += wp::bit_count(inside & ~ever[at]);
-                ever[at] |= inside;
-                after[at] = before[at] ^ inside;
-                before[at] = inside;
+                fresh += wp::bit_count(now_inside & ~sensed[row]);
+                sensed[row] |= now_inside;
+                inside[row] = now_inside;
+                coming[row] = before ^ now_inside;
             }
-        for (int row = lane; row < rows; row += lanes)
-            for (int word = 0; word < words; ++word) {
-                Word changed = after[row * words + word];
-                const Word inside = before[row * words + word];
-                after[row * words + word] = 0;
-                while (changed) {
-                    const Word first = changed & (~changed + 1);
-                    int* const cell = sensed_at + row * columns + 64 * word + wp::bit_count(first - 1);
-                    const bool comes = (inside & first) != 0;
-                    if (comes) {
-                    const int gap = now - *cell;
-                    squares[row] += (wp::int64)gap * gap;
-                    ended += gap;
-                    longest[row] = longest[row] < gap ? gap : longest[row];
+            for (int row = lane; row < rows; row += lanes) {
+                int* const sensed_at = &wp::index(cells.sensed_at, w, row, 64 * word);
+                for (Word changed = coming[row]; changed != 0; changed &= changed - 1) {
+                    const Word lowest = changed & (~changed + 1);
+                    const int column = wp::bit_count(lowest - 1);
+                    if (inside[row] & lowest) {
+                        const int gap = now - sensed_at[column];
+                        squares[row] += (wp::int64)gap * gap;
+                        ended += gap;
+                        longest[row] = wp::max(longest[row], gap);
                     } else
-                        *cell = now - 1;
-                    changed ^= first;
+                        sensed_at[column] = now - 1;
                 }
+                coming[row] = 0;
             }
+        }
         return wp::vec_t<2, wp::int64>(ended, fresh);
     };
-    Word *const before = &wp::index(cells.in_discs, w, 0, 0), *const after = &wp::index(cells.coming, w, 0, 0);
-    Word* const ever = &wp::index(cells.sensed, w, 0, 0);
+    Word *const inside = &wp::index(cells.in_discs, w, 0, 0), *const coming = &wp::index(cells.coming, w, 0, 0);
+    Word* const sensed = &wp::index(cells.sensed, w, 0, 0);
     wp::int64* const squares = &wp::index(cells.idle_squares, w, 0);
-    int *const longest = &wp::index(cells.idle_max, w, 0), *const sensed_at = &wp::index(cells.sensed_at, w, 0, 0);
-    if (lanes == 1 && cells.coming.shape[2] == 1)
-        return count(0, 1, 1, before, after, ever, squares, longest, sensed_at);
-    return count(lane, lanes, cells.coming.shape[2], before, after, ever, squares, longest, sensed_at);
+    int* const longest = &wp::index(cells.idle_max, w, 0);
+    // On a CPU, where rows stand side by side, the first loop over them becomes SIMD.
+    if (lanes == 1)
+        return count(0, 1, inside, coming, sensed, squares, longest);
+    return count(lane, lanes, inside, coming, sensed, squares, longest);
 """
 
 Counts = wp.types.vector(2, wp.int64)
@@ -92,7 +88,10 @@ Counts = wp.types.vector(2, wp.int64)
 
 @wp.func_native(_COUNT_VISITS)
 def count_visits(w: int, lane: int, lanes: int, now: int, cells: Cells) -> Counts:
-    """Count the visits of a row's cells, from what is sensed now and what was; returns the idleness that they end."""
+    """Count the visits of the cells in the rows of a lane, from what is sensed now and what was; then nothing is coming.
+
+    Returns the idleness that they end, and how many cells nobody had sensed before.
+    """
     ...
 
 
@@ -113,7 +112,6 @@ def cover(
     w = first + tid
     if clock.active[w] == 0:
         return
-    rows = cells.sensed_at.shape[1]
     columns = cells.sensed_at.shape[2]
     fresh_each = wp.int64(0)
     for i in range(robots.sensor.shape[1]):
@@ -137,10 +135,10 @@ def last_sensed(sensed_at: np.ndarray, in_discs: np.ndarray, step: Any, columns:
 
     Args:
         sensed_at: (..., R, C) as `Cells` has it.
-        in_discs: (..., R, B) as `Cells` has it.
+        in_discs: (..., B, R) as `Cells` has it.
         step: (...) now.
         columns: (C,) which columns of the grid these are; all by default.
     """
     columns = np.arange(sensed_at.shape[-1]) if columns is None else columns
-    inside = (in_discs[..., columns // 64] >> (columns % 64).astype(np.uint64)) & 1
+    inside = (in_discs.swapaxes(-1, -2)[..., columns // 64] >> (columns % 64).astype(np.uint64)) & 1
     return np.where(inside.astype(bool), np.asarray(step, dtype=np.int32)[..., None, None], sensed_at)

@@ -81,70 +81,67 @@ def columns_of(run: wp.vec2, half_width: float, scale: float, columns: int) -> w
 def _over_runs(met: str, each: str) -> str:
     """C++ that finds the run of columns of a disc in the rows of a lane, for eight at once; then `each` with them.
 
-    `each` knows `at`, where the bits of a row in a `word` of those that the disc meets stand in `marks`, and `run`, the
-    bits of the columns of the row in that word.
+    `each` knows `at`, where the bits of a row in a word that the disc can meet stand in `mark` and `met`, and `run`,
+    the bits of its columns in that word; none where the disc does not meet them.
     """
-    return (
-        """
+    return f"""
 #if defined(__CUDA_ARCH__)
     const int together = 1;
 #else
     const int together = 8;
 #endif
-"""
-        f"    typedef unsigned long long Word; Word* const mark = &wp::index(marks, w, 0, 0); Word* const met = {met};"
-        """
-    const int rows = marks.shape[1];
+    typedef unsigned long long Word;
+    const int rows = marks.shape[2];
     const float row_scale = (float)rows / (2.0f * curve.half_height);
     const float scale = (float)columns / (2.0f * curve.half_width);
     const float low = (place[1] - radius + curve.half_height) * row_scale;
     const float high = (place[1] + radius + curve.half_height) * row_scale;
     const int top = (int)wp::clamp(low, 0.0f, (float)rows), last = (int)wp::clamp(high, -1.0f, rows - 1.0f);
-    const auto mark_rows = [&](const int lane, const int lanes, const int words, Word* __restrict mark, Word* __restrict met) {
+    // Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
+    const auto first_column = [&](const float half) {{
+        const float left = ceilf((place[0] - half + curve.half_width) * scale - 0.5f);
+        return (int)(left > 0.0f ? (left < columns ? left : (float)columns) : 0.0f);
+    }};
+    const auto last_column = [&](const float half) {{
+        const float right = floorf((place[0] + half + curve.half_width) * scale - 0.5f);
+        const float most = right < columns - 1.0f ? right : columns - 1.0f;
+        return (int)(most > -1.0f ? most : -1.0f);
+    }};
+    const int first_word = first_column(radius) / 64, last_word = last_column(radius) / 64;
+    const auto mark_rows = [&](const int lane, const int lanes, Word* __restrict mark, Word* __restrict met) {{
         // Whole blocks, so that those of all discs are the same.
         const int skipped = top > lane ? (top - lane + lanes - 1) / lanes / together * together : 0;
-        for (int first = lane + skipped * lanes; first <= last; first += together * lanes) {
+        for (int first = lane + skipped * lanes; first <= last; first += together * lanes) {{
             int from[together], to[together];
-            for (int k = 0; k < together; ++k) {
+            for (int k = 0; k < together; ++k) {{
                 const float up = (first + k * lanes + 0.5f) / row_scale - curve.half_height - place[1];
                 const float square = radius * radius - up * up, half = sqrtf(square > 0.0f ? square : 0.0f);
-                const float left = ceilf((place[0] - half + curve.half_width) * scale - 0.5f);
-                const float right = floorf((place[0] + half + curve.half_width) * scale - 0.5f);
-                const float most = right < columns - 1.0f ? right : columns - 1.0f;
-                // Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
-                from[k] = (int)(left > 0.0f ? (left < columns ? left : (float)columns) : 0.0f);
-                to[k] = square < 0.0f || radius <= 0.0f ? -1 : (int)(most > -1.0f ? most : -1.0f);
-            }
-            int least = from[0], most = to[0];
-            for (int k = 1; k < together && words > 1; ++k) {
-                least = from[k] < least ? from[k] : least;
-                most = to[k] > most ? to[k] : most;
-            }
-            for (int word = words > 1 ? least / 64 : 0; word <= (words > 1 ? most / 64 : 0); ++word)
-                for (int k = 0; k < together; ++k) {
+                from[k] = first_column(half);
+                to[k] = square < 0.0f || radius <= 0.0f ? -1 : last_column(half);
+            }}
+            for (int word = first_word; word <= last_word; ++word) {{
+                const size_t here = (size_t)word * rows + first;
+                for (int k = 0; k < together; ++k) {{
                     if (first + k * lanes >= rows)
                         continue;
                     const int start = from[k] > 64 * word ? from[k] - 64 * word : 0;
                     const int stop = to[k] < 64 * word + 63 ? to[k] - 64 * word : 63;
                     const Word run = start <= stop ? (~(Word)0 >> (63 - (stop - start))) << start : 0;
-                    const int at = (first + k * lanes) * words + word;
-"""
-        + each
-        + """
-                }
-        }
-    };
-    if (lanes == 1 && marks.shape[2] == 1)
-        mark_rows(0, 1, 1, mark, met);
+                    const size_t at = here + k * lanes;
+                    {each}
+                }}
+            }}
+        }}
+    }};
+    // On a CPU, where rows stand side by side, this becomes SIMD.
+    if (lanes == 1)
+        mark_rows(0, 1, &wp::index(marks, w, 0, 0), {met});
     else
-        mark_rows(lane, lanes, marks.shape[2], mark, met);
+        mark_rows(lane, lanes, &wp::index(marks, w, 0, 0), {met});
 """
-    )
 
 
-@wp.func_native(
-    _over_runs("0", "mark[at] |= run;")
-)
+@wp.func_native(_over_runs(met="0", each="mark[at] |= run;"))
 def mark_disc(
     w: int,
     place: wp.vec2,
@@ -159,17 +156,12 @@ def mark_disc(
     ...
 
 
-_VISIT = """
-                    mark[at] |= run;
+_VISIT = """mark[at] |= run;
                     fresh += wp::bit_count(run & ~met[at]);
-                    met[at] |= run;
-"""
+                    met[at] |= run;"""
 
 
-@wp.func_native(
-    "int fresh = 0;" + _over_runs("&wp::index(met_before, w, i, 0, 0)", _VISIT)
-    + "return fresh;"
-)
+@wp.func_native("int fresh = 0;" + _over_runs("&wp::index(met_before, w, i, 0, 0)", _VISIT) + "return fresh;")
 def visit_disc(
     w: int,
     i: int,
@@ -199,7 +191,7 @@ def mark_way(
     marks: wp.array3d(dtype=wp.uint64),
 ):
     """Mark the cells, in the rows of a lane, that a disc covers which moves from a to b [m]."""
-    rows = marks.shape[1]
+    rows = marks.shape[2]
     row_scale = float(rows) / (2.0 * curve.half_height)
     scale = float(columns) / (2.0 * curve.half_width)
     low = (wp.min(a[1], b[1]) - radius + curve.half_height) * row_scale
@@ -210,4 +202,4 @@ def mark_way(
         y = (float(row) + 0.5) / row_scale - curve.half_height
         run = columns_of(swept_run(a, b, radius, y), curve.half_width, scale, columns)
         for word in range(run[0] / 64, run[1] / 64 + 1):
-            marks[w, row, word] |= run_of_bits(word, run[0], run[1])
+            marks[w, word, row] |= run_of_bits(word, run[0], run[1])

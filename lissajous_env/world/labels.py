@@ -121,16 +121,15 @@ def now_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> Now:
 _FORGET_SEEN = f"""
     const int words = there.shape[2] - 2, ring = there.shape[3];
     unsigned int* bits = &wp::index(there, w, row + {int(MARGIN)}, 1, 0);
-    unsigned long long* const now = &wp::index(sensed, w, row, 0);
-    unsigned long long* const passed = &wp::index(swept, w, row, 0);
     for (int word = 0; word < words; ++word, bits += ring) {{
-        const unsigned int seen = (now[word / 2] | passed[word / 2]) >> 32 * (word & 1), stays = bits[kept];
+        const unsigned long long both = wp::index(sensed, w, word / 2, row) | wp::index(swept, w, word / 2, row);
+        const unsigned int seen = both >> 32 * (word & 1), stays = bits[kept];
         for (int tick = 0; tick < ring; ++tick)
             bits[tick] &= ~seen;
         bits[kept] = stays;
     }}
-    for (int word = 0; word < sensed.shape[2]; ++word)
-        now[word] = passed[word] = 0;
+    for (int word = 0; word < sensed.shape[1]; ++word)
+        wp::index(sensed, w, word, row) = wp::index(swept, w, word, row) = 0;
 """
 
 

@@ -185,12 +185,12 @@ class Simulation:
         link = {"heard": (w, n, 2), "heard_at": (w, n, 2)}
         self.links = allocate(Links, link, (w, n, delay + 1), self.device)
         self.targets = allocate(Targets, {}, (w, t), self.device)
-        grid = {"sensed_at": (w, rows, columns), "sensed_by": (w, n, rows, words)}
-        grid |= dict.fromkeys(("sensed", "in_discs", "coming"), (w, rows, words))
+        grid = {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows)}
+        grid |= dict.fromkeys(("sensed", "in_discs", "coming"), (w, words, rows))
         self.cells = allocate(Cells, grid, (w, rows), self.device)
         bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
         field = {"labels": (w, *labels), "settled": bits}
-        field |= dict.fromkeys(("sensed", "swept"), (w, hops.rows, (hops.columns + 63) // 64))
+        field |= dict.fromkeys(("sensed", "swept"), (w, (hops.columns + 63) // 64, hops.rows))
         field["there"] = w, hops.rows + 2 * int(MARGIN), bits[2] + 2, hops.ring
         field |= {"row_oldest": field_row, "row_ages": field_row}
         self.contamination = allocate(Contamination, field, each, self.device)

@@ -126,13 +126,13 @@ class Cells:
     """(W, R, C) step in which a cell was last sensed, 0 for never; of those that are sensed now, when they had been
     before: `lissajous_env.world.coverage.last_sensed` has both."""
     sensed: wp.array3d(dtype=wp.uint64)
-    """(W, R, B) a bit for each cell that some robot has sensed."""
+    """(W, B, R) a bit for each cell that some robot has sensed."""
     sensed_by: wp.array4d(dtype=wp.uint64)
-    """(W, N, R, B) the same for each robot."""
+    """(W, N, B, R) the same for each robot."""
     in_discs: wp.array3d(dtype=wp.uint64)
-    """(W, R, B) a bit for each cell that is sensed now."""
+    """(W, B, R) a bit for each cell that is sensed now."""
     coming: wp.array3d(dtype=wp.uint64)
-    """(W, R, B) the same, while it is being found."""
+    """(W, B, R) the same, while it is being found."""
     idle_squares: wp.array2d(dtype=wp.int64)
     """(W, R) sum over cells and visits of the squared time since the visit before [step^2]."""
     idle_max: wp.array2d(dtype=wp.int32)
@@ -148,9 +148,9 @@ class Contamination:
     there: wp.array4d(dtype=wp.uint32)
     """(W, R + 4, B + 2, K) a bit for each cell that had a label in this tick and was not sensed since."""
     sensed: wp.array3d(dtype=wp.uint64)
-    """(W, R, D) a bit for each cell that a robot senses now."""
+    """(W, D, R) a bit for each cell that a robot senses now."""
     swept: wp.array3d(dtype=wp.uint64)
-    """(W, R, D) a bit for each cell that a robot has sensed on a long way since the tick before."""
+    """(W, D, R) a bit for each cell that a robot has sensed on a long way since the tick before."""
     settled: wp.array3d(dtype=wp.uint32)
     """(W, R, B) a bit for each cell that has the oldest label of this world in every tick."""
     row_oldest: wp.array2d(dtype=wp.int32)
