@@ -27,9 +27,9 @@ def distances(scenario, robots):
 
 
 def bits(words, columns):
-    """(..., columns) bool of 64-bit words (..., B)."""
-    spread = (words[..., None] >> np.arange(64, dtype=np.uint64)) & 1
-    return spread.reshape(*words.shape[:-1], -1)[..., :columns].astype(bool)
+    """(..., rows, columns) bool of 64-bit words (..., B, rows)."""
+    spread = (words.swapaxes(-1, -2)[..., None] >> np.arange(64, dtype=np.uint64)) & 1
+    return spread.reshape(*spread.shape[:-2], -1)[..., :columns].astype(bool)
 
 
 def parked(places, worlds=1, **overrides):

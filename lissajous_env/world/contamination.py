@@ -63,9 +63,7 @@ def clear_cells(
     rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         forget_seen(w, row, latest, contamination.sensed, contamination.swept, contamination.there)
-    cell = 2.0 * wp.min(
-        curve.half_width / float(hops.columns), curve.half_height / float(rows)
-    )
+    cell = 2.0 * wp.min(curve.half_width / float(hops.columns), curve.half_height / float(rows))
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < 0.5 * NOWHERE:
             end = robots.sensor[w, i]

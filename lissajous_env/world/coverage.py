@@ -1,7 +1,7 @@
 """Coverage and idleness of the cells of a grid: a cell is sensed when its centre lies in a working robot's disc.
 
 A cell is touched when it comes into the discs and when it leaves them; what stays in them, most of what is sensed, is
-counted by whole words of bits.
+counted by whole words of bits, in the rows of a world side by side.
 """
 
 from typing import Any
@@ -88,9 +88,9 @@ Counts = wp.types.vector(2, wp.int64)
 
 @wp.func_native(_COUNT_VISITS)
 def count_visits(w: int, lane: int, lanes: int, now: int, cells: Cells) -> Counts:
-    """Count the visits of the cells in the rows of a lane, from what is sensed now and what was; then nothing is coming.
+    """Count the visits of the cells in the rows of a lane, from what is sensed now and what was.
 
-    Returns the idleness that they end, and how many cells nobody had sensed before.
+    Nothing is coming then. Returns the idleness that they end, and how many cells nobody had sensed before.
     """
     ...
 

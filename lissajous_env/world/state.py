@@ -120,7 +120,7 @@ class Targets:
 
 @wp.struct
 class Cells:
-    """The coverage grid."""
+    """The coverage grid: R rows, C columns, and B words of bits for 64 columns each."""
 
     sensed_at: wp.array3d(dtype=wp.int32)
     """(W, R, C) step in which a cell was last sensed, 0 for never; of those that are sensed now, when they had been
@@ -132,7 +132,7 @@ class Cells:
     in_discs: wp.array3d(dtype=wp.uint64)
     """(W, B, R) a bit for each cell that is sensed now."""
     coming: wp.array3d(dtype=wp.uint64)
-    """(W, B, R) the same, while it is being found."""
+    """(W, B, R) the same, while it is being found; none between steps."""
     idle_squares: wp.array2d(dtype=wp.int64)
     """(W, R) sum over cells and visits of the squared time since the visit before [step^2]."""
     idle_max: wp.array2d(dtype=wp.int32)
@@ -141,7 +141,10 @@ class Cells:
 
 @wp.struct
 class Contamination:
-    """Where rogues may be that were never seen: `lissajous_env.world.contamination`."""
+    """Where rogues may be that were never seen: `lissajous_env.world.contamination`.
+
+    Of its R rows and C columns there are B words of bits for 32 columns each, or D for 64.
+    """
 
     labels: wp.array4d(dtype=wp.int32)
     """(W, K, R + 4, C + 4 or more) label in each of the latest K ticks of each cell, with a margin around the grid."""
