@@ -65,7 +65,7 @@ class Snapshot:
         )
         kept = np.arange(cells.sensed_at.shape[2])[columns]
         sensed_at = of_world(cells.sensed_at, world, (rows, columns))
-        sensed_at = last_sensed(sensed_at, of_world(cells.in_discs, world, rows), step, kept)
+        sensed_at = last_sensed(sensed_at, of_world(cells.in_discs, world, (slice(None), rows)), step, kept)
         status = of_world(robots.status, world)
         # A pair of which one was removed never parts; it is in contact no longer all the same.
         there = status != int(REMOVED)

@@ -1,4 +1,4 @@
-"""Bits of 32 columns of a row of a grid in one word."""
+"""Bits of 64 columns of a row of a grid in one word, and the halves of such words."""
 
 import warp as wp
 
@@ -8,13 +8,19 @@ wp.set_module_options(OPTIONS)
 
 
 @wp.func
-def run_of_bits(word: int, low: int, high: int) -> wp.uint32:
-    """Bits of columns low ... high that fall into the word with columns 32 word ... 32 word + 31."""
-    start = wp.max(low - 32 * word, 0)
-    stop = wp.min(high - 32 * word, 31)
+def run_of_bits(word: int, low: int, high: int) -> wp.uint64:
+    """Bits of columns low ... high that fall into the word with columns 64 word ... 64 word + 63."""
+    start = wp.max(low - 64 * word, 0)
+    stop = wp.min(high - 64 * word, 63)
     if start > stop:
-        return wp.uint32(0)
-    return (~wp.uint32(0) >> wp.uint32(31 - (stop - start))) << wp.uint32(start)
+        return wp.uint64(0)
+    return (~wp.uint64(0) >> wp.uint64(63 - (stop - start))) << wp.uint64(start)
+
+
+@wp.func
+def half_of(bits: wp.uint64, half: int) -> wp.uint32:
+    """Bits of the lower 32 columns of a word where `half` is even, of the upper ones where it is odd."""
+    return wp.uint32(bits >> wp.uint64(32 * (half & 1)))
 
 
 @wp.func

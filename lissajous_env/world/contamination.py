@@ -19,7 +19,7 @@ from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters import parts
-from lissajous_env.world.bits import run_of_bits
+from lissajous_env.world.bits import half_of, run_of_bits
 from lissajous_env.world.discs import along, mark_disc, mark_way
 from lissajous_env.world.labels import MARGIN, Hops, forget_seen, label_cells, now_of, slot_of
 from lissajous_env.world.sight import planar
@@ -34,8 +34,9 @@ _BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
 def entries(entry: int, word: int, row: int, rows: int, columns: int) -> wp.uint32:
     """Bits of the cells of a word in which rogues are introduced."""
     if entry != _BOUNDARY or row == 0 or row == rows - 1:
-        return run_of_bits(word, 0, columns - 1)
-    return run_of_bits(word, 0, 0) | run_of_bits(word, columns - 1, columns - 1)
+        return half_of(run_of_bits(word / 2, 0, columns - 1), word)
+    ends = run_of_bits(word / 2, 0, 0) | run_of_bits(word / 2, columns - 1, columns - 1)
+    return half_of(ends, word)
 
 
 @wp.kernel
@@ -59,12 +60,10 @@ def clear_cells(
     latest = (slot - 1 + hops.ring) % hops.ring
     if hops.period > 1 and clock.step[w] % hops.period != 0:
         latest = slot
-    rows = contamination.sensed.shape[1]
+    rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         forget_seen(w, row, latest, contamination.sensed, contamination.swept, contamination.there)
-    cell = 2.0 * wp.min(
-        curve.half_width / float(hops.columns), curve.half_height / float(contamination.sensed.shape[1])
-    )
+    cell = 2.0 * wp.min(curve.half_width / float(hops.columns), curve.half_height / float(rows))
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < 0.5 * NOWHERE:
             end = robots.sensor[w, i]
@@ -96,11 +95,12 @@ def reset_labels(
     w = first + tid
     if clock.active[w] == 0:
         return
-    rows = contamination.sensed.shape[1]
+    rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
-        for word in range(contamination.sensed.shape[2]):
-            contamination.sensed[w, row, word] = wp.uint32(0)
-            contamination.swept[w, row, word] = wp.uint32(0)
+        for word in range(contamination.sensed.shape[1]):
+            contamination.sensed[w, word, row] = wp.uint64(0)
+            contamination.swept[w, word, row] = wp.uint64(0)
+        for word in range(contamination.settled.shape[2]):
             contamination.settled[w, row, word] = wp.uint32(0)
             there = wp.uint32(0)
             if target.count > 0:
@@ -130,15 +130,15 @@ def spread(
     if clock.active[w] == 0:
         return
     now = now_of(clock.step[w], tick, contamination.oldest[w], target.arrival_rate > 0.0, hops)
-    rows = contamination.sensed.shape[1]
+    rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         row_oldest = int(NEVER)
         ages = wp.int64(0)
-        for word in range(contamination.sensed.shape[2]):
-            sensed = contamination.sensed[w, row, word]
-            seen = sensed | contamination.swept[w, row, word]
+        for word in range(contamination.settled.shape[2]):
+            sensed = half_of(contamination.sensed[w, word / 2, row], word)
+            seen = sensed | half_of(contamination.swept[w, word / 2, row], word)
             settled = contamination.settled[w, row, word] & ~seen
-            todo = run_of_bits(word, 0, hops.columns - 1) & ~sensed & ~settled
+            todo = half_of(run_of_bits(word / 2, 0, hops.columns - 1), word) & ~sensed & ~settled
             if settled != wp.uint32(0):
                 row_oldest = now.oldest
                 ages += wp.int64(int(wp.bit_count(settled)) * (now.step - now.oldest))

@@ -1,7 +1,7 @@
 """Coverage and idleness of the cells of a grid: a cell is sensed when its centre lies in a working robot's disc.
 
 A cell is touched when it comes into the discs and when it leaves them; what stays in them, most of what is sensed, is
-counted by whole words of bits.
+counted by whole words of bits, in the rows of a world side by side.
 """
 
 from typing import Any
@@ -12,7 +12,6 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct
-from lissajous_env.world.bits import lowest
 from lissajous_env.world.discs import visit_disc
 from lissajous_env.world.state import NOWHERE, Cells, Clock, Latest, Robots, Tally
 
@@ -29,44 +28,71 @@ def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
     for row in range(lane, cells.sensed_at.shape[1], lanes):
         for column in range(cells.sensed_at.shape[2]):
             cells.sensed_at[w, row, column] = 0
-        for word in range(cells.sensed.shape[2]):
-            cells.sensed[w, row, word] = wp.uint32(0)
-            cells.in_discs[w, row, word] = wp.uint32(0)
-            for i in range(cells.sensed_by.shape[2]):
-                cells.sensed_by[w, row, i, word] = wp.uint32(0)
+        for word in range(cells.sensed.shape[1]):
+            cells.sensed[w, word, row] = wp.uint64(0)
+            cells.in_discs[w, word, row] = wp.uint64(0)
+            for i in range(cells.sensed_by.shape[1]):
+                cells.sensed_by[w, i, word, row] = wp.uint64(0)
         cells.idle_squares[w, row] = wp.int64(0)
         cells.idle_max[w, row] = 0
 
 
-@wp.func
-def count_visits(w: int, row: int, now: int, cells: Cells) -> wp.int64:
-    """Count the visits of a row's cells, from what is sensed now and what was; returns the idleness that they end."""
-    ended = wp.int64(0)
-    squares = cells.idle_squares[w, row]
-    longest = cells.idle_max[w, row]
-    for word in range(cells.in_discs.shape[2]):
-        before = cells.in_discs[w, row, word]
-        after = cells.coming[w, row, word]
-        staying = wp.int64(wp.bit_count(before & after))
-        if staying > wp.int64(0):  # each for a step
-            squares += staying
-            ended += staying
-            longest = wp.max(longest, 1)
-        changed = before ^ after
-        while changed != wp.uint32(0):
-            column = 32 * word + lowest(changed)
-            if (before & changed & (~changed + wp.uint32(1))) != wp.uint32(0):
-                cells.sensed_at[w, row, column] = now - 1
-            else:
-                gap = now - cells.sensed_at[w, row, column]
-                squares += wp.int64(gap) * wp.int64(gap)
-                ended += wp.int64(gap)
-                longest = wp.max(longest, gap)
-            changed &= changed - wp.uint32(1)
-        cells.in_discs[w, row, word] = after
-    cells.idle_squares[w, row] = squares
-    cells.idle_max[w, row] = longest
-    return ended
+_COUNT_VISITS = """
+    typedef unsigned long long Word;
+    const int words = cells.coming.shape[1], rows = cells.coming.shape[2], columns = cells.sensed_at.shape[2];
+    const auto count = [&](const int lane, const int lanes, Word* __restrict inside, Word* __restrict coming,
+                           Word* __restrict sensed, wp::int64* __restrict squares, int* __restrict longest) {
+        wp::int64 ended = 0, fresh = 0;
+        for (int word = 0; word < words; ++word, inside += rows, coming += rows, sensed += rows) {
+            for (int row = lane; row < rows; row += lanes) {
+                const Word before = inside[row], now_inside = coming[row];
+                const int staying = wp::bit_count(before & now_inside);  // each for a step
+                squares[row] += staying;
+                ended += staying;
+                longest[row] = wp::max(longest[row], staying > 0 ? 1 : 0);
+                fresh += wp::bit_count(now_inside & ~sensed[row]);
+                sensed[row] |= now_inside;
+                inside[row] = now_inside;
+                coming[row] = before ^ now_inside;
+            }
+            for (int row = lane; row < rows; row += lanes) {
+                int* const sensed_at = &wp::index(cells.sensed_at, w, row, 64 * word);
+                for (Word changed = coming[row]; changed != 0; changed &= changed - 1) {
+                    const Word lowest = changed & (~changed + 1);
+                    const int column = wp::bit_count(lowest - 1);
+                    if (inside[row] & lowest) {
+                        const int gap = now - sensed_at[column];
+                        squares[row] += (wp::int64)gap * gap;
+                        ended += gap;
+                        longest[row] = wp::max(longest[row], gap);
+                    } else
+                        sensed_at[column] = now - 1;
+                }
+                coming[row] = 0;
+            }
+        }
+        return wp::vec_t<2, wp::int64>(ended, fresh);
+    };
+    Word *const inside = &wp::index(cells.in_discs, w, 0, 0), *const coming = &wp::index(cells.coming, w, 0, 0);
+    Word* const sensed = &wp::index(cells.sensed, w, 0, 0);
+    wp::int64* const squares = &wp::index(cells.idle_squares, w, 0);
+    int* const longest = &wp::index(cells.idle_max, w, 0);
+    // On a CPU, where rows stand side by side, the first loop over them becomes SIMD.
+    if (lanes == 1)
+        return count(0, 1, inside, coming, sensed, squares, longest);
+    return count(lane, lanes, inside, coming, sensed, squares, longest);
+"""
+
+Counts = wp.types.vector(2, wp.int64)
+
+
+@wp.func_native(_COUNT_VISITS)
+def count_visits(w: int, lane: int, lanes: int, now: int, cells: Cells) -> Counts:
+    """Count the visits of the cells in the rows of a lane, from what is sensed now and what was.
+
+    Nothing is coming then. Returns the idleness that they end, and how many cells nobody had sensed before.
+    """
+    ...
 
 
 @wp.kernel
@@ -86,27 +112,17 @@ def cover(
     w = first + tid
     if clock.active[w] == 0:
         return
-    rows = cells.sensed_at.shape[1]
     columns = cells.sensed_at.shape[2]
-    ended = wp.int64(0)
-    fresh = wp.int64(0)
     fresh_each = wp.int64(0)
-    for row in range(lane, rows, lanes):
-        for word in range(cells.coming.shape[2]):
-            cells.coming[w, row, word] = wp.uint32(0)
     for i in range(robots.sensor.shape[1]):
         place = robots.sensor[w, i]
         if place[0] < 0.5 * NOWHERE:
             fresh_each += wp.int64(
                 visit_disc(w, i, place, lane, lanes, curve, sensing.radius, columns, cells.coming, cells.sensed_by)
             )
-    for row in range(lane, rows, lanes):
-        ended += count_visits(w, row, clock.step[w], cells)
-        for word in range(cells.sensed.shape[2]):
-            new = cells.in_discs[w, row, word] & ~cells.sensed[w, row, word]
-            if new != wp.uint32(0):
-                fresh += wp.int64(wp.bit_count(new))
-                cells.sensed[w, row, word] |= new
+    counts = count_visits(w, lane, lanes, clock.step[w], cells)
+    ended = counts[0]
+    fresh = counts[1]
     if ended > wp.int64(0):
         wp.atomic_add(latest.idle_ended, w, ended)
     if fresh_each > wp.int64(0):
@@ -119,10 +135,10 @@ def last_sensed(sensed_at: np.ndarray, in_discs: np.ndarray, step: Any, columns:
 
     Args:
         sensed_at: (..., R, C) as `Cells` has it.
-        in_discs: (..., R, B) as `Cells` has it.
+        in_discs: (..., B, R) as `Cells` has it.
         step: (...) now.
         columns: (C,) which columns of the grid these are; all by default.
     """
     columns = np.arange(sensed_at.shape[-1]) if columns is None else columns
-    inside = (in_discs[..., columns // 32] >> (columns % 32).astype(np.uint32)) & 1
+    inside = (in_discs.swapaxes(-1, -2)[..., columns // 64] >> (columns % 64).astype(np.uint64)) & 1
     return np.where(inside.astype(bool), np.asarray(step, dtype=np.int32)[..., None, None], sensed_at)

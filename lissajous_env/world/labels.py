@@ -119,15 +119,17 @@ def now_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> Now:
 
 
 _FORGET_SEEN = f"""
-    const int words = sensed.shape[2], ring = there.shape[3];
+    const int words = there.shape[2] - 2, ring = there.shape[3];
     unsigned int* bits = &wp::index(there, w, row + {int(MARGIN)}, 1, 0);
     for (int word = 0; word < words; ++word, bits += ring) {{
-        unsigned int& now = wp::index(sensed, w, row, word);
-        unsigned int& passed = wp::index(swept, w, row, word);
+        const unsigned long long both = wp::index(sensed, w, word / 2, row) | wp::index(swept, w, word / 2, row);
+        const unsigned int seen = both >> 32 * (word & 1), stays = bits[kept];
         for (int tick = 0; tick < ring; ++tick)
-            bits[tick] &= tick == kept ? 0xffffffffu : ~(now | passed);
-        now = passed = 0;
+            bits[tick] &= ~seen;
+        bits[kept] = stays;
     }}
+    for (int word = 0; word < sensed.shape[1]; ++word)
+        wp::index(sensed, w, word, row) = wp::index(swept, w, word, row) = 0;
 """
 
 
@@ -136,8 +138,8 @@ def forget_seen(
     w: int,
     row: int,
     kept: int,
-    sensed: wp.array3d(dtype=wp.uint32),
-    swept: wp.array3d(dtype=wp.uint32),
+    sensed: wp.array3d(dtype=wp.uint64),
+    swept: wp.array3d(dtype=wp.uint64),
     there: wp.array4d(dtype=wp.uint32),
 ):
     """Forget who was in the cells of a row that were seen in the tick before, but for who came in the slot `kept`."""
@@ -206,21 +208,24 @@ _LABEL_CELLS = f"""
         }}
         unsigned int same_bits = 0;
         for (int l = 0; l < lanes; ++l) {{
-            int found = (enter >> (first + l) & 1) && now.entry < label[l] ? now.entry : label[l];
-            found = found / 256 > now.oldest && hopped[l] < found ? hopped[l] : found;
-            const int since = found / 256;
-            const bool counts = found < none && (todo >> (first + l) & 1);
-            oldest = counts && since < oldest ? since : oldest;
+            const int entered = enter >> (first + l) & 1 ? now.entry : none;
+            const int stayed = entered < label[l] ? entered : label[l];
+            const int hops_in = stayed / 256 > now.oldest ? hopped[l] : none;
+            const int found = hops_in < stayed ? hops_in : stayed, since = found / 256;
+            const int counts = (found < none ? 1 : 0) & todo >> (first + l);
+            const int known = counts ? since : {int(NEVER)};
+            oldest = known < oldest ? known : oldest;
             ages += counts ? now.step - since : 0;
-            contaminated |= (counts ? 1u : 0u) << (first + l);
-            same_bits |= (counts && found == now.oldest * 256 ? 1u : 0u) << l;
+            contaminated |= (unsigned int)counts << (first + l);
+            same_bits |= (unsigned int)(found == now.oldest * 256 ? counts : 0) << l;
             label[l] = found;
         }}
-        for (int tick = 0; tick < ring && same_bits; ++tick)
-            for (int l = 0; l < lanes; ++l) {{
-                const bool is_same = bits[tick] >> (first + l) & 1 && here[tick * plane + l] == label[l];
-                same_bits &= ~((tick == now.slot || is_same ? 0u : 1u) << l);
-            }}
+        for (int tick = 0; tick < ring && same_bits; ++tick) {{
+            unsigned int same = 0;
+            for (int l = 0; l < lanes; ++l)
+                same |= (here[tick * plane + l] == label[l] ? 1u : 0u) << l;
+            same_bits &= tick == now.slot ? all : same & bits[tick] >> first;
+        }}
         settles |= same_bits << first;
         for (int l = 0; l < lanes; ++l)
             here[now.slot * plane + l] = label[l];

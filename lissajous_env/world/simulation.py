@@ -173,11 +173,11 @@ class Simulation:
         scenario, w, n = self.scenario, self.num_worlds, self.num_robots
         t, s = scenario.target_capacity, scenario.task.substeps
         columns, rows = scenario.task.grid or (1, 1)
-        words = (columns + 31) // 32
+        words = (columns + 63) // 64
         delay = round(scenario.noise.message_delay / scenario.task.step)
         hops = scenario.spreading
         labels = hops.ring, hops.rows + 2 * int(MARGIN), across(hops.columns)
-        large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 4, 2 * n * n * 4]
+        large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 8, 2 * n * n * 4]
         check_room([*large, n * (delay + 1) * 16, 2 * n * self.layout.size * 4], w, self.device)
         each, robot = (w,), (w, n)
         self.clock = allocate(Clock, {}, each, self.device)
@@ -185,11 +185,12 @@ class Simulation:
         link = {"heard": (w, n, 2), "heard_at": (w, n, 2)}
         self.links = allocate(Links, link, (w, n, delay + 1), self.device)
         self.targets = allocate(Targets, {}, (w, t), self.device)
-        grid = {"sensed_at": (w, rows, columns), "sensed_by": (w, rows, n, words)}
-        grid |= dict.fromkeys(("sensed", "in_discs", "coming"), (w, rows, words))
+        grid = {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows)}
+        grid |= dict.fromkeys(("sensed", "in_discs", "coming"), (w, words, rows))
         self.cells = allocate(Cells, grid, (w, rows), self.device)
         bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
-        field = {"labels": (w, *labels), "sensed": bits, "swept": bits, "settled": bits}
+        field = {"labels": (w, *labels), "settled": bits}
+        field |= dict.fromkeys(("sensed", "swept"), (w, (hops.columns + 63) // 64, hops.rows))
         field["there"] = w, hops.rows + 2 * int(MARGIN), bits[2] + 2, hops.ring
         field |= {"row_oldest": field_row, "row_ages": field_row}
         self.contamination = allocate(Contamination, field, each, self.device)

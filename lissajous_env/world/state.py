@@ -120,19 +120,19 @@ class Targets:
 
 @wp.struct
 class Cells:
-    """The coverage grid."""
+    """The coverage grid: R rows, C columns, and B words of bits for 64 columns each."""
 
     sensed_at: wp.array3d(dtype=wp.int32)
     """(W, R, C) step in which a cell was last sensed, 0 for never; of those that are sensed now, when they had been
     before: `lissajous_env.world.coverage.last_sensed` has both."""
-    sensed: wp.array3d(dtype=wp.uint32)
-    """(W, R, B) a bit for each cell that some robot has sensed."""
-    sensed_by: wp.array4d(dtype=wp.uint32)
-    """(W, R, N, B) the same for each robot."""
-    in_discs: wp.array3d(dtype=wp.uint32)
-    """(W, R, B) a bit for each cell that is sensed now."""
-    coming: wp.array3d(dtype=wp.uint32)
-    """(W, R, B) the same, while it is being found."""
+    sensed: wp.array3d(dtype=wp.uint64)
+    """(W, B, R) a bit for each cell that some robot has sensed."""
+    sensed_by: wp.array4d(dtype=wp.uint64)
+    """(W, N, B, R) the same for each robot."""
+    in_discs: wp.array3d(dtype=wp.uint64)
+    """(W, B, R) a bit for each cell that is sensed now."""
+    coming: wp.array3d(dtype=wp.uint64)
+    """(W, B, R) the same, while it is being found; none between steps."""
     idle_squares: wp.array2d(dtype=wp.int64)
     """(W, R) sum over cells and visits of the squared time since the visit before [step^2]."""
     idle_max: wp.array2d(dtype=wp.int32)
@@ -141,16 +141,19 @@ class Cells:
 
 @wp.struct
 class Contamination:
-    """Where rogues may be that were never seen: `lissajous_env.world.contamination`."""
+    """Where rogues may be that were never seen: `lissajous_env.world.contamination`.
+
+    Of its R rows and C columns there are B words of bits for 32 columns each, or D for 64.
+    """
 
     labels: wp.array4d(dtype=wp.int32)
     """(W, K, R + 4, C + 4 or more) label in each of the latest K ticks of each cell, with a margin around the grid."""
     there: wp.array4d(dtype=wp.uint32)
     """(W, R + 4, B + 2, K) a bit for each cell that had a label in this tick and was not sensed since."""
-    sensed: wp.array3d(dtype=wp.uint32)
-    """(W, R, B) a bit for each cell that a robot senses now."""
-    swept: wp.array3d(dtype=wp.uint32)
-    """(W, R, B) a bit for each cell that a robot has sensed on a long way since the tick before."""
+    sensed: wp.array3d(dtype=wp.uint64)
+    """(W, D, R) a bit for each cell that a robot senses now."""
+    swept: wp.array3d(dtype=wp.uint64)
+    """(W, D, R) a bit for each cell that a robot has sensed on a long way since the tick before."""
     settled: wp.array3d(dtype=wp.uint32)
     """(W, R, B) a bit for each cell that has the oldest label of this world in every tick."""
     row_oldest: wp.array2d(dtype=wp.int32)
