@@ -39,11 +39,18 @@ def entries(entry: int, word: int, row: int, rows: int, columns: int) -> wp.uint
     return half_of(ends, word)
 
 
+@wp.func
+def is_over(w: int, target: TargetStruct, clock: Clock, contamination: Contamination) -> bool:
+    """Whether no rogue is left unseen, none will be introduced, and those that were are forgotten in all ticks."""
+    return target.arrival_rate == 0.0 and contamination.cleared_at[w] < clock.step[w] - 1
+
+
 @wp.kernel
 def clear_cells(
     first: int,
     lanes: int,
     curve: CurveStruct,
+    target: TargetStruct,
     hops: Hops,
     tick: int,
     clock: Clock,
@@ -53,7 +60,7 @@ def clear_cells(
     """Find the cells that are sensed in a tick, and forget the rogues of those that were in the tick before."""
     tid, lane = wp.tid()
     w = first + tid
-    if clock.active[w] == 0:
+    if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     slot = slot_of(clock.step[w], tick, hops)
     # Under the labels of the tick before, in the ring that the first tick of an episode does not have yet.
@@ -127,7 +134,7 @@ def spread(
     """Let rogues stay, hop and be introduced where no robot senses."""
     tid, lane = wp.tid()
     w = first + tid
-    if clock.active[w] == 0:
+    if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     now = now_of(clock.step[w], tick, contamination.oldest[w], target.arrival_rate > 0.0, hops)
     rows = contamination.sensed.shape[2]

@@ -15,6 +15,7 @@ def reset_guarantee(first: int, clock: Clock, contamination: Contamination):
     w = first + wp.tid()
     if clock.active[w] == 0:
         return
+    contamination.cleared_at[w] = NEVER
     contamination.age_max[w] = 0
     contamination.mean_age[w] = 0.0
     contamination.mean_age_sum[w] = wp.float64(0.0)
@@ -38,6 +39,7 @@ def keep_guarantee(first: int, hops: Hops, clock: Clock, robots: Robots, contami
     age = wp.where(oldest == NEVER, 0, now - oldest)
     mean_age = float(ages) / float(contamination.row_oldest.shape[1] * hops.columns)
     contamination.oldest[w] = oldest
+    contamination.cleared_at[w] = wp.where(oldest == NEVER, wp.min(contamination.cleared_at[w], now), NEVER)
     contamination.age[w] = age
     contamination.age_max[w] = wp.max(contamination.age_max[w], age)
     contamination.eased[w] = contamination.mean_age[w] - mean_age

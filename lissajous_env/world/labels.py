@@ -167,6 +167,15 @@ _LABEL_CELLS = f"""
                         | (unsigned long long)source[ring] << 34;
                 }}
     const unsigned int stay = bits[now.latest] & unseen;
+    // Who can have a rogue at all; where none can be, no label is asked for, as its bit says that there is none.
+    unsigned int can = stay | (now.entry < none ? enter : 0);
+    if (now.hops)
+        for (int length = 0; length < lengths; ++length)
+            for (int from = 0; from < 4; ++from) {{
+                const unsigned long long source = sources[length][from >> 1][from & 1];
+                can |= source >> (2 + columns[length]) | source >> (2 - columns[length]);
+            }}
+    todo &= can;
     int oldest = {int(NEVER)}, ages = 0;
     unsigned int contaminated = 0, settles = 0;
     for (int first = 0; first < 32; first += lanes, here += lanes) {{

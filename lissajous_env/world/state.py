@@ -162,6 +162,8 @@ class Contamination:
     """(W, R) time since the introduction, summed over the cells of this row [step]."""
     oldest: wp.array(dtype=wp.int32)
     """(W,) min e, the earliest introduction of a rogue that may be anywhere now [step]; NEVER for none."""
+    cleared_at: wp.array(dtype=wp.int32)
+    """(W,) first step since which no rogue can be anywhere; NEVER while one can."""
     age: wp.array(dtype=wp.int32)
     """(W,) how long a rogue can have gone unseen now [step]."""
     age_max: wp.array(dtype=wp.int32)
