@@ -182,6 +182,12 @@ _LABEL_CELLS = f"""
         const unsigned int all = (1u << lanes) - 1;
         if (!(todo >> first & all))
             continue;
+#if !defined(__CUDA_ARCH__)
+        // Labels of many worlds fit into no cache: those of the rows that come are fetched while these are worked on.
+        for (int tick = 0; tick < ring; ++tick)
+            for (int further = 0; further <= lanes; further += lanes)
+                __builtin_prefetch(here + tick * plane + {int(MARGIN)} * across + further);
+#endif
         int label[lanes], hopped[lanes];
         for (int l = 0; l < lanes; ++l) {{
             const int kept = here[now.latest * plane + l] & now.aged;
