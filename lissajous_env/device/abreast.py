@@ -50,7 +50,7 @@ class Block:
     """The robots of a thread."""
 
     count: wp.int32
-    """How many there are: fewer than `width()` in the last block."""
+    """How many there are, of worlds that take part: `width()` at most."""
     world: Ints
     """World of each."""
     robot: Ints
@@ -58,16 +58,17 @@ class Block:
 
 
 @wp.func
-def block_of(thread: int, first: int, last: int, n: int) -> Block:
-    """Block of a thread, of the robots of worlds `first` to `last` - 1 with `n` each."""
+def block_of(thread: int, first: int, last: int, n: int, active: wp.array(dtype=wp.int32)) -> Block:
+    """Block of a thread, of the robots of worlds `first` to `last` - 1 with `n` each, if these are active."""
     begin = thread * width()
     block = Block()
-    block.count = wp.min(width(), (last - first) * n - begin)
     w = int(first + begin / n)
     i = int(begin % n)
-    for k in range(block.count):
-        block.world[k] = w
-        block.robot[k] = i
+    for _ in range(wp.min(width(), (last - first) * n - begin)):
+        if active[w] == 1:
+            block.world[block.count] = w
+            block.robot[block.count] = i
+            block.count += 1
         i += 1
         if i == n:
             i = 0

@@ -33,7 +33,9 @@ def find_deviations(
     latest: Latest,
 ):
     """Find how far each robot is from the curve, from its own point of it, and from the equilibrium."""
-    block = block_of(wp.tid(), first, last, robots.status.shape[1])
+    block = block_of(wp.tid(), first, last, robots.status.shape[1], clock.active)
+    if block.count == 0:
+        return
     alpha = float(formation.alpha)
     x = Floats()
     y = Floats()
@@ -64,7 +66,6 @@ def find_deviations(
     for k in range(block.count):
         w = block.world[k]
         i = block.robot[k]
-        if clock.active[w] == 1:
-            latest.tracking[w, i] = tracking[k]
-            latest.lateral[w, i] = lateral[k]
-            latest.lead[w, i] = wp.vec3(lead[k], ahead[k], aside[k])
+        latest.tracking[w, i] = tracking[k]
+        latest.lateral[w, i] = lateral[k]
+        latest.lead[w, i] = wp.vec3(lead[k], ahead[k], aside[k])

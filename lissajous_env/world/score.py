@@ -92,11 +92,9 @@ def score_rows(
     appears_at, found_at, found_early = (
         each.numpy() for each in (targets.appears_at, targets.found_at, targets.found_early)
     )
-    sensed_at, idle_squares = (
-        last_sensed(cells.sensed_at.numpy(), cells.in_discs.numpy(), now_of),
-        cells.idle_squares.numpy(),
+    sensed_at, in_discs, idle_squares, idle_max = (
+        each.numpy() for each in (cells.sensed_at, cells.in_discs, cells.idle_squares, cells.idle_max)
     )
-    idle_max = cells.idle_max.numpy()
     unseen = {name: getattr(contamination, name).numpy() for name in ("age", "age_max", "mean_age_sum", "high_at")}
     follows = scenario.task.contamination is not None
     rows = []
@@ -106,7 +104,7 @@ def score_rows(
         times *= step
         within = times <= scenario.detection_time_bound + 1e-9
         known = found | ~within
-        open_gaps = now - sensed_at[w]
+        open_gaps = now - last_sensed(sensed_at[w], in_discs[w], now)
         has_grid, fault_end = scenario.task.grid is not None, int(host["fault_end"][w])
         squares = idle_squares[w].sum(dtype=float) + np.sum(open_gaps.astype(float) ** 2)
         off_at, high_at = int(host["off_at"][w]), int(unseen["high_at"][w])

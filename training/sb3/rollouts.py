@@ -135,7 +135,7 @@ class RobotPPO(PPO):
                 return False
             if after.truncated.any():
                 mask = torch.from_numpy(after.truncated).to(self.device)
-                ran_out.append((step, mask, self._as_tensor(after.last[after.truncated])))
+                ran_out.append((step, mask, self._as_tensor(after.last[after.truncated[after.dones]])))
             rows, dones = after.rows, after.dones
             self._last_obs, self._last_episode_starts = rows, dones
         rollout_buffer.judge(self.blocks, self._as_tensor(rows), dones, ran_out)

@@ -32,7 +32,7 @@ class Step(NamedTuple):
     truncated: np.ndarray
     """(W N,) whether it ended for want of time."""
     last: np.ndarray
-    """(W N, inputs) rows before what ended began anew."""
+    """(D, inputs) rows of those whose episode ended, in their order, before it began anew."""
 
 
 class RobotVecEnv(VecEnv):
@@ -144,8 +144,8 @@ class RobotVecEnv(VecEnv):
         """Take the step: rows, rewards, dones, infos."""
         step = self._step()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for k in np.flatnonzero(step.dones):
-            infos[k] = {"terminal_observation": step.last[k], "TimeLimit.truncated": bool(step.truncated[k])}
+        for k, last in zip(np.flatnonzero(step.dones), step.last, strict=True):
+            infos[k] = {"terminal_observation": last, "TimeLimit.truncated": bool(step.truncated[k])}
         return step.rows, step.rewards, step.dones, infos
 
     def step_rows(self, actions: np.ndarray) -> Step:
@@ -161,10 +161,8 @@ class RobotVecEnv(VecEnv):
         over = simulation.over | (simulation.clock.step.numpy() >= self._end)
         ended = terminated | np.repeat(over, simulation.num_robots)
         dones = ended & ~self._done | np.repeat(over, simulation.num_robots)
-        last = None
-        if dones.any():
-            # The base's action is the one of the step before: of a last observation only its value is asked for.
-            last = self._rows(wiring.rows(simulation.observation.numpy()))
+        # The base's action is the one of the step before: of a last observation only its value is asked for.
+        last = self._rows(wiring.rows(simulation.observation.numpy()), dones)
         if over.any():
             self.scores.extend(simulation.score(simulation.over))
             simulation.reset(over)
@@ -173,12 +171,17 @@ class RobotVecEnv(VecEnv):
             ended = simulation.terminated.numpy().astype(bool).reshape(-1)
         self._done = ended
         rows = self._rows(wiring.read(simulation.observation.numpy()))
-        return Step(rows, rewards, dones, dones & ~terminated, rows if last is None else last)
+        return Step(rows, rewards, dones, dones & ~terminated, last)
 
-    def _rows(self, rows: np.ndarray) -> np.ndarray:
-        """(W N, inputs) copy of the rows (W, N, ...), with what a central critic sees."""
+    def _rows(self, rows: np.ndarray, chosen: np.ndarray | None = None) -> np.ndarray:
+        """(W N, inputs) copy of the rows (W, N, ...), with what a central critic sees; or of those chosen (W N,)."""
         flat = rows.reshape(self.num_envs, -1)
-        return flat.copy() if self._view is None else np.concatenate([flat, self._view.rows()], axis=1)
+        if chosen is None:
+            return flat.copy() if self._view is None else np.concatenate([flat, self._view.rows()], axis=1)
+        if self._view is None or not chosen.any():
+            return flat[chosen]
+        worlds = chosen.reshape(self.simulation.num_worlds, -1).any(axis=1)
+        return np.concatenate([flat[chosen], self._view.rows(worlds)[chosen]], axis=1)
 
     def close(self) -> None:
         """Nothing is held that needs closing."""

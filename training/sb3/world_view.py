@@ -10,8 +10,9 @@ import warp as wp
 from lissajous_env import Simulation
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
-from lissajous_env.device.program import launcher
-from lissajous_env.world.state import PRESENT, WORKING
+from lissajous_env.device.program import Program, Stage
+from lissajous_env.device.trig import cos_sin
+from lissajous_env.world.state import PRESENT, WORKING, Clock, Robots, Targets
 
 wp.set_module_options(OPTIONS)
 
@@ -35,45 +36,48 @@ def cell(position: float, half: float, cells: int) -> int:
 
 @wp.kernel
 def view_world(
+    first: int,
     half_width: float,
     half_height: float,
     speed_unit: float,
     steps: float,
     ahead: wp.array2d(dtype=int),
-    position: wp.array2d(dtype=wp.vec3),
-    heading: wp.array2d(dtype=float),
-    speed: wp.array2d(dtype=float),
-    status: wp.array2d(dtype=int),
-    stage: wp.array2d(dtype=int),
-    place: wp.array2d(dtype=wp.vec2),
-    step: wp.array(dtype=int),
+    wanted: wp.array(dtype=int),
+    clock: Clock,
+    robots: Robots,
+    targets: Targets,
     view_out: wp.array3d(dtype=float),
 ):
-    """Robots in the order of `ahead`, time, and undetected targets of all and by zone, as each robot is shown them."""
-    w = wp.tid()
+    """Show each robot the robots in the order of `ahead`, the time, and undetected targets, all and by zone."""
+    w = first + wp.tid()
+    if wanted[w] == 0:
+        return
     n = ahead.shape[0]
-    first = _OF_ROBOT * n
-    for k in range(first, view_out.shape[2]):
+    common = _OF_ROBOT * n
+    for k in range(common, view_out.shape[2]):
         view_out[w, 0, k] = 0.0
-    view_out[w, 0, first] = float(step[w]) / steps
-    for t in range(stage.shape[1]):
-        if stage[w, t] == PRESENT:
-            at = place[w, t]
+    view_out[w, 0, common] = float(clock.step[w]) / steps
+    for t in range(targets.stage.shape[1]):
+        if targets.stage[w, t] == PRESENT:
+            at = targets.position[w, t]
             zone = cell(at[0], half_width, _COLUMNS) * _ROWS + cell(at[1], half_height, _ROWS)
-            view_out[w, 0, first + 1] += _SHARE
-            view_out[w, 0, first + 2 + zone] += _SHARE
+            view_out[w, 0, common + 1] += _SHARE
+            view_out[w, 0, common + 2 + zone] += _SHARE
+    for i in range(n):  # itself comes first in its own row
+        turn = cos_sin(robots.heading[w, i])
+        view_out[w, i, 0] = robots.position[w, i][0] / half_width
+        view_out[w, i, 1] = robots.position[w, i][1] / half_height
+        view_out[w, i, 2] = turn[0]
+        view_out[w, i, 3] = turn[1]
+        view_out[w, i, 4] = robots.speed[w, i] / speed_unit
+        view_out[w, i, 5] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
     for i in range(n):
-        for k in range(first, view_out.shape[2]):
-            view_out[w, i, k] = view_out[w, 0, k]
-        for j in range(n):
-            other = ahead[i, j]
-            column = _OF_ROBOT * j
-            view_out[w, i, column] = position[w, other][0] / half_width
-            view_out[w, i, column + 1] = position[w, other][1] / half_height
-            view_out[w, i, column + 2] = wp.cos(heading[w, other])
-            view_out[w, i, column + 3] = wp.sin(heading[w, other])
-            view_out[w, i, column + 4] = speed[w, other] / speed_unit
-            view_out[w, i, column + 5] = wp.where(status[w, other] == WORKING, 1.0, 0.0)
+        for j in range(1, n):
+            for k in range(_OF_ROBOT):
+                view_out[w, i, _OF_ROBOT * j + k] = view_out[w, ahead[i, j], k]
+        if i > 0:
+            for k in range(common, view_out.shape[2]):
+                view_out[w, i, k] = view_out[w, 0, k]
 
 
 class WorldView:
@@ -90,17 +94,28 @@ class WorldView:
         zones = COLUMNS * ROWS if scenario.target_capacity else 0
         self.size = OF_ROBOT * len(ring) + 2 + zones
         self._view = wp.zeros((simulation.num_worlds, len(ring), self.size), dtype=wp.float32, device=device)
-        robots, targets = simulation.robots, simulation.targets
-        self._inputs = [
-            float(scenario.curve.half_width), float(scenario.curve.half_height), float(simulation.speed_unit),
-            float(scenario.task.steps), wp.array(ahead, dtype=wp.int32, device=device), robots.position, robots.heading,
-            robots.speed, robots.status, targets.stage, targets.position, simulation.clock.step,
-        ]  # fmt: skip
-        self._launch, self._worlds = launcher(device), simulation.num_worlds
+        self._wanted = wp.ones(simulation.num_worlds, dtype=wp.int32, device=device)
+        values = {
+            "half_width": float(scenario.curve.half_width),
+            "half_height": float(scenario.curve.half_height),
+            "speed_unit": float(simulation.speed_unit),
+            "steps": float(scenario.task.steps),
+            "ahead": wp.array(ahead, dtype=wp.int32, device=device),
+            "wanted": self._wanted,
+            "clock": simulation.clock,
+            "robots": simulation.robots,
+            "targets": simulation.targets,
+            "view_out": self._view,
+        }
         with compile_quietly():
-            self.rows()
+            place = simulation.num_worlds, device, simulation.threads
+            self._show = Program([Stage("view", view_world)], values, {}, *place)
 
-    def rows(self) -> np.ndarray:
-        """(W N, size) what the critic sees of the worlds as they are."""
-        self._launch(view_world, self._worlds, self._inputs, [self._view])
+    def rows(self, worlds: np.ndarray | None = None) -> np.ndarray:
+        """(W N, size) what the critic sees of the worlds as they are; of the others than `worlds` (W,), what it saw."""
+        if worlds is None:
+            self._wanted.fill_(1)
+        else:
+            self._wanted.assign(worlds.astype(np.int32))
+        self._show()
         return self._view.numpy().reshape(-1, self.size)

@@ -116,7 +116,9 @@ def move_cars(
     robots: Robots,
 ):
     """Move cars: steering and throttle are held over the step."""
-    block = block_of(wp.tid(), first, last, robots.status.shape[1])
+    block = block_of(wp.tid(), first, last, robots.status.shape[1], clock.active)
+    if block.count == 0:
+        return
     substeps = robots.track.shape[2] - 1
     h = task.step / float(substeps)
     x = Floats()
@@ -132,8 +134,7 @@ def move_cars(
         y[k] = place[1]
         heading[k] = robots.heading[w, i]
         speed[k] = robots.speed[w, i]
-        if clock.active[w] == 1:
-            moves[k] = begin_track(w, i, place, robots)
+        moves[k] = begin_track(w, i, place, robots)
     curvature, push = take_input(block, robot, command, robots)
     for s in range(substeps):
         for k in range(ABREAST):

@@ -42,7 +42,9 @@ def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float
 @wp.kernel
 def follow_curve(first: int, last: int, curve: CurveStruct, formation: FormationStruct, clock: Clock, robots: Robots):
     """Let the phase of a robot that is not bound to the curve follow it along its branch."""
-    block = block_of(wp.tid(), first, last, robots.status.shape[1])
+    block = block_of(wp.tid(), first, last, robots.status.shape[1], clock.active)
+    if block.count == 0:
+        return
     alpha = float(formation.alpha)
     x = Floats()
     y = Floats()
@@ -66,7 +68,7 @@ def follow_curve(first: int, last: int, curve: CurveStruct, formation: Formation
     for k in range(block.count):
         w = block.world[k]
         i = block.robot[k]
-        if clock.active[w] == 1 and robots.status[w, i] == WORKING:
+        if robots.status[w, i] == WORKING:
             robots.phase[w, i] = phase[k]
 
 
