@@ -154,8 +154,8 @@ def test_steps_without_dictionaries_are_the_same_steps():
         (rows, rewards, dones, infos), step = first.step(actions), second.step_rows(actions)
         for ours, theirs in ((step.rows, rows), (step.rewards, rewards), (step.dones, dones)):
             assert (ours == theirs).all()
-        for k in np.flatnonzero(dones):
-            assert (infos[k]["terminal_observation"] == step.last[k]).all()
+        for k, last in zip(np.flatnonzero(dones), step.last, strict=True):
+            assert (infos[k]["terminal_observation"] == last).all()
             assert infos[k]["TimeLimit.truncated"] == step.truncated[k]
 
 

@@ -32,19 +32,21 @@ Loss = Callable[[ActorCriticPolicy, Sequence[torch.Tensor]], tuple[torch.Tensor,
 class Blocks:
     """A policy, ready to be evaluated and differentiated on some threads.
 
+    `parameters` lists its parameters, once: to gather them takes torch as long as a small batch does.
+
     Args:
         policy: What is learned; it keeps its weights, which all threads share.
         threads: Most threads of a CPU; a GPU takes all rows at once.
     """
 
     def __init__(self, policy: ActorCriticPolicy, threads: int):
-        self._policy = policy
+        self.parameters = list(policy.parameters())
         self._block = BLOCK if policy.device.type == "cpu" else None
         self._workers = [_own(policy) for _ in range(threads if self._block else 1)]
 
     def differentiate(self, loss: Loss, tensors: Sequence[torch.Tensor], chosen: torch.Tensor) -> torch.Tensor:
         """Put the gradient of the loss over the chosen rows into the parameters that learn, and return its numbers."""
-        learning = [parameter for parameter in self._policy.parameters() if parameter.requires_grad]
+        learning = [parameter for parameter in self.parameters if parameter.requires_grad]
 
         def work(policy: ActorCriticPolicy, block: slice) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
             value, numbers = loss(policy, [tensor.index_select(0, chosen[block]) for tensor in tensors])
@@ -52,7 +54,8 @@ class Blocks:
 
         numbers, gradients = zip(*self._map(work, len(chosen)), strict=True)
         for parameter, *parts in zip(learning, *gradients, strict=True):
-            parameter.grad = None if parts[0] is None else torch.stack(parts).sum(0)
+            several = len(parts) > 1 and parts[0] is not None
+            parameter.grad = torch.stack(parts).sum(0) if several else parts[0]
         return torch.stack(numbers).sum(0)
 
     def values(self, rows: torch.Tensor) -> torch.Tensor:

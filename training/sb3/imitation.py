@@ -68,7 +68,7 @@ def fit(model: RobotPPO, settings: TrainingSettings, rows: torch.Tensor, wanted:
         drawn = torch.from_numpy(np.random.permutation(len(rows))).to(policy.device)
         for chosen in drawn.split(settings.imitation_batch):
             losses.append(model.blocks.differentiate(_squared_error(len(chosen)), (rows, wanted), chosen))
-            torch.nn.utils.clip_grad_norm_(policy.parameters(), settings.gradient_max)
+            torch.nn.utils.clip_grad_norm_(model.blocks.parameters, settings.gradient_max)
             policy.optimizer.step()
     return torch.stack(losses).mean().item()
 

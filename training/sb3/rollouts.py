@@ -152,7 +152,7 @@ class RobotPPO(PPO):
         for _ in range(self.n_epochs):
             for chosen in buffer.draw(self.batch_size):
                 told.append(self.blocks.differentiate(self._loss(tensors[3][chosen]), tensors, chosen))
-                torch.nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
+                torch.nn.utils.clip_grad_norm_(self.blocks.parameters, self.max_grad_norm)
                 policy.optimizer.step()
             self._n_updates += 1
         self._record(torch.stack(told).cpu())
