@@ -28,7 +28,7 @@ wp.set_module_options(OPTIONS)
 
 MANY = 100
 """Robots from which on bins are faster than to ask every robot, whatever the number of targets."""
-_SOME = 16
+_SOME = 64
 _PAIRS = 10_000
 """Pairs of a robot and a target from which on they are where robots are not many, but some."""
 
