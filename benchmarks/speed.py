@@ -1,6 +1,6 @@
 """All figures of speed, each beside what a user would pick instead or beside another checkout, both sides in one run.
 
-    pip install ".[bench,train]" && git worktree add ../before COMMIT
+    pip install ".[bench,train,cluster]" && git worktree add ../before COMMIT
     python benchmarks/speed.py --against ../before --store
 
 The sides of a part take turns, so that a slow moment of the machine hits them alike; a ratio is that of their pairs,
@@ -19,9 +19,10 @@ from pathlib import Path
 
 import figures
 import warp
-from speeds import Options, Part, act, contamination, controller, growth, memory, step, training
+from speeds import Options, Part, act, cluster, contamination, controller, growth, memory, step, training
 
-PARTS = {each.PART.name: each.PART for each in (step, memory, contamination, growth, controller, act, training)}
+_MODULES = (step, memory, contamination, growth, controller, act, training, cluster)
+PARTS = {each.PART.name: each.PART for each in _MODULES}
 
 
 def machine(threads: int) -> figures.Table:

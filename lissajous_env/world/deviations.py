@@ -2,12 +2,13 @@
 
 import warp as wp
 
-from lissajous_env.device.abreast import ABREAST, Doubles, Floats, block_of, width
+from lissajous_env.device.abreast import ABREAST, Floats, block_of, width
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_parameter, lissajous, point2
 from lissajous_env.device.part_structs import FormationStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.distance import DistanceTable, curve_distances
+from lissajous_env.world.robots.placing import places_of
 from lissajous_env.world.state import Clock, Latest, Robots
 
 wp.set_module_options(OPTIONS)
@@ -37,18 +38,12 @@ def find_deviations(
     if block.count == 0:
         return
     alpha = float(formation.alpha)
-    x = Floats()
-    y = Floats()
-    phase = Doubles()
+    x, y, phase = places_of(block, robots)
     lead = Floats()
     ahead = Floats()
     aside = Floats()
     tracking = Floats()
     for k in range(block.count):
-        position = robots.position[block.world[k], block.robot[k]]
-        x[k] = position[0]
-        y[k] = position[1]
-        phase[k] = robots.phase[block.world[k], block.robot[k]]
         lead[k] = float(phase[k] - equilibrium[block.robot[k]])
     if curve.harmonics.shape[0] == 0:
         for k in range(ABREAST):

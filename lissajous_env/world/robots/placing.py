@@ -3,7 +3,7 @@
 import warp as wp
 
 from lissajous_env.device import randomness
-from lissajous_env.device.abreast import ABREAST, Doubles, Floats, block_of, width
+from lissajous_env.device.abreast import ABREAST, Block, Doubles, Floats, block_of, width
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import (
     CurveStruct,
@@ -39,13 +39,9 @@ def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float
         robots.heading[w, i] = wp.atan2(tangent[1], tangent[0])
 
 
-@wp.kernel
-def follow_curve(first: int, last: int, curve: CurveStruct, formation: FormationStruct, clock: Clock, robots: Robots):
-    """Let the phase of a robot that is not bound to the curve follow it along its branch."""
-    block = block_of(wp.tid(), first, last, robots.status.shape[1], clock.active)
-    if block.count == 0:
-        return
-    alpha = float(formation.alpha)
+@wp.func
+def places_of(block: Block, robots: Robots) -> tuple[Floats, Floats, Doubles]:
+    """x, y [m] and phase [rad] of the robots of a block."""
     x = Floats()
     y = Floats()
     phase = Doubles()
@@ -54,6 +50,17 @@ def follow_curve(first: int, last: int, curve: CurveStruct, formation: Formation
         x[k] = place[0]
         y[k] = place[1]
         phase[k] = robots.phase[block.world[k], block.robot[k]]
+    return x, y, phase
+
+
+@wp.kernel
+def follow_curve(first: int, last: int, curve: CurveStruct, formation: FormationStruct, clock: Clock, robots: Robots):
+    """Let the phase of a robot that is not bound to the curve follow it along its branch."""
+    block = block_of(wp.tid(), first, last, robots.status.shape[1], clock.active)
+    if block.count == 0:
+        return
+    alpha = float(formation.alpha)
+    x, y, phase = places_of(block, robots)
     if curve.harmonics.shape[0] == 0:
         for k in range(ABREAST):
             if k < width():

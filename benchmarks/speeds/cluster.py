@@ -1,0 +1,73 @@
+"""A benchmark over a Ray cluster of one node and of two, of one processor each, by turns."""
+
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from figures import Table
+from rich.console import Console
+
+from baselines.benchmark.running import run
+from baselines.benchmark.statistics import summarize
+from baselines.benchmark.tables import between, number
+from baselines.benchmark.types import Benchmark
+from speeds import Options, Part
+
+SCENARIO, POLICY = "evaders", "kuramoto-mpcc"
+EPISODES, BATCH = 512, 16
+_NODE = {"num_cpus": 1, "object_store_memory": 80_000_000}
+
+
+@contextmanager
+def cluster_of(nodes: int) -> Iterator[str]:
+    """A cluster of so many nodes on this machine; its address."""
+    from ray.cluster_utils import Cluster
+
+    cluster: Any = Cluster(initialize_head=True, head_node_args=_NODE | {"include_dashboard": False})
+    try:
+        for _ in range(nodes - 1):
+            cluster.add_node(**_NODE)
+        yield cluster.address
+    finally:
+        cluster.shutdown()
+
+
+def seconds(nodes: int, episodes: int) -> float:
+    """Time of a benchmark on a cluster of so many nodes, from its command to its report [s]."""
+    with cluster_of(nodes) as address, tempfile.TemporaryDirectory() as folder:
+        settings = Benchmark(
+            scenarios=(SCENARIO,), policies=(POLICY,), episodes=episodes, batch=BATCH, replays=("none",),
+            engine="ray", address=address, out=Path(folder) / "out",
+        )  # fmt: skip
+        begin = time.perf_counter()
+        run(settings, console=Console(quiet=True))
+        return time.perf_counter() - begin
+
+
+def tables(options: Options) -> dict[str, Table]:
+    """Measure; the table `cluster`."""
+    episodes = 2 * BATCH if options.quick else EPISODES
+    times: dict[int, list[float]] = {1: [], 2: []}
+    for _ in range(options.rounds):
+        for nodes, of in times.items():
+            of.append(seconds(nodes, episodes))
+    ratio = summarize([one / two for one, two in zip(times[1], times[2], strict=True)])
+    beside = ["", f"{number(ratio.iqm)} ({between(ratio.low, ratio.high)})"]
+    rows = [
+        [f"{nodes} node{'s' * (nodes > 1)}", f"{episodes}", number(summarize(of).iqm), number(min(of)), words]
+        for (nodes, of), words in zip(times.items(), beside, strict=True)
+    ]
+    columns = ["nodes of one processor", "episodes", "s", "best [s]", "times as fast"]
+    return {"cluster": {"columns": columns, "rows": rows}}
+
+
+PART = Part(
+    "cluster",
+    f"`lissajous benchmark` of {SCENARIO} with {POLICY} over a Ray cluster of one node and of two",
+    tables,
+    rounds=3,
+    needs={"ray": "cluster"},
+)
