@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -342,3 +343,16 @@ def test_the_bar_shows_the_cells_in_order_though_batches_end_in_any():
         ("begin", "second"), ("end", "failed"),
         ("begin", "third"), *steps, ("finished", 1), ("end", ""),
     ]  # fmt: skip
+
+
+def test_one_node_and_two_are_measured_as_the_page_shows_them(monkeypatch):
+    # Oracle: the table that the page shows. Each side starts a cluster of its own.
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
+    import figures
+    from speeds import Options, cluster
+
+    (table,) = cluster.tables(Options(rounds=1, worlds=1, threads=1, quick=True)).values()
+    stored = figures.load()["cluster"]
+    assert table["columns"] == stored["columns"]
+    assert [row[0] for row in table["rows"]] == [row[0] for row in stored["rows"]]
+    assert all(float(row[2]) > 0 for row in table["rows"])

@@ -180,7 +180,7 @@ class RobotVecEnv(VecEnv):
             return flat.copy() if self._view is None else np.concatenate([flat, self._view.rows()], axis=1)
         if self._view is None or not chosen.any():
             return flat[chosen]
-        worlds = chosen.reshape(self.simulation.num_worlds, -1).any(axis=1)
+        worlds = np.asarray(chosen.reshape(self.simulation.num_worlds, -1).any(axis=1))
         return np.concatenate([flat[chosen], self._view.rows(worlds)[chosen]], axis=1)
 
     def close(self) -> None:
