@@ -35,7 +35,7 @@ _GRIDS = wp.constant(GRIDS)
 
 @wp.struct
 class DistanceTable:
-    """`nearest.Table` on a device; without nodes, every distance is 0."""
+    """`lissajous_env.world.distance_table.Table` on a device; without nodes, every distance is 0."""
 
     nodes: wp.array(dtype=wp.int32)
     arcs: wp.array(dtype=Arc)
