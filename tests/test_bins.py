@@ -47,7 +47,7 @@ def made(monkeypatch):
             monkeypatch.setattr(module, "has_bins", lambda scenario: with_bins)
         return lissajous_env.Simulation(scenario, worlds, seed=3, threads=threads)
 
-    monkeypatch.setattr(program, "_PART", 16)
+    monkeypatch.setattr(program, "_SHARE", 1)
     return make
 
 
@@ -74,8 +74,8 @@ def test_a_trajectory_is_the_same_with_bins_and_on_threads(case, most, made):
     # Oracle: every robot asked by every target and every other robot, on one thread.
     name, overrides = CASES[case]
     scenario = lissajous_env.scenario(name, **overrides)
-    alone, binned, split = made(scenario, False), made(scenario, True), made(scenario, True, threads=3)
-    unbinned = made(scenario, False, threads=2)
+    alone, binned, split = made(scenario, False), made(scenario, True), made(scenario, True, threads=5)
+    unbinned = made(scenario, False, threads=4)
     drive([alone, binned, split, unbinned], 15 if scenario.resolve().num_robots < 300 else 4, most)
     assert different(alone, binned) == []
     assert different(alone, split) == []

@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 
 import lissajous_env
-from lissajous_env.device.program import ROBOT, WORLD, Program, Stage
+from lissajous_env.device.program import ROBOT, WORLD, Program, Split, Stage
 from lissajous_env.world import stages
 from lissajous_env.world.state import Clock
 
@@ -70,7 +70,7 @@ def test_a_step_is_its_launches_one_after_the_other(name):
         together.step(action)
         apart.action.assign(action)
         for call in apart.stages._calls:
-            for launch in call._launches:
+            for launch in call.launches:
                 launch.launch()
     assert same_state(together, apart) == []
 
@@ -125,15 +125,17 @@ def test_a_kernel_that_asks_for_what_is_not_there_is_refused_by_name():
     clock = lissajous_env.Simulation("experiment").clock
     with pytest.raises(
         ValueError,
-        match="parameters of stage mine must be of begin, clock, end, first, lanes, last, part; got nonsense",
+        match="parameters of stage mine must be of begin, clock, end, first, lanes, part; got nonsense",
     ):
-        Program([Stage("mine", ask_for_nonsense, ROBOT)], {"clock": clock}, {ROBOT: 5}, 1, wp.get_device("cpu"), 1)
+        Program(
+            [Stage("mine", ask_for_nonsense, ROBOT)], {"clock": clock}, {ROBOT: 5}, 1, wp.get_device("cpu"), Split()
+        )
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_a_function_runs_between_the_kernels_and_every_world_is_reached_once(threads):
+@pytest.mark.parametrize("split", [Split(), Split(threads=3, blocks=10)])
+def test_a_function_runs_between_the_kernels_and_every_world_is_reached_once(split):
     # Oracle: what the kernel counts, of 1,000 worlds that a batch splits among threads.
-    simulation = lissajous_env.Simulation("failure", 1000, threads=threads)
+    simulation = lissajous_env.Simulation("failure", 1000)
     counted, seen = wp.zeros(1000, dtype=wp.int32, device="cpu"), []
     twice = [
         Stage("count", count, WORLD, own={"count_out": counted}),
@@ -142,6 +144,6 @@ def test_a_function_runs_between_the_kernels_and_every_world_is_reached_once(thr
         Stage("never", count, WORLD, when=False),
     ]
     simulation.clock.step.fill_(3)
-    Program(twice, {"clock": simulation.clock}, {}, 1000, wp.get_device("cpu"), threads)()
+    Program(twice, {"clock": simulation.clock}, {}, 1000, wp.get_device("cpu"), split)()
     assert (seen[0] == 3).all()
     assert (counted.numpy() == 6).all()

@@ -16,7 +16,6 @@ summed up to M - 1, since those of stage M move nothing.
 """
 
 import os
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,8 +27,9 @@ from baselines.mpcc.model import MpccStruct, tabulate, vec5
 from baselines.mpcc.parameters import MpccParameters
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.curve import curve_struct
-from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch, side_by_side
+from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.device.structs import to_struct
+from lissajous_env.device.work import Work, shared_launch
 from lissajous_env.parameters.scenario import Curve
 
 __all__ = ["Mpcc", "MpccParameters", "Solution"]
@@ -92,7 +92,7 @@ class Mpcc(Copyable):
         self.failed = self._zeros((batch,), wp.int32)
         self.failures = self._zeros((batch,), wp.int32)
         self._begin = self._zeros((batch,), wp.int32)
-        self._launches = self._record()
+        self._work = self._record()
 
     def solve(self, state: Any, phase_rate: Any, guess: Any = None) -> Solution:
         """Solve all K problems.
@@ -116,7 +116,7 @@ class Mpcc(Copyable):
 
     def launch(self) -> None:
         """Solve for what stands in `state` and `phase_rate`; on a CPU, large batches are split over the cores."""
-        side_by_side(self._launches, self.threads)
+        self._work()
 
     def reset(self, mask: Any = None) -> None:
         """Forget the warm starts of the problems in `mask`, (K,) booleans; None is all of them."""
@@ -146,25 +146,16 @@ class Mpcc(Copyable):
             setattr(scratch, name, array.transpose() if cpu else array)
         return scratch
 
-    def _record(self) -> list[Any]:
+    def _record(self) -> Work:
         p, curve = to_struct(MpccStruct, self.parameters), curve_struct(self.curve, self.device)
         table, scratch = tabulate(self.curve, self.device), self._scratch()
-        shares = min(self.threads, max(self.batch // SMALLEST_SHARE, 1)) if self.device.is_cpu else 1
-        ends = [self.batch * share // shares for share in range(shares + 1)]
         outputs = [self.control, self.trajectory, self.cost, self.iterations, self.failed, self.failures]
+
+        def inputs(low: int) -> list[Any]:
+            return [p, curve, table, low, self.state, self.phase_rate, scratch, self._begin]
+
         with compile_quietly():
-            recorded: list[Any] = [
-                wp.launch(
-                    kernel.solve,
-                    dim=high - low,
-                    inputs=[p, curve, table, low, self.state, self.phase_rate, scratch, self._begin],
-                    outputs=outputs,
-                    device=self.device,
-                    record_cmd=True,
-                )
-                for low, high in pairwise(ends)
-            ]
-        return [launch.launch for launch in recorded]
+            return shared_launch(kernel.solve, self.batch, inputs, outputs, self.device, self.threads, SMALLEST_SHARE)
 
 
 def _is_on_host(value: Any) -> bool:

@@ -1,9 +1,9 @@
 """Robots side by side: loops that the compiler turns into SIMD instructions.
 
-A kernel that takes `first` and `last` goes over the robots of these worlds in blocks of `width()`. It gathers what it
-needs of a block into `Floats`, works on these in loops `for k in range(ABREAST)` whose passes do not depend on each
-other, and scatters the results. Each robot is worked on in the same way wherever it stands in a block, so a world does
-not depend on those beside it.
+A kernel that takes `begin` and `end` without `first` goes over the robots of all worlds in a row, in blocks of
+`width()`. It gathers what it needs of a block into `Floats`, works on these in loops `for k in range(ABREAST)` whose
+passes do not depend on each other, and scatters the results. Each robot is worked on in the same way wherever it stands
+in a block, so a world does not depend on those beside it.
 
 For a loop to become SIMD its first question must be `if k < width()`, since a thread of a GPU has one robot alone, and
 nothing in it may end early, loop, or choose by anything but `wp.where` and short branches; a function must not take a
@@ -58,13 +58,13 @@ class Block:
 
 
 @wp.func
-def block_of(thread: int, first: int, last: int, n: int, active: wp.array(dtype=wp.int32)) -> Block:
-    """Block of a thread, of the robots of worlds `first` to `last` - 1 with `n` each, if these are active."""
-    begin = thread * width()
+def block_of(thread: int, begin: int, end: int, n: int, active: wp.array(dtype=wp.int32)) -> Block:
+    """Block of a thread, of the robots `begin` to `end` - 1 of all worlds with `n` each, where these are active."""
+    start = begin + thread * width()
     block = Block()
-    w = int(first + begin / n)
-    i = int(begin % n)
-    for _ in range(wp.min(width(), (last - first) * n - begin)):
+    w = int(start / n)
+    i = int(start % n)
+    for _ in range(wp.min(width(), end - start)):
         if active[w] == 1:
             block.world[block.count] = w
             block.robot[block.count] = i

@@ -2,7 +2,7 @@
 
 Structs, devices and recorded launches of Warp can be neither copied nor pickled. So a copy is made as the original was,
 by its class with the same arguments, which gives it its own, and then takes over everything else: Warp arrays by
-content, other attributes by value. Functions, and what Warp alone can make, stay as the making left them.
+content, other attributes by value. Functions, work, and what Warp alone can make, stay as the making left them.
 """
 
 import ctypes
@@ -14,7 +14,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-_AS_MADE = (types.FunctionType, types.BuiltinFunctionType, types.MethodType, types.ModuleType, type, functools.partial)
+from lissajous_env.device.work import Work
+
+_AS_MADE = (
+    types.FunctionType, types.BuiltinFunctionType, types.MethodType, types.ModuleType, type, functools.partial, Work
+)  # fmt: skip
 _MADE_WITH = "_made_with"
 
 

@@ -3,8 +3,7 @@
 import contextlib
 import os
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any
 
@@ -87,24 +86,6 @@ def _as_floats(name: str, value: Any) -> np.ndarray:
 def is_torch(value: Any) -> bool:
     """Whether a value is a torch tensor; torch itself need not be installed."""
     return type(value).__module__.partition(".")[0] == "torch"
-
-
-def side_by_side(tasks: Sequence[Callable[[], None]], threads: int) -> None:
-    """Run tasks that release the interpreter's lock, as launches on a CPU do, on threads; this one takes the first."""
-    waiting = [_pool(threads).submit(task) for task in tasks[1:]]
-    tasks[0]()
-    for future in waiting:
-        future.result()
-
-
-@cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max(threads - 1, 1), thread_name_prefix="lissajous")
-
-
-if hasattr(os, "register_at_fork"):
-    # Threads do not survive a fork: a child that used its parent's pool would wait for ever.
-    os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 _compiling = threading.RLock()

@@ -2,17 +2,20 @@
 
 A kernel of a program takes `first`, the first world of the block that it works on, and, unless it goes over whole
 worlds, `lanes`, how many threads share the entities of a world: on a GPU there is one for each entity, on a CPU one
-that loops over them all, which saves its setup. One that takes `last` instead, the world after the block, goes over
-the entities of all its worlds, side by side (`lissajous_env.device.abreast`). One that takes `begin` and `end` too, and
-goes over the entities from the one to the other, may have those of a large world split among CPU threads; the number of
-the share is `part`. It must not write what another part reads or writes, nor add to it: an atomic operation is none on
-a CPU. Every other parameter is looked up by its name.
+that loops over them all, which saves its setup. One that takes `begin` and `end` too, and goes over the entities from
+the one to the other, may have those of a large world split among CPU threads; the number of the part is `part`. One
+that takes these without `first` goes over the entities of all worlds in a row, side by side
+(`lissajous_env.device.abreast`): the last of them, and the first of the next world.
+
+Kernels over the same entities that follow each other work on a part without waiting for the others. So none of them
+may read of other parts what another one of them writes, nor write or add to what is not its part's own: an atomic
+operation is none on a CPU.
+
+Every other parameter is looked up by its name.
 """
 
-import ctypes
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import groupby, pairwise
 from typing import Any, cast
 
@@ -20,21 +23,19 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.abreast import width_on
-from lissajous_env.device.devices import as_device, side_by_side
+from lissajous_env.device.devices import as_device
+from lissajous_env.device.work import SHARES, Call, Work
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN = "world", "robot", "target", "row", "field row", "bin"
 
-_PLACED = ("first", "last", "lanes", "part", "begin", "end")
+_PLACED = ("first", "lanes", "part", "begin", "end")
 """Parameters that say which worlds and entities a launch is for."""
 
 _MOST_LAUNCHES = 64
 """Launches that a launcher keeps ready."""
 
-_BLOCK = 256
-"""Worlds below which a CPU thread of its own costs more than it saves."""
-
-_PART = 8192
-"""Targets, or other entities of all worlds together, below which it does."""
+_SHARE = 150_000
+"""Work below which it does not pay to wake a thread for it [ns]."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,12 @@ class Stage:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of what the kernel takes from the state and the constants."""
-        names = [argument.label for argument in self.run.adj.args] if self.is_kernel else []
-        return tuple(name for name in names if name not in _PLACED)
+        return tuple(name for name in self.labels if name not in _PLACED)
+
+    @property
+    def labels(self) -> list[str]:
+        """Names of all that the kernel takes."""
+        return [argument.label for argument in self.run.adj.args] if self.is_kernel else []
 
     @property
     def about(self) -> str:
@@ -69,12 +74,37 @@ class Stage:
         return ((self.run.func if self.is_kernel else self.run).__doc__ or "").strip().partition("\n")[0]
 
 
+@dataclass(frozen=True)
+class Split:
+    """How work on some worlds is split among CPU threads."""
+
+    threads: int = 1
+    """How many take part."""
+    blocks: int = 1
+    """Blocks of worlds."""
+    parts: int = 1
+    """Parts of the entities of a world; where it is more than one, a block is one world."""
+
+
+def split_of(work: float, num_worlds: int, device: Any, threads: int) -> Split:
+    """Split so much work on each world [ns], so that it pays: by worlds, and where they are too few by their entities.
+
+    A GPU's threads have one entity each, so there is nothing to split.
+    """
+    shares = int(num_worlds * work / _SHARE) if device.is_cpu and threads > 1 else 1
+    if shares < 2:
+        return Split()
+    if num_worlds >= threads:
+        return Split(threads, min(SHARES * threads, shares, num_worlds))
+    parts = max(1, min(-(-threads // num_worlds), shares // num_worlds))
+    return Split(threads, num_worlds, parts)
+
+
 class Program:
     """Stages in their order, ready to run.
 
     On a GPU neighbouring kernels are one graph. On a CPU a graph of Warp's would do, but what it looks up for each
-    kernel takes longer than to call the compiled functions one after the other, which is done for each thread's block
-    of worlds.
+    kernel takes longer than many of them do; there they are `Work`.
 
     Args:
         stages: What is run; those whose `when` is False, and those over nothing, are left out.
@@ -82,7 +112,7 @@ class Program:
         sizes: Number of entities in a world, by what a stage goes over.
         num_worlds: W.
         device: Warp device.
-        threads: CPU threads over which the worlds are split.
+        split: How it is split among CPU threads.
 
     Raises:
         ValueError: a kernel asks for what is not there, by the names of stage and parameter.
@@ -95,22 +125,22 @@ class Program:
         sizes: Mapping[str, int],
         num_worlds: int,
         device: Any,
-        threads: int,
+        split: Split,
     ):
         self.stages = tuple(stage for stage in stages if stage.when and sizes.get(stage.over, 1) > 0)
         self._values, self._sizes, self._device = values, sizes, device
-        edges = np.linspace(0, num_worlds, _blocks(num_worlds, device, threads) + 1).astype(int)
-        blocks = [(int(low), int(high)) for low, high in pairwise(edges)]
-        groups = groupby(self.stages, key=lambda each: (each.is_kernel, self._parts(each, num_worlds, threads)))
+        edges = np.linspace(0, num_worlds, split.blocks + 1).astype(int).tolist()
+        self._blocks = list(pairwise(edges))
         self._calls: list[Callable[[], None]] = []
-        for (is_kernel, parts), group in groups:
-            if not is_kernel:
-                self._calls += [stage.run for stage in group]
-                continue
-            ready, together = _Calls if device.is_cpu else _Graph, list(group)
-            shares = [(*block, part, parts) for block in blocks for part in range(parts)]
-            tasks = [ready(device, [self._launch(stage, *share) for stage in together]) for share in shares]
-            self._calls.append(tasks[0] if len(tasks) == 1 else partial(side_by_side, tasks, threads))
+        for is_kernel, run in groupby(self.stages, key=lambda stage: stage.is_kernel):
+            if is_kernel:
+                groups = [
+                    [self._task(group, *share) for share in self._shares(parts)]
+                    for parts, group in _grouped(run, split.parts)
+                ]
+                self._calls.append(Work(groups, device, split.threads) if device.is_cpu else _Graph(groups, device))
+            else:
+                self._calls += [stage.run for stage in run]
 
     def __call__(self) -> None:
         """Run all stages once."""
@@ -122,43 +152,41 @@ class Program:
         widths = [max(len(row[k]) for row in rows) for k in range(3)]
         return "\n".join("  ".join([*map(str.ljust, row[:3], widths), row[3]]).rstrip() for row in rows)
 
-    def _parts(self, stage: Stage, num_worlds: int, threads: int) -> int:
-        """Into how many parts the entities of a stage are split."""
-        if not stage.is_kernel or "begin" not in [argument.label for argument in stage.run.adj.args]:
-            return 1
-        return parts_of(self._sizes[stage.over], num_worlds, self._device, threads)
+    def _shares(self, parts: int) -> list[tuple[int, int, int, int]]:
+        """First world and the one after the last, number of the part and of parts, of each task."""
+        return [(low, high, part, parts) for low, high in self._blocks for part in range(parts)]
 
     def _lanes(self, stage: Stage) -> int:
         """How many threads share the entities of a world."""
         return 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
 
+    def _task(self, stages: Sequence[Stage], *share: int) -> list[Any]:
+        """Launches of some stages, of those that have entities in this share."""
+        return [launch for stage in stages if (launch := self._launch(stage, *share)) is not None]
+
     def _launch(self, stage: Stage, low: int, high: int, part: int, parts: int) -> Any:
-        lanes = self._lanes(stage)
-        begin, end = (self._sizes.get(stage.over, 0) * edge // parts for edge in (part, part + 1))
-        placed = {"first": low, "last": high, "lanes": lanes, "part": part, "begin": begin, "end": end}
+        lanes, size, names = self._lanes(stage), self._sizes.get(stage.over, 1), stage.labels
+        begin, end = (size * edge // parts for edge in (part, part + 1))
+        dim: tuple[int, ...] = (high - low,) if stage.over == WORLD else (high - low, lanes)
+        if "begin" in names and "first" not in names:
+            begin, end = low * size + begin, (high - 1) * size + end
+            dim = (-(-(end - begin) // width_on(self._device)),)
+        placed = {"first": low, "lanes": lanes, "part": part, "begin": begin, "end": end}
         values = {**self._values, **stage.own, **placed}
-        names = [argument.label for argument in stage.run.adj.args]
         if unknown := [name for name in names if name not in values]:
             there = ", ".join(sorted(values))
             raise ValueError(f"parameters of stage {stage.name} must be of {there}; got {', '.join(unknown)}")
-        size: tuple[int, ...] = (high - low,) if stage.over == WORLD else (high - low, lanes)
-        if "last" in names:
-            size = (-(-(high - low) * self._sizes[stage.over] // width_on(self._device)),)
-        return wp.launch(
-            stage.run, dim=size, inputs=[values[name] for name in names], device=self._device, record_cmd=True
-        )
+        inputs = [values[name] for name in names]
+        return wp.launch(stage.run, dim=dim, inputs=inputs, device=self._device, record_cmd=True)
 
 
-def _blocks(num_worlds: int, device: Any, threads: int) -> int:
-    """Number of blocks of worlds that run side by side."""
-    return min(threads, -(-num_worlds // _BLOCK)) if device.is_cpu else 1
+def _grouped(stages: Iterable[Stage], parts: int) -> list[tuple[int, list[Stage]]]:
+    """Stages that follow each other without waiting, and into how many parts their entities are split."""
 
+    def split_over(stage: Stage) -> str | None:
+        return stage.over if parts > 1 and "begin" in stage.labels else None
 
-def parts_of(size: int, num_worlds: int, device: Any, threads: int) -> int:
-    """Into how many parts so many entities of a world are split: on a CPU, where there are too few worlds to split."""
-    if not device.is_cpu or _blocks(num_worlds, device, threads) > 1:
-        return 1
-    return max(1, min(threads, size * num_worlds // _PART))
+    return [(1 if over is None else parts, list(group)) for over, group in groupby(stages, key=split_over)]
 
 
 def launcher(device: Any) -> Callable[..., None]:
@@ -177,7 +205,7 @@ def launcher(device: Any) -> Callable[..., None]:
             if len(ready) >= _MOST_LAUNCHES:
                 ready.clear()
             recorded = wp.launch(kernel, dim, inputs, outputs=outputs, device=device, record_cmd=True)
-            call = _Calls(device, [recorded]) if device.is_cpu else cast(Any, recorded).launch
+            call = Call(recorded) if device.is_cpu else cast(Any, recorded).launch
             # Kept, what has these ids lives on, and nothing else can have them.
             known = ready[key] = call, kernel, inputs, outputs
         known[0]()
@@ -185,37 +213,12 @@ def launcher(device: Any) -> Callable[..., None]:
     return launch
 
 
-class _Calls:
-    """Launches on a CPU whose arguments are laid out once, where Warp does so at each launch."""
-
-    def __init__(self, device: Any, launches: Sequence[Any]):
-        self._device, self._launches = device, launches
-        self._arguments = [_laid_out(launch.params[1:]) for launch in launches]
-        self._calls = [
-            (launch.hooks.forward, ctypes.byref(launch.params[0]), ctypes.byref(arguments))
-            for launch, arguments in zip(launches, self._arguments, strict=True)
-        ]
-
-    def __call__(self) -> None:
-        if self._device.is_capturing:  # by a user, whose graph is made of launches
-            for launch in self._launches:
-                launch.launch()
-        else:
-            for function, bounds, arguments in self._calls:
-                function(bounds, arguments)
-
-
-def _laid_out(values: Sequence[Any]) -> ctypes.Structure:
-    """Put the arguments of a kernel into one struct, as the compiled kernel reads them."""
-    fields = [(f"argument_{k}", type(value)) for k, value in enumerate(values)]
-    return type("Arguments", (ctypes.Structure,), {"_fields_": fields})(*values)
-
-
 class _Graph:
     """Launches on a GPU that are replayed together."""
 
-    def __init__(self, device: Any, launches: Sequence[Any]):
-        self._device, self._launches = device, launches
+    def __init__(self, groups: Sequence[Sequence[Sequence[Any]]], device: Any):
+        self._device = device
+        self._launches = [launch for group in groups for task in group for launch in task]
         with wp.ScopedCapture(device) as capture:
             self._launch_all()
         self._graph: Any = capture.graph

@@ -43,7 +43,7 @@ _MOST_ENTRIES = 256
 
 @wp.struct
 class Bins:
-    """The bins of each world, K of them, P parts into which the targets of a world are split among threads."""
+    """The bins of each world, K of them, P parts into which robots and targets of a world are split among threads."""
 
     half_width: wp.float32
     half_height: wp.float32
@@ -61,10 +61,12 @@ class Bins:
     """Entries for lists of one bin; those after them are of the list with which every other ends."""
     first: wp.array2d(dtype=wp.int32)
     """(W, K) first entry of each bin."""
+    begun: wp.array3d(dtype=wp.int32)
+    """(W, P, K) the same of the robots of a part, before the lists of the parts are joined."""
     entry: wp.array2d(dtype=wp.vec2i)
-    """(W, room + N + 1) robot, or -1 at the end, and the next entry."""
-    used: wp.array(dtype=wp.int32)
-    """(W,) entries that were asked for."""
+    """(W, room + N + 1) robot, or -1 at the end, and the next entry; each part has as many of the room."""
+    used: wp.array2d(dtype=wp.int32)
+    """(W, P) entries that were asked for."""
     everywhere: wp.array(dtype=wp.int32)
     """(W,) robots that stand in every list."""
     is_everywhere: wp.array2d(dtype=wp.int32)
@@ -144,54 +146,91 @@ def columns_of(w: int, i: int, row: int, widened: float, robots: Robots, bins: B
 
 
 @wp.func
-def list_robot(w: int, i: int, robots: Robots, bins: Bins) -> int:
-    """Put a robot into the lists of the bins that it comes near; returns 1 where there is no room for it."""
+def list_robot(w: int, i: int, part: int, robots: Robots, bins: Bins) -> int:
+    """Put a robot of a part into the lists of the bins that it comes near; returns 1 where there is no room for it."""
+    each = bins.room / bins.begun.shape[1]
     rows = rows_of(w, i, bins.widened, robots, bins)
     for row in range(rows[0], rows[1] + 1):
         columns = columns_of(w, i, row, bins.widened, robots, bins)
         for column in range(columns[0], columns[1] + 1):
-            entry = wp.atomic_add(bins.used, w, 1)
-            if entry >= bins.room:
+            used = wp.atomic_add(bins.used, w, part, 1)
+            if used >= each:
                 return 1
-            bins.entry[w, entry] = wp.vec2i(i, wp.atomic_exch(bins.first, w, row * bins.columns + column, entry))
+            entry = part * each + used
+            after = wp.atomic_exch(bins.begun, w, part, row * bins.columns + column, entry)
+            bins.entry[w, entry] = wp.vec2i(i, after)
     return 0
 
 
 @wp.kernel
-def clear_bins(first: int, lanes: int, clock: Clock, bins: Bins):
+def clear_bins(first: int, lanes: int, begin: int, end: int, clock: Clock, bins: Bins):
     """Empty the lists."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
         return
-    for k in range(lane, bins.first.shape[1], lanes):
-        bins.first[w, k] = bins.room
-        for part in range(bins.first_seen.shape[1]):
+    parts = bins.begun.shape[1]
+    for part in range(parts):
+        for k in range(begin + lane, end, lanes):
+            bins.begun[w, part, k] = bins.room
             bins.first_seen[w, part, k] = -1
-    for k in range(bins.room + lane, bins.entry.shape[1], lanes):
-        bins.entry[w, k] = wp.vec2i(-1, k + 1)
-    for part in range(lane, bins.seen_used.shape[1], lanes):
-        bins.seen_used[w, part] = 0
-    if lane == 0:
-        bins.used[w] = 0
-        bins.everywhere[w] = 0
+    if begin == 0:
+        for k in range(bins.room + lane, bins.entry.shape[1], lanes):
+            bins.entry[w, k] = wp.vec2i(-1, k + 1)
+        for part in range(lane, parts, lanes):
+            bins.used[w, part] = 0
+            bins.seen_used[w, part] = 0
+        if lane == 0:
+            bins.everywhere[w] = 0
 
 
 @wp.kernel
-def list_robots(first: int, lanes: int, clock: Clock, robots: Robots, bins: Bins):
+def list_robots(first: int, lanes: int, part: int, begin: int, end: int, clock: Clock, robots: Robots, bins: Bins):
     """List the robots that are there, working or not."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
         return
-    for i in range(lane, robots.status.shape[1], lanes):
+    for i in range(begin + lane, end, lanes):
         bins.is_everywhere[w, i] = 0
-        if robots.status[w, i] == REMOVED:
-            continue
-        if list_robot(w, i, robots, bins) == 1:
-            bins.is_everywhere[w, i] = 1
+        if robots.status[w, i] != REMOVED:
+            bins.is_everywhere[w, i] = list_robot(w, i, part, robots, bins)
+
+
+@wp.kernel
+def list_everywhere(first: int, lanes: int, clock: Clock, bins: Bins):
+    """List the robots for whom there was no room where all lists end."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for i in range(lane, bins.is_everywhere.shape[1], lanes):
+        if bins.is_everywhere[w, i] == 1:
             last = bins.room + wp.atomic_add(bins.everywhere, w, 1)
             bins.entry[w, last] = wp.vec2i(i, last + 1)
+
+
+@wp.kernel
+def join_lists(first: int, lanes: int, begin: int, end: int, clock: Clock, bins: Bins):
+    """Make one list of those that the parts of the robots have begun for a bin."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for k in range(begin + lane, end, lanes):
+        start = int(bins.room)
+        for part in range(bins.begun.shape[1]):
+            begun = bins.begun[w, part, k]
+            if begun != bins.room:
+                if start != bins.room:
+                    place = int(begun)
+                    last = bins.entry[w, place]
+                    while last[1] != bins.room:
+                        place = last[1]
+                        last = bins.entry[w, place]
+                    bins.entry[w, place] = wp.vec2i(last[0], start)
+                start = begun
+        bins.first[w, k] = start
 
 
 def has_bins(scenario: Scenario) -> bool:
@@ -222,13 +261,15 @@ def bins_of(scenario: Scenario, speed: float, num_worlds: int, parts: int, devic
     filled.half_width, filled.half_height = curve.half_width, curve.half_height
     across = 2 * filled.widened / filled.size + 2
     each = min(math.ceil(across * (across + speed * scenario.task.step / filled.size)), _MOST_ENTRIES)
-    filled.room, bins = n * each, filled.columns * filled.rows
+    filled.room, bins = -(-n // parts) * parts * each, filled.columns * filled.rows
 
     def array(*shape: int, dtype: Any = wp.int32) -> Any:
         return wp.zeros((num_worlds, *shape), dtype=dtype, device=device)
 
     filled.first, filled.entry = array(bins), array(filled.room + n + 1, dtype=wp.vec2i)
-    filled.used, filled.everywhere, filled.is_everywhere, filled.compared_at = array(), array(), array(n), array(n, n)
+    filled.begun = array(parts, bins) if parts > 1 else filled.first.reshape((num_worlds, 1, bins))
+    filled.used, filled.everywhere, filled.is_everywhere = array(parts), array(), array(n)
+    filled.compared_at = array(n, n)
     filled.first_seen, filled.seen_used = array(parts, bins), array(parts)
     filled.seen = array(scenario.target_capacity, dtype=wp.vec4)
     entries = max(scenario.sensing.robots_seen, scenario.sensing.targets_seen)

@@ -8,7 +8,7 @@ from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters.parts import Task
 from lissajous_env.world.sight import longest_way
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Latest, Robots, Tally
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Counted, Latest, Robots, Tally
 
 wp.set_module_options(OPTIONS)
 
@@ -21,7 +21,7 @@ _REMOVE = wp.constant(place_of(Task, "on_collision", "remove"))
 
 @wp.func
 def compare_pair(
-    w: int, i: int, j: int, touch: float, beyond: float, robots: Robots, latest: Latest, tally: Tally
+    w: int, i: int, j: int, part: int, touch: float, beyond: float, robots: Robots, tally: Tally, counted: Counted
 ) -> float:
     """Let two robots collide that come within `touch`, or part; returns their least squared distance [m^2].
 
@@ -37,12 +37,12 @@ def compare_pair(
             least = wp.min(least, closest_approach(before, after))
         before = after
     if least < touch * touch:
-        wp.atomic_add(tally.contact_steps, w, wp.int64(1))
+        wp.atomic_add(counted.contact_steps, w, part, wp.int64(1))
         if tally.contact[w, i, j] == 0:
             tally.contact[w, i, j] = 1
-            wp.atomic_add(tally.collisions, w, wp.int64(1))
-            wp.atomic_add(latest.collisions, w, i, 1)
-            wp.atomic_add(latest.collisions, w, j, 1)
+            wp.atomic_add(counted.collisions, w, part, wp.int64(1))
+            wp.atomic_add(counted.met, w, part, i, 1)
+            wp.atomic_add(counted.met, w, part, j, 1)
     if wp.dot(before, before) > PARTED * PARTED * touch * touch:
         tally.contact[w, i, j] = 0
     return least
@@ -50,7 +50,7 @@ def compare_pair(
 
 @wp.func
 def compare_with_all(
-    w: int, i: int, touch: float, beyond: float, way: float, robots: Robots, latest: Latest, tally: Tally
+    w: int, i: int, part: int, touch: float, beyond: float, way: float, robots: Robots, tally: Tally, counted: Counted
 ) -> float:
     """`compare_pair` with the robots after this one, of which none goes farther than `way` [m] in the step."""
     last = robots.track.shape[2] - 1
@@ -61,13 +61,22 @@ def compare_with_all(
         if wp.length_sq(away) > apart * apart:
             tally.contact[w, i, j] = 0
         elif robots.status[w, j] != REMOVED:
-            nearest = wp.min(nearest, compare_pair(w, i, j, touch, beyond, robots, latest, tally))
+            nearest = wp.min(nearest, compare_pair(w, i, j, part, touch, beyond, robots, tally, counted))
     return nearest
 
 
 @wp.kernel
 def find_collisions(
-    first: int, lanes: int, robot: RobotStruct, clock: Clock, robots: Robots, latest: Latest, tally: Tally
+    first: int,
+    lanes: int,
+    part: int,
+    begin: int,
+    end: int,
+    robot: RobotStruct,
+    clock: Clock,
+    robots: Robots,
+    tally: Tally,
+    counted: Counted,
 ):
     """Compare robot i with the robots after it, over the sub-steps of the latest step."""
     tid, lane = wp.tid()
@@ -79,11 +88,11 @@ def find_collisions(
     beyond = wp.max(tally.min_separation[w], PARTED * touch)
     nearest = float(1.0e30)
     way = longest_way(w, robots)
-    for i in range(lane, robots.status.shape[1], lanes):
+    for i in range(begin + lane, end, lanes):
         if robots.status[w, i] != REMOVED:
-            nearest = wp.min(nearest, compare_with_all(w, i, touch, beyond, way, robots, latest, tally))
+            nearest = wp.min(nearest, compare_with_all(w, i, part, touch, beyond, way, robots, tally, counted))
     if nearest < 1.0e30:
-        wp.atomic_min(tally.min_separation, w, wp.sqrt(nearest))
+        wp.atomic_min(counted.min_separation, w, part, wp.sqrt(nearest))
 
 
 @wp.kernel

@@ -21,7 +21,7 @@ from lissajous_env.world.observation import (
     velocity,
 )
 from lissajous_env.world.sight import longest_way, planar
-from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Latest, Links, Robots, Tally, Targets
+from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Counted, Links, Robots, Tally, Targets
 
 wp.set_module_options(OPTIONS)
 
@@ -31,13 +31,14 @@ def compare_with_listed(
     w: int,
     i: int,
     k: int,
+    part: int,
     now: int,
     touch: float,
     beyond: float,
     robots: Robots,
     bins: Bins,
-    latest: Latest,
     tally: Tally,
+    counted: Counted,
 ) -> float:
     """`compare_pair` with the robots after this one that are in the list of bin k, each once in a step."""
     nearest = float(1.0e30)
@@ -46,14 +47,24 @@ def compare_with_listed(
         j = entry[0]
         if j > i and bins.compared_at[w, i, j] != now:
             bins.compared_at[w, i, j] = now
-            nearest = wp.min(nearest, compare_pair(w, i, j, touch, beyond, robots, latest, tally))
+            nearest = wp.min(nearest, compare_pair(w, i, j, part, touch, beyond, robots, tally, counted))
         entry = bins.entry[w, entry[1]]
     return nearest
 
 
 @wp.kernel
 def find_listed_collisions(
-    first: int, lanes: int, robot: RobotStruct, clock: Clock, robots: Robots, bins: Bins, latest: Latest, tally: Tally
+    first: int,
+    lanes: int,
+    part: int,
+    begin: int,
+    end: int,
+    robot: RobotStruct,
+    clock: Clock,
+    robots: Robots,
+    bins: Bins,
+    tally: Tally,
+    counted: Counted,
 ):
     """Compare robot i with the robots after it that came near it, over the sub-steps of the latest step."""
     tid, lane = wp.tid()
@@ -69,10 +80,11 @@ def find_listed_collisions(
     if beyond < 1.0e30:
         way = longest_way(w, robots)
     nearest = float(1.0e30)
-    for i in range(lane, robots.status.shape[1], lanes):
+    for i in range(begin + lane, end, lanes):
         if robots.status[w, i] != REMOVED:
             if ask_all or bins.is_everywhere[w, i] == 1:
-                nearest = wp.min(nearest, compare_with_all(w, i, touch, beyond, way, robots, latest, tally))
+                least = compare_with_all(w, i, part, touch, beyond, way, robots, tally, counted)
+                nearest = wp.min(nearest, least)
             else:
                 # Whoever comes within reach of a place on its way is in the list of that place's bin.
                 rows = rows_of(w, i, 0.0, robots, bins)
@@ -80,10 +92,10 @@ def find_listed_collisions(
                     columns = columns_of(w, i, row, 0.0, robots, bins)
                     for column in range(columns[0], columns[1] + 1):
                         k = row * bins.columns + column
-                        least = compare_with_listed(w, i, k, now, touch, beyond, robots, bins, latest, tally)
-                        nearest = wp.min(nearest, least)
+                        found = compare_with_listed(w, i, k, part, now, touch, beyond, robots, bins, tally, counted)
+                        nearest = wp.min(nearest, found)
     if nearest < 1.0e30:
-        wp.atomic_min(tally.min_separation, w, wp.sqrt(nearest))
+        wp.atomic_min(counted.min_separation, w, part, wp.sqrt(nearest))
 
 
 @wp.func
@@ -203,6 +215,8 @@ def list_targets_seen(
 def observe_listed(
     first: int,
     lanes: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     sensing: SensingStruct,
     task: TaskStruct,
@@ -219,7 +233,7 @@ def observe_listed(
     w = first + tid
     if clock.active[w] == 0:
         return
-    for i in range(lane, robots.status.shape[1], lanes):
+    for i in range(begin + lane, end, lanes):
         observe_self(w, i, curve, speed_unit, robots, observation_out)
         observe_ring(w, i, clock.step[w], curve, task, robots, links, observation_out)
         list_robots_seen(w, i, sensing, speed_unit, robots, bins, observation_out)

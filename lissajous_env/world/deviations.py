@@ -23,8 +23,8 @@ def own_distance(curve: CurveStruct, x: float, y: float, alpha: float, phase: wp
 
 @wp.kernel
 def find_deviations(
-    first: int,
-    last: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     formation: FormationStruct,
     distances: DistanceTable,
@@ -34,7 +34,7 @@ def find_deviations(
     latest: Latest,
 ):
     """Find how far each robot is from the curve, from its own point of it, and from the equilibrium."""
-    block = block_of(wp.tid(), first, last, robots.status.shape[1], clock.active)
+    block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
     if block.count == 0:
         return
     alpha = float(formation.alpha)

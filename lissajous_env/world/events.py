@@ -3,7 +3,7 @@
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.world.state import Clock, Counted, Latest
+from lissajous_env.world.state import Clock, Counted, Latest, Tally
 
 wp.set_module_options(OPTIONS)
 
@@ -36,21 +36,38 @@ def reset_events(first: int, lanes: int, clock: Clock, latest: Latest):
 
 
 @wp.kernel
-def gather_parts(first: int, lanes: int, clock: Clock, counted: Counted, latest: Latest):
+def gather_collisions(first: int, clock: Clock, counted: Counted, latest: Latest, tally: Tally):
+    """Sum up what the parts of the robots counted, and forget it."""
+    w = first + wp.tid()
+    if clock.active[w] == 0:
+        return
+    for part in range(counted.collisions.shape[1]):
+        if counted.collisions[w, part] > wp.int64(0):
+            for i in range(latest.collisions.shape[1]):
+                latest.collisions[w, i] += counted.met[w, part, i]
+                counted.met[w, part, i] = 0
+        tally.collisions[w] += counted.collisions[w, part]
+        tally.contact_steps[w] += counted.contact_steps[w, part]
+        tally.min_separation[w] = wp.min(tally.min_separation[w], counted.min_separation[w, part])
+        counted.collisions[w, part] = wp.int64(0)
+        counted.contact_steps[w, part] = wp.int64(0)
+        counted.min_separation[w, part] = 1.0e30
+
+
+@wp.kernel
+def gather_detections(first: int, clock: Clock, counted: Counted, latest: Latest):
     """Sum up what the parts of the targets counted, and forget it."""
-    tid, lane = wp.tid()
-    w = first + tid
+    w = first + wp.tid()
     if clock.active[w] == 0:
         return
     for part in range(counted.waiting.shape[1]):
-        for i in range(lane, latest.detections.shape[1], lanes):
+        for i in range(latest.detections.shape[1]):
             latest.detections[w, i] += counted.detections[w, part, i]
             counted.detections[w, part, i] = 0
-        if lane == 0:
-            latest.waiting[w] += counted.waiting[w, part]
-            latest.in_sight[w] += counted.in_sight[w, part]
-            counted.waiting[w, part] = 0
-            counted.in_sight[w, part] = 0
+        latest.waiting[w] += counted.waiting[w, part]
+        latest.in_sight[w] += counted.in_sight[w, part]
+        counted.waiting[w, part] = 0
+        counted.in_sight[w, part] = 0
 
 
 @wp.kernel

@@ -17,6 +17,8 @@ wp.set_module_options(MOTION)
 def measure(
     first: int,
     lanes: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     formation: FormationStruct,
     noise: NoiseStruct,
@@ -30,7 +32,7 @@ def measure(
         return
     now = clock.step[w]
     alpha = float(formation.alpha)
-    for i in range(lane, robots.status.shape[1], lanes):
+    for i in range(begin + lane, end, lanes):
         position = robots.position[w, i]
         status = robots.status[w, i]
         senses = status == WORKING

@@ -312,6 +312,8 @@ def keep_final(
 def observe(
     first: int,
     lanes: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     sensing: SensingStruct,
     task: TaskStruct,
@@ -328,7 +330,7 @@ def observe(
     w = first + tid
     if clock.active[w] == 0:
         return
-    for i in range(lane, robots.status.shape[1], lanes):
+    for i in range(begin + lane, end, lanes):
         observe_self(w, i, curve, speed_unit, robots, observation_out)
         observe_ring(w, i, clock.step[w], curve, task, robots, links, observation_out)
         observe_robots(w, i, sensing, speed_unit, robots, observation_out)

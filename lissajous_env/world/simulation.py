@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in
-from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, Program, parts_of
+from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, Program, split_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.checks import is_whole
 from lissajous_env.parameters.extensions import RewardTerm
@@ -39,6 +39,9 @@ from lissajous_env.world.state import (
 
 _LAST_SEED = 2**31 - 1
 _TARGET_BYTES = 60
+
+_ROBOT_WORK, _TARGET_WORK = 500, 40
+"""What a robot and a target add to a step [ns], roughly: enough to know whether another thread pays."""
 
 
 class Simulation:
@@ -237,12 +240,14 @@ class Simulation:
         values |= {f"{name}_out": values[name] for name in ("command", "observation", "final_observation")}
         sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: self.cells.idle_max.shape[1]}
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1]}
-        parts = parts_of(sizes[TARGET], self.num_worlds, self.device, self.threads)
-        values["counted"] = counted_in(self.latest, parts)
+        work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
+        self.split = split_of(work, self.num_worlds, self.device, self.threads)
+        parts = self.split.parts
+        values["counted"] = counted_in(self.latest, self.tally, parts)
         if has_bins(self.scenario):
             values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, parts, self.device)
             sizes[BIN] = values["bins"].first.shape[1]
-        place = self.num_worlds, self.device, self.threads
+        place = self.num_worlds, self.device, self.split
         self._extended = Extended(self.scenario, structs, self.observation)
         self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario, parts)), values, sizes, *place)
         self._step = Program(self._extended.step_stages(step_stages(self.scenario, parts)), values, sizes, *place)

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, WORLD, Stage
 from lissajous_env.parameters.scenario import Faults, Scenario
-from lissajous_env.world.bins import clear_bins, has_bins, list_robots
+from lissajous_env.world.bins import clear_bins, has_bins, join_lists, list_everywhere, list_robots
 from lissajous_env.world.boundary import watch_boundary
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
 from lissajous_env.world.collisions import find_collisions, take_consequences
@@ -19,7 +19,7 @@ from lissajous_env.world.coverage import cover, reset_cells
 from lissajous_env.world.crowded_robots import find_listed_collisions, observe_listed
 from lissajous_env.world.crowded_targets import move_and_detect_listed, place_unseen_listed
 from lissajous_env.world.deviations import find_deviations
-from lissajous_env.world.events import clear_events, gather_parts, reset_events
+from lissajous_env.world.events import clear_events, gather_collisions, gather_detections, reset_events
 from lissajous_env.world.faults import reset_losses, update_status
 from lissajous_env.world.flock import move_and_detect
 from lissajous_env.world.guarantee import keep_guarantee, reset_guarantee
@@ -34,7 +34,7 @@ from lissajous_env.world.targets import place_unseen, reset_arrivals, reset_targ
 
 
 def step_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
-    """What happens in a control step; `parts` of the targets of a world are counted apart."""
+    """What happens in a control step; of so many `parts`, robots and targets of a world are counted apart."""
     model, many = model_of(scenario.robot.kind), has_bins(scenario)
     return [
         Stage("clock", advance_clock, WORLD),
@@ -45,8 +45,9 @@ def step_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
         Stage("phase", follow_curve, ROBOT, when=not model.keeps_to_curve),
         Stage("measurement", measure, ROBOT),
         Stage("sending", send, ROBOT),
-        *_bin_stages(many),
+        *_bin_stages(many, parts),
         Stage("collisions", find_listed_collisions if many else find_collisions, ROBOT),
+        Stage("meetings", gather_collisions, WORLD, when=parts > 1),
         *_target_stages(scenario, "targets", many, parts),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
         *_contamination_stages(scenario, range(scenario.spreading.ticks)),
@@ -75,7 +76,7 @@ def reset_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
         Stage("sending", send, ROBOT),
         Stage("targets", reset_targets, TARGET),
         Stage("arrivals", reset_arrivals, WORLD, when=scenario.targets.arrival_rate > 0),
-        *_bin_stages(many),
+        *_bin_stages(many, parts),
         *_target_stages(scenario, "detection", many, parts),
         Stage("cells", reset_cells, ROW),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
@@ -91,9 +92,14 @@ def reset_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
     ]
 
 
-def _bin_stages(many: bool) -> list[Stage]:
+def _bin_stages(many: bool, parts: int) -> list[Stage]:
     """Who comes near which bin."""
-    return [Stage("bins", clear_bins, BIN, when=many), Stage("listing", list_robots, ROBOT, when=many)]
+    return [
+        Stage("bins", clear_bins, BIN, when=many),
+        Stage("listing", list_robots, ROBOT, when=many),
+        Stage("joining", join_lists, BIN, when=many and parts > 1),
+        Stage("everywhere", list_everywhere, ROBOT, when=many),
+    ]
 
 
 def _target_stages(scenario: Scenario, name: str, many: bool, parts: int) -> list[Stage]:
@@ -102,7 +108,7 @@ def _target_stages(scenario: Scenario, name: str, many: bool, parts: int) -> lis
     return [
         Stage("entry", place_unseen_listed if many else place_unseen, TARGET, when=unseen),
         Stage(name, move_and_detect_listed if many else move_and_detect, TARGET),
-        Stage("gathering", gather_parts, ROBOT, when=parts > 1),
+        Stage("gathering", gather_detections, WORLD, when=parts > 1),
     ]
 
 

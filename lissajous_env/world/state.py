@@ -274,7 +274,7 @@ class Tally:
 
 @wp.struct
 class Counted:
-    """What is counted of the targets in a step, apart for each of the P parts that threads share."""
+    """What is counted in a step of robots and targets, apart for each of the P parts that threads share."""
 
     detections: wp.array3d(dtype=wp.int32)
     """(W, P, N) targets that a robot was the first to detect."""
@@ -282,14 +282,35 @@ class Counted:
     """(W, P) targets in some working robot's disc."""
     waiting: wp.array2d(dtype=wp.int32)
     """(W, P) undetected targets present."""
+    met: wp.array3d(dtype=wp.int32)
+    """(W, P, N) collisions of a robot that began."""
+    collisions: wp.array2d(dtype=wp.int64)
+    """(W, P) collisions."""
+    contact_steps: wp.array2d(dtype=wp.int64)
+    """(W, P) steps in contact, summed over pairs."""
+    min_separation: wp.array2d(dtype=wp.float32)
+    """(W, P) smallest distance of two robots [m]."""
 
 
-def counted_in(latest: Latest, parts: int) -> Counted:
-    """Make room to count in; for one part it is that of `latest` itself, so that nothing is left to sum up."""
-    filled, (w, n) = Counted(), latest.detections.shape
-    for name, shape in {"detections": (w, parts, n), "in_sight": (w, parts), "waiting": (w, parts)}.items():
-        array = getattr(latest, name)
-        setattr(filled, name, array.reshape(shape) if parts == 1 else wp.zeros(shape, wp.int32, device=array.device))
+def counted_in(latest: Latest, tally: Tally, parts: int) -> Counted:
+    """Make room to count in; for one part it is that of what is counted, so that nothing is left to sum up."""
+    filled = Counted()
+    for name, whole in {
+        "detections": latest.detections,
+        "in_sight": latest.in_sight,
+        "waiting": latest.waiting,
+        "met": latest.collisions,
+        "collisions": tally.collisions,
+        "contact_steps": tally.contact_steps,
+        "min_separation": tally.min_separation,
+    }.items():
+        w, *rest = whole.shape
+        if parts == 1:
+            setattr(filled, name, whole.reshape((w, 1, *rest)))
+        else:
+            setattr(filled, name, wp.zeros((w, parts, *rest), dtype=whole.dtype, device=whole.device))
+    if parts > 1:
+        filled.min_separation.fill_(1.0e30)
     return filled
 
 

@@ -12,13 +12,13 @@ wait for the one before it, and a weight that was read serves all the rows.
 # pyright: reportIndexIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
 
 import os
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.devices import compile_quietly, side_by_side
+from lissajous_env.device.devices import compile_quietly
+from lissajous_env.device.work import shared_launch
 from training.learned.network import ACTIVATIONS, Network
 from training.learned.residual import OPTIONS, added, limited
 
@@ -197,30 +197,22 @@ class Forward:
         numbers = (*blocks.shape[:2], width * int(WIDTH))
         values = wp.array(ptr=blocks.ptr, shape=numbers, dtype=wp.float32, device=device)
         read = wp.array(np.asarray(columns, dtype=np.int32), dtype=wp.int32, device=device)
-        self._threads = threads or os.cpu_count() or 1
-        shares = min(self._threads, max(tasks // SMALLEST_SHARE, 1)) if device.is_cpu else 1
         self._inputs = [observation, base]
+
+        def inputs(low: int) -> list[Any]:
+            return [layers, residual, read, low, observation, base, blocks, values]
+
+        threads = threads or os.cpu_count() or 1
         with compile_quietly():
-            self._launches: list[Any] = [
-                wp.launch(
-                    act_by_network,
-                    dim=high - low,
-                    inputs=[layers, residual, read, low, observation, base, blocks, values],
-                    outputs=[action],
-                    device=device,
-                    record_cmd=True,
-                )
-                for low, high in pairwise(tasks * share // shares for share in range(shares + 1))
-            ]
+            self._work = shared_launch(act_by_network, tasks, inputs, [action], device, threads, SMALLEST_SHARE)
 
     def launch(self, observation: wp.array, base: wp.array | None) -> None:
         """Write the actions for an observation and a base's actions; arrays of the same shapes as those it has."""
         for k, array in enumerate((observation, base)):
             if array is not None and array is not self._inputs[k]:
-                for each in self._launches:
-                    each.set_param_at_index(_FIRST_INPUT + k, array)
+                self._work.set_argument(_FIRST_INPUT + k, array)
                 self._inputs[k] = array
-        side_by_side([each.launch for each in self._launches], self._threads)
+        self._work()
 
 
 def _layers(network: Network, device: Any) -> tuple[Any, int]:

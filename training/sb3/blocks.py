@@ -9,7 +9,7 @@ is learned does not depend on how many threads there are.
 import copy
 import math
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any, cast
 
@@ -17,8 +17,6 @@ import torch
 from stable_baselines3.common.distributions import DiagGaussianDistribution
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
-
-from lissajous_env.device.devices import side_by_side
 
 BLOCK = 4096
 """Rows of a block on a CPU."""
@@ -43,6 +41,7 @@ class Blocks:
         self.parameters = list(policy.parameters())
         self._block = BLOCK if policy.device.type == "cpu" else None
         self._workers = [_own(policy) for _ in range(threads if self._block else 1)]
+        self._pool = ThreadPoolExecutor(max(len(self._workers) - 1, 1), thread_name_prefix="lissajous")
 
     def differentiate(self, loss: Loss, tensors: Sequence[torch.Tensor], chosen: torch.Tensor) -> torch.Tensor:
         """Put the gradient of the loss over the chosen rows into the parameters that learn, and return its numbers."""
@@ -79,7 +78,10 @@ class Blocks:
             for k in range(first, len(blocks), threads):
                 found[k] = work(self._workers[first], blocks[k])
 
-        side_by_side([partial(run, first) for first in range(threads)], threads)
+        waiting = [self._pool.submit(run, first) for first in range(1, threads)]
+        run(0)
+        for future in waiting:
+            future.result()
         return found
 
 

@@ -108,7 +108,7 @@ class WorldView:
             "view_out": self._view,
         }
         with compile_quietly():
-            place = simulation.num_worlds, device, simulation.threads
+            place = simulation.num_worlds, device, simulation.split
             self._show = Program([Stage("view", view_world)], values, {}, *place)
 
     def rows(self, worlds: np.ndarray | None = None) -> np.ndarray:

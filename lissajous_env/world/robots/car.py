@@ -106,8 +106,8 @@ def take_input(
 
 @wp.kernel
 def move_cars(
-    first: int,
-    last: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     robot: RobotStruct,
     task: TaskStruct,
@@ -116,7 +116,7 @@ def move_cars(
     robots: Robots,
 ):
     """Move cars: steering and throttle are held over the step."""
-    block = block_of(wp.tid(), first, last, robots.status.shape[1], clock.active)
+    block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
     if block.count == 0:
         return
     substeps = robots.track.shape[2] - 1

@@ -54,9 +54,9 @@ def places_of(block: Block, robots: Robots) -> tuple[Floats, Floats, Doubles]:
 
 
 @wp.kernel
-def follow_curve(first: int, last: int, curve: CurveStruct, formation: FormationStruct, clock: Clock, robots: Robots):
+def follow_curve(begin: int, end: int, curve: CurveStruct, formation: FormationStruct, clock: Clock, robots: Robots):
     """Let the phase of a robot that is not bound to the curve follow it along its branch."""
-    block = block_of(wp.tid(), first, last, robots.status.shape[1], clock.active)
+    block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
     if block.count == 0:
         return
     alpha = float(formation.alpha)

@@ -17,6 +17,8 @@ wp.set_module_options(MOTION)
 def move_points(
     first: int,
     lanes: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     formation: FormationStruct,
     robot: RobotStruct,
@@ -35,7 +37,7 @@ def move_points(
         return
     alpha = float(formation.alpha)
     substeps = robots.track.shape[2] - 1
-    for i in range(lane, robots.status.shape[1], lanes):
+    for i in range(begin + lane, end, lanes):
         rate = wp.where(robots.status[w, i] == WORKING, command[w, i, 0] * robot.phase_rate_max, 0.0)
         start = robots.phase[w, i]
         robots.track[w, i, 0] = robots.position[w, i]

@@ -1,0 +1,183 @@
+"""Work that CPU threads share: calls of compiled kernels in an order, without the interpreter between them.
+
+Work is a list of groups, a group a list of tasks, a task a list of launches. Tasks of a group are done side by side;
+those of the next group begin when all are done. Who calls the work begins at once, alone, and wakes helpers: threads
+that sleep where there is nothing to do. A helper takes the next task as long as there are any, and where it comes too
+late it finds none. So nobody waits for a thread to wake up, which takes longer than most stages of a step.
+"""
+
+import contextlib
+import ctypes
+import os
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from functools import cache
+from itertools import chain, pairwise
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.work_kernel import APART, take_part
+
+SHARES = 4
+"""Tasks for each thread: where one is slower than another, it takes fewer."""
+
+
+class Call:
+    """A launch on a CPU whose arguments are laid out once, as the compiled kernel reads them; Warp does so each time.
+
+    Args:
+        launch: What `wp.launch` returned that recorded it.
+    """
+
+    def __init__(self, launch: Any):
+        self._launch = launch
+        self._bounds, *values = launch.params
+        fields = [(f"argument_{k}", type(value)) for k, value in enumerate(values)]
+        self._arguments = type("Arguments", (ctypes.Structure,), {"_fields_": fields})(*values)
+        self._function = launch.hooks.forward
+        self._places = ctypes.byref(self._bounds), ctypes.byref(self._arguments)
+
+    def __call__(self) -> None:
+        """Make the launch."""
+        if self._launch.device.is_capturing:  # by a user, whose graph is made of launches
+            self._launch.launch()
+        else:
+            self._function(*self._places)
+
+    @property
+    def addresses(self) -> tuple[int, int, int]:
+        """Addresses of function, bounds and arguments, good while this lives."""
+        function = ctypes.cast(self._function, ctypes.c_void_p).value or 0
+        return function, ctypes.addressof(self._bounds), ctypes.addressof(self._arguments)
+
+    def read_argument(self, index: int) -> None:
+        """Take one of the arguments anew, which was changed."""
+        setattr(self._arguments, f"argument_{index}", self._launch.params[1 + index])
+
+
+class Work:
+    """Launches that CPU threads share; on a GPU they are made in their order.
+
+    Args:
+        groups: Launches that were recorded, of each task of each group.
+        device: Where they run.
+        threads: How many may take part.
+
+    Attributes:
+        launches: All of them, in their order.
+    """
+
+    def __init__(self, groups: Sequence[Sequence[Sequence[Any]]], device: Any, threads: int = 1):
+        self._device = device
+        tasks = [task for group in groups for task in group]
+        self.launches = list(chain.from_iterable(tasks))
+        if device.is_cpu:
+            self._calls = [Call(launch) for launch in self.launches]
+            self._helpers = min(threads, max(map(len, groups))) - 1
+            self._leading = threading.Lock()
+            self._bind(np.cumsum([0, *map(len, tasks)]), np.cumsum([*map(len, groups)]))
+
+    def _bind(self, *numbers: np.ndarray) -> None:
+        """Make the calls by which a thread leads, and helps."""
+        addresses = np.array([each.addresses for each in self._calls], dtype=np.uint64).view(np.int64)
+        arrays = [wp.array(each, dtype=wp.int64, device=self._device) for each in (addresses.ravel(), *numbers)]
+        arrays.append(wp.zeros(3 * int(APART), dtype=wp.int64, device=self._device))
+        self._arrays = arrays  # which the calls know by their addresses
+        self._lead, self._help = (
+            Call(wp.launch(take_part, 1, [*arrays, _yielding(), leads], device=self._device, record_cmd=True))
+            for leads in (1, 0)
+        )
+
+    def __call__(self) -> None:
+        """Do all of it."""
+        if self._device.is_cpu and not self._device.is_capturing:
+            with self._leading:
+                for helper in _helpers(self._helpers):
+                    helper.wake(self)
+                self._lead()
+        else:
+            for launch in self.launches:
+                launch.launch()
+
+    def help(self) -> None:
+        """Do a part of what another thread leads now."""
+        self._help()
+
+    def set_argument(self, index: int, value: Any) -> None:
+        """Change one of the arguments of every launch."""
+        for launch in self.launches:
+            launch.set_param_at_index(index, value)
+        if self._device.is_cpu:
+            for call in self._calls:
+                call.read_argument(index)
+
+
+def shared_launch(
+    kernel: Any,
+    size: int,
+    inputs: Callable[[int], list[Any]],
+    outputs: list[Any],
+    device: Any,
+    threads: int,
+    smallest: int,
+) -> Work:
+    """Record launches of a kernel over `size` threads, in shares of `smallest` at least, for CPU threads to take.
+
+    `inputs` gives what the kernel takes of the share that begins with a thread.
+    """
+    shares = min(SHARES * threads, max(size // smallest, 1)) if device.is_cpu and threads > 1 else 1
+    edges = [size * share // shares for share in range(shares + 1)]
+    launches = [
+        wp.launch(kernel, high - low, inputs(low), outputs=outputs, device=device, record_cmd=True)
+        for low, high in pairwise(edges)
+    ]
+    return Work([[[launch] for launch in launches]], device, threads)
+
+
+class _Helper:
+    """A thread that sleeps until there is something to do."""
+
+    def __init__(self):
+        self._asleep = threading.Lock()
+        self._asleep.acquire()
+        self._work: Work | None = None
+        threading.Thread(target=self._run, name="lissajous", daemon=True).start()
+
+    def wake(self, work: Work) -> None:
+        """Let it help, if not now then when it has done what it is doing."""
+        self._work = work
+        if self._asleep.locked():
+            with contextlib.suppress(RuntimeError):  # another thread has just woken it
+                self._asleep.release()
+
+    def _run(self) -> None:
+        while True:
+            self._asleep.acquire()
+            work, self._work = self._work, None
+            if work is not None:
+                work.help()
+            del work  # which would live until the next
+
+
+@cache
+def _helpers(count: int) -> list[_Helper]:
+    """The first helpers."""
+    return [*_helpers(count - 1), _Helper()] if count else []
+
+
+if hasattr(os, "register_at_fork"):
+    # Threads do not survive a fork.
+    os.register_at_fork(after_in_child=_helpers.cache_clear)
+
+
+@cache
+def _yielding() -> int:
+    """Address of the system's function by which a thread leaves the processor to others; 0 where there is none."""
+    try:
+        function = ctypes.windll.kernel32.SwitchToThread if sys.platform == "win32" else ctypes.CDLL(None).sched_yield
+    except (AttributeError, OSError):
+        return 0
+    return ctypes.cast(function, ctypes.c_void_p).value or 0
