@@ -1,9 +1,11 @@
 """Robots side by side: loops that the compiler turns into SIMD instructions.
 
 A kernel that takes `begin` and `end` without `first` goes over the robots of all worlds in a row, in blocks of
-`width()`. It gathers what it needs of a block into `Floats`, works on these in loops `for k in range(ABREAST)` whose
-passes do not depend on each other, and scatters the results. Each robot is worked on in the same way wherever it stands
-in a block, so a world does not depend on those beside it.
+`width()`. It loads what it needs of a block (`floats` and those after it), as it lies in memory: arrays are contiguous,
+world first, then robot. It works on this in loops `for k in range(ABREAST)` whose passes do not depend on each other,
+and stores the results (`put_floats` and those after it) of the robots that have a bit in a mask, of those alone that
+are in worlds that take part. Each robot is worked on in the same way wherever it stands in a block, so a world does not
+depend on those beside it.
 
 For a loop to become SIMD its first question must be `if k < width()`, since a thread of a GPU has one robot alone, and
 nothing in it may end early, loop, or choose by anything but `wp.where` and short branches; a function must not take a
@@ -47,30 +49,182 @@ def width_on(device: Any) -> int:
 
 @wp.struct
 class Block:
-    """The robots of a thread."""
+    """The robots of a thread: those of worlds that follow each other, as they lie in memory."""
 
+    start: wp.int32
+    """The first of them, counted through all worlds."""
     count: wp.int32
-    """How many there are, of worlds that take part: `width()` at most."""
-    world: Ints
-    """World of each."""
-    robot: Ints
-    """Number of each in its world."""
+    """How many there are: `width()` at most, and none where no world takes part."""
+    taking: wp.int32
+    """A bit for each that is in a world that takes part."""
+
+
+@wp.func
+def where_world(block: Block, n: int, values: wp.array(dtype=wp.int32), least: int) -> int:
+    """A bit for each robot of a block whose world, of `n` robots, has at least this value."""
+    found = int(0)
+    w = int(block.start / n)
+    before = int(0)
+    beyond = n - (block.start - w * n)
+    while before < block.count:
+        if values[w] >= least:
+            found |= ((1 << wp.min(beyond, block.count)) - 1) & ~((1 << before) - 1)
+        before = beyond
+        beyond += n
+        w += 1
+    return found
 
 
 @wp.func
 def block_of(thread: int, begin: int, end: int, n: int, active: wp.array(dtype=wp.int32)) -> Block:
-    """Block of a thread, of the robots `begin` to `end` - 1 of all worlds with `n` each, where these are active."""
-    start = begin + thread * width()
+    """Block of a thread, of the robots `begin` to `end` - 1 of all worlds with `n` each."""
     block = Block()
-    w = int(start / n)
-    i = int(start % n)
-    for _ in range(wp.min(width(), end - start)):
-        if active[w] == 1:
-            block.world[block.count] = w
-            block.robot[block.count] = i
-            block.count += 1
-        i += 1
-        if i == n:
-            i = 0
-            w += 1
+    block.start = begin + thread * width()
+    block.count = wp.min(width(), end - block.start)
+    block.taking = where_world(block, n, active, 1)
+    if block.taking == 0:
+        block.count = 0
     return block
+
+
+@wp.func
+def is_in(k: int, mask: int) -> bool:
+    """Whether robot k of a block has a bit."""
+    return ((mask >> k) & 1) == 1
+
+
+_LOAD = """
+    wp::vec_t<16, {type}> loaded;
+    const {type}* const from = ({type}*)values.data + {offset};
+    if (block.count == 16)  // of constant length, so that it becomes SIMD
+        for (int k = 0; k < 16; ++k)
+            loaded[k] = from[{each} * k];
+    else
+        for (int k = 0; k < block.count; ++k)
+            loaded[k] = from[{each} * k];
+    return loaded;
+"""
+
+
+def _load(type: str, each: str = "1", offset: str = "0") -> str:
+    """How numbers are loaded of which each robot has some, from an offset in those of the block's first robot."""
+    return _LOAD.format(type=f"wp::{type}", each=each, offset=f"{each} * (long long)block.start + {offset}")
+
+
+@wp.func_native(_load("float32"))
+def floats(block: Block, values: wp.array2d(dtype=wp.float32)) -> Floats:
+    """The values (W, N) of a block's robots."""
+    ...
+
+
+@wp.func_native(_load("float64"))
+def doubles(block: Block, values: wp.array2d(dtype=wp.float64)) -> Doubles:
+    """The values (W, N) of a block's robots."""
+    ...
+
+
+@wp.func_native(_load("float32", "3", "axis"))
+def coordinates(block: Block, values: wp.array2d(dtype=wp.vec3), axis: int) -> Floats:
+    """One coordinate of the vectors (W, N) of a block's robots."""
+    ...
+
+
+@wp.func_native(_load("float32", "values.shape[2]", "entry"))
+def entries(block: Block, values: wp.array3d(dtype=wp.float32), entry: int) -> Floats:
+    """One entry of the rows (W, N, entries) of a block's robots."""
+    ...
+
+
+@wp.func_native("""
+    int found = 0;
+    const wp::int32* const from = values.data + block.start;
+    if (block.count == 16)
+        for (int k = 0; k < 16; ++k)
+            found |= (from[k] == value) << k;
+    else
+        for (int k = 0; k < block.count; ++k)
+            found |= (from[k] == value) << k;
+    return found;
+""")
+def where_equal(block: Block, values: wp.array2d(dtype=wp.int32), value: int) -> int:
+    """A bit for each of a block's robots whose value (W, N) is this."""
+    ...
+
+
+@wp.func_native("""
+    int found = 0;
+    for (int k = 0; k < block.count; ++k)
+        found |= (values[k] > least) << k;
+    return found;
+""")
+def where_above(block: Block, values: Floats, least: float) -> int:
+    """A bit for each of a block's robots whose value is above this."""
+    ...
+
+
+_STORE = """
+    {type}* const to = ({type}*)values.data + {offset};
+    if (block.count == 16 && mask == 0xffff)
+        for (int k = 0; k < 16; ++k) {{
+            {store}
+        }}
+    else
+        for (int k = 0; k < block.count; ++k)
+            if (mask >> k & 1) {{
+                {store}
+            }}
+"""
+
+
+def _store(type: str, parts: tuple[str, ...], each: str, offset: str = "0") -> str:
+    """How parts are stored of which each robot has some, from an offset in those of the block's first robot."""
+    store = " ".join(f"to[{each} * k + {place}] = {part};" for place, part in enumerate(parts))
+    return _STORE.format(type=f"wp::{type}", store=store, offset=f"{each} * (long long)block.start + {offset}")
+
+
+@wp.func_native(_store("float32", ("given[k]",), "1"))
+def put_floats(block: Block, mask: int, given: Floats, values: wp.array2d(dtype=wp.float32)):
+    """Set the values (W, N) of the block's robots that have a bit."""
+    ...
+
+
+@wp.func_native(_store("float64", ("given[k]",), "1"))
+def put_doubles(block: Block, mask: int, given: Doubles, values: wp.array2d(dtype=wp.float64)):
+    """Set the values (W, N) of the block's robots that have a bit."""
+    ...
+
+
+@wp.func_native(_store("int32", ("found >> k & 1",), "1"))
+def put_bits(block: Block, mask: int, found: int, values: wp.array2d(dtype=wp.int32)):
+    """Set the values (W, N) of the block's robots that have a bit in `mask` to their bits in `found`."""
+    ...
+
+
+@wp.func_native(_store("float32", ("given[k]",), "values.shape[2]", "entry"))
+def put_entries(block: Block, mask: int, given: Floats, entry: int, values: wp.array3d(dtype=wp.float32)):
+    """Set one entry of the rows (W, N, entries) of the block's robots that have a bit."""
+    ...
+
+
+@wp.func_native(_store("float32", ("x[k]", "y[k]"), "2"))
+def put_pairs(block: Block, mask: int, x: Floats, y: Floats, values: wp.array2d(dtype=wp.vec2)):
+    """Set the pairs (W, N) of the block's robots that have a bit."""
+    ...
+
+
+@wp.func_native(_store("float32", ("a[k]", "b[k]", "c[k]", "d[k]"), "4"))
+def put_fours(block: Block, mask: int, a: Floats, b: Floats, c: Floats, d: Floats, values: wp.array2d(dtype=wp.vec4)):
+    """Set the vectors (W, N) of the block's robots that have a bit."""
+    ...
+
+
+@wp.func_native(_store("float32", ("x[k]", "y[k]", "z[k]"), "3"))
+def put_vectors(block: Block, mask: int, x: Floats, y: Floats, z: Floats, values: wp.array2d(dtype=wp.vec3)):
+    """Set the vectors (W, N) of the block's robots that have a bit."""
+    ...
+
+
+@wp.func_native(_store("float32", ("x[k]", "y[k]", "0"), "3 * values.shape[2]", "3 * place"))
+def put_places(block: Block, mask: int, x: Floats, y: Floats, place: int, values: wp.array3d(dtype=wp.vec3)):
+    """Set one of the places (W, N, places) of the block's robots that have a bit, in the plane."""
+    ...

@@ -2,6 +2,16 @@
 
 import warp as wp
 
+from lissajous_env.device.abreast import (
+    ABREAST,
+    block_of,
+    coordinates,
+    is_in,
+    put_bits,
+    where_above,
+    where_equal,
+    width,
+)
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
@@ -16,8 +26,8 @@ _REMOVE = wp.constant(place_of(Task, "boundary", "remove"))
 
 @wp.kernel
 def watch_boundary(
-    first: int,
-    lanes: int,
+    begin: int,
+    end: int,
     curve: CurveStruct,
     robot: RobotStruct,
     task: TaskStruct,
@@ -26,18 +36,24 @@ def watch_boundary(
     latest: Latest,
 ):
     """Note the robots whose whole body is outside the rectangle; remove them where `task.boundary` says so."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
+    n = robots.status.shape[1]
+    block = block_of(wp.tid(), begin, end, n, clock.active)
+    if block.count == 0:
         return
-    for i in range(lane, robots.status.shape[1], lanes):
-        place = robots.position[w, i]
-        beyond_x = wp.max(wp.abs(place[0]) - curve.half_width, 0.0)
-        beyond_y = wp.max(wp.abs(place[1]) - curve.half_height, 0.0)
-        beyond = beyond_x * beyond_x + beyond_y * beyond_y > robot.radius * robot.radius
-        outside = beyond and robots.status[w, i] != REMOVED
-        latest.outside[w, i] = wp.where(outside, 1, 0)
-        if outside and task.boundary == _REMOVE:
-            robots.status[w, i] = REMOVED
-            robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
-            latest.terminated[w, i] = True
+    beyond = coordinates(block, robots.position, 0)
+    y = coordinates(block, robots.position, 1)
+    for k in range(ABREAST):
+        if k < width():
+            beyond_x = wp.max(wp.abs(beyond[k]) - curve.half_width, 0.0)
+            beyond_y = wp.max(wp.abs(y[k]) - curve.half_height, 0.0)
+            beyond[k] = beyond_x * beyond_x + beyond_y * beyond_y
+    outside = where_above(block, beyond, robot.radius * robot.radius) & ~where_equal(block, robots.status, REMOVED)
+    put_bits(block, block.taking, outside, latest.outside)
+    if task.boundary == _REMOVE:
+        for k in range(block.count):
+            if is_in(k, outside & block.taking):
+                w = (block.start + k) / n
+                i = (block.start + k) % n
+                robots.status[w, i] = REMOVED
+                robots.sensor[w, i] = wp.vec2(NOWHERE, NOWHERE)
+                latest.terminated[w, i] = True

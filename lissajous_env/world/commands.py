@@ -4,6 +4,18 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device import randomness
+from lissajous_env.device.abreast import (
+    ABREAST,
+    Floats,
+    block_of,
+    entries,
+    is_in,
+    put_entries,
+    put_floats,
+    where_above,
+    where_world,
+    width,
+)
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.part_structs import NoiseStruct
 from lissajous_env.world.state import Clock, Latest
@@ -13,10 +25,26 @@ wp.set_module_options(MOTION)
 _LARGEST = wp.constant(float(np.finfo(np.float32).max))
 
 
+@wp.func
+def flag(w: int, clock: Clock):
+    """Flag a world that was given an action that is not finite."""
+    clock.invalid[w] = 1
+    if clock.invalid_at[w] == 0:
+        clock.invalid_at[w] = clock.step[w]
+
+
+@wp.func
+def disturb(w: int, i: int, noise: NoiseStruct, clock: Clock, command_out: wp.array3d(dtype=float)):
+    """Add noise to the commands of a robot."""
+    draw = randomness.stream(randomness.step_key(clock.seed[w], clock.step[w]), i, randomness.ACTUATOR)
+    for entry in range(command_out.shape[2]):
+        command_out[w, i, entry] = wp.clamp(command_out[w, i, entry] + noise.actuator * wp.randn(draw), -1.0, 1.0)
+
+
 @wp.kernel
 def take_commands(
-    first: int,
-    lanes: int,
+    begin: int,
+    end: int,
     noise: NoiseStruct,
     action: wp.array3d(dtype=float),
     clock: Clock,
@@ -28,31 +56,43 @@ def take_commands(
 
     Effort and change are those of the action without the noise, which `taken` keeps until the next step.
     """
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
+    n = action.shape[1]
     size = action.shape[2]
-    for i in range(lane, action.shape[1], lanes):
-        finite = bool(True)
-        for k in range(size):
-            finite = finite and wp.abs(action[w, i, k]) <= _LARGEST
-        if not finite:
-            clock.invalid[w] = 1
-            if clock.invalid_at[w] == 0:
-                clock.invalid_at[w] = clock.step[w]
-        squares = float(0.0)
-        change = float(0.0)
-        for k in range(size):
-            command = wp.where(finite, wp.clamp(action[w, i, k], -1.0, 1.0), 0.0)
-            difference = command - taken[w, i, k]
-            squares += command * command
-            change += difference * difference
-            command_out[w, i, k] = command
-            taken[w, i, k] = command
-        latest.effort[w, i] = squares / float(size)
-        latest.change[w, i] = wp.where(clock.step[w] > 1, change / float(size), 0.0)
-        if noise.actuator > 0.0:
-            draw = randomness.stream(randomness.step_key(clock.seed[w], clock.step[w]), i, randomness.ACTUATOR)
-            for k in range(size):
-                command_out[w, i, k] = wp.clamp(command_out[w, i, k] + noise.actuator * wp.randn(draw), -1.0, 1.0)
+    block = block_of(wp.tid(), begin, end, n, clock.active)
+    if block.count == 0:
+        return
+    invalid = Floats()
+    for entry in range(size):
+        given = entries(block, action, entry)
+        for k in range(ABREAST):
+            if k < width():
+                invalid[k] = wp.where(wp.abs(given[k]) <= _LARGEST, invalid[k], 1.0)
+    followed = where_world(block, n, clock.step, 2)
+    squares = Floats()
+    change = Floats()
+    for entry in range(size):
+        command = entries(block, action, entry)
+        before = entries(block, taken, entry)
+        for k in range(ABREAST):
+            if k < width():
+                command[k] = wp.where(invalid[k] == 0.0, wp.clamp(command[k], -1.0, 1.0), 0.0)
+                difference = command[k] - before[k]
+                squares[k] += command[k] * command[k]
+                change[k] += difference * difference
+        put_entries(block, block.taking, command, entry, taken)
+        put_entries(block, block.taking, command, entry, command_out)
+    for k in range(ABREAST):
+        if k < width():
+            squares[k] = squares[k] / float(size)
+            change[k] = wp.where(is_in(k, followed), change[k] / float(size), 0.0)
+    put_floats(block, block.taking, squares, latest.effort)
+    put_floats(block, block.taking, change, latest.change)
+    flagged = block.taking & where_above(block, invalid, 0.0)
+    if flagged != 0:
+        for k in range(block.count):
+            if is_in(k, flagged):
+                flag((block.start + k) / n, clock)
+    if noise.actuator > 0.0:
+        for k in range(block.count):
+            if is_in(k, block.taking):
+                disturb((block.start + k) / n, (block.start + k) % n, noise, clock, command_out)

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from lissajous_env.device.abreast import ABREAST, Floats, block_of, width
+from lissajous_env.device.abreast import ABREAST, Floats, block_of, put_floats, put_vectors, width
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_parameter, lissajous, point2
 from lissajous_env.device.part_structs import FormationStruct
@@ -43,8 +43,10 @@ def find_deviations(
     ahead = Floats()
     aside = Floats()
     tracking = Floats()
+    i = int(block.start % robots.status.shape[1])
     for k in range(block.count):
-        lead[k] = float(phase[k] - equilibrium[block.robot[k]])
+        lead[k] = float(phase[k] - equilibrium[i])
+        i = wp.where(i + 1 == robots.status.shape[1], 0, i + 1)
     if curve.harmonics.shape[0] == 0:
         for k in range(ABREAST):
             if k < width():
@@ -58,9 +60,6 @@ def find_deviations(
             ahead[k] = turn[0]
             aside[k] = turn[1]
     lateral = curve_distances(distances, curve, x, y, block.count)
-    for k in range(block.count):
-        w = block.world[k]
-        i = block.robot[k]
-        latest.tracking[w, i] = tracking[k]
-        latest.lateral[w, i] = lateral[k]
-        latest.lead[w, i] = wp.vec3(lead[k], ahead[k], aside[k])
+    put_floats(block, block.taking, tracking, latest.tracking)
+    put_floats(block, block.taking, lateral, latest.lateral)
+    put_vectors(block, block.taking, lead, ahead, aside, latest.lead)

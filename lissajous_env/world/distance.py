@@ -81,9 +81,9 @@ def cell_at(table: DistanceTable, x: float, y: float) -> tuple[int, float, float
 
 
 @wp.func
-def leaf(table: DistanceTable, cell: int, across: float, up: float) -> int:
-    """Node of a place in a cell: 16 times the first arc of the part in which it lies, and how many that has."""
-    node = int(table.nodes[cell])
+def leaf(table: DistanceTable, start: int, across: float, up: float) -> int:
+    """Node of a place in a node: 16 times the first arc of the part in which it lies, and how many that has."""
+    node = int(start)
     while node < 0:
         across *= float(_SPLIT)
         up *= float(_SPLIT)
@@ -122,8 +122,12 @@ def curve_distances(table: DistanceTable, curve: CurveStruct, x: Floats, y: Floa
                 node[k] = cell
                 across[k] = along
                 up[k] = above
+        most = int(1)
+        for k in range(count):
+            node[k] = table.nodes[node[k]]
         for k in range(count):
             node[k] = leaf(table, node[k], across[k], up[k])
+            most = wp.max(most, node[k] & 15)
             arc = table.arcs[node[k] >> 4]
             across[k] = wp.abs(x[k]) - arc[0]
             up[k] = wp.abs(y[k]) - arc[1]
@@ -133,11 +137,12 @@ def curve_distances(table: DistanceTable, curve: CurveStruct, x: Floats, y: Floa
         for k in range(ABREAST):
             if k < width():
                 distance[k] = arc_distance(across[k], up[k], normal_x[k], normal_y[k], bend[k])
-        for k in range(count):  # few cells have more arcs than one
-            for other in range((node[k] >> 4) + 1, (node[k] >> 4) + (node[k] & 15)):
-                arc = table.arcs[other]
-                further = arc_distance(wp.abs(x[k]) - arc[0], wp.abs(y[k]) - arc[1], arc[2], arc[3], arc[4])
-                distance[k] = wp.min(distance[k], further)
+        if most > 1:  # few cells have more arcs than one
+            for k in range(count):
+                for other in range((node[k] >> 4) + 1, (node[k] >> 4) + (node[k] & 15)):
+                    arc = table.arcs[other]
+                    further = arc_distance(wp.abs(x[k]) - arc[0], wp.abs(y[k]) - arc[1], arc[2], arc[3], arc[4])
+                    distance[k] = wp.min(distance[k], further)
     return distance
 
 

@@ -3,20 +3,44 @@
 import warp as wp
 
 from lissajous_env.device import randomness
+from lissajous_env.device.abreast import (
+    ABREAST,
+    Floats,
+    block_of,
+    floats,
+    is_in,
+    put_fours,
+    put_pairs,
+    where_equal,
+    where_world,
+    width,
+)
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, curve_parameter, project, wrap_phase
 from lissajous_env.device.part_structs import FormationStruct, NoiseStruct
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.world.robots.placing import LARGEST_CORRECTION
+from lissajous_env.world.robots.placing import LARGEST_CORRECTION, places_of
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Robots
 
 wp.set_module_options(MOTION)
 
 
+@wp.func
+def disturb(
+    draw: wp.uint32, alpha: float, curve: CurveStruct, noise: NoiseStruct, pose: wp.vec4, phase: wp.float64
+) -> tuple[wp.vec4, wp.float64]:
+    """A pose (x, y [m], heading [rad], speed [m/s]) and a phase [rad] as they are measured with noise."""
+    pose[0] += noise.position * wp.randn(draw)
+    pose[1] += noise.position * wp.randn(draw)
+    pose[2] += noise.heading * wp.randn(draw)
+    pose[3] += noise.speed * wp.randn(draw)
+    gamma = curve_parameter(alpha, phase)
+    seen = project(curve, wp.vec2(pose[0], pose[1]), gamma, LARGEST_CORRECTION)
+    return pose, wrap_phase(phase + wp.float64((seen - gamma) / alpha))
+
+
 @wp.kernel
 def measure(
-    first: int,
-    lanes: int,
     begin: int,
     end: int,
     curve: CurveStruct,
@@ -26,28 +50,42 @@ def measure(
     robots: Robots,
 ):
     """Let each robot measure its own pose and phase, and point its sensor; of a removed one stays what it last knew."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
+    n = robots.status.shape[1]
+    block = block_of(wp.tid(), begin, end, n, clock.active)
+    if block.count == 0:
         return
-    now = clock.step[w]
     alpha = float(formation.alpha)
-    for i in range(begin + lane, end, lanes):
-        position = robots.position[w, i]
-        status = robots.status[w, i]
-        senses = status == WORKING
-        robots.sensor[w, i] = wp.vec2(wp.where(senses, position[0], NOWHERE), wp.where(senses, position[1], NOWHERE))
-        if now == 0 or status != REMOVED:
-            pose = wp.vec4(position[0], position[1], robots.heading[w, i], robots.speed[w, i])
-            phase = robots.phase[w, i]
-            if noise.position > 0.0 or noise.heading > 0.0 or noise.speed > 0.0:
-                draw = randomness.stream(randomness.step_key(clock.seed[w], now), i, randomness.MEASURE)
-                pose[0] += noise.position * wp.randn(draw)
-                pose[1] += noise.position * wp.randn(draw)
-                pose[2] += noise.heading * wp.randn(draw)
-                pose[3] += noise.speed * wp.randn(draw)
-                gamma = curve_parameter(alpha, phase)
-                seen = project(curve, wp.vec2(pose[0], pose[1]), gamma, LARGEST_CORRECTION)
-                phase = wrap_phase(phase + wp.float64((seen - gamma) / alpha))
-            robots.measured[w, i] = pose
-            robots.measured_turn[w, i] = cos_sin(float(phase))
+    x, y, phase = places_of(block, robots)
+    heading = floats(block, robots.heading)
+    speed = floats(block, robots.speed)
+    working = block.taking & where_equal(block, robots.status, WORKING)
+    sensor_x = Floats()
+    sensor_y = Floats()
+    for k in range(ABREAST):
+        if k < width():
+            senses = is_in(k, working)
+            sensor_x[k] = wp.where(senses, x[k], NOWHERE)
+            sensor_y[k] = wp.where(senses, y[k], NOWHERE)
+    put_pairs(block, block.taking, sensor_x, sensor_y, robots.sensor)
+    measuring = block.taking & ~(where_equal(block, robots.status, REMOVED) & where_world(block, n, clock.step, 1))
+    if noise.position > 0.0 or noise.heading > 0.0 or noise.speed > 0.0:
+        for k in range(block.count):
+            if is_in(k, measuring):
+                w = (block.start + k) / n
+                key = randomness.step_key(clock.seed[w], clock.step[w])
+                draw = randomness.stream(key, (block.start + k) % n, randomness.MEASURE)
+                pose, seen = disturb(draw, alpha, curve, noise, wp.vec4(x[k], y[k], heading[k], speed[k]), phase[k])
+                x[k] = pose[0]
+                y[k] = pose[1]
+                heading[k] = pose[2]
+                speed[k] = pose[3]
+                phase[k] = seen
+    ahead = Floats()
+    aside = Floats()
+    for k in range(ABREAST):
+        if k < width():
+            turn = cos_sin(float(phase[k]))
+            ahead[k] = turn[0]
+            aside[k] = turn[1]
+    put_fours(block, measuring, x, y, heading, speed, robots.measured)
+    put_pairs(block, measuring, ahead, aside, robots.measured_turn)

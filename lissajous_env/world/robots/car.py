@@ -6,7 +6,20 @@ import math
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.abreast import ABREAST, Block, Floats, Ints, block_of, width
+from lissajous_env.device.abreast import (
+    ABREAST,
+    Block,
+    Floats,
+    block_of,
+    coordinates,
+    entries,
+    floats,
+    put_floats,
+    put_places,
+    put_vectors,
+    where_equal,
+    width,
+)
 from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
@@ -69,33 +82,14 @@ def stop_at_wall(curve: CurveStruct, car: wp.vec4) -> wp.vec4:
 
 
 @wp.func
-def begin_track(w: int, i: int, place: wp.vec3, robots: Robots) -> int:
-    """Begin a robot's track where it is [m], and let one that does not work stand there; returns 1 if it moves."""
-    robots.track[w, i, 0] = place
-    if robots.status[w, i] == WORKING:
-        return 1
-    robots.speed[w, i] = 0.0
-    for s in range(1, robots.track.shape[2]):
-        robots.track[w, i, s] = place
-    return 0
-
-
-@wp.func
 def take_input(
     block: Block, robot: RobotStruct, command: wp.array3d(dtype=float), robots: Robots
 ) -> tuple[Floats, Floats]:
     """Curvature of the way [1/m] and acceleration by the motor [m/s^2] of the cars of a block."""
-    curvature = Floats()
-    push = Floats()
-    wheelbase = Floats()
-    drive = Floats()
-    for k in range(block.count):
-        w = block.world[k]
-        i = block.robot[k]
-        curvature[k] = command[w, i, 0]
-        push[k] = command[w, i, 1]
-        wheelbase[k] = robots.wheelbase[w, i]
-        drive[k] = robots.drive[w, i]
+    curvature = entries(block, command, 0)
+    push = entries(block, command, 1)
+    wheelbase = floats(block, robots.wheelbase)
+    drive = floats(block, robots.drive)
     for k in range(ABREAST):
         if k < width():
             steering = cos_sin(steering_angle(robot, curvature[k]))
@@ -121,20 +115,17 @@ def move_cars(
         return
     substeps = robots.track.shape[2] - 1
     h = task.step / float(substeps)
-    x = Floats()
-    y = Floats()
-    heading = Floats()
-    speed = Floats()
-    moves = Ints()
-    for k in range(block.count):
-        w = block.world[k]
-        i = block.robot[k]
-        place = robots.position[w, i]
-        x[k] = place[0]
-        y[k] = place[1]
-        heading[k] = robots.heading[w, i]
-        speed[k] = robots.speed[w, i]
-        moves[k] = begin_track(w, i, place, robots)
+    x = coordinates(block, robots.position, 0)
+    y = coordinates(block, robots.position, 1)
+    heading = floats(block, robots.heading)
+    speed = floats(block, robots.speed)
+    moving = block.taking & where_equal(block, robots.status, WORKING)
+    standing = block.taking & ~moving
+    if standing != 0:
+        put_floats(block, standing, Floats(), robots.speed)
+        for s in range(1, substeps + 1):
+            put_places(block, standing, x, y, s, robots.track)
+    put_places(block, block.taking, x, y, 0, robots.track)
     curvature, push = take_input(block, robot, command, robots)
     for s in range(substeps):
         for k in range(ABREAST):
@@ -151,16 +142,13 @@ def move_cars(
                     x[k] = car[0]
                     y[k] = car[1]
                     speed[k] = car[3]
-        for k in range(block.count):
-            if moves[k] == 1:
-                robots.track[block.world[k], block.robot[k], s + 1] = wp.vec3(x[k], y[k], 0.0)
-    for k in range(block.count):
-        if moves[k] == 1:
-            w = block.world[k]
-            i = block.robot[k]
-            robots.position[w, i] = wp.vec3(x[k], y[k], 0.0)
-            robots.heading[w, i] = wrap(heading[k])
-            robots.speed[w, i] = speed[k]
+        put_places(block, moving, x, y, s + 1, robots.track)
+    for k in range(ABREAST):
+        if k < width():
+            heading[k] = wrap(heading[k])
+    put_vectors(block, moving, x, y, Floats(), robots.position)
+    put_floats(block, moving, heading, robots.heading)
+    put_floats(block, moving, speed, robots.speed)
 
 
 def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:

@@ -3,7 +3,18 @@
 import warp as wp
 
 from lissajous_env.device import randomness
-from lissajous_env.device.abreast import ABREAST, Block, Doubles, Floats, block_of, width
+from lissajous_env.device.abreast import (
+    ABREAST,
+    Block,
+    Doubles,
+    Floats,
+    block_of,
+    coordinates,
+    doubles,
+    put_doubles,
+    where_equal,
+    width,
+)
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import (
     CurveStruct,
@@ -42,15 +53,9 @@ def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float
 @wp.func
 def places_of(block: Block, robots: Robots) -> tuple[Floats, Floats, Doubles]:
     """x, y [m] and phase [rad] of the robots of a block."""
-    x = Floats()
-    y = Floats()
-    phase = Doubles()
-    for k in range(block.count):
-        place = robots.position[block.world[k], block.robot[k]]
-        x[k] = place[0]
-        y[k] = place[1]
-        phase[k] = robots.phase[block.world[k], block.robot[k]]
-    return x, y, phase
+    x = coordinates(block, robots.position, 0)
+    y = coordinates(block, robots.position, 1)
+    return x, y, doubles(block, robots.phase)
 
 
 @wp.kernel
@@ -72,11 +77,7 @@ def follow_curve(begin: int, end: int, curve: CurveStruct, formation: FormationS
             start = curve_parameter(alpha, phase[k])
             gamma = project(curve, wp.vec2(x[k], y[k]), start, LARGEST_CORRECTION)
             phase[k] = wrap_phase(phase[k] + wp.float64((gamma - start) / alpha))
-    for k in range(block.count):
-        w = block.world[k]
-        i = block.robot[k]
-        if robots.status[w, i] == WORKING:
-            robots.phase[w, i] = phase[k]
+    put_doubles(block, block.taking & where_equal(block, robots.status, WORKING), phase, robots.phase)
 
 
 @wp.kernel
