@@ -102,6 +102,9 @@ def replay(
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     if out is None and not has_display():
         raise ValueError("out must be given (.html, .gif or .png): there is no display to open a window on")
+    if against is not None and len(names) > 1:  # refused before the other has been played
+        scenarios, _ = told_apart(names)
+        plan(Benchmark(scenarios, (against,), 1, seed, 1, device, overrides=parse_overrides(overrides)))
     recording = _recorded(names, seed, device, output, overrides)
     other = None
     if against is not None:

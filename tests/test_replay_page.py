@@ -193,6 +193,7 @@ def test_commands_write_pages(tmp_path, monkeypatch, capsys):
 )
 def test_what_cannot_be_shown_is_said(tmp_path, monkeypatch, capsys, arguments, words):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("lissajous_env.episodes.recording.record", lambda *_: pytest.fail("played before"))
     assert called("replay", *arguments) == 2
     assert words in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
