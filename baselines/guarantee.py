@@ -1,7 +1,6 @@
 """The command `lissajous guarantee`: how fast a rogue must be to defeat a formation, and how long one stays unseen."""
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import cycle
@@ -17,6 +16,7 @@ from rich.text import Text
 from baselines.policies import factories
 from baselines.reproduce.drawing import DARK, GREY, SERIES, Sheet
 from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_table
+from lissajous_env.device.devices import cores
 from lissajous_env.episodes.guarantee import Reach, check_follows, fastest_rogue, reach_of, unseen_over_time
 from lissajous_env.parameters import named
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
@@ -101,7 +101,7 @@ def reaches(scenario: Scenario, radii: int, cells: int) -> list[Reach]:
     def reach(share: float) -> Reach:
         return reach_of(scenario, scenario.rogue_speed, share * scenario.detection_radius, cells)
 
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
+    with ThreadPoolExecutor(cores()) as threads:
         return list(threads.map(reach, np.linspace(_SMALLEST, _LARGEST, radii).tolist()))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from lissajous_env.device import devices
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.work import Work, shared_launch
 
@@ -122,3 +123,26 @@ def test_a_launch_is_shared_and_its_arguments_may_change(size, threads):
         work.set_argument(1, each)
         work()
         assert (taken.numpy() == 2 * each.numpy()).all()
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        ({}, 6),
+        ({"cpu.max": "max 100000\n"}, 6),
+        ({"cpu.max": "250000 100000\n"}, 3),
+        ({"cpu.max": "900000 100000\n"}, 6),
+        ({"cpu.max": "5000 100000\n"}, 1),
+        ({"cpu.max": "nonsense"}, 6),
+        ({"cpu/cpu.cfs_quota_us": "-1\n", "cpu/cpu.cfs_period_us": "100000\n"}, 6),
+        ({"cpu/cpu.cfs_quota_us": "200000\n", "cpu/cpu.cfs_period_us": "100000\n"}, 2),
+    ],
+)
+def test_as_many_cores_as_the_process_may_use(tmp_path, monkeypatch, files, expected):
+    # Oracle: what Linux says of control groups, of both versions; the process is bound to six cores.
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    monkeypatch.setattr(devices, "_CONTAINER", tmp_path)
+    monkeypatch.setattr(devices.os, "sched_getaffinity", lambda _: range(6), raising=False)
+    assert devices.cores() == expected

@@ -15,7 +15,6 @@ Differs from the paper: gamma stands for the arc length s, as the same model and
 summed up to M - 1, since those of stage M move nothing.
 """
 
-import os
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +26,7 @@ from baselines.mpcc.model import MpccStruct, tabulate, vec5
 from baselines.mpcc.parameters import MpccParameters
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.curve import curve_struct
-from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
+from lissajous_env.device.devices import as_device, compile_quietly, copy_in, cores, is_torch
 from lissajous_env.device.structs import to_struct
 from lissajous_env.device.work import Work, shared_launch
 from lissajous_env.parameters.scenario import Curve
@@ -77,7 +76,7 @@ class Mpcc(Copyable):
             raise ValueError(f"batch must be at least 1, got {batch}")
         if threads is not None and threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads}")
-        self.threads = threads or os.cpu_count() or 1
+        self.threads = threads or cores()
         self.curve = curve
         self.parameters = parameters or MpccParameters()
         self.batch = batch

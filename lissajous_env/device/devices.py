@@ -5,6 +5,7 @@ import os
 import threading
 from collections.abc import Iterator, Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,22 @@ def as_device(device: Any) -> Any:
     except Exception as error:
         there = ", ".join(str(each) for each in wp.get_devices())
         raise ValueError(f"device must be one of those present ({there}), got {shown(device)}") from error
+
+
+_CONTAINER = Path("/sys/fs/cgroup")
+_QUOTAS = ("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")
+"""Where Linux says how much time of processors a container has in a period, and how long that is; of both versions."""
+
+
+def cores() -> int:
+    """Cores that this process may use: as many as it is bound to, and at most the time that its container has."""
+    bound = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    for files in _QUOTAS:
+        with contextlib.suppress(OSError, ValueError):  # no container, or one without a limit
+            quota, period = " ".join((_CONTAINER / file).read_text() for file in files).split()
+            if int(quota) > 0:
+                return max(1, min(bound, -(-int(quota) // int(period))))
+    return bound
 
 
 def check_room(sizes: Sequence[int], num_worlds: int, device: Any) -> None:

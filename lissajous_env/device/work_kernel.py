@@ -16,8 +16,8 @@ APART = wp.constant(16)
 _YIELD = wp.constant(1024)
 """Glances of one who waits after which another program may have the processor."""
 
-_PATIENCE = wp.constant(1 << 17)
-"""Glances after which a helper goes to sleep, some milliseconds."""
+_PATIENCE = wp.constant(1 << 14)
+"""Glances after which a helper goes to sleep, half a millisecond or so."""
 
 
 @wp.func_native(f"""

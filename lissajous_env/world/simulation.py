@@ -1,13 +1,12 @@
 """The simulation: a batch of worlds of one scenario, stepped together on one device."""
 
 import math
-import os
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in
+from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in, cores
 from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, Program, split_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.checks import is_whole
@@ -64,7 +63,8 @@ class Simulation:
         num_worlds: W.
         device: `cpu`, `cuda` or `cuda:k`.
         seed: Seed of world 0; world k has seed + k.
-        threads: CPU threads over which a large batch is split; all cores by default.
+        threads: CPU threads over which a large batch, or a large world, is split; by default all cores that the process
+            may use.
 
     Raises:
         ValueError: a number of worlds below 1 or of more than the device's memory holds, a device that is not there,
@@ -86,7 +86,7 @@ class Simulation:
         self.scenario = named.scenario(scenario).resolve()
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.device = as_device(device)
-        self.threads = threads or os.cpu_count() or 1
+        self.threads = threads or cores()
         self.layout: Layout = layout(self.scenario)
         brought = [each.name for each in self.scenario.extensions if isinstance(each, RewardTerm)]
         self.reward_term_names = (*TERMS, *brought)

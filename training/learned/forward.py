@@ -11,13 +11,12 @@ wait for the one before it, and a weight that was read serves all the rows.
 # pyright: reportInvalidTypeForm=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
 # pyright: reportIndexIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
 
-import os
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.devices import compile_quietly
+from lissajous_env.device.devices import compile_quietly, cores
 from lissajous_env.device.work import shared_launch
 from training.learned.network import ACTIVATIONS, Network
 from training.learned.residual import OPTIONS, added, limited
@@ -202,7 +201,7 @@ class Forward:
         def inputs(low: int) -> list[Any]:
             return [layers, residual, read, low, observation, base, blocks, values]
 
-        threads = threads or os.cpu_count() or 1
+        threads = threads or cores()
         with compile_quietly():
             self._work = shared_launch(act_by_network, tasks, inputs, [action], device, threads, SMALLEST_SHARE)
 

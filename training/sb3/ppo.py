@@ -1,6 +1,5 @@
 """Stable-Baselines3's PPO, its networks as plain arrays, and what a training of it goes on from."""
 
-import os
 from functools import partial
 from typing import Any, cast
 
@@ -10,6 +9,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.utils import ConstantSchedule, LinearSchedule
 from torch import nn
 
+from lissajous_env.device.devices import cores
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.learned.network import Network
@@ -49,7 +49,7 @@ def make_ppo(settings: TrainingSettings, env: RobotVecEnv, card: Card) -> RobotP
         },
         seed=settings.seed,
         device=settings.device,
-        threads=settings.threads or os.cpu_count() or 1,
+        threads=settings.threads or cores(),
     )
     # PPO seeds the worlds with the number itself; they begin far from the seeds that evaluations are played on.
     env.seed(_FIRST_SEED * (1 + settings.seed))
