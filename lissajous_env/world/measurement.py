@@ -80,12 +80,17 @@ def measure(
                 heading[k] = pose[2]
                 speed[k] = pose[3]
                 phase[k] = seen
+    along = Floats()
+    across = Floats()
     ahead = Floats()
     aside = Floats()
     for k in range(ABREAST):
         if k < width():
             turn = cos_sin(float(phase[k]))
-            ahead[k] = turn[0]
-            aside[k] = turn[1]
+            along[k] = turn[0]
+            across[k] = turn[1]
+            faces = cos_sin(heading[k])
+            ahead[k] = faces[0]
+            aside[k] = faces[1]
     put_fours(block, measuring, x, y, heading, speed, robots.measured)
-    put_pairs(block, measuring, ahead, aside, robots.measured_turn)
+    put_fours(block, measuring, along, across, ahead, aside, robots.measured_turn)

@@ -174,12 +174,11 @@ def observe_self(
 ):
     """Fill entries 0 to 7."""
     own = robots.measured[w, i]
-    ahead = cos_sin(own[2])
     turn = robots.measured_turn[w, i]
     observation_out[w, i, 0] = far(own[0] / curve.half_width)
     observation_out[w, i, 1] = far(own[1] / curve.half_height)
-    observation_out[w, i, 2] = ahead[0]
-    observation_out[w, i, 3] = ahead[1]
+    observation_out[w, i, 2] = turn[2]
+    observation_out[w, i, 3] = turn[3]
     observation_out[w, i, 4] = far(own[3] / speed_unit)
     observation_out[w, i, 5] = turn[0]
     observation_out[w, i, 6] = turn[1]

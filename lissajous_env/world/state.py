@@ -76,8 +76,8 @@ class Robots:
     """x, y of a working robot [m]; far away where the robot senses nothing."""
     measured: wp.array2d(dtype=wp.vec4)
     """Measured x, y [m], heading [rad], speed [m/s]."""
-    measured_turn: wp.array2d(dtype=wp.vec2)
-    """Cosine and sine of the measured phase."""
+    measured_turn: wp.array2d(dtype=wp.vec4)
+    """Cosine and sine of the measured phase, and of the measured heading."""
 
 
 @wp.struct
