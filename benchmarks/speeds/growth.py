@@ -110,7 +110,7 @@ def tables(options: Options) -> dict[str, Table]:
             print(f"{robots:,} robots, {targets:,} targets: {told}", flush=True)
     if options.store:
         draw(found, PICTURE)
-    threads = threads_table(sizes[-1], counts[-2:], options.threads, options.rounds)
+    threads = threads_table(sizes[-1], counts, options.threads, options.rounds)
     return {"growth": table_of(found), "growth_threads": threads}
 
 
