@@ -34,7 +34,7 @@ _PLACED = ("first", "lanes", "part", "begin", "end")
 _MOST_LAUNCHES = 64
 """Launches that a launcher keeps ready."""
 
-_SHARE = 150_000
+_SHARE = 100_000
 """Work below which it does not pay to wake a thread for it [ns]."""
 
 

@@ -76,35 +76,37 @@ class Work:
         self.launches = list(chain.from_iterable(tasks))
         if device.is_cpu:
             self._calls = [Call(launch) for launch in self.launches]
-            self._helpers = min(threads, max(map(len, groups))) - 1
             self._leading = threading.Lock()
-            self._bind(np.cumsum([0, *map(len, tasks)]), np.cumsum([*map(len, groups)]))
+            self._bind([*map(len, tasks)], [*map(len, groups)], min(threads, max(map(len, groups))))
 
-    def _bind(self, *numbers: np.ndarray) -> None:
-        """Make the calls by which a thread leads, and helps."""
+    def _bind(self, lengths: Sequence[int], sizes: Sequence[int], members: int) -> None:
+        """Make the call by which each member takes part, for tasks of these lengths and groups of these sizes."""
         addresses = np.array([each.addresses for each in self._calls], dtype=np.uint64).view(np.int64)
-        arrays = [wp.array(each, dtype=wp.int64, device=self._device) for each in (addresses.ravel(), *numbers)]
-        arrays.append(wp.zeros(3 * int(APART), dtype=wp.int64, device=self._device))
+        numbers = addresses.ravel(), np.cumsum([0, *lengths]), np.cumsum(sizes), np.zeros(len(lengths))
+        arrays = [wp.array(each, dtype=wp.int64, device=self._device) for each in numbers]
+        arrays.append(wp.zeros(2 * int(APART), dtype=wp.int64, device=self._device))
         self._arrays = arrays  # which the calls know by their addresses
-        self._lead, self._help = (
-            Call(wp.launch(take_part, 1, [*arrays, _yielding(), leads], device=self._device, record_cmd=True))
-            for leads in (1, 0)
-        )
+
+        def part(member: int) -> Call:
+            inputs = [*arrays, _yielding(), member, members]
+            return Call(wp.launch(take_part, 1, inputs, device=self._device, record_cmd=True))
+
+        self._parts = [part(member) for member in range(members)]
 
     def __call__(self) -> None:
         """Do all of it."""
         if self._device.is_cpu and not self._device.is_capturing:
             with self._leading:
-                for helper in _helpers(self._helpers):
+                for helper in _helpers(len(self._parts) - 1):
                     helper.wake(self)
-                self._lead()
+                self._parts[0]()
         else:
             for launch in self.launches:
                 launch.launch()
 
-    def help(self) -> None:
-        """Do a part of what another thread leads now."""
-        self._help()
+    def help(self, member: int) -> None:
+        """Do a part of what another thread leads now, as one of the members after the first."""
+        self._parts[member]()
 
     def set_argument(self, index: int, value: Any) -> None:
         """Change one of the arguments of every launch."""
@@ -140,7 +142,8 @@ def shared_launch(
 class _Helper:
     """A thread that sleeps until there is something to do."""
 
-    def __init__(self):
+    def __init__(self, member: int):
+        self._member = member
         self._asleep = threading.Lock()
         self._asleep.acquire()
         self._work: Work | None = None
@@ -158,14 +161,14 @@ class _Helper:
             self._asleep.acquire()
             work, self._work = self._work, None
             if work is not None:
-                work.help()
+                work.help(self._member)
             del work  # which would live until the next
 
 
 @cache
 def _helpers(count: int) -> list[_Helper]:
     """The first helpers."""
-    return [*_helpers(count - 1), _Helper()] if count else []
+    return [*_helpers(count - 1), _Helper(count)] if count else []
 
 
 if hasattr(os, "register_at_fork"):

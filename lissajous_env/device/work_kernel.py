@@ -1,7 +1,8 @@
 """How threads share work: compiled code that calls compiled kernels.
 
 One thread leads: it opens group after group of tasks, takes tasks itself as long as there are any, and goes on when all
-of the group are done. The others help.
+of the group are done. The others help. Each looks for tasks from a place of its own on, so that it mostly does what it
+did in the run before, of which its cache still holds some.
 """
 
 import warp as wp
@@ -17,27 +18,35 @@ _YIELD = wp.constant(1024)
 """Glances of one who waits after which another program may have the processor."""
 
 _PATIENCE = wp.constant(1 << 14)
-"""Glances after which a helper goes to sleep, half a millisecond or so."""
+"""Glances after which a helper goes to sleep while another works, half a millisecond or so."""
+
+_LINGER = wp.constant(1 << 10)
+"""Glances for which it waits for the next run, less than it takes to be woken."""
 
 
 @wp.func_native(f"""
 #if !defined(__CUDA_ARCH__)
     typedef void (*Kernel)(void*, void*);
     typedef wp::int32 (*Yield)(void);
-    // Tasks are numbered through all runs of the work, so that one who comes late cannot take an old one again.
-    wp::int64* const taken = counters.data;
-    wp::int64* const opened = counters.data + {int(APART)};
-    wp::int64* const done = counters.data + 2 * {int(APART)};
-    const wp::int64 number = tasks.shape[0] - 1;
+    // Both are counted through all runs of the work.
+    wp::int64* const opened = counters.data;
+    wp::int64* const done = counters.data + {int(APART)};
+    const wp::int64 groups = ends.shape[0], number = tasks.shape[0] - 1;
 
-    const auto take = [&]() -> bool {{
-        wp::int64 next = __atomic_load_n(taken, __ATOMIC_RELAXED);
-        while (next < __atomic_load_n(opened, __ATOMIC_ACQUIRE)) {{
-            if (__atomic_compare_exchange_n(taken, &next, next + 1, false, __ATOMIC_ACQUIRE, __ATOMIC_RELAXED)) {{
-                for (wp::int64 k = tasks.data[next % number]; k < tasks.data[next % number + 1]; ++k) {{
-                    const wp::int64* const call = calls.data + 3 * k;
-                    ((Kernel)call[0])((void*)call[1], (void*)call[2]);
-                }}
+    // Take a task of the group that is open; whoever comes late finds that all were taken in this run, or in a later.
+    const auto take = [&](const wp::int64 open) -> bool {{
+        if (open == 0)
+            return false;
+        const wp::int64 run = (open - 1) / groups, group = (open - 1) % groups;
+        const wp::int64 begin = group == 0 ? 0 : ends.data[group - 1], size = ends.data[group] - begin;
+        for (wp::int64 k = 0; k < size; ++k) {{
+            const wp::int64 task = begin + (member * size / members + k) % size;
+            wp::int64 before = run;
+            if (__atomic_load_n(&taken.data[task], __ATOMIC_RELAXED) == run
+                && __atomic_compare_exchange_n(
+                    &taken.data[task], &before, run + 1, false, __ATOMIC_ACQUIRE, __ATOMIC_RELAXED)) {{
+                for (wp::int64 call = tasks.data[task]; call < tasks.data[task + 1]; ++call)
+                    ((Kernel)calls.data[3 * call])((void*)calls.data[3 * call + 1], (void*)calls.data[3 * call + 2]);
                 __atomic_fetch_add(done, 1, __ATOMIC_RELEASE);
                 return true;
             }}
@@ -56,21 +65,21 @@ _PATIENCE = wp.constant(1 << 14)
 #endif
     }};
 
-    if (leads == 1) {{
+    if (member == 0) {{
         const wp::int64 before = __atomic_load_n(opened, __ATOMIC_RELAXED);
-        for (wp::int64 group = 0; group < ends.shape[0]; ++group) {{
-            const wp::int64 end = before + ends.data[group];
-            __atomic_store_n(opened, end, __ATOMIC_RELEASE);
-            while (take()) {{}}
-            while (__atomic_load_n(done, __ATOMIC_ACQUIRE) < end)
+        for (wp::int64 group = 0; group < groups; ++group) {{
+            __atomic_store_n(opened, before + group + 1, __ATOMIC_RELEASE);
+            while (take(before + group + 1)) {{}}
+            while (__atomic_load_n(done, __ATOMIC_ACQUIRE) < before / groups * number + ends.data[group])
                 wait();
         }}
     }} else {{
         while (glances < {int(_PATIENCE)}) {{
-            if (take())
+            const wp::int64 open = __atomic_load_n(opened, __ATOMIC_ACQUIRE);
+            if (take(open))
                 glances = 0;
-            else if (__atomic_load_n(opened, __ATOMIC_ACQUIRE) % number == 0)
-                return;  // the last group has been opened, and all its tasks are taken
+            else if (open % groups == 0 && glances >= {int(_LINGER)})
+                return;  // the last group is open, and all its tasks are taken
             else
                 wait();
         }}
@@ -81,9 +90,11 @@ def _take_part(
     calls: wp.array(dtype=wp.int64),
     tasks: wp.array(dtype=wp.int64),
     ends: wp.array(dtype=wp.int64),
+    taken: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
     yielding: wp.int64,
-    leads: int,
+    member: int,
+    members: int,
 ):
     """Do tasks while there are any: one thread leads, opens group after group, and returns when all are done."""
     ...
@@ -94,9 +105,11 @@ def take_part(
     calls: wp.array(dtype=wp.int64),
     tasks: wp.array(dtype=wp.int64),
     ends: wp.array(dtype=wp.int64),
+    taken: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
     yielding: wp.int64,
-    leads: int,
+    member: int,
+    members: int,
 ):
     """Lead work, or help.
 
@@ -104,8 +117,10 @@ def take_part(
         calls: (3 C,) addresses of function, bounds and arguments of each call.
         tasks: (T + 1,) first call of each task, and C.
         ends: (groups,) number of tasks up to the end of each group.
-        counters: (3 APART,) tasks that were taken, that may be, and that are done.
+        taken: (T,) in how many runs each task was taken.
+        counters: (2 APART,) groups that were opened, and tasks that are done.
         yielding: Address of the function by which a thread leaves the processor to others, or 0.
-        leads: 1 for the thread that leads.
+        member: Which thread this is of those that may take part; the first, 0, leads.
+        members: How many these are.
     """
-    _take_part(calls, tasks, ends, counters, yielding, leads)
+    _take_part(calls, tasks, ends, taken, counters, yielding, member, members)
