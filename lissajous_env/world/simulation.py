@@ -54,6 +54,7 @@ class Simulation:
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and zero was taken instead.
         invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
+        split: Not an array: how the work is divided among CPU threads, `lissajous_env.device.program.Split`.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
     threads. A world whose episode has ended stands still, with reward 0, until it is reset.
