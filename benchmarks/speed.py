@@ -21,6 +21,8 @@ import figures
 import warp
 from speeds import Options, Part, act, cluster, contamination, controller, growth, memory, step, training
 
+from lissajous_env.device.devices import cores
+
 _MODULES = (step, memory, contamination, growth, controller, act, training, cluster)
 PARTS = {each.PART.name: each.PART for each in _MODULES}
 
@@ -68,7 +70,7 @@ def parser() -> argparse.ArgumentParser:
                       help="what is measured; all where none is named")  # fmt: skip
     made.add_argument("--rounds", type=at_least_one, help="turns of each side, instead of each part's own number")
     made.add_argument("--worlds", type=at_least_one, help="worlds of a batch (default: 4096)")
-    made.add_argument("--threads", type=at_least_one, default=os.cpu_count() or 1)
+    made.add_argument("--threads", type=at_least_one, default=cores())
     made.add_argument("--against", type=checkout, metavar="FOLDER", help="another checkout of this project")
     made.add_argument("--without-rivals", action="store_true", help="measure this checkout alone")
     made.add_argument(

@@ -21,11 +21,11 @@ from lissajous_env.device.compilation import OPTIONS
 wp.set_module_options(OPTIONS)
 
 ABREAST = wp.constant(16)
+_LENGTH = int(ABREAST)
 
-Floats = wp.types.vector(length=16, dtype=wp.float32)
-Doubles = wp.types.vector(length=16, dtype=wp.float64)
-Ints = wp.types.vector(length=16, dtype=wp.int32)
-
+Floats = wp.types.vector(length=_LENGTH, dtype=wp.float32)
+Doubles = wp.types.vector(length=_LENGTH, dtype=wp.float64)
+Ints = wp.types.vector(length=_LENGTH, dtype=wp.int32)
 
 _ON_CPU = int(ABREAST)
 
@@ -94,10 +94,10 @@ def is_in(k: int, mask: int) -> bool:
 
 
 _LOAD = """
-    wp::vec_t<16, {type}> loaded;
+    wp::vec_t<{length}, {type}> loaded;
     const {type}* const from = ({type}*)values.data + {offset};
-    if (block.count == 16)  // of constant length, so that it becomes SIMD
-        for (int k = 0; k < 16; ++k)
+    if (block.count == {length})  // of constant length, so that it becomes SIMD
+        for (int k = 0; k < {length}; ++k)
             loaded[k] = from[{each} * k];
     else
         for (int k = 0; k < block.count; ++k)
@@ -108,7 +108,8 @@ _LOAD = """
 
 def _load(type: str, each: str = "1", offset: str = "0") -> str:
     """How numbers are loaded of which each robot has some, from an offset in those of the block's first robot."""
-    return _LOAD.format(type=f"wp::{type}", each=each, offset=f"{each} * (long long)block.start + {offset}")
+    offset = f"{each} * (long long)block.start + {offset}"
+    return _LOAD.format(type=f"wp::{type}", length=_LENGTH, each=each, offset=offset)
 
 
 @wp.func_native(_load("float32"))
@@ -135,11 +136,11 @@ def entries(block: Block, values: wp.array3d(dtype=wp.float32), entry: int) -> F
     ...
 
 
-@wp.func_native("""
+@wp.func_native(f"""
     int found = 0;
     const wp::int32* const from = values.data + block.start;
-    if (block.count == 16)
-        for (int k = 0; k < 16; ++k)
+    if (block.count == {_LENGTH})
+        for (int k = 0; k < {_LENGTH}; ++k)
             found |= (from[k] == value) << k;
     else
         for (int k = 0; k < block.count; ++k)
@@ -164,8 +165,8 @@ def where_above(block: Block, values: Floats, least: float) -> int:
 
 _STORE = """
     {type}* const to = ({type}*)values.data + {offset};
-    if (block.count == 16 && mask == 0xffff)
-        for (int k = 0; k < 16; ++k) {{
+    if (block.count == {length} && mask == {full})
+        for (int k = 0; k < {length}; ++k) {{
             {store}
         }}
     else
@@ -179,7 +180,8 @@ _STORE = """
 def _store(type: str, parts: tuple[str, ...], each: str, offset: str = "0") -> str:
     """How parts are stored of which each robot has some, from an offset in those of the block's first robot."""
     store = " ".join(f"to[{each} * k + {place}] = {part};" for place, part in enumerate(parts))
-    return _STORE.format(type=f"wp::{type}", store=store, offset=f"{each} * (long long)block.start + {offset}")
+    offset = f"{each} * (long long)block.start + {offset}"
+    return _STORE.format(type=f"wp::{type}", length=_LENGTH, full=(1 << _LENGTH) - 1, store=store, offset=offset)
 
 
 @wp.func_native(_store("float32", ("given[k]",), "1"))

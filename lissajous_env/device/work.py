@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.work_kernel import APART, take_part
+from lissajous_env.device.work_kernel import APART, Plan, take_part
 
 SHARES = 4
 """Tasks for each thread: where one is slower than another, it takes fewer."""
@@ -82,16 +82,21 @@ class Work:
     def _bind(self, lengths: Sequence[int], sizes: Sequence[int], members: int) -> None:
         """Make the call by which each member takes part, for tasks of these lengths and groups of these sizes."""
         addresses = np.array([each.addresses for each in self._calls], dtype=np.uint64).view(np.int64)
-        numbers = addresses.ravel(), np.cumsum([0, *lengths]), np.cumsum(sizes), np.zeros(len(lengths))
-        arrays = [wp.array(each, dtype=wp.int64, device=self._device) for each in numbers]
-        arrays.append(wp.zeros(2 * int(APART), dtype=wp.int64, device=self._device))
-        self._arrays = arrays  # which the calls know by their addresses
-
-        def part(member: int) -> Call:
-            inputs = [*arrays, _yielding(), member, members]
-            return Call(wp.launch(take_part, 1, inputs, device=self._device, record_cmd=True))
-
-        self._parts = [part(member) for member in range(members)]
+        plan: Any = Plan()
+        for name, values in {
+            "calls": addresses.reshape(-1, 3),
+            "tasks": np.cumsum([0, *lengths]),
+            "ends": np.cumsum(sizes),
+            "taken": np.zeros(len(lengths)),
+            "counters": np.zeros(2 * int(APART)),
+        }.items():
+            setattr(plan, name, wp.array(values, dtype=wp.int64, device=self._device))
+        plan.yielding, plan.members = _yielding(), members
+        self._plan = plan  # whose arrays the calls know by their addresses
+        self._parts = [
+            Call(wp.launch(take_part, 1, [plan, member], device=self._device, record_cmd=True))
+            for member in range(members)
+        ]
 
     def __call__(self) -> None:
         """Do all of it."""

@@ -24,29 +24,51 @@ _LINGER = wp.constant(1 << 10)
 """Glances for which it waits for the next run, less than it takes to be woken."""
 
 
+@wp.struct
+class Plan:
+    """Tasks, and how far they are done."""
+
+    calls: wp.array2d(dtype=wp.int64)
+    """(C, 3) addresses of function, bounds and arguments of each call."""
+    tasks: wp.array(dtype=wp.int64)
+    """(T + 1,) first call of each task, and C."""
+    ends: wp.array(dtype=wp.int64)
+    """(groups,) number of tasks up to the end of each group."""
+    taken: wp.array(dtype=wp.int64)
+    """(T,) in how many runs each task was taken."""
+    counters: wp.array(dtype=wp.int64)
+    """(2 APART,) groups that were opened, and tasks that are done."""
+    yielding: wp.int64
+    """Address of the function by which a thread leaves the processor to others, or 0."""
+    members: wp.int32
+    """How many threads may take part."""
+
+
 @wp.func_native(f"""
 #if !defined(__CUDA_ARCH__)
     typedef void (*Kernel)(void*, void*);
     typedef wp::int32 (*Yield)(void);
     // Both are counted through all runs of the work.
-    wp::int64* const opened = counters.data;
-    wp::int64* const done = counters.data + {int(APART)};
-    const wp::int64 groups = ends.shape[0], number = tasks.shape[0] - 1;
+    wp::int64* const opened = plan.counters.data;
+    wp::int64* const done = plan.counters.data + {int(APART)};
+    const wp::int64 groups = plan.ends.shape[0], number = plan.tasks.shape[0] - 1;
 
     // Take a task of the group that is open; whoever comes late finds that all were taken in this run, or in a later.
     const auto take = [&](const wp::int64 open) -> bool {{
         if (open == 0)
             return false;
         const wp::int64 run = (open - 1) / groups, group = (open - 1) % groups;
-        const wp::int64 begin = group == 0 ? 0 : ends.data[group - 1], size = ends.data[group] - begin;
+        const wp::int64 begin = group == 0 ? 0 : plan.ends.data[group - 1], size = plan.ends.data[group] - begin;
         for (wp::int64 k = 0; k < size; ++k) {{
-            const wp::int64 task = begin + (member * size / members + k) % size;
+            const wp::int64 task = begin + (member * size / plan.members + k) % size;
             wp::int64 before = run;
-            if (__atomic_load_n(&taken.data[task], __ATOMIC_RELAXED) == run
+            if (__atomic_load_n(&plan.taken.data[task], __ATOMIC_RELAXED) == run
                 && __atomic_compare_exchange_n(
-                    &taken.data[task], &before, run + 1, false, __ATOMIC_ACQUIRE, __ATOMIC_RELAXED)) {{
-                for (wp::int64 call = tasks.data[task]; call < tasks.data[task + 1]; ++call)
-                    ((Kernel)calls.data[3 * call])((void*)calls.data[3 * call + 1], (void*)calls.data[3 * call + 2]);
+                    &plan.taken.data[task], &before, run + 1, false, __ATOMIC_ACQUIRE, __ATOMIC_RELAXED)) {{
+                for (wp::int64 k = plan.tasks.data[task]; k < plan.tasks.data[task + 1]; ++k) {{
+                    const wp::int64* const call = plan.calls.data + 3 * k;
+                    ((Kernel)call[0])((void*)call[1], (void*)call[2]);
+                }}
                 __atomic_fetch_add(done, 1, __ATOMIC_RELEASE);
                 return true;
             }}
@@ -56,8 +78,8 @@ _LINGER = wp.constant(1 << 10)
     wp::int64 glances = 0;
     const auto wait = [&]() {{
         glances += 1;
-        if (yielding != 0 && glances % {int(_YIELD)} == 0)
-            ((Yield)yielding)();
+        if (plan.yielding != 0 && glances % {int(_YIELD)} == 0)
+            ((Yield)plan.yielding)();
 #if defined(__x86_64__) || defined(_M_X64)
         __builtin_ia32_pause();
 #elif defined(__aarch64__)
@@ -70,7 +92,7 @@ _LINGER = wp.constant(1 << 10)
         for (wp::int64 group = 0; group < groups; ++group) {{
             __atomic_store_n(opened, before + group + 1, __ATOMIC_RELEASE);
             while (take(before + group + 1)) {{}}
-            while (__atomic_load_n(done, __ATOMIC_ACQUIRE) < before / groups * number + ends.data[group])
+            while (__atomic_load_n(done, __ATOMIC_ACQUIRE) < before / groups * number + plan.ends.data[group])
                 wait();
         }}
     }} else {{
@@ -86,41 +108,12 @@ _LINGER = wp.constant(1 << 10)
     }}
 #endif
 """)
-def _take_part(
-    calls: wp.array(dtype=wp.int64),
-    tasks: wp.array(dtype=wp.int64),
-    ends: wp.array(dtype=wp.int64),
-    taken: wp.array(dtype=wp.int64),
-    counters: wp.array(dtype=wp.int64),
-    yielding: wp.int64,
-    member: int,
-    members: int,
-):
+def _take_part(plan: Plan, member: int):
     """Do tasks while there are any: one thread leads, opens group after group, and returns when all are done."""
     ...
 
 
 @wp.kernel
-def take_part(
-    calls: wp.array(dtype=wp.int64),
-    tasks: wp.array(dtype=wp.int64),
-    ends: wp.array(dtype=wp.int64),
-    taken: wp.array(dtype=wp.int64),
-    counters: wp.array(dtype=wp.int64),
-    yielding: wp.int64,
-    member: int,
-    members: int,
-):
-    """Lead work, or help.
-
-    Args:
-        calls: (3 C,) addresses of function, bounds and arguments of each call.
-        tasks: (T + 1,) first call of each task, and C.
-        ends: (groups,) number of tasks up to the end of each group.
-        taken: (T,) in how many runs each task was taken.
-        counters: (2 APART,) groups that were opened, and tasks that are done.
-        yielding: Address of the function by which a thread leaves the processor to others, or 0.
-        member: Which thread this is of those that may take part; the first, 0, leads.
-        members: How many these are.
-    """
-    _take_part(calls, tasks, ends, taken, counters, yielding, member, members)
+def take_part(plan: Plan, member: int):
+    """Lead work, as member 0, or help."""
+    _take_part(plan, member)
