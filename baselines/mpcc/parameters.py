@@ -31,11 +31,11 @@ class MpccParameters(Checked):
     """q_4, weight on the squared throttle [1/s^2]."""
     drag: float = number(0.945, 1e-3, 1e3, "1/s")
     """c, damping of the speed [1/s]; printed as 0.94."""
-    drive: float = number(36.81, 1e-3, 1e6, "m/s^2")
+    drive: float = number(36.81, 1e-6, 1e6, "m/s^2")
     """alpha of the motor, acceleration per throttle [m/s^2]; printed as 36.8."""
     offset: float = number(3.804, 0, 1e6, "m/s^2")
     """beta of the model, a linear fit around 1 m/s; the plant's is 3.681 with a dead zone [m/s^2]."""
-    wheelbase: float = number(0.175, 1e-3, 100, "m")
+    wheelbase: float = number(0.175, 1e-6, 1e3, "m")
     """l, distance between the axles [m]."""
     steering_max: float = number(math.pi / 9, 1e-3, 1.57, "rad")
     """Largest steering angle to either side [rad]."""

@@ -9,10 +9,11 @@ import dataclasses
 import inspect
 import math
 import operator
+import re
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -30,7 +31,7 @@ def number(
             low <= value <= high or (or_zero and value == 0) or (or_infinite and value == math.inf)
         )
 
-    return _checked(default, rule + _bracket(unit), holds, float)
+    return _checked(default, rule + _bracket(unit), holds, float, units=(unit,))
 
 
 def whole(default: int | None, low: int, high: int) -> Any:
@@ -61,10 +62,17 @@ def flag(default: bool) -> Any:
     return _checked(default, "must be True or False", lambda v: isinstance(v, bool))
 
 
-def rows(default: tuple | None, rule: str, convert: Callable[[Any], Any], optional: bool = False) -> Any:
+def rows(
+    default: tuple | None,
+    rule: str,
+    convert: Callable[[Any], Any],
+    optional: bool = False,
+    units: tuple[str, ...] = (),
+) -> Any:
     """Declare a tuple of entries, each as `convert` returns it; `convert` returns None for what the rule forbids.
 
-    `optional` also takes None, as a default of None does.
+    `optional` also takes None, as a default of None does. `units` are those of the numbers of an entry, where it is a
+    row of numbers.
     """
 
     def converted(value: tuple) -> tuple:
@@ -73,7 +81,7 @@ def rows(default: tuple | None, rule: str, convert: Callable[[Any], Any], option
     def holds(value: Any) -> bool:
         return isinstance(value, tuple) and all(entry is not None for entry in converted(value))
 
-    return _checked(default, rule, holds, converted, optional)
+    return _checked(default, rule, holds, converted, optional, units=units)
 
 
 class Checked:
@@ -99,6 +107,23 @@ class Checked:
     def part(self) -> str:
         """Name of this part in overrides and error messages, as `curve` in `curve.half_width`."""
         return type(self).__name__.lower()
+
+    def scaled(self, length: float = 1.0, time: float = 1.0) -> Self:
+        """Return a copy in which every length is multiplied by `length`, and every time by `time`.
+
+        Speeds, rates, accelerations and weights change with them, each by the powers in its unit.
+        """
+        changed = {}
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            factors = [_factor(unit, length, time) for unit in field.metadata.get("units", ())]
+            value = getattr(self, field.name)
+            if value is None or all(factor == 1 for factor in factors):
+                continue
+            if isinstance(value, tuple):
+                changed[field.name] = tuple(tuple(map(operator.mul, row, factors)) for row in value)
+            else:
+                changed[field.name] = value * factors[0]
+        return dataclasses.replace(self, **changed)  # type: ignore[type-var]
 
     def _check_together(self) -> None:
         """Check rules that involve more than one field."""
@@ -131,9 +156,10 @@ def _checked(
     convert: Callable[[Any], Any] | None = None,
     optional: bool = False,
     options: tuple[str, ...] = (),
+    units: tuple[str, ...] = (),
 ) -> Any:
     metadata = {"rule": rule, "check": check, "convert": convert, "optional": optional or default is None}
-    metadata["options"] = options
+    metadata |= {"options": options, "units": units}
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -142,6 +168,22 @@ def _holds(check: Callable[[Any], Any], value: Any) -> bool:
         return bool(check(value))
     except (TypeError, ValueError, ArithmeticError):  # a wrong type, or a number beyond all floats
         return False
+
+
+def _factor(unit: str, length: float, time: float) -> float:
+    """Return what a number of this unit is multiplied by where lengths and times are; angles have no unit."""
+    above, _, below = unit.partition("/")
+    return _product(above, length, time) / _product(below, length, time)
+
+
+def _product(units: str, length: float, time: float) -> float:
+    """Return the product of units such as `m`, `s^2`, `sqrt(s)` or `(m s)^2`, where m is `length` and s is `time`."""
+    scales = {"m": length, "s": time, "rad": 1.0, "1": 1.0}
+    if root := re.fullmatch(r"sqrt\((\w+)\)", units):
+        return math.sqrt(scales[root[1]])
+    found = re.fullmatch(r"\(?([\w ]*)\)?(?:\^(\d))?", units)
+    assert found, units
+    return math.prod(scales[name] for name in found[1].split()) ** int(found[2] or 1)
 
 
 def _text(value: float) -> str:

@@ -67,7 +67,7 @@ class Curve(Checked):
     c: int = whole(1, 1, 1023)
     """c of (10), oscillations along z in one lap."""
     harmonics: tuple[tuple[float, float, float, float], ...] = rows(
-        (), "must hold at most 64 rows of four numbers from -10000 to 10000 [m]", _as_harmonic
+        (), "must hold at most 64 rows of four numbers from -10000 to 10000 [m]", _as_harmonic, units=("m",) * 4
     )
     """Another closed curve, in place of (3): for k = 1, 2 ... a row of what multiplies cos(k gamma) and sin(k gamma) in
     x, then in y [m]. It has to stay in the rectangle; a circle of radius R is ((R, 0, 0, R),)."""
@@ -120,7 +120,7 @@ class Curve(Checked):
 class Formation(Checked):
     """How robots coordinate along the curve: dynamics (1) and its equilibrium (2)."""
 
-    phase_rate: float = number(0.3, 1e-6, 1e3, "rad/s")
+    phase_rate: float = number(0.3, 1e-9, 1e3, "rad/s")
     """omega of (1), the rate of the robots along the curve's parameter in the equilibrium [rad/s]."""
     coupling: float = number(1.0, 0, 1e3, "1/s")
     """K, the gain on the sum in (1) [1/s]; the paper prints 1."""
@@ -135,7 +135,7 @@ class Formation(Checked):
     start_noise: float = number(0.0, 0, 100, "rad")
     """Standard deviation of a random displacement of each robot's phase at reset [rad]."""
     displaced: tuple[tuple[int, float], ...] = rows(
-        (), "must hold pairs of a robot and an angle from -100 to 100 [rad]", _as_displacement
+        (), "must hold pairs of a robot and an angle from -100 to 100 [rad]", _as_displacement, units=("", "rad")
     )
     """Robots displaced along the phase at reset, each as (robot, angle [rad])."""
 
@@ -148,14 +148,14 @@ class Robot(Checked):
     """`car`: action = steering, throttle. `curve`: a point on the curve, action = phase rate. Or one's own model."""
     count: int | None = whole(None, 1, 1024)
     """N; None is a + b."""
-    radius: float = number(0.125, 1e-3, 1e3, "m")
+    radius: float = number(0.125, 1e-6, 1e3, "m")
     """r_i, radius of the disc (the ball, in three dimensions) that two robots must keep from sharing [m]."""
-    phase_rate_max: float | None = number(None, 1e-9, 1e4, "rad/s")
+    phase_rate_max: float | None = number(None, 1e-12, 1e4, "rad/s")
     """Phase rate of a `curve` robot at action 1 [rad/s]; None is 3 omega / alpha, three times the formation's own.
 
     So nobody gains by racing; (1), which could ask for omega / alpha + 2 K, recovers from Fig. 6 at 2.7 omega / alpha.
     """
-    wheelbase: float = number(0.175, 1e-3, 100, "m")
+    wheelbase: float = number(0.175, 1e-6, 1e3, "m")
     """l, distance between the axles [m]."""
     steering_max: float = number(math.pi / 9, 1e-3, 1.57, "rad")
     """Largest steering angle to either side [rad]."""
@@ -168,7 +168,7 @@ class Robot(Checked):
 
     Differs from the paper: it prints 0.94, the authors' program has one digit more.
     """
-    drive: float = number(36.81, 1e-3, 1e6, "m/s^2")
+    drive: float = number(36.81, 1e-6, 1e6, "m/s^2")
     """alpha of the motor, acceleration per throttle [m/s^2]; no relation to alpha of Lemma 2.
 
     Differs from the paper: it prints 36.8, the authors' program has one digit more.
@@ -182,7 +182,7 @@ class Robot(Checked):
     """Throttle up to which the motor does not drive and the car coasts."""
     model_offset: float | None = number(None, 0, 1e6, "m/s^2")
     """beta as the designer of a controller measured it [m/s^2]; None is `offset`."""
-    lateral_acceleration_max: float = number(math.inf, 1e-3, 1e6, "m/s^2", or_infinite=True)
+    lateral_acceleration_max: float = number(math.inf, 1e-6, 1e6, "m/s^2", or_infinite=True)
     """Grip: the yaw rate is limited to this over the speed [m/s^2]."""
 
     def _check_together(self) -> None:
@@ -260,11 +260,14 @@ class Faults(Checked):
     """Robots that fail. A stuck robot stops, senses nothing and still sends its phase; a removed one is gone."""
 
     schedule: tuple[tuple[int, float, float], ...] = rows(
-        (), "must hold rows of a robot, a start from 0 to 1000000000 and a later end, or an infinite one [s]", _as_fault
+        (),
+        "must hold rows of a robot, a start from 0 to 1000000000 and a later end, or an infinite one [s]",
+        _as_fault,
+        units=("", "s", "s"),
     )
     """Robots stuck for a time, each as (robot, start [s], end [s]); an infinite end lasts for good."""
     removed: tuple[tuple[int, float], ...] = rows(
-        (), "must hold pairs of a robot and a time from 0 to 1000000000 [s]", _as_removal
+        (), "must hold pairs of a robot and a time from 0 to 1000000000 [s]", _as_removal, units=("", "s")
     )
     """Robots removed for good, each as (robot, time [s])."""
     rate: float = number(0.0, 0, 1e3, "1/s")

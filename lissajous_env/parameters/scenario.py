@@ -213,6 +213,20 @@ class Scenario:
         targets = dataclasses.replace(self.targets, speed_limit=self.rogue_speed)
         return dataclasses.replace(self, robot=robot, formation=formation, sensing=sensing, targets=targets)
 
+    def scaled(self, length: float = 1.0, time: float = 1.0) -> "Scenario":
+        """Return the similar scenario whose lengths are multiplied by `length`, and whose times by `time`.
+
+        Speeds, rates, accelerations and reward weights change with them, so the task is the same in scaled units.
+        Extensions are kept as they are.
+
+        Raises:
+            ValueError: a factor is not a positive number, or a field leaves its range.
+        """
+        for name, factor in (("length", length), ("time", time)):
+            if not (isinstance(factor, (int, float)) and 0 < factor < math.inf):
+                raise ValueError(f"{name} must be a positive number, got {factor!r}")
+        return dataclasses.replace(self, **{name: getattr(self, name).scaled(length, time) for name in PARTS})
+
     def to_dict(self) -> dict:
         """Nested plain values, as written beside results."""
         plain = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
