@@ -9,7 +9,7 @@ from baselines.policies.base import Policy
 from baselines.policies.combinations import COMBINATIONS, ON_REQUEST
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
 from baselines.policies.registry import make, names, register, register_opener, register_wrapper
-from baselines.safety.filter import CLOSE, Safe
+from baselines.safety.filter import Safe, close
 
 __all__ = ["Policy", "make", "names", "register", "register_opener"]
 
@@ -20,7 +20,7 @@ register("laps", "car", Laps, about="The loop of the patrol, each car for itself
 register("random", None, RandomWaypoint, about="Random waypoints; for points random phase rates.")
 register("still", None, Still, about="No motion.")
 register_wrapper("-safe", "car", Safe, "with the collision filter under it")
-register_wrapper("-close", "car", partial(Safe, parameters=CLOSE), "with a filter that gives way late and little")
+register_wrapper("-close", "car", close, "with a filter that gives way late and little")
 
 # A policy in a file of its own there registers itself.
 for _module in sorted(each.name for each in pkgutil.walk_packages(policies.__path__, f"{policies.__name__}.")):

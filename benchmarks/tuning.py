@@ -82,7 +82,7 @@ def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1,
         coordinator, tracker, _ = COMBINATIONS[name]
         if name.startswith("arc"):
             coordinator = partial(coordinator, parameters=ArcParameters(**parts.get("arc", {})))
-        given: Any = MpccParameters.of(scenario.robot, step=scenario.task.step, **parts.get("mpcc", {}))
+        given: Any = MpccParameters.of(scenario, **parts.get("mpcc", {}))
         if tracker is WithVectorField:
             given = FieldParameters(**parts.get("field", {}))
         policy = tracker(coordinator, planned, num_worlds, device, given)

@@ -34,7 +34,7 @@ def played(simulation, law):
 def kuramoto(scenario):
     formation = scenario.formation
     return lambda phases: closed_forms.kuramoto_rates(
-        phases, scenario.neighbours, formation.phase_rate / scenario.alpha, formation.coupling
+        phases, scenario.neighbours, formation.phase_rate / scenario.alpha, scenario.coupling
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.driving import drive_to_goals
+from baselines.policies.driving import drive_to_goals, driving_of
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
@@ -46,6 +46,7 @@ class Clairvoyant:
         self.scenario = scenario.resolve()
         self._simulation: Simulation | None = None
         self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._driving = driving_of(self.scenario)
         shape = num_worlds, self.scenario.num_robots
         self._goals = wp.zeros(shape, dtype=wp.vec2, device=device)
         self._action = wp.zeros((*shape, self.scenario.action_size), dtype=wp.float32, device=device)
@@ -77,7 +78,7 @@ class Clairvoyant:
         if self.scenario.robot.kind == "curve":
             return self._along_the_curve(goals, chosen >= 0, seen.robots.phase.numpy())
         self._goals.assign(np.where(chosen[..., None] >= 0, goals, self._waiting(places)).astype(np.float32))
-        inputs = [self._robot, _WITHIN * self.scenario.sensing_radius, self._goals, seen.robots]
+        inputs = [self._robot, self._driving, _WITHIN * self.scenario.sensing_radius, self._goals, seen.robots]
         wp.launch(drive_to_goals, chosen.shape, inputs, [self._action], device=self._action.device)
         return self._action
 

@@ -47,14 +47,17 @@ from lissajous_env.device.trig import cos_sin
 wp.set_module_options(CONTRACTED)
 
 EARLY, SHIFT, KEEP, CLOSE = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
-"""What a start is laid from: along the curve braking early, the last control shifted by a stage, the control as it
-stands, close along the curve."""
+"""What a start is laid from: along the curve braking early, the last control shifted by the time since then, the control
+as it stands, close along the curve."""
 
 PROBE = wp.constant(0.13)
 """Share of the throttle's range by which `probe` opens it."""
 
 PROBE_MARGIN = wp.constant(1.1)
 """A probe is followed where its cost is below this many times the best."""
+
+NEAREST = wp.constant(0.003)
+"""Square of the smallest distance to a place that is pursued, in wheelbases."""
 
 WORST = wp.constant(3.0e38)
 """Cost reported where there is no solution: finite, and above every other."""
@@ -192,7 +195,7 @@ def along_curve(
     left = facing[0] * to[1] - facing[1] * to[0]
     front = wp.dot(facing, to)
     # A point behind is reached by the tightest turn.
-    pursuit = wp.atan(2.0 * p.wheelbase * left / wp.max(wp.dot(to, to), 1.0e-4))
+    pursuit = wp.atan(2.0 * p.wheelbase * left / wp.max(wp.dot(to, to), NEAREST * p.wheelbase * p.wheelbase))
     steering = wp.where(front > 0.0, pursuit, wp.sign(left) * p.steering_max)
     wanted = pace / phase_per_metre(table, (state[4] + lead) * table.per_radian)
     throttle = (p.offset + p.drag * state[3] + (wanted - state[3]) / (2.0 * p.step)) / p.drive
@@ -222,7 +225,11 @@ def lay_out(
         u = wp.vec2(0.0, 0.0)
         if kind == SHIFT or kind == KEEP:  # noqa: SIM109
             j = wp.where(kind == SHIFT, wp.min(i + 1, M - 1), i)
-            u = clip(p, wp.vec2(control[k, j, 0], control[k, j, 1]))
+            u = wp.vec2(control[k, j, 0], control[k, j, 1])
+            if kind == SHIFT and p.shift < 1.0:
+                # of a control that is constant in each stage, the mean over the shifted stage
+                u = p.shift * u + (1.0 - p.shift) * wp.vec2(control[k, i, 0], control[k, i, 1])
+            u = clip(p, u)
         else:
             u = along_curve(p, curve, table, z, phase_rate, kind == EARLY)
         scratch.state[slot * (M + 1) + i, k] = z

@@ -6,12 +6,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from lissajous_env.parameters.checks import Checked, number, whole
-from lissajous_env.parameters.scenario import Robot
+from baselines.similarity import EXPERIMENT, motion_scale
+from lissajous_env.parameters.scenario import Scenario
 
 
 @dataclass(frozen=True)
 class MpccParameters(Checked):
-    """What problem (11)-(15) holds besides the curve, and when the solver stops."""
+    """What problem (11)-(15) holds besides the curve, and when the solver stops.
+
+    The weights are those of the paper's experiment; `MpccParameters.of` scales them to another scenario.
+    """
 
     stages: int = whole(15, 1, 200)
     """M, stages of the horizon."""
@@ -25,9 +29,9 @@ class MpccParameters(Checked):
     """
     weight_lag: float = number(0.025, 0, 1e6, "1/(m s)^2")
     """Weight on the squared lag error [1/(m s)^2]."""
-    weight_steering: float = number(0.01, 1e-9, 1e6, "1/s^2")
+    weight_steering: float = number(0.01, 1e-20, 1e6, "1/s^2")
     """q_3, weight on the squared steering angle [1/s^2]."""
-    weight_throttle: float = number(0.01, 1e-9, 1e6, "1/s^2")
+    weight_throttle: float = number(0.01, 1e-20, 1e6, "1/s^2")
     """q_4, weight on the squared throttle [1/s^2]."""
     drag: float = number(0.945, 1e-3, 1e3, "1/s")
     """c, damping of the speed [1/s]; printed as 0.94."""
@@ -52,16 +56,36 @@ class MpccParameters(Checked):
 
     Only there has the problem several optima: before the tight turns, which a car can pass early or late.
     """
+    shift: float = number(1.0, 0, 1)
+    """Share of a stage that passes between two solves, by which the last solution is shifted to start from."""
 
     def _check_together(self) -> None:
         self._require(self.throttle_max > self.throttle_min, "throttle_max", "must be above throttle_min")
 
     @classmethod
-    def of(cls, robot: Robot, **overrides: Any) -> "MpccParameters":
-        """Take the car's constants from a robot, with the model's offset as its designer measured it."""
+    def of(cls, scenario: Scenario, **overrides: Any) -> "MpccParameters":
+        """Return the parameters for the cars of a scenario, scaled from those of the paper's experiment.
+
+        The error of the phase rate counts over omega, the errors of place over the scale of the motion, and the inputs
+        over the largest. A stage lasts as long as a control step, longer where slow cars need more time for a turn.
+        The car's constants are the scenario's, the model's offset as its designer measured it.
+        """
+        robot, tuned = scenario.robot, EXPERIMENT.robot
+        rate, scale = scenario.formation.phase_rate / EXPERIMENT.formation.phase_rate, motion_scale(scenario)
+        steering = tuned.steering_max / robot.steering_max
+        throttle = tuned.throttle_max / robot.throttle_max
+        step = max(min(cls.step * scale.time, 1 / robot.drag), scenario.task.step)
+        found = {
+            "step": step,
+            "shift": scenario.task.step / step,
+            "weight_lateral": cls.weight_lateral * (rate / scale.length) ** 2,
+            "weight_lag": cls.weight_lag * (rate / scale.length) ** 2,
+            "weight_steering": cls.weight_steering * (rate * steering) ** 2,
+            "weight_throttle": cls.weight_throttle * (rate * throttle) ** 2,
+            "offset": robot.offset if robot.model_offset is None else robot.model_offset,
+        }
         shared = ("wheelbase", "steering_max", "throttle_min", "throttle_max", "drag", "drive")
-        offset = robot.offset if robot.model_offset is None else robot.model_offset
-        return cls(**{**{name: getattr(robot, name) for name in shared}, "offset": offset, **overrides})
+        return cls(**{**{name: getattr(robot, name) for name in shared}, **found, **overrides})
 
     def replace(self, **overrides: Any) -> "MpccParameters":
         """Copy with some fields changed."""

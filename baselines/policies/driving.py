@@ -1,18 +1,42 @@
 """How a classical car drives: towards a place, at a wanted speed."""
 
+from typing import Any
+
 import warp as wp
 
+from baselines.similarity import EXPERIMENT, motion_scale
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.state import Robots
 
 wp.set_module_options(OPTIONS)
 
-EAGERNESS = wp.constant(4.0)
-"""Rate at which a car that drives towards a place makes up for a speed that is not the wanted one [1/s]."""
+EAGERNESS = 4.0
+"""Rate at which a car of the paper's experiment that drives towards a place makes up for a wrong speed [1/s]."""
+
+
+@wp.struct
+class Driving:
+    """How a car drives: the rate at which it makes up for a wrong speed [1/s], and from where on it slows down [m]."""
+
+    eagerness: float
+    near: float
+
+
+def driving_of(scenario: Scenario) -> Any:
+    """Return how the cars of a scenario drive, scaled from those of the paper's experiment."""
+    driving = Driving()
+    driving.eagerness, driving.near = motor_rate(scenario, EAGERNESS), motion_scale(scenario).length
+    return driving
+
+
+def motor_rate(scenario: Scenario, rate: float) -> float:
+    """Return a rate that suits the motor of the experiment, scaled to the scenario's [1/s]; at most one per step."""
+    return min(rate * (scenario.robot.drag / EXPERIMENT.robot.drag), 1 / scenario.task.step)
 
 
 @wp.func
@@ -29,7 +53,13 @@ def throttle_for(robot: RobotStruct, speed: float, wanted_speed: float, rate: fl
 
 @wp.func
 def drive_towards(
-    robot: RobotStruct, position: wp.vec2, heading: float, speed: float, goal: wp.vec2, wanted_speed: float
+    robot: RobotStruct,
+    driving: Driving,
+    position: wp.vec2,
+    heading: float,
+    speed: float,
+    goal: wp.vec2,
+    wanted_speed: float,
 ) -> wp.vec2:
     """Action of a car towards a goal [m]: pure pursuit, delta = atan(2 l sin(e) / d), and a proportional speed law."""
     away = goal - position
@@ -38,12 +68,13 @@ def drive_towards(
     steering = wp.atan(2.0 * robot.wheelbase * wp.sin(bearing) / distance)
     if wp.abs(bearing) > 1.5707963:
         steering = wp.sign(bearing) * robot.steering_max
-    return car_action(robot, steering, throttle_for(robot, speed, wanted_speed, EAGERNESS))
+    return car_action(robot, steering, throttle_for(robot, speed, wanted_speed, driving.eagerness))
 
 
 @wp.kernel
 def drive_to_goals(
     robot: RobotStruct,
+    driving: Driving,
     reach: float,
     goals: wp.array2d(dtype=wp.vec2),
     robots: Robots,
@@ -58,11 +89,11 @@ def drive_to_goals(
     ahead = cos_sin(robots.heading[w, i])
     goal = goals[w, i]
     away = goal - place
-    wanted = steady_speed(robot) * wp.min(1.0, wp.length(away))
+    wanted = steady_speed(robot) * wp.min(1.0, wp.length(away) / driving.near)
     turn = robot.wheelbase / wp.tan(robot.steering_max)
     beside = wp.abs(ahead[0] * away[1] - ahead[1] * away[0])
     if wp.length(wp.vec2(wp.dot(ahead, away), beside - turn)) < turn - reach:
-        goal = place + ahead
-    action = drive_towards(robot, place, robots.heading[w, i], robots.speed[w, i], goal, wanted)
+        goal = place + 2.0 * turn * ahead
+    action = drive_towards(robot, driving, place, robots.heading[w, i], robots.speed[w, i], goal, wanted)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]

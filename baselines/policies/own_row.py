@@ -65,15 +65,15 @@ def own_key(w: int, i: int, observation: wp.array3d(dtype=float)) -> int:
 
 @wp.func
 def hears(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> bool:
-    """Whether a message that a ring neighbour sent within the last second is known."""
+    """Whether a message from a ring neighbour is known that is not too old to be of use."""
     start = OWN + LINK * side
     return observation[w, i, start + HEARD] > 0.5 and observation[w, i, start + AGE] < 1.0
 
 
 @wp.func
-def message_age(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> float:
-    """Time since a ring neighbour sent its message [s]."""
-    return observation[w, i, OWN + LINK * side + AGE]
+def message_age(w: int, i: int, side: int, unit: float, observation: wp.array3d(dtype=float)) -> float:
+    """Time since a ring neighbour sent its message [s]; `unit` is `Scenario.message_age_unit` [s]."""
+    return observation[w, i, OWN + LINK * side + AGE] * unit
 
 
 @wp.func
@@ -84,15 +84,15 @@ def lead(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> flo
 
 
 @wp.func
-def sine_ahead(w: int, i: int, side: int, rate: float, observation: wp.array3d(dtype=float)) -> float:
+def sine_ahead(w: int, i: int, side: int, rate: float, unit: float, observation: wp.array3d(dtype=float)) -> float:
     """sin(theta_j - theta_i) of a ring neighbour, its phase carried on at `rate` [rad/s] since it was sent.
 
-    Zero for a neighbour that was never heard, or not within the last second.
+    Zero for a neighbour that was never heard, or too long ago; `unit` is `Scenario.message_age_unit` [s].
     """
     if not hears(w, i, side, observation):
         return 0.0
     start = OWN + LINK * side
-    ahead = rate * message_age(w, i, side, observation)
+    ahead = rate * message_age(w, i, side, unit, observation)
     return observation[w, i, start + SIN_LEAD] * wp.cos(ahead) + observation[w, i, start + COS_LEAD] * wp.sin(ahead)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.base import Policy
-from baselines.policies.driving import drive_towards, steady_speed
+from baselines.policies.driving import Driving, drive_towards, driving_of, steady_speed
 from baselines.policies.memory import clear_worlds
 from baselines.policies.own_row import own_heading, own_key, own_phase, own_position, own_speed
 from baselines.policies.patrol_path import (
@@ -73,6 +73,7 @@ def slot_of(
 def follow_loop(
     curve: CurveStruct,
     robot: RobotStruct,
+    driving: Driving,
     alpha: float,
     equilibrium: wp.array(dtype=float),
     loop: wp.array(dtype=wp.vec2),
@@ -101,7 +102,7 @@ def follow_loop(
     speed = own_speed(w, i, steady_speed(robot), observation)
     # At cruising speed the goal stays `lookahead` away; a car that is further from it speeds up.
     wanted = cruise * wp.length(goal - position) / lookahead
-    action = drive_towards(robot, position, own_heading(w, i, observation), speed, goal, wanted)
+    action = drive_towards(robot, driving, position, own_heading(w, i, observation), speed, goal, wanted)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
@@ -110,6 +111,7 @@ def follow_loop(
 def go_around(
     curve: CurveStruct,
     robot: RobotStruct,
+    driving: Driving,
     loop: wp.array(dtype=wp.vec2),
     cruise: float,
     ahead: int,
@@ -138,7 +140,7 @@ def go_around(
     memory[w, i] = here + 1
     goal = loop[(here + ahead) % size]
     speed = own_speed(w, i, steady_speed(robot), observation)
-    action = drive_towards(robot, position, own_heading(w, i, observation), speed, goal, cruise)
+    action = drive_towards(robot, driving, position, own_heading(w, i, observation), speed, goal, cruise)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
@@ -147,6 +149,7 @@ def go_around(
 def wander(
     curve: CurveStruct,
     robot: RobotStruct,
+    driving: Driving,
     goals: wp.array2d(dtype=wp.vec3),
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
@@ -166,8 +169,8 @@ def wander(
     speed = own_speed(w, i, speed_max, observation)
     to = wp.vec2(goal[0], goal[1])
     # A car that would circle around a near goal slows down.
-    wanted = speed_max * wp.min(1.0, wp.length(to - position))
-    action = drive_towards(robot, position, own_heading(w, i, observation), speed, to, wanted)
+    wanted = speed_max * wp.min(1.0, wp.length(to - position) / driving.near)
+    action = drive_towards(robot, driving, position, own_heading(w, i, observation), speed, to, wanted)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
 
@@ -210,6 +213,7 @@ class Sweep(Policy):
         loop = patrol_loop(self.scenario, parameters=self.parameters)
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._driving = driving_of(self.scenario)
         self._alpha = float(self.scenario.alpha)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
@@ -224,7 +228,7 @@ class Sweep(Policy):
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._robot, self._alpha, self._equilibrium, self._loop, self._cruise,
+        inputs = [self._curve, self._robot, self._driving, self._alpha, self._equilibrium, self._loop, self._cruise,
                   self._spacing, self._lookahead, self.scenario.task.step, self._memory, observation]  # fmt: skip
         self.launch(follow_loop, self.shape, inputs, [self.action])
 
@@ -252,6 +256,7 @@ class Laps(Policy):
         self._ahead = round(lookahead(self.scenario, self._cruise, parameters) / loop_spacing(loop))
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._driving = driving_of(self.scenario)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
 
@@ -261,7 +266,7 @@ class Laps(Policy):
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._robot, self._loop, self._cruise, self._ahead, self._memory, observation]
+        inputs = [self._curve, self._robot, self._driving, self._loop, self._cruise, self._ahead, self._memory, observation]
         self.launch(go_around, self.shape, inputs, [self.action])
 
 
@@ -278,6 +283,7 @@ class RandomWaypoint(Policy):
         super().__init__(scenario, num_worlds, device)
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._driving = driving_of(self.scenario)
         self._rate = self.scenario.formation.phase_rate / self.scenario.alpha
         self._goals = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
 
@@ -288,7 +294,7 @@ class RandomWaypoint(Policy):
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         kernel, inputs = {
-            "car": (wander, [self._curve, self._robot, self._goals, observation]),
+            "car": (wander, [self._curve, self._robot, self._driving, self._goals, observation]),
             "curve": (wander_on_curve, [self._robot, self._rate, observation]),
         }.get(self.scenario.robot.kind, (act_at_random, [observation]))
         self.launch(kernel, self.shape, inputs, [self.action])

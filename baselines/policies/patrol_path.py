@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from baselines.similarity import motion_scale
 from lissajous_env.parameters.checks import Checked, number, whole
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import top_speed, turning_radius
@@ -27,7 +28,8 @@ class SweepParameters(Checked):
     lanes: int | None = whole(None, 2, 64)
     """Lanes of the loop, an even number; 2 goes around the rectangle. None is what `patrol_loop` says."""
     lookahead: float | None = number(None, 1e-3, 1e4, "m")
-    """Distance of the goal ahead of a car's place [m]; None is 0.3 s at cruising speed, 4 wheelbases at least."""
+    """Distance of the goal ahead of a car's place [m]; None is what the patrol drives in 0.3 s,
+    in the time scale of the paper's experiment, and 4 wheelbases at least."""
 
     def _check_together(self) -> None:
         self._require(self.lanes is None or self.lanes % 2 == 0, "lanes", "must be even")
@@ -53,7 +55,7 @@ def corner_radius(scenario: Scenario, cruise: float | None = None) -> float:
 
 def lookahead(scenario: Scenario, cruise: float, parameters: SweepParameters) -> float:
     """Distance of the goal ahead of a car [m]."""
-    return parameters.lookahead or max(4 * scenario.robot.wheelbase, 0.3 * cruise)
+    return parameters.lookahead or max(4 * scenario.robot.wheelbase, 0.3 * motion_scale(scenario).time * cruise)
 
 
 def loop_spacing(loop: np.ndarray) -> float:

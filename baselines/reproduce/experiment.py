@@ -126,7 +126,7 @@ def _chosen(played: Played) -> str:
     first, last = made.faults.schedule[0][1:]
     return (
         f"The paper does not print when the agents fail; {first:g} s to {last:g} s is chosen. K = "
-        f"{made.formation.coupling:g}; all {made.num_robots} are cars here, which differ by {spread_of_cars(made)} in "
+        f"{made.coupling:g}; all {made.num_robots} are cars here, which differ by {spread_of_cars(made)} in "
         "wheelbase and drive"
     )
 

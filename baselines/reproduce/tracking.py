@@ -96,7 +96,7 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
             side.set_xlim(low - 0.1 * (high - low), high + 0.3 * (high - low))
         return sheet.picture(
             f"Left: seed {seed}, {made.task.duration:g} s; right: {SEEDS} seeds beside the one run of the paper. "
-            f"K = {made.formation.coupling:g}; {made.num_robots} cars that differ by {spread_of_cars(made)} in "
+            f"K = {made.coupling:g}; {made.num_robots} cars that differ by {spread_of_cars(made)} in "
             "wheelbase and drive, no other disturbance; at 2 r_i bodies touch. The paper's three cars and two points "
             "in a laboratory can only be met in range, not in every digit."
         )

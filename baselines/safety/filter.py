@@ -53,7 +53,7 @@ from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import top_speed, turning_radius
 
-__all__ = ["CLOSE", "Safe", "SafetyParameters", "speed_limit"]
+__all__ = ["CLOSE", "Safe", "SafetyParameters", "close", "speed_limit"]
 
 HEADROOM = 1.5
 """Speed that a car is left, as a multiple of the formation's: one that fell behind has to catch up, or the formation,
@@ -79,8 +79,8 @@ class Safe(Policy):
         if self.scenario.robot.kind != "car":
             raise ValueError(f"policy of a filter must drive robots of kind car, got {self.scenario.robot.kind}")
         self.policy = policy
-        self.name = f"{policy.name}-{'close' if parameters == CLOSE else 'safe'}"
-        self.parameters = parameters or SafetyParameters()
+        self.name = f"{policy.name}-safe"
+        self.parameters = parameters or SafetyParameters().of(self.scenario)
         if self.parameters.speed_max is None:
             limit = speed_limit(self.scenario, self.parameters)
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
@@ -116,6 +116,11 @@ class Safe(Policy):
         clear_worlds(self._memory, mask)
 
 
+def close(policy: Policy) -> Safe:
+    """Return a policy under the filter with the parameters `CLOSE`, scaled to its scenario."""
+    return Safe(policy, CLOSE.of(policy.scenario))
+
+
 def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
     """Speed [m/s] that the filter does not drive above: `speed_in_sight`.
 
@@ -144,4 +149,5 @@ def _scales(scenario: Scenario) -> Any:
     scales: Any = Scales()
     scales.speed, scales.radius = scenario.robot.speed_max, scenario.sensing_radius
     scales.step, scales.robots_seen = scenario.task.step, scenario.sensing.robots_seen
+    scales.age_unit = scenario.message_age_unit
     return scales

@@ -1,5 +1,7 @@
 """The collision filter's arithmetic for one robot: manoeuvres, margins, and the agreed way out."""
 
+import dataclasses
+import math
 from dataclasses import dataclass
 
 import warp as wp
@@ -17,6 +19,7 @@ from baselines.policies.own_row import (
     velocity_seen,
 )
 from baselines.safety.quadratic_program import TOLERANCE, into_box, solve_quadratic_program
+from baselines.similarity import EXPERIMENT, motion_scale
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.car_input import car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
@@ -25,6 +28,7 @@ from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.checks import Checked, number, whole
+from lissajous_env.parameters.scenario import Scenario
 
 wp.set_module_options(OPTIONS)
 
@@ -32,17 +36,19 @@ MANOEUVRES = wp.constant(9)
 """Ways out: full right, straight on, full left; each while coasting, at this speed, and driving on."""
 NEAREST = wp.constant(8)
 """Most robots that are kept clear of, the nearest first."""
-RESTING = wp.constant(0.05)
-"""Speed below which another robot is taken to stay where it is [m/s]."""
 _DIFFERENCE = wp.constant(0.05)
-_NONE = wp.constant(1.0e6)
+_LONGEST = 40
+_NONE = wp.constant(1.0e30)
 
 scores = wp.types.vector(length=9, dtype=wp.float32)
 
 
 @dataclass(frozen=True)
 class SafetyParameters(Checked):
-    """What the collision filter is given besides the scenario."""
+    """What the collision filter is given besides the scenario.
+
+    The defaults are those of the paper's experiment; `SafetyParameters.of` scales them to another scenario.
+    """
 
     clearance: float = number(0.07, 0, 1e3, "m")
     """Distance to keep besides the two radii [m]."""
@@ -60,8 +66,22 @@ class SafetyParameters(Checked):
     """Weight of a change of the throttle's action against one of the steering's."""
     passes: int = whole(3, 1, 20)
     """Most linearisations of the margins, each a quadratic program."""
-    speed_max: float | None = number(None, 1e-3, 1e5, "m/s")
+    resting: float = number(0.05, 0, 1e3, "m/s")
+    """Speed below which another robot is taken to stay where it is [m/s]."""
+    unit: float = number(1.0, 1e-9, 1e6, "m")
+    """Length that margins are measured in when an action is sought [m]."""
+    speed_max: float | None = number(None, 1e-9, 1e5, "m/s")
     """Speed that the throttle may not lead above [m/s]; None is `baselines.safety.filter.speed_limit`."""
+
+    def of(self, scenario: Scenario) -> "SafetyParameters":
+        """Return the same parameters scaled from the paper's experiment to another scenario.
+
+        Slow cars are looked ahead for longer, in control steps, so that what they can do still shows.
+        """
+        scale = motion_scale(scenario)
+        seconds = self.horizon * EXPERIMENT.task.step * scale.time
+        horizon = min(max(math.ceil(seconds / scenario.task.step - 1e-6), self.horizon), _LONGEST)
+        return dataclasses.replace(self.scaled(scale.length, scale.time), horizon=horizon)
 
 
 SafetyStruct = struct_of(SafetyParameters)
@@ -71,12 +91,14 @@ SafetyStruct = struct_of(SafetyParameters)
 class Scales:
     """What divides the entries of an observation, and how many robots it lists.
 
-    `speed` is the top speed of a car [m/s], `radius` that of the disc [m], `step` the control step [s].
+    `speed` is the top speed of a car [m/s], `radius` that of the disc [m], `step` the control step [s], `age_unit`
+    that of a message's age [s].
     """
 
     speed: wp.float32
     radius: wp.float32
     step: wp.float32
+    age_unit: wp.float32
     robots_seen: wp.int32
 
 
@@ -91,7 +113,7 @@ def drive_on(robot: RobotStruct, speed_max: float, car: wp.vec4, action: wp.vec2
     after = before + h * (push - robot.drag * (before + 0.5 * h * (push - robot.drag * before)))
     after = wp.clamp(after, 0.0, wp.max(before, speed_max))
     way = 0.5 * h * (before + after)
-    grip = robot.lateral_acceleration_max / wp.max(before * before, 1.0e-6)
+    grip = robot.lateral_acceleration_max / wp.max(before * before, 1.0e-20)
     turn = way * wp.clamp(curvature, -grip, grip)
     ahead = cos_sin(car[2] + 0.5 * turn)
     return wp.vec4(car[0] + way * ahead[0], car[1] + way * ahead[1], car[2] + turn, after)
@@ -204,13 +226,13 @@ def agreed_way_out(
     for k in range(n):
         other = others[w, i, k]
         speed = wp.sqrt(other[2] * other[2] + other[3] * other[3])
-        answers = wp.where(speed < RESTING, 1, MANOEUVRES)
+        answers = wp.where(speed < safety.resting, 1, MANOEUVRES)
         for b in range(answers):
             now = wp.vec4(other[0], other[1], wp.atan2(other[3], other[2]), speed)
             action = manoeuvre(robot, b, speed)
             for t in range(safety.horizon + 1):
                 path[w, i, MANOEUVRES + b, t] = wp.vec2(now[0], now[1])
-                if speed >= RESTING:
+                if speed >= safety.resting:
                     now = drive_on(robot, safety.speed_max, now, action, step)
         for b in range(MANOEUVRES):
             best = float(-_NONE)
@@ -251,15 +273,15 @@ def linearise(
     step: float,
     rows_out: wp.array3d(dtype=wp.vec3),
 ):
-    """Write row k, g.u >= c: m_k(at) + g.(u - at) >= 0, with g by differences towards the middle of the box."""
+    """Write row k, g.u >= c: m_k(at) + g.(u - at) >= 0 in units of length, with g by differences towards the middle of the box."""
     towards = wp.vec2(
         wp.where(at[0] > 0.0, -_DIFFERENCE, _DIFFERENCE), wp.where(at[1] > 0.0, -_DIFFERENCE, _DIFFERENCE)
     )
     for k in range(n):
         other = others[w, i, k]
-        here = margin(safety, robot, car, other, at, way_out, step)
-        steered = margin(safety, robot, car, other, at + wp.vec2(towards[0], 0.0), way_out, step)
-        driven = margin(safety, robot, car, other, at + wp.vec2(0.0, towards[1]), way_out, step)
+        here = margin(safety, robot, car, other, at, way_out, step) / safety.unit
+        steered = margin(safety, robot, car, other, at + wp.vec2(towards[0], 0.0), way_out, step) / safety.unit
+        driven = margin(safety, robot, car, other, at + wp.vec2(0.0, towards[1]), way_out, step) / safety.unit
         g = wp.vec2((steered - here) / towards[0], (driven - here) / towards[1])
         rows_out[w, i, k] = wp.vec3(g[0], g[1], wp.dot(g, at) - here)
 
@@ -306,7 +328,7 @@ def hear(
     for side in range(2):
         before = memory[w, i, side]
         memory[w, i, side] = wp.vec3(0.0, 0.0, 0.0)
-        if hears(w, i, side, observation) and message_age(w, i, side, observation) < 0.5 * scales.step:
+        if hears(w, i, side, observation) and message_age(w, i, side, scales.age_unit, observation) < 0.5 * scales.step:
             away = offset_heard(w, i, side, curve, observation)
             place = own + away
             memory[w, i, side] = wp.vec3(place[0], place[1], 1.0)
@@ -374,7 +396,7 @@ def keep_clear(
         if turn == 0 and found[2] > 0.0:
             # From where the margins cannot be seen to vanish, begin again at the way out itself.
             at = way_out
-        elif barrier(safety, robot, car, w, i, n, others, u, way_out, step) >= -TOLERANCE:
+        elif barrier(safety, robot, car, w, i, n, others, u, way_out, step) >= -TOLERANCE * safety.unit:
             break
     action_out[w, i, 0] = u[0]
     action_out[w, i, 1] = u[1]

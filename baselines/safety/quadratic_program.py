@@ -7,8 +7,8 @@ from lissajous_env.device.compilation import OPTIONS
 wp.set_module_options(OPTIONS)
 
 TOLERANCE = wp.constant(1.0e-5)
-"""How much of a margin may be missing in a solution of the program [m]."""
-_NONE = wp.constant(1.0e6)
+"""How much of a margin may be missing in a solution of the program, in units of the margins."""
+_NONE = wp.constant(1.0e30)
 
 
 @wp.func
@@ -27,7 +27,7 @@ def line(w: int, i: int, n: int, k: int, rows: wp.array3d(dtype=wp.vec3), top: f
 
 @wp.func
 def violation(w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), u: wp.vec2) -> float:
-    """max_k c - g.u, and at least 0 [m]."""
+    """max_k c - g.u, and at least 0."""
     most = float(0.0)
     for k in range(n):
         row = rows[w, i, k]

@@ -94,7 +94,7 @@ def _draw_circle(axes: Axes, given: Scenario) -> None:
 
 
 def _draw_transient(axes: Axes, given: Scenario) -> None:
-    rate, coupling = given.formation.phase_rate / given.alpha, given.formation.coupling
+    rate, coupling = given.formation.phase_rate / given.alpha, given.coupling
     phases, kept = np.random.default_rng(_SEED).uniform(0, 2 * np.pi, given.num_robots), []
     times = np.arange(0, 12, _STEP)
     for _ in times:

@@ -122,8 +122,9 @@ class Formation(Checked):
 
     phase_rate: float = number(0.3, 1e-9, 1e3, "rad/s")
     """omega of (1), the rate of the robots along the curve's parameter in the equilibrium [rad/s]."""
-    coupling: float = number(1.0, 0, 1e3, "1/s")
-    """K, the gain on the sum in (1) [1/s]; the paper prints 1."""
+    coupling: float | None = number(None, 0, 1e3, "1/s")
+    """K, the gain on the sum in (1) [1/s]; None is omega / (0.3 rad), which in the paper's experiment is the 1/s that
+    the paper prints."""
     p: int | None = whole(None, 0, 1024)
     """p of the equilibrium (2); None takes the least clustered stable one."""
     alpha: int | None = whole(None, 1, 1024)

@@ -119,6 +119,17 @@ class Scenario:
         """p of the equilibrium (2)."""
         return closed_forms.default_p(self.num_robots) if self.formation.p is None else self.formation.p
 
+    @property
+    def coupling(self) -> float:
+        """K of (1), omega / (0.3 rad) where `formation.coupling` does not say [1/s]."""
+        given = self.formation.coupling
+        return self.message_age_unit**-1 if given is None else given
+
+    @property
+    def message_age_unit(self) -> float:
+        """Age at which a message is too old to be of use [s]: the formation moves on by 0.3 rad in this time."""
+        return 0.3 / self.formation.phase_rate
+
     @cached_property
     def alpha(self) -> int:
         """alpha of Lemma 2, in gamma = alpha theta."""
@@ -208,7 +219,9 @@ class Scenario:
             rate_max = SPRINT * self.formation.phase_rate / self.alpha
         offset = self.robot.offset if self.robot.model_offset is None else self.robot.model_offset
         robot = dataclasses.replace(self.robot, count=self.num_robots, phase_rate_max=rate_max, model_offset=offset)
-        formation = dataclasses.replace(self.formation, p=self.p, alpha=self.alpha, ring=self.ring)
+        formation = dataclasses.replace(
+            self.formation, coupling=self.coupling, p=self.p, alpha=self.alpha, ring=self.ring
+        )
         sensing = dataclasses.replace(self.sensing, radius=self.sensing_radius)
         targets = dataclasses.replace(self.targets, speed_limit=self.rogue_speed)
         return dataclasses.replace(self, robot=robot, formation=formation, sensing=sensing, targets=targets)

@@ -7,7 +7,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import RobotStruct, SensingStruct, TaskStruct
+from lissajous_env.device.part_structs import RobotStruct, SensingStruct
 from lissajous_env.world.bins import Bins, bin_of, column_of, columns_of, row_of, rows_of
 from lissajous_env.world.collisions import PARTED, compare_pair, compare_with_all
 from lissajous_env.world.observation import (
@@ -219,7 +219,7 @@ def observe_listed(
     end: int,
     curve: CurveStruct,
     sensing: SensingStruct,
-    task: TaskStruct,
+    age_per_step: float,
     speed_unit: float,
     clock: Clock,
     robots: Robots,
@@ -235,6 +235,6 @@ def observe_listed(
         return
     for i in range(begin + lane, end, lanes):
         observe_self(w, i, curve, speed_unit, robots, observation_out)
-        observe_ring(w, i, clock.step[w], curve, task, robots, links, observation_out)
+        observe_ring(w, i, clock.step[w], curve, age_per_step, robots, links, observation_out)
         list_robots_seen(w, i, sensing, speed_unit, robots, bins, observation_out)
         list_targets_seen(w, i, sensing, robots, targets, bins, observation_out)

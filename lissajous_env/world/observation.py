@@ -16,7 +16,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.part_structs import SensingStruct, TaskStruct
+from lissajous_env.device.part_structs import SensingStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
@@ -41,7 +41,7 @@ OWN_ENTRIES = (
 )
 NEIGHBOUR_ENTRIES = (
     ("heard", 0, 1, "1 once a message came; neighbour 0 is before, 1 after on the ring"),
-    ("age", 0, 1, "time since its last message was sent, at most 1 [s]"),
+    ("age", 0, 1, "time since its last message was sent, at most 1 [time in which the formation moves on by 0.3 rad]"),
     ("cos_phase", -1, 1, "cosine of its phase less one's own"),
     ("sin_phase", -1, 1, "sine of its phase less one's own"),
     ("x", -4, 4, "its x less one's own [2 half_width]"),
@@ -191,7 +191,7 @@ def observe_ring(
     i: int,
     now: int,
     curve: CurveStruct,
-    task: TaskStruct,
+    age_per_step: float,
     robots: Robots,
     links: Links,
     observation_out: wp.array3d(dtype=float),
@@ -207,7 +207,7 @@ def observe_ring(
         else:
             message = links.heard[w, i, side]
             observation_out[w, i, start] = 1.0
-            observation_out[w, i, start + 1] = wp.min(float(now - heard_at) * task.step, 1.0)
+            observation_out[w, i, start + 1] = wp.min(float(now - heard_at) * age_per_step, 1.0)
             observation_out[w, i, start + 2] = wp.clamp(message[0] * turn[0] + message[1] * turn[1], -1.0, 1.0)
             observation_out[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
             observation_out[w, i, start + 4] = far(0.5 * (message[2] - own[0]) / curve.half_width)
@@ -315,7 +315,7 @@ def observe(
     end: int,
     curve: CurveStruct,
     sensing: SensingStruct,
-    task: TaskStruct,
+    age_per_step: float,
     speed_unit: float,
     clock: Clock,
     robots: Robots,
@@ -331,6 +331,6 @@ def observe(
         return
     for i in range(begin + lane, end, lanes):
         observe_self(w, i, curve, speed_unit, robots, observation_out)
-        observe_ring(w, i, clock.step[w], curve, task, robots, links, observation_out)
+        observe_ring(w, i, clock.step[w], curve, age_per_step, robots, links, observation_out)
         observe_robots(w, i, sensing, speed_unit, robots, observation_out)
         observe_targets(w, i, sensing, robots, targets, latest, observation_out)

@@ -30,6 +30,7 @@ import warp as wp
 
 from baselines.policies.own_row import hears, lead, message_age, own_phase
 from baselines.policies.patrol_path import cruising_speed
+from baselines.similarity import motion_scale
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import TWO_PI
 from lissajous_env.device.program import launcher
@@ -49,7 +50,7 @@ class ArcParameters(Checked):
 
     speed: float | None = number(None, 1e-6, 1e5, "m/s")
     """v, speed along the curve [m/s]; None is `ground_speed`."""
-    preview: float = number(PREVIEW, 1e-3, 1e3, "s")
+    preview: float | None = number(None, 1e-3, 1e5, "s")
     """Time over which the phase rate is averaged [s]."""
 
 
@@ -69,6 +70,7 @@ def kuramoto_by_arc(
     rate: float,
     coupling: float,
     preview: float,
+    age_unit: float,
     gain: wp.array(dtype=float),
     loss: wp.array(dtype=float),
     observation: wp.array3d(dtype=float),
@@ -87,7 +89,7 @@ def kuramoto_by_arc(
         if hears(w, i, side, observation):
             other = alpha * (theta + lead(w, i, side, observation))
             ahead = (other + interpolate(gain, other) - arc) / alpha
-            pull += wp.sin(ahead + rate * message_age(w, i, side, observation))
+            pull += wp.sin(ahead + rate * message_age(w, i, side, age_unit, observation))
     soon = arc + preview * alpha * (rate - coupling * pull)
     phase_rate_out[w, i] = (soon + interpolate(loss, soon) - gamma) / (preview * alpha)
 
@@ -97,7 +99,9 @@ class KuramotoByArc:
 
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ArcParameters | None = None):
         self._parameters = parameters or ArcParameters()
-        self._alpha, self._coupling = float(scenario.alpha), scenario.formation.coupling
+        self._alpha, self._coupling = float(scenario.alpha), scenario.coupling
+        self._preview = self._parameters.preview or PREVIEW * motion_scale(scenario).time
+        self._age_unit = scenario.message_age_unit
         speed = self._parameters.speed or ground_speed(scenario)
         self._rate = 2 * math.pi * speed / (lap_length(scenario.curve) * scenario.alpha)
         self._tables = [wp.array(table, dtype=wp.float32, device=device) for table in arc_tables(scenario.curve)]
@@ -106,7 +110,8 @@ class KuramotoByArc:
 
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
-        inputs = [self._alpha, self._rate, self._coupling, self._parameters.preview, *self._tables, observation]
+        inputs = [self._alpha, self._rate, self._coupling, self._preview, self._age_unit]
+        inputs += [*self._tables, observation]
         self._launch(kuramoto_by_arc, self.phase_rate.shape, inputs, [self.phase_rate])
 
 

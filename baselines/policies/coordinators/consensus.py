@@ -32,6 +32,7 @@ def consensus_rates(
     rate: float,
     gain: float,
     spacing: float,
+    age_unit: float,
     observation: wp.array3d(dtype=float),
     phase_rate_out: wp.array2d(dtype=float),
 ):
@@ -44,7 +45,7 @@ def consensus_rates(
     off = float(0.0)
     for side in range(2):
         if hears(w, i, side, observation):
-            ahead = lead(w, i, side, observation) + rate * message_age(w, i, side, observation)
+            ahead = lead(w, i, side, observation) + rate * message_age(w, i, side, age_unit, observation)
             off += wrap(ahead - wp.where(side == 0, -spacing, spacing))
     phase_rate_out[w, i] = rate + gain * off
 
@@ -53,13 +54,13 @@ class Consensus:
     """Coordinator: phase rates (W, N) [rad/s] by linear consensus towards equilibrium (2) of known N and p."""
 
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
-        formation = scenario.formation
-        self._rate, self._gain = formation.phase_rate / scenario.alpha, formation.coupling
+        self._rate, self._gain = scenario.formation.phase_rate / scenario.alpha, scenario.coupling
+        self._age_unit = scenario.message_age_unit
         self._spacing = 2 * math.pi * scenario.p / scenario.num_robots
         self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
         self._launch = launcher(device)
 
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
-        inputs = [self._rate, self._gain, self._spacing, observation]
+        inputs = [self._rate, self._gain, self._spacing, self._age_unit, observation]
         self._launch(consensus_rates, self.phase_rate.shape, inputs, [self.phase_rate])

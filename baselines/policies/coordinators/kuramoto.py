@@ -14,11 +14,15 @@ wp.set_module_options(OPTIONS)
 
 @wp.kernel
 def kuramoto_rates(
-    rate: float, coupling: float, observation: wp.array3d(dtype=float), phase_rate_out: wp.array2d(dtype=float)
+    rate: float,
+    coupling: float,
+    age_unit: float,
+    observation: wp.array3d(dtype=float),
+    phase_rate_out: wp.array2d(dtype=float),
 ):
     """theta_i' = omega / alpha - K sum_j sin(theta_j - theta_i), equation (1), for robot i of world w."""
     w, i = wp.tid()
-    pull = sine_ahead(w, i, 0, rate, observation) + sine_ahead(w, i, 1, rate, observation)
+    pull = sine_ahead(w, i, 0, rate, age_unit, observation) + sine_ahead(w, i, 1, rate, age_unit, observation)
     phase_rate_out[w, i] = rate - coupling * pull
 
 
@@ -30,13 +34,13 @@ class Kuramoto:
     """
 
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
-        formation = scenario.formation
         shape = (num_worlds, scenario.num_robots)
-        self._rate, self._coupling = formation.phase_rate / scenario.alpha, formation.coupling
+        self._rate, self._coupling = scenario.formation.phase_rate / scenario.alpha, scenario.coupling
+        self._age_unit = scenario.message_age_unit
         self.phase_rate = wp.zeros(shape, dtype=wp.float32, device=device)
         self._launch = launcher(device)
 
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
-        inputs = [self._rate, self._coupling, observation]
+        inputs = [self._rate, self._coupling, self._age_unit, observation]
         self._launch(kuramoto_rates, self.phase_rate.shape, inputs, [self.phase_rate])

@@ -42,8 +42,8 @@ class ReferenceParameters(Checked):
 
     runs_on: bool = flag(False)
     """Whether the reference of a stopped robot runs on."""
-    tracking: float = number(1.0, 1e-6, 1e6, "1/s")
-    """k, the rate at which a robot makes up for its distance from the reference [1/s]."""
+    tracking: float | None = number(None, 1e-9, 1e6, "1/s")
+    """k, the rate at which a robot makes up for its distance from the reference [1/s]; None is omega / (0.3 rad)."""
     catch_up: float = number(1.0, 0, 1e6)
     """Most that a robot adds to its rate to catch up, as a multiple of omega / alpha."""
 
@@ -85,6 +85,7 @@ class TrackedReference:
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ReferenceParameters | None = None):
         shape = (num_worlds, scenario.num_robots)
         self._parameters = parameters or ReferenceParameters()
+        self._tracking = self._parameters.tracking or 1 / scenario.message_age_unit
         self._rate, self._step = scenario.formation.phase_rate / scenario.alpha, scenario.task.step
         self._memory = wp.zeros(shape, dtype=wp.vec2, device=device)
         self.phase_rate = wp.zeros(shape, dtype=wp.float32, device=device)
@@ -93,7 +94,7 @@ class TrackedReference:
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`."""
         given = self._parameters
-        inputs = [self._rate, self._step, given.runs_on, given.tracking, given.catch_up * self._rate]
+        inputs = [self._rate, self._step, given.runs_on, self._tracking, given.catch_up * self._rate]
         inputs += [self._memory, observation]
         self._launch(track_reference, self.phase_rate.shape, inputs, [self.phase_rate])
 

@@ -54,7 +54,7 @@ def scale_controls(robot: RobotStruct, control: wp.array3d(dtype=float), action_
 class WithMpcc(Coordinated):
     """Cars that follow a coordinator by model predictive contouring control.
 
-    `parameters` are the controller's; None is `MpccParameters.of` the scenario's robot.
+    `parameters` are the controller's; None is `MpccParameters.of` the scenario.
     """
 
     kind = "car"
@@ -69,7 +69,7 @@ class WithMpcc(Coordinated):
     ):
         super().__init__(coordinator, scenario, num_worlds, device)
         self._speed_unit = self.scenario.robot.speed_max
-        parameters = parameters or MpccParameters.of(self.scenario.robot, step=self.scenario.task.step)
+        parameters = parameters or MpccParameters.of(self.scenario)
         self.mpcc = Mpcc(self.scenario.curve, parameters, batch=num_worlds * self.num_robots, device=self.device)
 
     def forget(self, mask: np.ndarray) -> None:

@@ -35,10 +35,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from baselines.policies.driving import steady_speed, throttle_for
+from baselines.policies.driving import motor_rate, steady_speed, throttle_for
 from baselines.policies.memory import clear_worlds
 from baselines.policies.own_row import own_heading, own_phase, own_position, own_speed, own_works
 from baselines.policies.trackers.base import Coordinated, Coordinator
+from baselines.similarity import motion_scale
 from lissajous_env.device.car_input import car_action
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, point2, tangent2, wrap
@@ -53,7 +54,7 @@ wp.set_module_options(OPTIONS)
 
 @dataclass(frozen=True)
 class FieldParameters(Checked):
-    """What the tracker is given besides the scenario."""
+    """What the tracker is given besides the scenario; `field_of` scales the defaults to another scenario."""
 
     pull: float = number(4.0, 1e-6, 1e6, "1/m")
     """Largest k, the pull towards the path [1/m]."""
@@ -69,7 +70,7 @@ class FieldParameters(Checked):
 class Field:
     """Constants of the field; `rate` is omega [rad/s], `scale` L / 2 pi [m/rad], `pull` k [1/m], `step` [s].
 
-    `turn`, `speed` and `slowest` are those of `FieldParameters`.
+    `turn`, `speed` and `slowest` are those of `FieldParameters`; a car is steered as if it drove at `least` [m/s].
     """
 
     rate: float
@@ -79,6 +80,7 @@ class Field:
     turn: float
     speed: float
     slowest: float
+    least: float
 
 
 @wp.func
@@ -119,7 +121,7 @@ def follow_field(
     heading = own_heading(w, i, observation)
     speed = own_speed(w, i, steady_speed(robot), observation)
     turn = wrap(wp.atan2(velocity[1], velocity[0]) - heading)
-    steering = wp.atan(robot.wheelbase * field.turn * turn / wp.max(speed, 0.1))
+    steering = wp.atan(robot.wheelbase * field.turn * turn / wp.max(speed, field.least))
     wanted = wp.length(velocity) * wp.max(cos_sin(turn)[0], field.slowest)
     if wp.dot(velocity, tangent) < 0.0:
         wanted = 0.0
@@ -159,9 +161,18 @@ class WithVectorField(Coordinated):
 
 
 def field_of(scenario: Scenario, parameters: FieldParameters | None = None) -> Any:
-    """Constants of the field; the pull is less where, at the formation's speed, a step would correct half of `off`."""
-    parameters = parameters or FieldParameters()
+    """Return the constants of the field, by default scaled from those of the paper's experiment.
+
+    The pull is less where, at the formation's speed, a step would correct half of `off`.
+    """
+    scale = motion_scale(scenario)
+    parameters = parameters or FieldParameters(
+        pull=FieldParameters.pull / scale.length,
+        turn=min(FieldParameters.turn / scale.time, 1 / scenario.task.step),
+        speed=motor_rate(scenario, FieldParameters.speed),
+    )
     field = Field()
+    field.least = 0.1 * scale.speed
     field.turn, field.speed, field.slowest = parameters.turn, parameters.speed, parameters.slowest
     field.rate, field.step = scenario.formation.phase_rate, scenario.task.step
     field.scale = curve_length(scenario.curve) / (2 * math.pi)
