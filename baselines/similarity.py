@@ -35,7 +35,7 @@ def motion_scale(scenario: Scenario) -> Scale:
 
 
 def manoeuvring_length(robot: Robot) -> float:
-    """Return the radius of the front axle's tightest circle, l / sin(delta_max), or the body's diameter if larger [m]."""
+    """Return the radius of the front axle's tightest circle, l / sin(delta_max), at least the body's diameter [m]."""
     return max(robot.wheelbase / math.sin(robot.steering_max), 2 * robot.radius)
 
 

@@ -8,8 +8,6 @@ RECOVERED = 0.05
 """Deviation from the equilibrium up to which a formation is in it, however little it swung before [rad]."""
 SWING_MARGIN = 1.1
 """The same over the largest deviation before the first fault."""
-STAYS = 1.0
-"""Time for which it must have stayed there [s]."""
 
 
 def score_of(world) -> dict[str, float]:
@@ -61,6 +59,6 @@ def recovery_time(world) -> float:
         return math.nan
     band = max(RECOVERED, SWING_MARGIN * max(world.deviations[: world.first_fault]))
     off = [k for k, deviation in enumerate(world.deviations) if k >= world.first_fault and deviation > band]
-    if not off or (world.now - off[-1]) * world.dt < STAYS - 1e-9:
+    if not off or (world.now - off[-1]) * world.dt < world.scenario.time_unit - 1e-9:
         return math.nan
     return max(off[-1] + 1 - world.resumed_at, 0) * world.dt

@@ -11,7 +11,7 @@ import pytest
 import warp as wp
 
 from baselines.mpcc.solver import Mpcc, MpccParameters
-from lissajous_env.parameters.scenario import Curve, Robot
+from lissajous_env.parameters.scenario import Curve, Robot, Scenario
 
 CURVE = Curve()
 P = MpccParameters()
@@ -234,8 +234,8 @@ def test_arrays_of_the_device_come_back_without_a_copy(near):
 
 def test_parameters_of_a_robot():
     """The model's offset is the robot's own, or what the designer measured; the rest is the robot's."""
-    assert MpccParameters.of(Robot()).offset == 3.681
-    p = MpccParameters.of(Robot(wheelbase=0.2, model_offset=3.804), stages=7)
+    assert MpccParameters.of(Scenario(robot=Robot())).offset == 3.681
+    p = MpccParameters.of(Scenario(robot=Robot(wheelbase=0.2, model_offset=3.804)), stages=7)
     assert (p.offset, p.wheelbase, p.stages) == (3.804, 0.2, 7)
 
 

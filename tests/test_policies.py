@@ -250,7 +250,7 @@ def test_bad_parameters_are_refused(make, rule):
 @pytest.mark.parametrize(
     ("name", "make"),
     [
-        ("kuramoto-mpcc", lambda s: WithMpcc(Kuramoto, s, parameters=MpccParameters.of(s.robot, step=s.task.step))),
+        ("kuramoto-mpcc", lambda s: WithMpcc(Kuramoto, s, parameters=MpccParameters.of(s))),
         ("arc-mpcc", lambda s: WithMpcc(partial(KuramotoByArc, parameters=ArcParameters()), s)),
         ("consensus-gvf", lambda s: WithVectorField(Consensus, s, parameters=FieldParameters())),
         ("sweep", lambda s: Sweep(s, parameters=SweepParameters())),
@@ -268,7 +268,7 @@ def test_default_parameters_are_those_of_the_registry(name, make):
 @pytest.mark.parametrize(
     ("default", "changed"),
     [
-        (partial(WithMpcc, Kuramoto), lambda s: MpccParameters.of(s.robot, step=s.task.step, weight_throttle=0.5)),
+        (partial(WithMpcc, Kuramoto), lambda s: MpccParameters.of(s, weight_throttle=0.5)),
         (partial(WithVectorField, Consensus), lambda s: FieldParameters(turn=2.0)),
         (Sweep, lambda s: SweepParameters(lookahead=1.5)),
     ],

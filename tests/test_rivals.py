@@ -14,6 +14,7 @@ from baselines.policies.coordinators.arc_length import PREVIEW, KuramotoByArc, a
 from baselines.policies.coordinators.consensus import Consensus
 from baselines.policies.patrol_path import cruising_speed
 from baselines.policies.trackers.vector_field import Field, field_of, field_rate, field_velocity
+from baselines.similarity import motion_scale
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.episodes.evaluation import episodes
 from lissajous_env.parameters.scenario import Curve
@@ -267,14 +268,15 @@ def test_dynamics_1_act_on_the_arc_phase(overrides):
     coordinator = KuramotoByArc(scenario, 2, "cpu")
     with compile_quietly():
         coordinator.coordinate(simulation.observation)
+    preview = PREVIEW * motion_scale(scenario).time
     rate = 2 * math.pi * ground_speed(scenario) / (curve_length(curve) * alpha)
     for phases, found in zip(simulation.robots.phase.numpy(), coordinator.phase_rate.numpy(), strict=True):
         psi = np.array([arc_phase(curve, alpha * phase) for phase in phases]) / alpha
         psi_rates = closed_forms.kuramoto_rates(psi, scenario.neighbours, rate, 0.7)
         for robot in range(5):
-            soon = alpha * (psi[robot] + PREVIEW * psi_rates[robot])
+            soon = alpha * (psi[robot] + preview * psi_rates[robot])
             gamma = brentq(lambda g, s=soon: arc_phase(curve, g) - s, soon - 2, soon + 2, xtol=1e-9)
-            assert found[robot] == pytest.approx((gamma / alpha - phases[robot]) / PREVIEW, abs=2e-4)
+            assert found[robot] == pytest.approx((gamma / alpha - phases[robot]) / preview, abs=2e-4)
 
 
 def test_ground_speed():

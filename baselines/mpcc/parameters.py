@@ -5,8 +5,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from lissajous_env.parameters.checks import Checked, number, whole
 from baselines.similarity import EXPERIMENT, motion_scale
+from lissajous_env.parameters.checks import Checked, number, whole
 from lissajous_env.parameters.scenario import Scenario
 
 

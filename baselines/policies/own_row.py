@@ -72,7 +72,7 @@ def hears(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> bo
 
 @wp.func
 def message_age(w: int, i: int, side: int, unit: float, observation: wp.array3d(dtype=float)) -> float:
-    """Time since a ring neighbour sent its message [s]; `unit` is `Scenario.message_age_unit` [s]."""
+    """Time since a ring neighbour sent its message [s]; `unit` is `Scenario.time_unit` [s]."""
     return observation[w, i, OWN + LINK * side + AGE] * unit
 
 
@@ -87,7 +87,7 @@ def lead(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> flo
 def sine_ahead(w: int, i: int, side: int, rate: float, unit: float, observation: wp.array3d(dtype=float)) -> float:
     """sin(theta_j - theta_i) of a ring neighbour, its phase carried on at `rate` [rad/s] since it was sent.
 
-    Zero for a neighbour that was never heard, or too long ago; `unit` is `Scenario.message_age_unit` [s].
+    Zero for a neighbour that was never heard, or too long ago; `unit` is `Scenario.time_unit` [s].
     """
     if not hears(w, i, side, observation):
         return 0.0

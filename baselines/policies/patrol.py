@@ -266,7 +266,16 @@ class Laps(Policy):
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._robot, self._driving, self._loop, self._cruise, self._ahead, self._memory, observation]
+        inputs = [
+            self._curve,
+            self._robot,
+            self._driving,
+            self._loop,
+            self._cruise,
+            self._ahead,
+            self._memory,
+            observation,
+        ]
         self.launch(go_around, self.shape, inputs, [self.action])
 
 

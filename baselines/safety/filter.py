@@ -149,5 +149,5 @@ def _scales(scenario: Scenario) -> Any:
     scales: Any = Scales()
     scales.speed, scales.radius = scenario.robot.speed_max, scenario.sensing_radius
     scales.step, scales.robots_seen = scenario.task.step, scenario.sensing.robots_seen
-    scales.age_unit = scenario.message_age_unit
+    scales.age_unit = scenario.time_unit
     return scales

@@ -273,7 +273,10 @@ def linearise(
     step: float,
     rows_out: wp.array3d(dtype=wp.vec3),
 ):
-    """Write row k, g.u >= c: m_k(at) + g.(u - at) >= 0 in units of length, with g by differences towards the middle of the box."""
+    """Write row k, g.u >= c: m_k(at) + g.(u - at) >= 0, with g by differences towards the middle of the box.
+
+    The margins are divided by `safety.unit`.
+    """
     towards = wp.vec2(
         wp.where(at[0] > 0.0, -_DIFFERENCE, _DIFFERENCE), wp.where(at[1] > 0.0, -_DIFFERENCE, _DIFFERENCE)
     )

@@ -16,7 +16,7 @@ def closest_approach(before: Any, after: Any) -> float:
     `before` and `after` are the offset of two robots at the two ends of a stretch of time, at equal speeds within it.
     """
     moved = after - before
-    t = wp.clamp(-wp.dot(before, moved) / wp.max(wp.dot(moved, moved), 1.0e-12), 0.0, 1.0)
+    t = wp.clamp(-wp.dot(before, moved) / wp.max(wp.dot(moved, moved), 1.0e-30), 0.0, 1.0)
     nearest = before + t * moved
     return wp.dot(nearest, nearest)
 

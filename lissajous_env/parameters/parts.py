@@ -98,8 +98,9 @@ class Curve(Checked):
         if off > 1e-3 * np.abs(places).max():
             rule = f"must be smooth and around the middle of the rectangle, for {harmonics} harmonics"
             raise ValueError(f"position {rule}, got a curve that these miss by {off:.3g} m")
-        table = table[: np.flatnonzero(np.abs(table).max(axis=1) > 1e-9)[-1] + 1]
-        return cls(harmonics=tuple(map(tuple, np.where(np.abs(table) > 1e-9, table, 0.0).tolist())), **fields)
+        told = np.abs(table) > 1e-9 * np.abs(table).max()
+        table = table[: np.flatnonzero(told.any(axis=1))[-1] + 1]
+        return cls(harmonics=tuple(map(tuple, np.where(told[: len(table)], table, 0.0).tolist())), **fields)
 
     @property
     def oscillations(self) -> int:

@@ -123,11 +123,11 @@ class Scenario:
     def coupling(self) -> float:
         """K of (1), omega / (0.3 rad) where `formation.coupling` does not say [1/s]."""
         given = self.formation.coupling
-        return self.message_age_unit**-1 if given is None else given
+        return self.time_unit**-1 if given is None else given
 
     @property
-    def message_age_unit(self) -> float:
-        """Age at which a message is too old to be of use [s]: the formation moves on by 0.3 rad in this time."""
+    def time_unit(self) -> float:
+        """Unit of time of the coordination [s], in which the formation moves on by 0.3 rad: 1 s in the experiment."""
         return 0.3 / self.formation.phase_rate
 
     @cached_property

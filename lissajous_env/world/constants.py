@@ -34,7 +34,7 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "task": to_struct(part_structs.TaskStruct, task),
         "steps": task.steps,
         "cells_total": 0 if task.grid is None else task.grid[0] * task.grid[1],
-        "age_per_step": scenario.task.step / scenario.message_age_unit,
+        "age_per_step": scenario.task.step / scenario.time_unit,
         "speed_unit": model.speed_unit(scenario.curve, scenario.formation, scenario.robot),
         "distances": table_of(scenario.curve, model.keeps_to_curve, device),
         "equilibrium": wp.array(scenario.equilibrium, dtype=wp.float64, device=device),

@@ -40,7 +40,7 @@ def swept_run(a: wp.vec2, b: wp.vec2, radius: float, y: float) -> wp.vec2:
     low = wp.min(first[0], last[0])
     high = wp.max(first[1], last[1])
     way = wp.length(b - a)
-    if way > 1.0e-6 and radius > 0.0:
+    if way > 1.0e-6 * radius and radius > 0.0:
         # The rectangle between the two discs: within the radius of the line, and between the ends of the way.
         u = (b - a) / way
         above = y - a[1]

@@ -1,5 +1,6 @@
 """The score: what was tallied on the device, made into one row of named columns at the end of an episode."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -37,9 +38,9 @@ MEANINGS = {
     "tracking_error_max": "the largest [m]",
     "spacing_factor": "largest distance of ring neighbours over 2 r_s of (8): the paper's eta_1",
     "phase_error": "largest deviation from the equilibrium (2), the common rotation removed [rad]",
-    "recovery_time": "from the end of the last fault until the phase error stays, for 1 s at least, within 1.1 "
-    "times its largest before the first one (at least 0.05 rad); empty where it never does, and where no fault "
-    "had the formation off [s]",
+    "recovery_time": "from the end of the last fault until the phase error stays, for 0.3 rad / omega at least, "
+    "within 1.1 times its largest before the first one (at least 0.05 rad); empty where it never does, and where no "
+    "fault had the formation off [s]",
     "outside_time": "robot-seconds that bodies were wholly outside the rectangle [s]",
     "distance_mean": "way of a robot, mean over the robots [m]",
     "speed_max": "the fastest that any robot was [m/s]",
@@ -57,9 +58,6 @@ MEANINGS = {
 """What each column of a score row is, with its unit in brackets; a time that never came is NaN, in files empty."""
 
 COLUMNS = tuple(MEANINGS)
-
-STAYS = 1.0
-"""Time for which the deviation must have stayed below it at the end of the episode [s]."""
 
 
 def brought_columns(scenario: Scenario) -> tuple[str, ...]:
@@ -82,11 +80,12 @@ def score_rows(
     A time that never came is NaN. A target that was not detected counts with the time it was there; of the share
     detected within T_max it is no part while that is below T_max. `recovery_time` is from the end of the last fault
     until the formation is off no more, as `lissajous_env.world.tally.tally_formation` says. It is NaN where the
-    formation is not back for `STAYS` at the end, and where no fault ever had it off, as there is nothing to recover
-    from; `phase_error` tells the two apart. `brought` holds the values (W,) of the columns that extensions bring, by
+    formation is not back for `Scenario.time_unit` at the end, and where no fault ever had it off, as there is nothing
+    to recover from; `phase_error` tells the two apart. `brought` holds the values (W,) of the columns that extensions bring, by
     name; the others are the structs of the state.
     """
     step = scenario.task.step
+    stays = math.ceil(scenario.time_unit / step - 1e-9)
     host = {name: getattr(tally, name).numpy() for name in Tally.vars if name != "contact"}
     now_of, seed_of = clock.step.numpy(), clock.seed.numpy()
     appears_at, found_at, found_early = (
@@ -102,14 +101,14 @@ def score_rows(
         now = int(now_of[w])
         times, found = detection_times(appears_at[w], found_at[w], found_early[w], now)
         times *= step
-        within = times <= scenario.detection_time_bound + 1e-9
+        within = times <= scenario.detection_time_bound * (1 + 1e-9)
         known = found | ~within
         open_gaps = now - last_sensed(sensed_at[w], in_discs[w], now)
         has_grid, fault_end = scenario.task.grid is not None, int(host["fault_end"][w])
         squares = idle_squares[w].sum(dtype=float) + np.sum(open_gaps.astype(float) ** 2)
         off_at, high_at = int(host["off_at"][w]), int(unseen["high_at"][w])
-        recovered = fault_end >= 0 and off_at >= 0 and (now - off_at) * step >= STAYS
-        regained = follows and fault_end >= 0 and high_at >= 0 and (now - high_at) * step >= STAYS
+        recovered = fault_end >= 0 and off_at >= 0 and now - off_at >= stays
+        regained = follows and fault_end >= 0 and high_at >= 0 and now - high_at >= stays
         rows.append({
             "scenario": scenario.name,
             "seed": int(seed_of[w]),

@@ -101,7 +101,7 @@ class KuramotoByArc:
         self._parameters = parameters or ArcParameters()
         self._alpha, self._coupling = float(scenario.alpha), scenario.coupling
         self._preview = self._parameters.preview or PREVIEW * motion_scale(scenario).time
-        self._age_unit = scenario.message_age_unit
+        self._age_unit = scenario.time_unit
         speed = self._parameters.speed or ground_speed(scenario)
         self._rate = 2 * math.pi * speed / (lap_length(scenario.curve) * scenario.alpha)
         self._tables = [wp.array(table, dtype=wp.float32, device=device) for table in arc_tables(scenario.curve)]

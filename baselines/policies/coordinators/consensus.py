@@ -55,7 +55,7 @@ class Consensus:
 
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
         self._rate, self._gain = scenario.formation.phase_rate / scenario.alpha, scenario.coupling
-        self._age_unit = scenario.message_age_unit
+        self._age_unit = scenario.time_unit
         self._spacing = 2 * math.pi * scenario.p / scenario.num_robots
         self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
         self._launch = launcher(device)

@@ -36,7 +36,7 @@ class Kuramoto:
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
         shape = (num_worlds, scenario.num_robots)
         self._rate, self._coupling = scenario.formation.phase_rate / scenario.alpha, scenario.coupling
-        self._age_unit = scenario.message_age_unit
+        self._age_unit = scenario.time_unit
         self.phase_rate = wp.zeros(shape, dtype=wp.float32, device=device)
         self._launch = launcher(device)
 

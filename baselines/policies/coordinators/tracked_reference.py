@@ -85,7 +85,7 @@ class TrackedReference:
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ReferenceParameters | None = None):
         shape = (num_worlds, scenario.num_robots)
         self._parameters = parameters or ReferenceParameters()
-        self._tracking = self._parameters.tracking or 1 / scenario.message_age_unit
+        self._tracking = self._parameters.tracking or 1 / scenario.time_unit
         self._rate, self._step = scenario.formation.phase_rate / scenario.alpha, scenario.task.step
         self._memory = wp.zeros(shape, dtype=wp.vec2, device=device)
         self.phase_rate = wp.zeros(shape, dtype=wp.float32, device=device)

@@ -1,0 +1,152 @@
+"""The law of similarity: lengths times L and times times T change nothing in scaled units.
+
+Where L is a power of 2 and T one of 4, scaling moves exponents alone, so every observation must keep its bits, for any
+policy. Other factors round differently, so there only means can be compared: an episode with a collision soon differs.
+"""
+
+import itertools
+
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+from baselines.mpcc import MpccParameters
+from baselines.similarity import motion_scale
+from lissajous_env.parameters.scenario import Curve, Formation, Robot, Scenario, Sensing, Targets, Task
+
+EXACT = ((2.0, 4.0), (1 / 8, 1.0), (64.0, 16.0))
+MORE = [(L, T) for L, T in itertools.product((1 / 8, 1.0, 4.0, 64.0), (1 / 4, 1.0, 16.0, 64.0)) if (L, T) != (1, 1)]
+OTHERS = ((10.0, 1.0), (10.0, 10.0), (3.0, 0.5), (0.1, 1.0), (100.0, 10.0))
+STORIES = [name for name in lissajous_env.scenarios() if name != "city"]
+UNITS = {"time": (0, 1), "idleness": (0, 1), "distance": (1, 0), "error_m": (1, 0), "min_": (1, 0), "speed": (1, -1)}
+
+
+def observations(scenario, policy=None, steps=60, seed=3):
+    """(steps, W, N, D) observations under a policy, or under the same random actions for every scale."""
+    sim = lissajous_env.Simulation(scenario, num_worlds=2, seed=seed)
+    sim.reset()
+    made = baselines.make(policy, scenario, num_worlds=2) if policy else None
+    draws, seen = np.random.default_rng(0), []
+    for _ in range(steps):
+        sim.step(made.act(sim.observation) if made else draws.uniform(-1, 1, sim.action_shape).astype(np.float32))
+        seen.append(sim.observation.numpy().copy())
+    return np.array(seen), sim.score()
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_a_world_keeps_its_bits_at_another_scale(name):
+    scenario = lissajous_env.scenario(name)
+    seen, score = observations(scenario)
+    for length, time in EXACT:
+        scaled, scaled_score = observations(scenario.scaled(length, time))
+        np.testing.assert_array_equal(scaled, seen)
+        for column, value in score[0].items():
+            for part, (of_length, of_time) in UNITS.items():
+                if part in column and not column.startswith("phase"):
+                    expected = value * length**of_length * time**of_time
+                    assert scaled_score[0][column] == pytest.approx(expected, rel=1e-6, abs=1e-9, nan_ok=True), column
+
+
+@pytest.mark.parametrize("policy", baselines.names("rough"))
+@pytest.mark.parametrize("name", ["rough", "intruders"])
+def test_a_car_policy_keeps_its_bits_at_another_scale(name, policy):
+    # Noise, lost messages and faults are in `rough`; grip, fleeing targets and a larger rectangle in `intruders`.
+    scenario = lissajous_env.scenario(name)
+    seen, _ = observations(scenario, policy)
+    assert np.ptp(seen[:, 0, 0, 0]) > 0.02 or policy.startswith("still")
+    length, time = EXACT[len(policy) % len(EXACT)]
+    np.testing.assert_array_equal(observations(scenario.scaled(length, time), policy)[0], seen)
+
+
+@pytest.mark.parametrize("policy", baselines.names("failure"))
+def test_a_policy_of_points_keeps_its_bits_at_another_scale(policy):
+    scenario = lissajous_env.scenario("failure", **{"noise.message_loss": 0.3, "faults.schedule": ((0, 1.0, 3.0),)})
+    seen, _ = observations(scenario, policy)
+    for length, time in EXACT:
+        np.testing.assert_array_equal(observations(scenario.scaled(length, time), policy)[0], seen)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", STORIES)
+def test_every_policy_keeps_its_bits_at_a_dozen_scales(name):
+    scenario = lissajous_env.scenario(name)
+    for policy in baselines.names(scenario):
+        seen, _ = observations(scenario, policy, steps=150)
+        for length, time in MORE:
+            np.testing.assert_array_equal(observations(scenario.scaled(length, time), policy, steps=150)[0], seen)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["evaders", "intruders"])
+@pytest.mark.parametrize("policy", ["kuramoto-mpcc", "kuramoto-gvf", "sweep-safe", "laps"])
+def test_a_policy_drives_alike_at_any_scale(name, policy):
+    def means(length, time):
+        scenario = lissajous_env.scenario(name).scaled(length, time)
+        rows = lissajous_env.evaluate(baselines.make(policy, scenario, num_worlds=16), scenario, range(16))
+        return np.mean([[row["distance_mean"] / length, row["spacing_factor"]] for row in rows], axis=0)
+
+    expected = means(1.0, 1.0)
+    for length, time in OTHERS:
+        np.testing.assert_allclose(means(length, time), expected, rtol=0.01)
+
+
+def test_the_unit_of_the_throttle_does_not_matter():
+    scenario = lissajous_env.scenario("experiment", **{"noise.drive_spread": 0.0})
+    seen, _ = observations(scenario, "kuramoto-mpcc")
+    percent = {"throttle_min": 12.8, "throttle_max": 32.0, "dead_zone": 12.8, "drive": 36.81 / 128}
+    percent = {f"robot.{name}": value for name, value in percent.items()}
+    again, _ = observations(lissajous_env.scenario(scenario, **percent), "kuramoto-mpcc")
+    np.testing.assert_array_equal(again, seen)
+
+
+def hall(kind, policy, duration=120.0):
+    """Score of 13 robots of 1.5 m/s in a hall of 40 m x 25 m."""
+    scenario = Scenario(
+        curve=Curve(half_width=20.0, half_height=12.5, a=3, b=10),
+        formation=Formation(phase_rate=0.0098),
+        robot=Robot(kind=kind, radius=0.4, throttle_max=0.1385, model_offset=3.804),
+        sensing=Sensing(radius=6.0),
+        targets=Targets(count=0, arrival_rate=0.1, entry="unseen", speed=0.2),
+        task=Task(duration=duration, contamination=(80, 50)),
+    )
+    return lissajous_env.evaluate(baselines.make(policy, scenario), scenario, seeds=[1])[0]
+
+
+def test_cars_in_a_hall_drive_as_far_as_points_and_guarantee_as_much():
+    points, cars = hall("curve", "kuramoto"), hall("car", "kuramoto-mpcc")
+    for column in ("distance_mean", "guaranteed_detection_time"):
+        assert cars[column] == pytest.approx(points[column], rel=0.1)
+    assert cars["collisions"] == 0
+
+
+@pytest.mark.parametrize("step", [0.02, 0.05, 0.25])
+def test_the_horizon_does_not_shrink_with_the_control_step(step):
+    scenario = lissajous_env.scenario("experiment", **{"task.step": step, "faults.schedule": ()})
+    p = MpccParameters.of(scenario)
+    assert p.step == pytest.approx(max(step, 0.1))
+    assert p.shift * p.step == pytest.approx(step)
+    row = lissajous_env.evaluate(baselines.make("kuramoto-mpcc", scenario), scenario, seeds=[0])[0]
+    assert row["lateral_error_mean"] < 0.2
+    assert row["spacing_factor"] < 1.3
+
+
+def test_the_papers_scenarios_are_the_unit():
+    for name in ("experiment", "experiment-printed", "evaders", "rough"):
+        scenario = lissajous_env.scenario(name).resolve()
+        assert motion_scale(scenario) == (1.0, 1.0)
+        assert scenario.formation.coupling == 1.0
+        assert MpccParameters.of(scenario).weight_lateral == MpccParameters.weight_lateral
+
+
+@pytest.mark.parametrize("factors", [(0.0, 1.0), (1.0, -2.0), (float("nan"), 1.0), ("2", 1.0)])
+def test_a_scale_must_be_positive(factors):
+    with pytest.raises(ValueError, match="must be a positive number, got"):
+        lissajous_env.scenario("ideal").scaled(*factors)
+
+
+def test_scaling_back_gives_the_scenario():
+    for name in lissajous_env.scenarios():
+        scenario = lissajous_env.scenario(name)
+        assert scenario.scaled(4.0, 16.0).scaled(1 / 4, 1 / 16) == scenario
+        assert scenario.resolve().scaled(4.0, 16.0) == scenario.scaled(4.0, 16.0).resolve()
