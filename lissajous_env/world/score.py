@@ -81,8 +81,8 @@ def score_rows(
     detected within T_max it is no part while that is below T_max. `recovery_time` is from the end of the last fault
     until the formation is off no more, as `lissajous_env.world.tally.tally_formation` says. It is NaN where the
     formation is not back for `Scenario.time_unit` at the end, and where no fault ever had it off, as there is nothing
-    to recover from; `phase_error` tells the two apart. `brought` holds the values (W,) of the columns that extensions bring, by
-    name; the others are the structs of the state.
+    to recover from; `phase_error` tells the two apart. `brought` holds the values (W,) of the columns that extensions
+    bring, by name; the others are the structs of the state.
     """
     step = scenario.task.step
     stays = math.ceil(scenario.time_unit / step - 1e-9)
