@@ -120,6 +120,15 @@ def test_cars_in_a_hall_drive_as_far_as_points_and_guarantee_as_much():
     assert cars["collisions"] == 0
 
 
+@pytest.mark.parametrize("wheelbase", [0.4, 0.6])
+def test_a_car_that_cannot_follow_the_curve_cuts_corners_and_drives_on(wheelbase):
+    # Its tightest circle, of 1.1 m and 1.6 m, is wider than half of the rectangle is high.
+    overrides = {"robot.wheelbase": wheelbase, "faults.schedule": ()}
+    scenario = lissajous_env.scenario("experiment", **overrides)
+    row = lissajous_env.evaluate(baselines.make("kuramoto-mpcc", scenario), scenario, seeds=[0])[0]
+    assert row["distance_mean"] > 0.8 * 60 * 1.106  # at the formation's mean speed
+
+
 @pytest.mark.parametrize("step", [0.02, 0.05, 0.25])
 def test_the_horizon_does_not_shrink_with_the_control_step(step):
     scenario = lissajous_env.scenario("experiment", **{"task.step": step, "faults.schedule": ()})
