@@ -41,7 +41,7 @@ OWN_ENTRIES = (
 )
 NEIGHBOUR_ENTRIES = (
     ("heard", 0, 1, "1 once a message came; neighbour 0 is before, 1 after on the ring"),
-    ("age", 0, 1, "time since its last message was sent, at most 1 [time in which the formation moves on by 0.3 rad]"),
+    ("age", 0, 1, "time since its last message was sent, at most 1 [0.3 rad / omega]"),
     ("cos_phase", -1, 1, "cosine of its phase less one's own"),
     ("sin_phase", -1, 1, "sine of its phase less one's own"),
     ("x", -4, 4, "its x less one's own [2 half_width]"),
