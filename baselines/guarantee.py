@@ -157,7 +157,8 @@ def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> b
         count = len(next(iter(curves.values())))
         return sheet.picture(
             f"t - min e of the field of contamination: line, the median of {count} episodes; shade, all of them. "
-            "Grey: robots stopped. A line that rises to the end is of a rogue that is never found."
+            "Grey: robots stopped. Where a line rises through the second half of an episode to its end, nothing in the "
+            "episode bounds that time."
         ).png
 
 

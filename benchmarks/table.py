@@ -112,6 +112,7 @@ def _number(of: dict[str, Statistics], shown: Any) -> dict[str, Any]:
         "high": high,
         "n": cell.n_finite,
         "open": of[OPEN].mean if shown.column == "guaranteed_detection_time" else 0.0,
+        "at_least": cell.at_least,
         "words": "" if not cell.n_finite else f"{value} ({interval})" if interval else value,
     }
 

@@ -66,7 +66,7 @@ def test_interval_is_the_same_every_time():
     values = np.random.default_rng(5).normal(size=16)
     intervals = set()
     for _ in range(3):
-        statistics._draws.cache_clear()
+        statistics.draws.cache_clear()
         intervals.add(bootstrap_interval(values))
     assert len(intervals) == 1
     assert bootstrap_interval(values, seed=1) not in intervals

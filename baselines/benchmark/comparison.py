@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from baselines.benchmark import clairvoyant
+from baselines.benchmark.censoring import summarize_censored
 from baselines.benchmark.rows import numbers_of
 from baselines.benchmark.statistics import Paired, Statistics, paired, summarize
 from lissajous_env.episodes.guarantee import guaranteed_time
@@ -18,10 +19,10 @@ from lissajous_env.theory.limits import guaranteed_time_limit, mean_time_limit
 
 OVER_LIMIT = "over_limit"
 """Column: the mean detection time over `mean_time_limit`, which bounds an expectation, so that the mean counts."""
-OPEN = "guarantee_open"
-"""Column: 1 where a rogue can still be unseen at the end that was so for the longest time, so that the guaranteed time
-is a lower bound."""
-COMPARED = {"detection_time_mean": -1, "guaranteed_detection_time": -1, "collisions": -1, "sensed_fraction": 1}
+GUARANTEED, AT_END, OPEN = "guaranteed_detection_time", "unseen_at_end", "guarantee_open"
+"""Columns: the longest time for which a rogue can have gone unseen, the same at the end of the episode, and 1 where the
+episode shows no bound of it: `lissajous_env.world.score.is_open`."""
+COMPARED = {"detection_time_mean": -1, GUARANTEED: -1, "collisions": -1, "sensed_fraction": 1}
 """Columns that are compared seed by seed, and whether more of them is better (1) or less (-1)."""
 OVERALL = ("time_over_bound", "detected_within_bound", "collisions", "spacing_factor")
 """Columns that mean the same on every scenario, so that their episodes can be taken together."""
@@ -68,26 +69,32 @@ def guarantee_of(scenario: Scenario) -> tuple[float, float]:
 
 
 def with_derived(rows: Iterable[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> list[dict[str, Any]]:
-    """Rows with the columns that are made of others: `OVER_LIMIT` and, where a guarantee is followed, `OPEN`."""
-    told, limits = [], {name: limit_of(scenario) for name, scenario in scenarios.items()}
-    for row in rows:
-        more = {OVER_LIMIT: row["detection_time_mean"] / limits[row["scenario"]]}
-        if "unseen_at_end" in row:
-            longest = row["guaranteed_detection_time"]
-            more[OPEN] = math.nan if longest != longest else float(0 < longest == row["unseen_at_end"])
-        told.append(row | more)
-    return told
+    """Return rows with the column that is made of another, `OVER_LIMIT`."""
+    limits = {name: limit_of(scenario) for name, scenario in scenarios.items()}
+    return [row | {OVER_LIMIT: row["detection_time_mean"] / limits[row["scenario"]]} for row in rows]
+
+
+def is_censored(row: Mapping[str, Any]) -> bool:
+    """Return whether the longest time of an episode that is not open was still growing at the end."""
+    return row[OPEN] == 0 and 0 < row[GUARANTEED] == row[AT_END]
 
 
 def statistics(rows: Iterable[dict[str, Any]]) -> Cells:
-    """Statistics of every column for each policy on each scenario, in the order in which the rows name them."""
+    """Return statistics of every column for each policy on each scenario, in the order in which the rows name them."""
     return {
         scenario: {
-            policy: {column: summarize([row[column] for row in played]) for column in numbers_of(played[0])}
+            policy: {column: _summarized(column, played) for column in numbers_of(played[0])}
             for policy, played in policies.items()
         }
         for scenario, policies in _grouped(rows).items()
     }
+
+
+def _summarized(column: str, played: Rows) -> Statistics:
+    values = [row[column] for row in played]
+    if column != GUARANTEED:
+        return summarize(values)
+    return summarize_censored(values, [is_censored(row) for row in played], [row[OPEN] == 1 for row in played])
 
 
 def overall(rows: Rows, scenarios: Mapping[str, Scenario]) -> Cells:
@@ -113,7 +120,8 @@ def overall(rows: Rows, scenarios: Mapping[str, Scenario]) -> Cells:
 def seed_by_seed(rows: Iterable[dict[str, Any]], against: str | None = None) -> Against:
     """Compare all policies of each scenario with its reference, on the seeds that both have played.
 
-    A guarantee that is open is worse than any that is not, and two that are open are equal.
+    A guarantee that is open is worse than any that is not, and two that are open are equal. Against one that was still
+    growing at the end only a longer time is decided, as worse; otherwise the two count as equal.
     """
     found: Against = {}
     for scenario, policies in _grouped(rows).items():
@@ -132,18 +140,23 @@ def seed_by_seed(rows: Iterable[dict[str, Any]], against: str | None = None) -> 
 
 
 def _compared(pairs: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> dict[str, Paired]:
-    return {
-        column: paired(
-            [_worth(ours, column) for ours, _ in pairs], [_worth(other, column) for _, other in pairs], better
-        )
-        for column, better in COMPARED.items()
-    }
+    found = {}
+    for column, better in COMPARED.items():
+        known = _guarantees if column == GUARANTEED else lambda ours, other, of=column: (ours[of], other[of])
+        ours, theirs = zip(*[known(ours, other) for ours, other in pairs], strict=True) if pairs else ((), ())
+        found[column] = paired(ours, theirs, better)
+    return found
 
 
-def _worth(row: dict[str, Any], column: str) -> float:
-    if column == "guaranteed_detection_time" and row.get(OPEN) == 1:
-        return np.inf
-    return row.get(column, np.nan)
+def _guarantees(ours: dict[str, Any], other: dict[str, Any]) -> tuple[float, float]:
+    """Return two guaranteed times to compare, infinite where a time has no end or none is known."""
+    first, second = (np.inf if row[OPEN] == 1 else row[GUARANTEED] for row in (ours, other))
+    growing = is_censored(ours), is_censored(other)
+    if growing == (True, False) and first > second:
+        return np.inf, second
+    if growing == (False, True) and second > first:
+        return first, np.inf
+    return (np.inf, np.inf) if any(growing) else (first, second)
 
 
 def _grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, list[dict[str, Any]]]]:

@@ -34,7 +34,8 @@ KINDS = (
     Kind(
         "open",
         "lost the guarantee",
-        "A rogue may have been unseen for the longest time of all when the episode ended: nothing bounds it.",
+        "The worst-case undetected time was still growing when the episode ended and was at least half of the episode, "
+        "or no robot was left.",
         lambda row: row[OPEN] == 1,
     ),
     Kind("collided", "collided", "Two robots touched.", lambda row: row["collisions"] > 0),

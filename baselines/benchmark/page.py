@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import OPEN, OVER_LIMIT, Comparisons, guarantee_of, limit_of, with_derived
+from baselines.benchmark.comparison import OVER_LIMIT, Comparisons, guarantee_of, limit_of, with_derived
 from baselines.benchmark.failures import KINDS, badness, failed, headline, worst_first
 from baselines.benchmark.looks import COLOURS, looks_of
 from baselines.benchmark.measures import COLUMN_WORDS, Measure, measures_of
@@ -165,8 +165,10 @@ def _cell(of: Mapping[str, Statistics], measure: Measure, rows: Sequence[Mapping
     value = cell.mean if measure.mean else cell.iqm
     low, high = (cell.mean_low, cell.mean_high) if measure.mean else (cell.low, cell.high)
     known = [row[measure.column] for row in rows if _is_known(row, measure)]
+    words, between = in_words(of, Shown(measure.column, measure.title, measure.better, measure.mean))
     return {
-        "words": in_words(of, Shown(measure.column, measure.title, measure.better, measure.mean))[0],
+        "words": words,
+        "between": between,
         "value": _rounded(value),
         "interval": _rounded([low, high]),
         "known": cell.n_finite,
@@ -217,7 +219,7 @@ def _episodes(
     rows: Sequence[Mapping[str, Any]], scenario_of: Mapping[str, int], number_of: Mapping[str, int]
 ) -> dict[str, list[Any]]:
     """Columns of the episodes; `failed` has a bit for each of `KINDS`."""
-    columns = dict.fromkeys([*(name for row in rows for name in numbers_of(row)), OVER_LIMIT, OPEN])
+    columns = dict.fromkeys([*(name for row in rows for name in numbers_of(row)), OVER_LIMIT])
     return {
         "scenario": [scenario_of[row["scenario"]] for row in rows],
         "policy": [number_of[row["policy"]] for row in rows],

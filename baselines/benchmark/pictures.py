@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from baselines.benchmark.comparison import OPEN, OVER_LIMIT, guarantee_of, limit_of
+from baselines.benchmark.comparison import OVER_LIMIT, guarantee_of, limit_of
 from baselines.benchmark.looks import Look, looks_of
 from baselines.benchmark.statistics import Statistics
 from baselines.benchmark.tables import number, shown_name
@@ -73,14 +73,13 @@ def draw(
     def guarantee(axes: Axes, name: str) -> None:
         _points(axes, {policy: of["guaranteed_detection_time"] for policy, of in cells[name].items()}, looks, linear=1)
         _mark_bound(axes, scenarios[name])
-        for place, of in enumerate(cells[name].values()):
-            if OPEN in of and of[OPEN].mean > 0:
-                axes.text(of["guaranteed_detection_time"].iqm, place - 0.18, ">", ha="center", va="bottom", fontsize=8)
-        axes.set_xlabel("guaranteed time [s]; >: open in some")
+        known = [of["guaranteed_detection_time"] for of in cells[name].values()]
+        for place, of in enumerate(known):
+            if of.at_least:
+                axes.text(of.iqm, place - 0.18, ">", ha="center", va="bottom", fontsize=8)
+        axes.set_xlabel("guaranteed time [s]; >: at least; arrow: no upper end")
         formation = guarantee_of(scenarios[name])[1]
-        times = [of["guaranteed_detection_time"].iqm / formation for of in cells[name].values()]
-        still_open = [OPEN in of and of[OPEN].mean > 0 for of in cells[name].values()]
-        _name_ratios(axes, "over formation", times, still_open)
+        _name_ratios(axes, "over formation", [of.iqm / formation for of in known], [of.at_least for of in known])
 
     followed = [name for name in played if scenarios[name].task.contamination is not None]
     with rc_context(STYLE):
@@ -132,7 +131,10 @@ def _points(axes: Axes, of: dict[str, Statistics], looks: dict[str, Look], linea
             axes.text(0.02, place, "no number", transform=axes.get_yaxis_transform(), va="center", color="#777777")
             continue
         colour, mark = looks[policy]
-        axes.plot([values.low, values.high], [place, place], color=colour, lw=5, alpha=0.35, solid_capstyle="butt")
+        end = _end(values)
+        axes.plot([values.low, end], [place, place], color=colour, lw=5, alpha=0.35, solid_capstyle="butt")
+        if values.high == np.inf:
+            axes.plot([end], [place], ">", color=colour, ms=5, clip_on=False)
         face = "white" if unwrapped(policy)[1] else colour
         axes.plot([values.iqm], [place], mark, color=colour, mfc=face, mew=1.5, ms=6, clip_on=False, zorder=3)
     axes.set_yticks(range(len(of)), [shown_name(policy) for policy in of])
@@ -141,10 +143,15 @@ def _points(axes: Axes, of: dict[str, Statistics], looks: dict[str, Look], linea
     axes.grid(False, axis="y")
     axes.set_xscale("symlog", linthresh=linear, linscale=0.5)
     axes.set_xlim(left=-0.15 * linear)
-    largest = max((values.high for values in of.values() if values.n_finite > 1), default=linear)
+    largest = max((_end(values) for values in of.values() if values.n_finite > 1), default=linear)
     ticks = [0.0, *(linear * 10**k for k in range(int(np.log10(max(largest / linear, 1))) + 2))]
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
+
+
+def _end(values: Statistics) -> float:
+    """Return where the bar of an interval ends: at the largest number where the interval has no upper end."""
+    return values.max if values.high == np.inf else values.high
 
 
 def _steps(axes: Axes, curves: Mapping[str, tuple[Any, Any]], looks: dict[str, Look]) -> None:

@@ -38,6 +38,10 @@ def _is_share(value: Any) -> bool:
     return _is_finite(value) and 0 <= value <= 1
 
 
+def _is_flag(value: Any) -> bool:
+    return type(value) in (int, float) and value in (0, 1)
+
+
 _NO_TARGET = "no target appeared"
 _RULES = {
     **dict.fromkeys(("episode", "seed", "targets", "collisions"), _Rule("a whole number of at least 0", _is_whole)),
@@ -66,6 +70,7 @@ _RULES = {
         ("guaranteed_detection_time", "unseen_at_end", "contaminated_age_mean"),
         _Rule("at least 0 [s]", _is_positive, "contamination is not followed"),
     ),
+    "guarantee_open": _Rule("a flag, 0 or 1", _is_flag, "contamination is not followed"),
     "guarantee_recovery_time": _Rule("at least 0 [s]", _is_positive, "never"),
     "return_mean": _Rule("a finite number", _is_finite),
 }

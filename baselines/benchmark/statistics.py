@@ -16,7 +16,8 @@ import numpy as np
 
 RESAMPLES = 2000
 """Bootstrap resamples: the ends of the interval then vary by about 2 % of its width from seed to seed."""
-_CUT = 0.25
+CUT = 0.25
+"""Share of the values that an interquartile mean leaves out at either end."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class Statistics:
     """Standard deviation between episodes, with n - 1 in the denominator."""
     min: float
     max: float
+    at_least: bool = False
+    """Whether `iqm` is a lower bound, because too many numbers are only known to be larger than they are."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ class Paired:
 def interquartile_mean(values: Sequence[float] | np.ndarray) -> float:
     """Mean of the middle half: of n sorted values, int(n / 4) are cut off at either end. NaN for no values."""
     ordered = np.sort(np.asarray(values, dtype=float))
-    cut = int(_CUT * len(ordered))
+    cut = int(CUT * len(ordered))
     return float(ordered[cut : len(ordered) - cut].mean()) if len(ordered) else np.nan
 
 
@@ -76,7 +79,7 @@ def bootstrap_interval(
     confidence: float = 0.95,
     resamples: int = RESAMPLES,
     seed: int = 0,
-    cut: float = _CUT,
+    cut: float = CUT,
 ) -> tuple[float, float]:
     """Percentile bootstrap interval of the interquartile mean of all values together.
 
@@ -90,7 +93,7 @@ def bootstrap_interval(
         return np.nan, np.nan
     # A resample of sorted values is how often each one was drawn, so no resample is ever sorted: the middle half of
     # it is from draw `cut` to draw n - cut, and a value counts as often as its draws lie in there.
-    drawn = np.hstack([_draws(len(sample), resamples, seed + k) for k, sample in enumerate(samples)])
+    drawn = np.hstack([draws(len(sample), resamples, seed + k) for k, sample in enumerate(samples)])
     order = np.argsort(pooled, kind="stable")
     drawn = drawn[:, order]
     last = np.cumsum(drawn, axis=1)
@@ -133,7 +136,7 @@ def two_level_interval(
     confidence: float = 0.95,
     resamples: int = RESAMPLES,
     seed: int = 0,
-    cut: float = _CUT,
+    cut: float = CUT,
 ) -> tuple[float, float]:
     """Percentile bootstrap interval of the interquartile mean over trainings and the seeds that they all played.
 
@@ -194,7 +197,7 @@ def summarize(*strata: Sequence[float] | np.ndarray) -> Statistics:
 
 
 @lru_cache(maxsize=8)
-def _draws(size: int, resamples: int, seed: int) -> np.ndarray:
-    """(resamples, size) how often each of `size` values is drawn, with replacement."""
+def draws(size: int, resamples: int, seed: int) -> np.ndarray:
+    """Return (resamples, size) how often each of `size` values is drawn, with replacement."""
     generator = np.random.default_rng([seed, size])
     return generator.multinomial(size, np.full(size, 1 / size), size=resamples).astype(np.int32)

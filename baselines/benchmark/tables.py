@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.text import Text
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import COMPARED, OPEN, OVER_LIMIT, OVERALL, Comparisons, guarantee_of, limit_of
+from baselines.benchmark.comparison import COMPARED, OVER_LIMIT, OVERALL, Comparisons, guarantee_of, limit_of
 from baselines.benchmark.rows import numbers_of
 from baselines.benchmark.statistics import Paired, Statistics
 from baselines.benchmark.types import Outcome
@@ -137,8 +137,9 @@ def print_scores(console: Console, policy: str, scenario: str, columns: dict[str
     for name, of in columns.items():
         mean, std, least, most = (number(value) for value in (of.mean, of.std, of.min, of.max))
         counted = str(of.n) if of.n_finite == of.n else f"{of.n_finite}/{of.n}"
-        interval = between(of.low, of.high) if of.n_finite > 1 else _DASH
-        rows.append([name, Text(number(of.iqm), "bold"), interval, counted, mean, std, least, most])
+        value, ends = in_words(columns, Shown(name, name, 0))
+        interval = ends if of.n_finite > 1 else _DASH
+        rows.append([name, Text(value, "bold"), interval, counted, mean, std, least, most])
     left_out = print_table(console, [Column("score", left=True, style="cyan"), *map(Column, names)], rows)
     console.print()
     return left_out
@@ -172,14 +173,17 @@ def number(value: float) -> str:
 def in_words(of: Mapping[str, Statistics], shown: Shown) -> tuple[str, str]:
     """A number as tables show it, and its interval ("" for one that is a single number).
 
-    A guarantee that is open in some episode is a lower bound: `> 59.7`.
+    A lower bound, as of a guarantee that is open in many episodes, is written `> 59.7`.
     """
     cell = of[shown.column]
     if not cell.n_finite:
         return _DASH, ""
-    value, low, high = (cell.mean, cell.mean_low, cell.mean_high) if shown.mean else (cell.iqm, cell.low, cell.high)
-    is_open = shown.column == "guaranteed_detection_time" and OPEN in of and of[OPEN].mean > 0
-    return f"> {number(value)}" if is_open else number(value), between(low, high)
+    if shown.mean:
+        return number(cell.mean), between(cell.mean_low, cell.mean_high)
+    value, interval = number(cell.iqm), between(cell.low, cell.high)
+    if cell.at_least:
+        return f"> {value}", "" if number(cell.low) == value else interval
+    return value, interval
 
 
 def _title(scenario: Scenario) -> Text:
@@ -240,9 +244,10 @@ def _legend(cells: Mapping[str, Any], episodes: int) -> list[str]:
         words.append(
             "Over limit: mean detection time over a lower bound, which no policy beats that sees no rogue afar."
         )
-    if any(each.get(OPEN) and each[OPEN].mean > 0 for each in of):
+    if any(each["guaranteed_detection_time"].at_least for each in of):
         words.append(
-            "Guaranteed: no rogue stays unseen longer, whatever it does; > open: some may be unseen at the end."
+            "Guaranteed: no rogue stays unseen longer, whatever it does; >: a lower bound, as too many episodes ended "
+            "while that time was still growing."
         )
     if any(clairvoyant.NAME in policies for policies in cells.values()):
         words.append(f"({clairvoyant.NAME}) is no policy: it sees every rogue from the moment it appears.")
@@ -289,8 +294,13 @@ def _two_lines(value: str, below: str, style: str = "") -> Text:
 
 
 def between(low: float, high: float, times: float = 1.0) -> str:
-    """Both ends as tables show them, in units of 1 / `times`; "" for NaN and where both read the same."""
+    """Both ends as tables show them, in units of 1 / `times`; "" for NaN and where both read the same.
+
+    Without an upper end it is `at least` the lower one.
+    """
     if low != low:
         return ""
+    if high == math.inf:
+        return f"at least {number(low)}"
     ends = (f"{times * low:.0f}", f"{times * high:.0f}") if times != 1 else (number(low), number(high))
     return "" if ends[0] == ends[1] else (" to " if low < 0 else _TO).join(ends)

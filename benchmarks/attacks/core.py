@@ -21,7 +21,7 @@ _MAY_BE_NAN = {
     "detected_fraction", "detection_time_mean", "detection_time_p95", "detection_time_max", "detected_within_bound",
     "min_separation", "coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "recovery_time",
     "smoothness", "sensed_fraction", "spacing_factor", "guaranteed_detection_time", "unseen_at_end",
-    "contaminated_age_mean", "guarantee_recovery_time",
+    "guarantee_open", "contaminated_age_mean", "guarantee_recovery_time",
 }  # fmt: skip
 _STRANGE: tuple[Any, ...] = (
     None, True, False, "", "1", "nan", b"1", 1j, object, (), [], (0,), ((0, 1),), ((0, 1, 2),), ((1.0, 0.2),), {},

@@ -92,6 +92,7 @@ def _is_possible(column: str, value: str) -> bool:
         "sensed_fraction",
         "guaranteed_detection_time",
         "unseen_at_end",
+        "guarantee_open",
         "contaminated_age_mean",
         "guarantee_recovery_time",
     )
@@ -100,7 +101,7 @@ def _is_possible(column: str, value: str) -> bool:
         return column in empty
     if column in ("targets", "collisions"):
         return value == "2"
-    if column in ("detected_fraction", "detected_within_bound", "sensed_fraction"):
+    if column in ("detected_fraction", "detected_within_bound", "sensed_fraction", "guarantee_open"):
         return False
     return value in ("2", "1.5", "3e5") or (column == "return_mean" and value in ("-1", "-1e-9"))
 

@@ -15,10 +15,11 @@ from lissajous_env.episodes.evaluation import ActingPolicy, Referee
 from lissajous_env.parameters.parts import Faults, Noise, Robot, Targets, Task
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import largest_speed
+from lissajous_env.world.score import is_open
 from lissajous_env.world.simulation import Simulation
 
 ROUNDS = 12
-"""Times T_max after which a rogue that was there at the start, and still is unseen, counts as never found."""
+"""Times T_max that a formation is followed for: a guarantee that is open then counts as none."""
 CELLS = 90
 """Cells along the longer side of the rectangle, unless they are asked for."""
 _HALVINGS = 9
@@ -159,11 +160,16 @@ def _clears(scenario: Scenario, radius: float | None, speed: float, cells: int) 
 
 
 def _played(simulation: Simulation, until_cleared: bool) -> int | None:
-    """Longest age of an episode [step], or up to when the start's rogues were all seen; None where they never were."""
+    """Return the longest age of an episode [step], or up to when the start's rogues were all seen; None where it is open.
+
+    The formation repeats itself, so what a rogue can do for ever from some moment on, one of the start can do from the
+    beginning on: once these were all seen, none can.
+    """
     simulation.action.fill_(1.0)
-    oldest, age = simulation.contamination.oldest, simulation.contamination.age_max
-    for now in range(1, simulation.scenario.task.steps + 1):
+    field, steps = simulation.contamination, simulation.scenario.task.steps
+    for now in range(1, steps + 1):
         simulation.advance()
-        if until_cleared and now % 10 == 0 and oldest.numpy()[0] > 0:
-            return int(age.numpy()[0])
-    return int(age.numpy()[0]) if oldest.numpy()[0] > 0 else None
+        if until_cleared and now % 10 == 0 and field.oldest.numpy()[0] > 0:
+            return int(field.age_max.numpy()[0])
+    longest, at_end = int(field.age_max.numpy()[0]), int(field.age.numpy()[0])
+    return None if is_open(longest, at_end, steps) else longest

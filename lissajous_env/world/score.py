@@ -9,7 +9,7 @@ import numpy as np
 from lissajous_env.parameters.extensions import ScoreColumn
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.coverage import last_sensed
-from lissajous_env.world.state import NEVER, Tally
+from lissajous_env.world.state import NEVER, REMOVED, Tally
 
 MEANINGS = {
     "scenario": "name of the scenario",
@@ -47,8 +47,10 @@ MEANINGS = {
     "smoothness": "mean square of the change of the action from step to step; 0 is steady",
     "sensed_fraction": "share of the cells that some robot has ever sensed",
     "guaranteed_detection_time": "longest time for which any rogue can have gone unseen, whatever it did [s]",
-    "unseen_at_end": "the same at the end; where the two are equal the guarantee is open, and tables "
-    "write `> 59.7` [s]",
+    "unseen_at_end": "the same at the end of the episode; where the two are equal the longest time was still growing "
+    "there, so that it is a lower bound (right-censored) [s]",
+    "guarantee_open": "1 where the episode shows no bound of that time: it was still growing at the end and is at least "
+    "half of the episode, or no robot is left; otherwise 0",
     "contaminated_age_mean": "since when a rogue may be unseen in a cell, 0 where it is cleared, mean over cells "
     "and time [s]",
     "guarantee_recovery_time": "from the end of the last fault until that time stays below 1.1 times its largest "
@@ -65,9 +67,27 @@ def brought_columns(scenario: Scenario) -> tuple[str, ...]:
     return tuple(each.name for each in scenario.extensions if isinstance(each, ScoreColumn))
 
 
+def is_open(longest: float, at_end: float, elapsed: float, deserted: bool = False) -> bool:
+    """Return whether an episode shows no bound of how long a rogue can go unseen.
+
+    Some rogue that can be unseen at the end has then been so for longer than any before it, and for at least half of
+    the episode. To show a bound, an episode must be longer than twice that bound: where no rogue can ever go unseen for
+    longer than B, no episode longer than 2 B is open, and where one that appears at t0 is never detected, every episode
+    of 2 t0 or longer is. While that rogue stays undetected, an open episode that goes on stays open.
+
+    Args:
+        longest: `guaranteed_detection_time`, in any unit of time.
+        at_end: `unseen_at_end`, in the same.
+        elapsed: duration of the episode up to its end, in the same.
+        deserted: whether no robot is left to detect anything.
+    """
+    return deserted or (0 < longest == at_end and 2 * at_end >= elapsed)
+
+
 def score_rows(
     scenario: Scenario,
     clock: Any,
+    robots: Any,
     targets: Any,
     cells: Any,
     contamination: Any,
@@ -95,6 +115,7 @@ def score_rows(
         each.numpy() for each in (cells.sensed_at, cells.in_discs, cells.idle_squares, cells.idle_max)
     )
     unseen = {name: getattr(contamination, name).numpy() for name in ("age", "age_max", "mean_age_sum", "high_at")}
+    lost = (robots.status.numpy() == int(REMOVED)).all(axis=1)
     follows = scenario.task.contamination is not None
     rows = []
     for w in worlds:
@@ -108,6 +129,8 @@ def score_rows(
         squares = idle_squares[w].sum(dtype=float) + np.sum(open_gaps.astype(float) ** 2)
         off_at, high_at = int(host["off_at"][w]), int(unseen["high_at"][w])
         recovered = fault_end >= 0 and off_at >= 0 and now - off_at >= stays
+        longest, at_end = int(unseen["age_max"][w]), int(unseen["age"][w])
+        deserted = bool(lost[w]) and (at_end > 0 or scenario.targets.arrival_rate > 0)
         regained = follows and fault_end >= 0 and high_at >= 0 and now - high_at >= stays
         rows.append({
             "scenario": scenario.name,
@@ -137,8 +160,9 @@ def score_rows(
             "speed_max": host["speed_max"][w],
             "smoothness": host["change_sum"][w] / (now - 1) if now > 1 else np.nan,
             "sensed_fraction": host["covered"][w] / open_gaps.size if has_grid else np.nan,
-            "guaranteed_detection_time": unseen["age_max"][w] * step if follows else np.nan,
-            "unseen_at_end": unseen["age"][w] * step if follows else np.nan,
+            "guaranteed_detection_time": longest * step if follows else np.nan,
+            "unseen_at_end": at_end * step if follows else np.nan,
+            "guarantee_open": float(is_open(longest, at_end, now, deserted)) if follows else np.nan,
             "contaminated_age_mean": unseen["mean_age_sum"][w] / max(now, 1) * step if follows else np.nan,
             "guarantee_recovery_time": max(high_at + 1 - fault_end, 0) * step if regained else np.nan,
             "return_mean": host["returns"][w].mean(),

@@ -157,9 +157,8 @@ class Simulation:
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
         """Score of the latest episode of some worlds so far, one row each: `lissajous_env.world.score.COLUMNS`."""
         chosen, brought = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
-        return score_rows(
-            self.scenario, self.clock, self.targets, self.cells, self.contamination, self.tally, brought, chosen
-        )
+        kept = self.clock, self.robots, self.targets, self.cells, self.contamination, self.tally
+        return score_rows(self.scenario, *kept, brought, chosen)
 
     def detection_times(self, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Of each target (K,) that has appeared: time until it was detected, or until now [s]; and whether it was."""

@@ -132,8 +132,7 @@ function measured(report, s, policy, { measure, scale, best }) {
   if (of.value !== null) cell.dataset.value = of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
   const line = element("span", "reading");
   line.append(element("b", look.rival && of.words === best ? "best" : "", of.words));
-  const [low, high] = of.interval;
-  if (low !== null && number(low) !== number(high)) line.append(element("small", "", `${number(low)}–${number(high)}`));
+  if (of.between) line.append(element("small", "", of.between));
   if (of.known < policy.episodes) line.append(element("small", "few", `(${of.known}/${policy.episodes})`));
   cell.append(line);
   if (measure.strip) cell.append(strip(look, of, measure, scale, dotsOf(report, s, policy.policy, measure.column)));
