@@ -51,27 +51,30 @@ def test_no_ratio_to_a_limit_that_says_nothing():
 
 
 def test_a_guarantee_that_is_open_is_a_lower_bound_and_never_best():
-    more = {"guaranteed_detection_time": [3.0, 59.7, 4.0, 0.0], "unseen_at_end": [2.0, 59.7, 1.0, 0.0]}
-    told = with_derived(rows("a", **more), INTRUDERS)
-    assert [row[OPEN] for row in told] == [0, 1, 0, 0]
-    closed = {"guaranteed_detection_time": [9.0] * 4, "unseen_at_end": [1.0] * 4}
+    more = {
+        "guaranteed_detection_time": [3.0, 59.7, 4.0, 50.0],
+        "unseen_at_end": [2.0, 59.7, 1.0, 50.0],
+        OPEN: [0, 1, 0, 1],
+    }
+    closed = {"guaranteed_detection_time": [9.0] * 4, "unseen_at_end": [1.0] * 4, OPEN: [0] * 4}
     cells = compare([*rows("a", **more), *rows("b", **closed)], INTRUDERS).cells["intruders"]
     text, _ = printed(tables.print_policies, Text("t"), cells, tables.SHOWN)
     words = text.split()
-    assert words[words.index(">") + 1] == "3.50"
+    assert words[words.index(">") + 1] == "27"
     assert "9*" in words
 
 
 def test_a_guarantee_that_nobody_follows_has_no_column():
-    nothing = {"guaranteed_detection_time": [math.nan] * 2, "unseen_at_end": [math.nan] * 2}
+    nothing = dict.fromkeys(("guaranteed_detection_time", "unseen_at_end", OPEN), [math.nan] * 2)
     cells = compare(list(rows("a", **nothing)), INTRUDERS).cells["intruders"]
     assert "guaran-" not in printed(tables.print_policies, Text("t"), cells, tables.SHOWN)[0]
 
 
 def test_an_open_guarantee_loses_seed_by_seed():
-    # Story: the reference clears the place in 5 s; the other was at 4 s when its episode ended, and not done.
-    ours = rows("open", guaranteed_detection_time=[4.0] * 4, unseen_at_end=[4.0] * 4)
-    theirs = rows("kuramoto-mpcc", guaranteed_detection_time=[5.0] * 4, unseen_at_end=[1.0] * 4)
+    # Story: the reference clears the place in 5 s; the other was at 4 s when its episode of 6 s ended, and not done.
+    ours = rows("open", guaranteed_detection_time=[4.0] * 4, unseen_at_end=[4.0] * 4, guarantee_open=[1] * 4)
+    closed = {"unseen_at_end": [1.0] * 4, "guarantee_open": [0] * 4}
+    theirs = rows("kuramoto-mpcc", guaranteed_detection_time=[5.0] * 4, **closed)
     reference, policies = compare([*ours, *theirs], INTRUDERS).against["intruders"]
     assert reference == "kuramoto-mpcc"
     assert list(policies) == ["open"]

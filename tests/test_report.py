@@ -67,9 +67,9 @@ def test_the_page_holds_every_score_of_every_episode(small_one):
 def test_the_worst_comes_first():
     # Story: who collided and lost the guarantee stands before who only lost it, and that before the merely slow.
     scenario = lissajous_env.scenario("evaders")
-    good = dict.fromkeys(NUMBER_COLUMNS, 1.0) | {"scenario": "evaders", "collisions": 0, "unseen_at_end": 0.5}
+    good = dict.fromkeys(NUMBER_COLUMNS, 1.0) | {"scenario": "evaders", "collisions": 0, "guarantee_open": 0}
     slow = good | {"guaranteed_detection_time": 30.0}
-    lost = slow | {"unseen_at_end": 30.0}
+    lost = slow | {"guarantee_open": 1}
     both = lost | {"collisions": 3}
     blind = lost | {"collisions": 3, "sensed_fraction": 0.4}
     empty = good | dict.fromkeys(("guaranteed_detection_time", "detection_time_mean", "detected_fraction"), math.nan)

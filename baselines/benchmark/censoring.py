@@ -5,6 +5,7 @@ gives each episode a weight: a censored episode passes its own on to the episode
 mean of the times with these weights is that of `baselines.benchmark.statistics` where nothing is censored.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,7 +14,8 @@ import numpy as np
 from baselines.benchmark.statistics import CUT, RESAMPLES, Statistics, draws, summarize
 
 _TAIL = 0.025
-_ROUNDING = 1e-9
+_DIGITS = 12
+"""Decimals to which products of weights are exact."""
 
 
 def summarize_censored(
@@ -43,12 +45,12 @@ def summarize_censored(
     if not growing.any():
         return observed
     (middle,), (reached,) = _middle_means(np.ones((1, len(values)), dtype=int), values, growing, endless)
-    low = high = np.nan
+    low = high = math.nan
     if len(values) > 1:
         means, sure = _middle_means(draws(len(values), RESAMPLES, seed), values, growing, endless)
         low = float(np.quantile(means, _TAIL))
         ceiling = np.where(sure, means, values.max())
-        high = float(np.quantile(ceiling, 1 - _TAIL)) if np.mean(~sure) < _TAIL else np.inf
+        high = float(np.quantile(ceiling, 1 - _TAIL)) if np.mean(~sure) < _TAIL else math.inf
     return replace(observed, iqm=float(middle), low=low, high=high, at_least=not reached)
 
 
@@ -66,11 +68,11 @@ def _middle_means(
     cut = int(CUT * len(values)) / len(values)
     order = np.lexsort((growing, np.where(endless, np.inf, values)))  # of equal times the censored ones come last
     weights, beyond = _kaplan_meier(counts[:, order], growing[order])
-    reached = beyond <= cut + _ROUNDING
+    reached = np.round(beyond - cut, _DIGITS) <= 0
     estimate = _trimmed_mean(weights, values[order], cut)
     by_value = np.argsort(values)
     bound = _trimmed_mean(counts[:, by_value] / len(values), values[by_value], cut)
-    return np.where(reached, estimate, bound), reached
+    return np.round(np.where(reached, estimate, bound), _DIGITS), reached
 
 
 def _kaplan_meier(counts: np.ndarray, growing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

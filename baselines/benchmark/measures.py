@@ -33,8 +33,8 @@ class Measure:
 _MEASURES = (
     Measure(
         "guaranteed_detection_time", "guaranteed time [s]", -1,
-        about="No rogue of the scenario's top speed stays unseen longer, whatever it does. >: a lower bound, as too many "
-        "episodes ended while that time was still growing.",
+        about="No rogue of the scenario's top speed stays unseen longer, whatever it does. >: a lower bound, as too "
+        "many episodes ended while that time was still growing.",
     ),
     Measure("collisions", "collisions", -1, mean=True, about="Pairs of robots that touched, in an episode."),
     Measure(

@@ -77,7 +77,7 @@ def draw(
         for place, of in enumerate(known):
             if of.at_least:
                 axes.text(of.iqm, place - 0.18, ">", ha="center", va="bottom", fontsize=8)
-        axes.set_xlabel("guaranteed time [s]; >: at least; arrow: no upper end")
+        axes.set_xlabel("guaranteed time [s]; >, arrow: at least")
         formation = guarantee_of(scenarios[name])[1]
         _name_ratios(axes, "over formation", [of.iqm / formation for of in known], [of.at_least for of in known])
 

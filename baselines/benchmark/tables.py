@@ -247,7 +247,7 @@ def _legend(cells: Mapping[str, Any], episodes: int) -> list[str]:
     if any(each["guaranteed_detection_time"].at_least for each in of):
         words.append(
             "Guaranteed: no rogue stays unseen longer, whatever it does; >: a lower bound, as too many episodes ended "
-            "while that time was still growing."
+            "while that time was still growing; at least: the interval has no upper end."
         )
     if any(clairvoyant.NAME in policies for policies in cells.values()):
         words.append(f"({clairvoyant.NAME}) is no policy: it sees every rogue from the moment it appears.")

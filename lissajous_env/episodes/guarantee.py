@@ -160,7 +160,7 @@ def _clears(scenario: Scenario, radius: float | None, speed: float, cells: int) 
 
 
 def _played(simulation: Simulation, until_cleared: bool) -> int | None:
-    """Return the longest age of an episode [step], or up to when the start's rogues were all seen; None where it is open.
+    """Return the longest age of an episode, or up to when the start's rogues were all seen [step]; None where open.
 
     The formation repeats itself, so what a rogue can do for ever from some moment on, one of the start can do from the
     beginning on: once these were all seen, none can.

@@ -49,8 +49,8 @@ MEANINGS = {
     "guaranteed_detection_time": "longest time for which any rogue can have gone unseen, whatever it did [s]",
     "unseen_at_end": "the same at the end of the episode; where the two are equal the longest time was still growing "
     "there, so that it is a lower bound (right-censored) [s]",
-    "guarantee_open": "1 where the episode shows no bound of that time: it was still growing at the end and is at least "
-    "half of the episode, or no robot is left; otherwise 0",
+    "guarantee_open": "1 where the episode shows no bound of that time: it was still growing at the end and is at "
+    "least half of the episode, or no robot is left; otherwise 0",
     "contaminated_age_mean": "since when a rogue may be unseen in a cell, 0 where it is cleared, mean over cells "
     "and time [s]",
     "guarantee_recovery_time": "from the end of the last fault until that time stays below 1.1 times its largest "
