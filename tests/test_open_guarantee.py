@@ -73,14 +73,14 @@ def test_where_a_bound_holds_no_episode_of_twice_that_time_is_open(leaps, more):
     assert not any(open_at_each_step(padded)[2 * bound + 1 :])
 
 
-@given(LEAPS, st.integers(1, 100))
-def test_a_rogue_that_is_never_detected_makes_every_long_episode_open(leaps, more):
-    # Law: it appears at t0; every episode of at least 2 t0 in which it is the worst is open, and stays so.
+@given(LEAPS, st.integers(1, 100), st.data())
+def test_a_rogue_that_is_never_detected_makes_every_long_episode_open(leaps, more, draw):
+    # Law: from t1 on it is the oldest, and of any age up to t1; then every episode of at least 2 t1 is open.
     before = ages(leaps)
-    appears = len(before) - 1
-    found = np.append(before, np.arange(1, appears + before.max() + more + 1))
-    told = open_at_each_step(found)
-    assert all(told[max(2 * appears, appears + before.max(), 1) :])
+    since = len(before) - 1
+    young = draw.draw(st.integers(0, before[-1]))
+    found = np.append(before, young + np.arange(1, since + more + 1))
+    assert all(open_at_each_step(found)[max(2 * since, 1) :])
 
 
 @given(LEAPS)

@@ -72,8 +72,8 @@ def is_open(longest: float, at_end: float, elapsed: float, deserted: bool = Fals
 
     Some rogue that can be unseen at the end has then been so for longer than any before it, and for at least half of
     the episode. To show a bound, an episode must be longer than twice that bound: where no rogue can ever go unseen for
-    longer than B, no episode longer than 2 B is open, and where one that appears at t0 is never detected, every episode
-    of 2 t0 or longer is. While that rogue stays undetected, an open episode that goes on stays open.
+    longer than B, no episode longer than 2 B is open. Where one is never detected, and from t1 on none has been there
+    for longer, every episode of 2 t1 or longer is open; while it stays undetected, an open episode stays open.
 
     Args:
         longest: `guaranteed_detection_time`, in any unit of time.
