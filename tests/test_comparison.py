@@ -3,6 +3,7 @@
 import json
 import math
 import os
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -65,7 +66,7 @@ def test_a_guarantee_that_is_open_is_a_lower_bound_and_never_best():
 
 
 def test_a_guarantee_that_nobody_follows_has_no_column():
-    nothing = dict.fromkeys(("guaranteed_detection_time", "unseen_at_end", OPEN), [math.nan] * 2)
+    nothing: dict[str, Any] = dict.fromkeys(("guaranteed_detection_time", "unseen_at_end", OPEN), [math.nan] * 2)
     cells = compare(list(rows("a", **nothing)), INTRUDERS).cells["intruders"]
     assert "guaran-" not in printed(tables.print_policies, Text("t"), cells, tables.SHOWN)[0]
 

@@ -142,7 +142,7 @@ def test_without_a_robot_left_nothing_bounds_it():
     simulation = Simulation(scenario, seed=0)
     simulation.reset(seeds=[0])
     while not simulation.over.all():
-        simulation.step(np.broadcast_to(np.float32([0.0, 1.0]), simulation.action_shape).copy())
+        simulation.step(np.broadcast_to(np.array([0.0, 1.0], dtype=np.float32), simulation.action_shape).copy())
     (row,) = simulation.score()
     assert simulation.terminated.numpy().all()
     assert row["guaranteed_detection_time"] < 30

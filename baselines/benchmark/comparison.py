@@ -142,9 +142,11 @@ def seed_by_seed(rows: Iterable[dict[str, Any]], against: str | None = None) -> 
 def _compared(pairs: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> dict[str, Paired]:
     found = {}
     for column, better in COMPARED.items():
-        known = _guarantees if column == GUARANTEED else lambda ours, other, of=column: (ours[of], other[of])
-        ours, theirs = zip(*[known(ours, other) for ours, other in pairs], strict=True) if pairs else ((), ())
-        found[column] = paired(ours, theirs, better)
+        if column == GUARANTEED:
+            known = [_guarantees(ours, other) for ours, other in pairs]
+        else:
+            known = [(ours[column], other[column]) for ours, other in pairs]
+        found[column] = paired([ours for ours, _ in known], [other for _, other in known], better)
     return found
 
 

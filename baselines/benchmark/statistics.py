@@ -9,7 +9,7 @@ would make the interval too short: A. B. Owen, "The Pigeonhole Bootstrap" (Annal
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -43,7 +43,7 @@ class Statistics:
     """Standard deviation between episodes, with n - 1 in the denominator."""
     min: float
     max: float
-    at_least: bool = False
+    at_least: bool = field(default=False, kw_only=True)
     """Whether `iqm` is a lower bound, because too many numbers are only known to be larger than they are."""
 
 
