@@ -244,7 +244,9 @@ def _legend(cells: Mapping[str, Any], episodes: int) -> list[str]:
         words.append(
             "Over limit: mean detection time over a lower bound, which no policy beats that sees no rogue afar."
         )
-    if any(each["guaranteed_detection_time"].high == math.inf for each in of):
+    if any(
+        each["guaranteed_detection_time"].at_least or each["guaranteed_detection_time"].high == math.inf for each in of
+    ):
         words.append(
             "Guaranteed: no rogue stays unseen longer, whatever it does; >: a lower bound, as too many episodes ended "
             "while that time was still growing; at least: the interval has no upper end."
