@@ -95,7 +95,7 @@ def space(name: str, scenario: Scenario) -> dict[str, tuple[float, float] | list
 
     Rates and speeds that the cars cannot reach are among them: asked for too much, a car goes as fast as it can.
     """
-    rate, top = scenario.formation.phase_rate, scenario.robot.speed_max
+    rate, top = scenario.formation.phase_rate, scenario.robot.top_speed
     found: dict[str, tuple[float, float] | list[int]] = {}
     if name.endswith("-safe"):
         found |= space(name.removesuffix("-safe"), scenario)

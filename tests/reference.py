@@ -66,7 +66,9 @@ class World:
 
     def __init__(self, scenario, phases, bodies, targets):
         self.scenario = scenario = scenario.resolve()
-        self.bodies = [dataclasses.replace(scenario.robot, wheelbase=base, drive=drive) for base, drive in bodies]
+        self.bodies = [
+            dataclasses.replace(scenario.robot, wheelbase=base, drive=drive, speed_max=None) for base, drive in bodies
+        ]
         self.alpha = scenario.formation.alpha
         self.n = scenario.num_robots
         task = scenario.task

@@ -95,7 +95,7 @@ def rest(simulation):
 def test_fast_cars_do_not_jump_through_each_other():
     # Story: two cars at 5.85 m/s, head on; between the two sub-steps they swap sides, and at no instant do they touch.
     simulation = parked([[-0.44, 0.015], [0.44, -0.015]])
-    top = simulation.scenario.robot.speed_max
+    top = simulation.scenario.robot.top_speed
     put(simulation, [[-0.44, 0.015], [0.44, -0.015]], speeds=top, headings=[0.0, np.pi])
     simulation.step(np.broadcast_to(np.array([0.0, 1.0], dtype=np.float32), simulation.action_shape))
     track = simulation.robots.track.numpy()[0]

@@ -23,7 +23,7 @@ LONG = {"targets.count": 20, "targets.arrival_rate": 0.0, "task.duration": 60.0}
 def test_intruders_by_the_closed_form():
     # Oracle: 1.10 s, computed independently: 31.2 m of boundary, five robots at 2 m/s, 0.5 m sensors.
     scenario = lissajous_env.scenario("intruders")
-    speed = scenario.robot.speed_max
+    speed = scenario.robot.top_speed
     assert speed == pytest.approx(2.0, abs=0.01)
     assert mean_time_on_boundary(31.2, 5, 0.5, speed) == pytest.approx(1.10, abs=0.01)
 

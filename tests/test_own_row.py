@@ -63,7 +63,7 @@ def test_what_is_decoded_is_the_truth():
         simulation.step(np.full(simulation.action_shape, [0.3, -0.6], dtype=np.float32))
     heard = wp.zeros((3, 5, 2), dtype=wp.vec2, device="cpu")
     seen, speed = wp.zeros((3, 5, 4), dtype=wp.vec4, device="cpu"), wp.zeros((3, 5), dtype=float, device="cpu")
-    inputs = [to_struct(CurveStruct, scenario.curve), scenario.robot.speed_max, 10.0, simulation.observation]
+    inputs = [to_struct(CurveStruct, scenario.curve), scenario.robot.top_speed, 10.0, simulation.observation]
     wp.launch(read, (3, 5), inputs, outputs=[heard, seen, speed], device="cpu")
     state = simulation.robots
     np.testing.assert_allclose(speed.numpy(), state.speed.numpy(), atol=1e-5)

@@ -118,7 +118,7 @@ def observed(cars):
     rows = np.zeros((*cars.shape[:2], len(names)), dtype=np.float32)
     column = {name: k for k, name in enumerate(names)}
     x, y, heading, speed = np.moveaxis(cars, -1, 0)
-    top, radius = scenario.robot.speed_max, scenario.sensing.radius
+    top, radius = scenario.robot.top_speed, scenario.sensing.radius
     own = {
         "x": x / scenario.curve.half_width,
         "y": y / scenario.curve.half_height,

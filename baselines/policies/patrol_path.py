@@ -37,7 +37,7 @@ class SweepParameters(Checked):
 
 def fastest_speed(scenario: Scenario) -> float:
     """The cars' top speed, or the formation's where the curve is fastest, if that is less [m/s]."""
-    return min(scenario.robot.speed_max, top_speed(scenario.curve, scenario.formation.phase_rate))
+    return min(scenario.robot.top_speed, top_speed(scenario.curve, scenario.formation.phase_rate))
 
 
 def cruising_speed(scenario: Scenario) -> float:

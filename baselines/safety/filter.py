@@ -128,7 +128,7 @@ def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
     """
     formation = top_speed(scenario.curve, scenario.formation.phase_rate)
     limit = max(speed_in_sight(scenario, parameters), HEADROOM * formation)
-    return float(min(limit, scenario.robot.speed_max))
+    return float(min(limit, scenario.robot.top_speed))
 
 
 def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
@@ -147,7 +147,7 @@ def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
 
 def _scales(scenario: Scenario) -> Any:
     scales: Any = Scales()
-    scales.speed, scales.radius = scenario.robot.speed_max, scenario.sensing_radius
+    scales.speed, scales.radius = scenario.robot.top_speed, scenario.sensing_radius
     scales.step, scales.robots_seen = scenario.task.step, scenario.sensing.robots_seen
     scales.age_unit = scenario.time_unit
     return scales

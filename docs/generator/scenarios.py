@@ -108,7 +108,7 @@ def numbers(made: Scenario) -> list[tuple[str, str]]:
     found_by = f"{made.detection_time_bound:.3g} s"
     return [
         ("robots", f"{made.num_robots} {_robots(made)}, bodies of radius {made.robot.radius:g} m"),
-        *([("top speed", f"{made.robot.speed_max:.3g} m/s")] if made.robot.kind == "car" else []),
+        *([("top speed", f"{made.robot.top_speed:.3g} m/s")] if made.robot.kind == "car" else []),
         ("rectangle", f"{_sides(made)} m"),
         ("curve", curve),
         ("formation", f"omega = {made.formation.phase_rate:g} rad/s, p = {made.p}, alpha = {made.alpha}"),

@@ -3,21 +3,27 @@
 import dataclasses
 import os
 import re
+import warnings
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from lissajous_env.envs.ids import register_ids
+from lissajous_env.parameters.parts import Robot
 from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.parameters.scenario_file import SUFFIX, read_scenario_file
 from lissajous_env.parameters.shipped import SHIPPED
 from lissajous_env.plugins import EntryPoints, import_attribute
+from lissajous_env.theory.assumptions import AssumptionWarning, violations
 from lissajous_env.wording import nearest, shown, where_raised
 
 _SHIPPED = {each.name: each for each in SHIPPED}
 _REGISTERED: dict[str, Scenario] = {}
 """Those of users and of other packages, by name."""
+_reported: set[str] = set()
+"""Violated assumptions of which this process has warned."""
 
 _MOST_STEPS = 2**20
 """Steps of the longest episode."""
@@ -49,6 +55,7 @@ def register_scenario(made: Scenario) -> Scenario:
     if not isinstance(made, Scenario):
         raise ValueError(f"scenario must be a Scenario to be registered, got {shown(made)}")
     _check_name(made.name)
+    _warn(made)
     if (there := _SHIPPED.get(made.name) or _REGISTERED.get(made.name)) is None:
         _REGISTERED[made.name] = made
         register_ids(made.name)
@@ -68,7 +75,19 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
     Raises:
         UnknownSettingError: an unknown field; the message offers the nearest.
         ValueError: an unknown scenario, one that cannot be read or loaded, or a value that a rule forbids.
+
+    Warns:
+        AssumptionWarning: it violates assumptions of the paper that no scenario that ships violates by the same
+            numbers; each is reported once in a process. `lissajous_env.theory.assumptions.violations` lists all.
     """
+    made = build(name, **overrides)
+    if overrides or name not in _SHIPPED:
+        _warn(made)
+    return made
+
+
+def build(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenario:
+    """Make a scenario as `scenario` does, without a warning: for what reports violated assumptions by itself."""
     return _overridden(name if isinstance(name, Scenario) else _found(name), overrides)
 
 
@@ -104,6 +123,18 @@ def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
     if not whole or not 1 <= max_cycles <= _MOST_STEPS:
         raise ValueError(f"max_cycles must be a whole number from 1 to {_MOST_STEPS}, got {shown(max_cycles)}")
     return scenario(made, **{"task.duration": int(max_cycles) * made.task.step})
+
+
+def _warn(made: Scenario) -> None:
+    """Warn of violated assumptions that are new to this process, and of no scenario that ships."""
+    if new := [words for words in violations(made) if words not in _reported and words not in _violated_on_purpose()]:
+        _reported.update(new)
+        warnings.warn(f"scenario {made.name}: {'; '.join(new)}", AssumptionWarning, stacklevel=3)
+
+
+@cache
+def _violated_on_purpose() -> frozenset[str]:
+    return frozenset(words for each in SHIPPED for words in violations(each))
 
 
 def _found(name: Any) -> Scenario:
@@ -188,5 +219,22 @@ def _overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
                 )
         changed.setdefault(part, {}).update(fields)
     for part, fields in changed.items():
-        whole[part] = dataclasses.replace(whole.get(part, getattr(base, part)), **fields)
+        before = whole.get(part, getattr(base, part))
+        whole[part] = dataclasses.replace(before, **(_one_limit(before, fields) if part == "robot" else fields))
     return dataclasses.replace(base, **whole)
+
+
+def _one_limit(robot: Robot, fields: dict[str, Any]) -> dict[str, Any]:
+    """Derive anew which of a robot's `throttle_max` and `speed_max` was not overridden.
+
+    Overriding either of them derives the other. Overriding the motor of a robot that has both, as a resolved one,
+    keeps the throttle, as it does where the speed was not given.
+    """
+    pair = {"throttle_max", "speed_max"}
+    given = pair & {name for name, value in fields.items() if value is not None}
+    if len(given) == 1:
+        return dict.fromkeys(pair) | fields
+    both = robot.throttle_max is not None and robot.speed_max is not None
+    if both and not pair & fields.keys() and {"drag", "drive", "offset"} & fields.keys():
+        return fields | {"speed_max": None}
+    return fields

@@ -15,6 +15,8 @@ from lissajous_env.parameters.checks import Checked, as_robot, choice, flag, is_
 
 MOST_TARGETS = 2**21
 """Most targets of an episode."""
+FULL_THROTTLE = 0.25
+"""Throttle of a car at action 1 where neither `robot.throttle_max` nor `robot.speed_max` is given, as in the paper."""
 SPRINT = 3.0
 """Phase rate of a point at action 1, where nothing else is said, as a multiple of the formation's own."""
 _LONGEST = 1e9
@@ -163,8 +165,13 @@ class Robot(Checked):
     """Largest steering angle to either side [rad]."""
     throttle_min: float = number(0.1, 0, 1e3)
     """tau at action -1."""
-    throttle_max: float = number(0.25, 1e-6, 1e3)
-    """tau at action 1."""
+    throttle_max: float | None = number(None, 1e-6, 1e3)
+    """tau at action 1; None is the throttle that reaches `speed_max`, or 0.25 where that is None too."""
+    speed_max: float | None = number(None, 1e-3, 1e4, "m/s")
+    """Top speed, the steady speed of a car at full throttle [m/s]; None is (drive throttle_max - offset) / drag.
+
+    Give this or `throttle_max`, not both: (drag speed_max + offset) / drive is the throttle that reaches it.
+    """
     drag: float = number(0.945, 1e-3, 1e3, "1/s")
     """c, damping of the speed [1/s].
 
@@ -188,14 +195,35 @@ class Robot(Checked):
     """Grip: the yaw rate is limited to this over the speed [m/s^2]."""
 
     def _check_together(self) -> None:
-        self._require(self.throttle_max > self.throttle_min, "throttle_max", "must be above throttle_min")
-        rule = "must lead to a top speed, (drive throttle_max - offset) / drag, from 0.001 to 10000 m/s"
-        self._require(1e-3 <= self.speed_max <= 1e4, "throttle_max", rule)
+        if self.speed_max is None:
+            self._require(self.full_throttle > self.throttle_min, "throttle_max", "must be above throttle_min")
+            rule = "must lead to a top speed, (drive throttle_max - offset) / drag, from 0.001 to 10000 m/s"
+            self._require(1e-3 <= self.top_speed <= 1e4, "throttle_max", rule)
+            return
+        if self.throttle_max is None:
+            least = max(self.throttle_min, self.dead_zone)
+            rule = "must be reached at a throttle above throttle_min and dead_zone"
+            rule = f"{rule}, {least:g}, not at {self.full_throttle:.4g} [m/s]"
+            self._require(self.full_throttle > least, "speed_max", rule)
+            return
+        reached = (self.drive * self.throttle_max - self.offset) / self.drag
+        fits = math.isclose(self.drive * self.throttle_max, self.drag * self.speed_max + self.offset, rel_tol=1e-9)
+        rule = f"must be the {reached:.6g} m/s of throttle_max = {self.throttle_max:g}, or one of the two be None [m/s]"
+        self._require(fits, "speed_max", rule)
 
     @property
-    def speed_max(self) -> float:
-        """Steady speed of a car at full throttle [m/s]."""
-        return (self.drive * self.throttle_max - self.offset) / self.drag
+    def full_throttle(self) -> float:
+        """tau at action 1: `throttle_max`, or (drag speed_max + offset) / drive where only `speed_max` is given."""
+        if self.throttle_max is not None:
+            return self.throttle_max
+        return FULL_THROTTLE if self.speed_max is None else (self.drag * self.speed_max + self.offset) / self.drive
+
+    @property
+    def top_speed(self) -> float:
+        """Steady speed of a car at full throttle: `speed_max`, or (drive throttle_max - offset) / drag [m/s]."""
+        if self.speed_max is not None:
+            return self.speed_max
+        return (self.drive * self.full_throttle - self.offset) / self.drag
 
 
 @dataclass(frozen=True)

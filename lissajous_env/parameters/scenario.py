@@ -190,6 +190,19 @@ class Scenario:
         return closed_forms.detection_time_bound(self.formation.phase_rate, self.num_robots, self.clusters)
 
     @property
+    def detection_time_is_bounded(self) -> bool:
+        """Whether T_max bounds the detection time in the undisturbed formation.
+
+        It does where the equilibrium (2) is stable, the places of the robots are as many as a + b, and the sensors
+        reach as far as (8) requires, so that the discs of neighbours on the ellipse (5) overlap at all times.
+        """
+        n, curve = self.num_robots, self.curve
+        if curve.harmonics or n != self.clusters * (curve.a + curve.b):
+            return False
+        stable = self.p in closed_forms.stable_equilibria(n)
+        return stable and self.sensing_radius >= self.detection_radius * (1 - 1e-9)
+
+    @property
     def rogue_speed(self) -> float:
         """Speed that no rogue is above [m/s]: that of the fastest target where `targets.speed_limit` does not say."""
         limit = self.targets.speed_limit
@@ -218,7 +231,14 @@ class Scenario:
         if rate_max is None:
             rate_max = SPRINT * self.formation.phase_rate / self.alpha
         offset = self.robot.offset if self.robot.model_offset is None else self.robot.model_offset
-        robot = dataclasses.replace(self.robot, count=self.num_robots, phase_rate_max=rate_max, model_offset=offset)
+        robot = dataclasses.replace(
+            self.robot,
+            count=self.num_robots,
+            phase_rate_max=rate_max,
+            model_offset=offset,
+            throttle_max=self.robot.full_throttle,
+            speed_max=self.robot.top_speed,
+        )
         formation = dataclasses.replace(
             self.formation, coupling=self.coupling, p=self.p, alpha=self.alpha, ring=self.ring
         )

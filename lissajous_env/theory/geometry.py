@@ -18,7 +18,7 @@ _SAMPLES_PER_OSCILLATION = 64
 def curve_length(curve: Curve) -> float:
     """Length of one lap of the plane curve, the integral of ||r'(gamma)|| over [0, 2 pi) [m]."""
     # The trapezoidal rule converges geometrically on a periodic function without kinks.
-    return 2 * np.pi * float(np.mean(closed_forms.curve_speed(curve, _phases(curve, 16))))
+    return 2 * np.pi * float(np.mean(closed_forms.curve_speed(curve, lap_phases(curve))))
 
 
 def largest_speed(curve: Curve, places: int | None = None) -> float:
@@ -30,7 +30,7 @@ def largest_speed(curve: Curve, places: int | None = None) -> float:
     """
     if places is not None:
         return float(closed_forms.curve_speed(curve, np.linspace(0, 2 * np.pi, places)).max())
-    return -_minimum(lambda gamma: -closed_forms.curve_speed(curve, gamma), _phases(curve, 1))
+    return -_minimum(lambda gamma: -closed_forms.curve_speed(curve, gamma), lap_phases(curve, 1))
 
 
 def top_speed(curve: Curve, phase_rate: float) -> float:
@@ -51,7 +51,7 @@ def curvature_radius(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
 
 def smallest_curvature_radius(curve: Curve) -> float:
     """Radius of the sharpest turn of the plane curve [m]."""
-    return _minimum(lambda gamma: curvature_radius(curve, gamma), _phases(curve, 4))
+    return _minimum(lambda gamma: curvature_radius(curve, gamma), lap_phases(curve, 4))
 
 
 def turning_radius(wheelbase: float, steering_max: float) -> float:
@@ -61,7 +61,7 @@ def turning_radius(wheelbase: float, steering_max: float) -> float:
 
 def tight_share(curve: Curve, radius: float) -> float:
     """Share of the arc of the plane curve that turns tighter than `radius` [m], between 0 and 1."""
-    gamma = _phases(curve, 16)
+    gamma = lap_phases(curve)
     speed = closed_forms.curve_speed(curve, gamma)
     return float(speed[curvature_radius(curve, gamma) < radius].sum() / speed.sum())
 
@@ -90,7 +90,7 @@ def smallest_distance(curve: Curve, num_robots: int, clusters: int = 1) -> float
     """
     if clusters > 1:
         return 0.0
-    middle = _phases(curve, 1)
+    middle = lap_phases(curve, 1)
     halves = np.pi * np.arange(1, num_robots // 2 + 1) / num_robots
     return min((_minimum(lambda u, v=v: chord_length(curve, u, v), middle) for v in halves), default=math.inf)
 
@@ -116,7 +116,7 @@ def measured_robot_radius(curve: Curve, num_robots: int, clusters: int = 1) -> f
 def largest_neighbour_distance(curve: Curve, num_robots: int, p: int, alpha: int = 1) -> float:
     """Largest distance of ring neighbours over a lap in equilibrium p [m]: 2 r_s of (8) at most, if they are on (5)."""
     half = math.pi * p * alpha / num_robots
-    return -_minimum(lambda u: -chord_length(curve, u, half), _phases(curve, 1))
+    return -_minimum(lambda u: -chord_length(curve, u, half), lap_phases(curve, 1))
 
 
 def measured_coverage_radius(curve: Curve, precision: float = 1e-4) -> float:
@@ -160,7 +160,7 @@ def crossing_clearance(curve: Curve) -> float:
     return float(np.min(np.abs(heights[:, 0] - heights[:, 1]), initial=math.inf))
 
 
-def _phases(curve: Curve, density: int) -> np.ndarray:
+def lap_phases(curve: Curve, density: int = 16) -> np.ndarray:
     """Evenly spaced phases over a lap [rad], `density` times as many as it takes to see every local minimum."""
     oscillations = len(curve.harmonics) or max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
     return np.linspace(0, 2 * np.pi, density * _SAMPLES_PER_OSCILLATION * oscillations, endpoint=False)

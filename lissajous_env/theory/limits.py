@@ -74,7 +74,7 @@ def robot_speed_limit(scenario: Scenario) -> float:
     """
     made = scenario.resolve()
     if made.robot.kind == "car":
-        return max(made.robot.speed_max, top_speed(made.curve, made.formation.phase_rate))
+        return max(made.robot.top_speed, top_speed(made.curve, made.formation.phase_rate))
     if made.robot.kind == "curve":
         return made.alpha * float(made.robot.phase_rate_max or 0.0) * largest_speed(made.curve)
     return math.nan

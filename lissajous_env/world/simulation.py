@@ -84,7 +84,8 @@ class Simulation:
             raise ValueError(f"threads must be a whole number of at least 1 or None, got {shown(threads)}")
         if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
             raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
-        self.scenario = named.scenario(scenario).resolve()
+        made = scenario if isinstance(scenario, Scenario) else named.scenario(scenario)
+        self.scenario = made.resolve()
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.device = as_device(device)
         self.threads = threads or cores()

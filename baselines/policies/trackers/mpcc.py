@@ -68,7 +68,7 @@ class WithMpcc(Coordinated):
         parameters: MpccParameters | None = None,
     ):
         super().__init__(coordinator, scenario, num_worlds, device)
-        self._speed_unit = self.scenario.robot.speed_max
+        self._speed_unit = self.scenario.robot.top_speed
         parameters = parameters or MpccParameters.of(self.scenario)
         self.mpcc = Mpcc(self.scenario.curve, parameters, batch=num_worlds * self.num_robots, device=self.device)
 

@@ -169,7 +169,7 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
         raise ValueError(f"formation.phase_rate {rule}, got {formation.phase_rate}")
     # A car's own constants lie at most three deviations from those of the scenario.
     drive = robot.drive * (1 + 3 * noise.drive_spread)
-    fastest = max(at_start, (drive * robot.throttle_max - robot.offset) / robot.drag)
+    fastest = max(at_start, (drive * robot.full_throttle - robot.offset) / robot.drag)
     shortest = robot.wheelbase * (1 - 3 * noise.wheelbase_spread)
     turn = fastest * h * math.tan(robot.steering_max) / shortest
     if turn > 1e4:
@@ -214,7 +214,7 @@ CAR = RobotModel(
         "throttle tau, from throttle_min to throttle_max",
     ),
     rest=(0.0, -1.0),
-    speed_unit=lambda curve, formation, robot: robot.speed_max,
+    speed_unit=lambda curve, formation, robot: robot.top_speed,
     check=check,
     shape=shape,
 )
