@@ -9,11 +9,13 @@
 It is named as its file where it does not say otherwise.
 """
 
+import dataclasses
+import json
 import os
 import tomllib
 from typing import Any
 
-from lissajous_env.parameters.scenario import PARTS
+from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.storage.files import read_bytes
 from lissajous_env.wording import nearest
 
@@ -48,6 +50,36 @@ def read_scenario_file(path: str) -> dict[str, Any]:
         if not isinstance(value, kind):
             raise ValueError(f"scenario {path} must hold {key} as {rule}, got {type(value).__name__}")
     return given
+
+
+def as_toml(scenario: Scenario) -> str:
+    """Return the text of a file that makes a scenario: its name, its description and what differs from the defaults.
+
+    Raises:
+        ValueError: a field that no such file can hold: an extension, or None where that is not the default.
+    """
+    if scenario.extensions:
+        raise ValueError(f"extensions must be empty for a scenario's file, got {len(scenario.extensions)}")
+    lines = [f"name = {_value('name', scenario.name)}", f"description = {_value('description', scenario.description)}"]
+    for part in PARTS:
+        fields = [(field, getattr(getattr(scenario, part), field.name)) for field in dataclasses.fields(PARTS[part])]
+        changed = [(field.name, value) for field, value in fields if value != field.default]
+        lines += ["", f"[{part}]"] if changed else []
+        lines += [f"{name} = {_value(f'{part}.{name}', value)}" for name, value in changed]
+    return "\n".join(lines) + "\n"
+
+
+def _value(name: str, value: Any) -> str:
+    """Return a value as TOML writes it."""
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(_value(name, entry) for entry in value)}]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return str(value).lower()
+    if value is None:
+        raise ValueError(f"{name} must not be None for a scenario's file, which cannot hold it")
+    return repr(value)
 
 
 def _check_dots(text: str) -> None:

@@ -80,7 +80,9 @@ def _of_robots(scenario: Scenario) -> list[str]:
     fastest, slowest = rate * float(speed.max()), rate * float(speed.min())
     if fastest > robot.top_speed * (1 + SLACK):
         share = float(speed[speed * rate > robot.top_speed].sum() / speed.sum())
-        words = f"the curve requires up to {fastest:.3g} m/s, the cars reach {robot.top_speed:.3g} m/s (robot.speed_max)"
+        words = (
+            f"the curve requires up to {fastest:.3g} m/s, the cars reach {robot.top_speed:.3g} m/s (robot.speed_max)"
+        )
         found.append(f"{words}; {share:.1%} of the arc is faster")
     least = 0.0
     if robot.throttle_min > robot.dead_zone:

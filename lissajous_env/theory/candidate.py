@@ -1,16 +1,27 @@
-"""One design, checked against (6), (7) and (8): a curve and a formation for given bodies and sensors."""
+"""One design: a curve and a formation for given bodies, sensors and speeds, and whether robots can drive it."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from lissajous_env.parameters.parts import Curve
-from lissajous_env.theory import geometry
+from lissajous_env.theory import closed_forms, geometry
+from lissajous_env.theory.assumptions import SLACK
+
+MOST_TIGHT = 0.1
+"""Largest share of the arc that may turn tighter than the cars can.
+
+Cars cut these corners. On `experiment` without faults five cars with the package's controller keep their formation up
+to a share of 0.09 (spacing below 1.25 of (8), no collision), and lose it from 0.10 on.
+"""
+COUPLING = 1 / 0.3
+"""K over omega / alpha, as in the paper's experiment: the formation recovers in the same share of a lap."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One design: a curve with a + b = N, its formation, and what the two ask of the robots' bodies and sensors."""
+    """One design: a curve with a + b = N, its formation, and what they require of bodies, sensors and speeds."""
 
     curve: Curve
     """The curve (3), and with it the rectangle."""
@@ -19,23 +30,27 @@ class Candidate:
     phase_rate: float
     """omega, along the curve [rad/s]."""
     robot_radius: float
-    """r_i of the robots asked about [m]."""
+    """r_i, radius of a robot's body [m]."""
     sensor_radius: float
-    """r_s of the sensors asked about [m]."""
+    """r_s, radius of a robot's sensing disc [m]."""
+    speed_max: float
+    """Top speed of the robots [m/s]."""
     wheelbase: float | None
-    """l of the cars asked about [m]; None for robots that turn on the spot."""
+    """l of the cars [m]; None for robots that turn on the spot."""
     steering_max: float
-    """Largest steering angle of these cars [rad]."""
+    """Largest steering angle of the cars [rad]."""
+    lateral_acceleration_max: float
+    """Grip of the cars [m/s^2]; may be infinite."""
     p: int
-    """p of the least clustered stable equilibrium (2)."""
+    """p of the stable equilibrium (2) that recovers fastest."""
     alpha: int
-    """alpha of Lemma 2, which makes ring neighbours neighbours on ellipse (5)."""
+    """alpha of Lemma 2, which makes ring neighbours neighbours on the ellipse (5)."""
     clusters: int
     """kappa, robots that share a place (Lemma 1): 1, but for N = 4 and 6."""
     robot_radius_bound: float
     """r_max of (6) [m], 0 where robots share a place; bodies must be below it."""
     robot_radius_measured: float
-    """Half of the smallest distance ever seen in the formation [m]."""
+    """Half of the smallest distance between two robots of the undisturbed formation [m]."""
     coverage_radius: float
     """Sensing radius of (7) [m]; the sensor must be above it."""
     detection_radius: float
@@ -43,9 +58,7 @@ class Candidate:
     detection_time_bound: float
     """T_max [s]."""
     top_speed: float
-    """Speed of the fastest stretch of the curve, omega max ||r'|| [m/s]."""
-    tight_share: float | None
-    """Share of the arc that turns tighter than the cars can; None for robots that turn on the spot."""
+    """Speed that the fastest stretch of the curve requires, omega max ||r'|| [m/s]."""
 
     @property
     def avoids_collisions(self) -> bool:
@@ -63,9 +76,24 @@ class Candidate:
         return self.sensor_radius >= self.detection_radius
 
     @property
+    def is_fast_enough(self) -> bool:
+        """Whether the robots reach the speed of the fastest stretch."""
+        return self.top_speed <= self.speed_max * (1 + SLACK)
+
+    @property
+    def can_follow(self) -> bool:
+        """Whether at most `MOST_TIGHT` of the arc turns tighter than the robots can."""
+        return self.tight_share is None or self.tight_share <= MOST_TIGHT
+
+    @property
+    def is_drivable(self) -> bool:
+        """Whether the robots are fast enough and turn tightly enough for the curve."""
+        return self.is_fast_enough and self.can_follow
+
+    @property
     def feasible(self) -> bool:
-        """Whether (6), (7) and (8) all hold."""
-        return self.avoids_collisions and self.covers and self.detects
+        """Whether (6), (7) and (8) all hold and the robots can drive the curve."""
+        return self.avoids_collisions and self.covers and self.detects and self.is_drivable
 
     @property
     def margin(self) -> float:
@@ -73,16 +101,48 @@ class Candidate:
         required = max(self.coverage_radius, self.detection_radius)
         return min(self.robot_radius_bound / self.robot_radius, self.sensor_radius / required) - 1
 
+    @property
+    def lap_time(self) -> float:
+        """Time of one lap, 2 pi / omega [s]."""
+        return 2 * math.pi / self.phase_rate
+
+    @cached_property
+    def mean_speed(self) -> float:
+        """Mean speed along the curve [m/s]."""
+        return geometry.curve_length(self.curve) / self.lap_time
+
+    @cached_property
+    def slowest_speed(self) -> float:
+        """Speed on the slowest stretch of the curve [m/s]."""
+        return self.phase_rate * geometry.smallest_speed(self.curve)
+
+    @property
+    def turning_radius(self) -> float | None:
+        """Radius of the tightest circle of the cars [m]; None for robots that turn on the spot."""
+        return None if self.wheelbase is None else geometry.turning_radius(self.wheelbase, self.steering_max)
+
+    @cached_property
+    def smallest_curvature_radius(self) -> float:
+        """Radius of the sharpest bend of the curve [m]."""
+        return geometry.smallest_curvature_radius(self.curve)
+
+    @cached_property
+    def tight_share(self) -> float | None:
+        """Share of the arc that turns tighter than the cars can; None for robots that turn on the spot."""
+        return None if self.turning_radius is None else geometry.tight_share(self.curve, self.turning_radius)
+
     @cached_property
     def coverage_radius_measured(self) -> float:
-        """Sensing radius with which a lap really covers the rectangle [m]."""
+        """Sensing radius with which a lap covers the rectangle, measured [m]."""
         return geometry.measured_coverage_radius(self.curve)
 
     @property
     def works_measured(self) -> bool:
-        """Whether it works by what is measured in the undisturbed formation, where (6) or (7) may ask for too much."""
+        """Whether it works by what is measured in the undisturbed formation, where (6) or (7) may require too much."""
         apart = self.robot_radius < self.robot_radius_measured
-        return apart and self.detects and self.sensor_radius > self.coverage_radius_measured
+        if not (apart and self.detects and self.is_drivable):
+            return False
+        return self.covers or self.sensor_radius > self.coverage_radius_measured
 
     @property
     def reason(self) -> str:
@@ -91,31 +151,77 @@ class Candidate:
         if self.clusters > 1:
             reasons.append(f"{self.clusters} robots share each place: no p of N = {self.num_robots} parts them")
         elif not self.avoids_collisions:
-            touch = "touch" if self.robot_radius >= self.robot_radius_measured else "may touch"
-            reasons.append(f"robots of {self.robot_radius:.4g} m {touch}: (6) allows {self.robot_radius_bound:.4g} m")
+            collide = "collide" if self.robot_radius >= self.robot_radius_measured else "may collide"
+            reasons.append(f"robots of {self.robot_radius:.4g} m {collide}: (6) allows {self.robot_radius_bound:.4g} m")
         needed = f", sensors reach {self.sensor_radius:.4g} m"
         if not self.covers:
-            reasons.append(f"a lap may leave gaps: (7) asks for {self.coverage_radius:.4g} m{needed}")
+            reasons.append(f"a lap may leave gaps: (7) requires {self.coverage_radius:.4g} m{needed}")
         if not self.detects:
-            reasons.append(f"sensing discs part: (8) asks for {self.detection_radius:.4g} m{needed}")
+            reasons.append(f"sensing discs part: (8) requires {self.detection_radius:.4g} m{needed}")
+        if not self.is_fast_enough:
+            reached = f"robots reach {self.speed_max:.3g} m/s"
+            reasons.append(f"too fast: the curve requires {self.top_speed:.3g} m/s, {reached}")
+        if not self.can_follow:
+            bends = (
+                f"the curve bends at {self.smallest_curvature_radius:.2g} m, cars turn at {self.turning_radius:.3g} m"
+            )
+            reasons.append(
+                f"too tight: {bends}; {self.tight_share:.1%} of the arc is tighter, {MOST_TIGHT:.0%} at most"
+            )
         return "; ".join(reasons)
 
     @property
     def overrides(self) -> dict[str, Any]:
-        """Overrides that turn the scenario `experiment` into this design, without its faults."""
-        car = {"robot.wheelbase": self.wheelbase, "robot.steering_max": self.steering_max}
+        """Overrides that turn a scenario into this design, without faults."""
+        car = {
+            "robot.speed_max": self.speed_max,
+            "robot.wheelbase": self.wheelbase,
+            "robot.steering_max": self.steering_max,
+            "robot.lateral_acceleration_max": self.lateral_acceleration_max,
+        }
+        # A point is as fast at action 1 as the robots are where the curve is fastest.
+        point = {"robot.phase_rate_max": self.phase_rate / self.alpha * self.speed_max / self.top_speed}
         return {
             "curve.half_width": self.curve.half_width,
             "curve.half_height": self.curve.half_height,
             "curve.a": self.curve.a,
             "curve.b": self.curve.b,
             "formation.phase_rate": self.phase_rate,
+            "formation.coupling": COUPLING * self.phase_rate / self.alpha,
             "formation.p": self.p,
             "formation.alpha": self.alpha,
             "formation.ring": None,
+            "formation.displaced": (),
             "robot.kind": "curve" if self.wheelbase is None else "car",
-            **({} if self.wheelbase is None else car),
+            "robot.count": None,
+            **(point if self.wheelbase is None else car),
             "robot.radius": self.robot_radius,
             "sensing.radius": self.sensor_radius,
             "faults.schedule": (),
+            "faults.removed": (),
+            "faults.rate": 0.0,
+            "faults.lost": 0,
         }
+
+
+def best_formation(curve: Curve, num_robots: int) -> tuple[int, int]:
+    """Return p and alpha of the stable equilibrium (2) that recovers fastest, its ring neighbours adjacent on (5).
+
+    At a coupling that is proportional to omega / alpha, deviations along the curve vanish at a rate proportional to
+    -cos(2 pi p / N) / alpha; alpha a p = 1 (mod N) by Lemma 2. Where no p gives each robot a place of its own, it is
+    the one that a scenario has by default.
+    """
+    best, rate = None, 0.0
+    for alpha in range(1, num_robots):
+        if rate >= 1 / alpha:
+            break
+        if math.gcd(alpha * curve.a, num_robots) > 1:
+            continue
+        p = pow(alpha * curve.a, -1, num_robots)
+        found = -math.cos(2 * math.pi * p / num_robots) / alpha
+        if found > rate and num_robots < 4 * p < 3 * num_robots:
+            best, rate = (p, alpha), found
+    if best is None:
+        p = closed_forms.default_p(num_robots)
+        return p, closed_forms.default_alpha(curve, num_robots, p)
+    return best

@@ -33,6 +33,11 @@ def largest_speed(curve: Curve, places: int | None = None) -> float:
     return -_minimum(lambda gamma: -closed_forms.curve_speed(curve, gamma), lap_phases(curve, 1))
 
 
+def smallest_speed(curve: Curve) -> float:
+    """Smallest ||r'(gamma)|| of the plane curve [m/rad]."""
+    return _minimum(lambda gamma: closed_forms.curve_speed(curve, gamma), lap_phases(curve, 1))
+
+
 def top_speed(curve: Curve, phase_rate: float) -> float:
     """Speed of a formation of `phase_rate` omega [rad/s] where the curve is fastest [m/s], as policies have it.
 
