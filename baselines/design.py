@@ -173,8 +173,10 @@ def _answer(
     words = [f"Refused: {theory.in_words(each.candidate)}. Played, {'; '.join(each.failures)}." for each in refused]
     made = None
     if chosen is None:
-        failed = "no design that was played does" if refused else theory.what_fails(listed)
-        words.append(f"No design works: {failed}. {theory.what_would_help(listed)}")
+        helps = "A larger headroom, smaller bodies, a tighter turning circle or another number of robots may help"
+        played_in_vain = f"none of the {len(refused)} that were played, of {len(worth)} that meet the bounds. {helps}."
+        failed = f"{theory.what_fails(listed)}. {theory.what_would_help(listed)}"
+        words.append(f"No design works: {played_in_vain if refused else failed}")
     else:
         made = played.scenario if played is not None else scenario_of(chosen, robot, base, rogue_speed)
         words += _recommendation(chosen, reaches.get(chosen), rogue_speed)
@@ -222,7 +224,8 @@ def _recommendation(each: Candidate, reach: Reach | None, rogue_speed: float | N
     used = each.top_speed / each.speed_max
     words = [
         f"Take {theory.in_words(each)} (p = {each.p}, alpha = {each.alpha}) at omega = {each.phase_rate:.4g} rad/s: "
-        f"a lap takes {each.lap_time:.4g} s, every target is detected within T_max = {each.detection_time_bound:.4g} s.",
+        f"a lap takes {each.lap_time:.4g} s, and in formation every target is detected within "
+        f"T_max = {each.detection_time_bound:.4g} s.",
         f"The curve requires {each.slowest_speed:.3g} to {each.top_speed:.3g} m/s, {each.mean_speed:.3g} m/s on "
         f"average: at most {used:.0%} of the robots' {each.speed_max:.3g} m/s.",
     ]
@@ -262,8 +265,8 @@ def _done(played: Played) -> str:
     row = played.row
     words = (
         f"Played with {played.policy} for {played.scenario.task.duration:.4g} s: each robot drove "
-        f"{row['distance_mean']:.4g} m on average (the formation {played.formation_distance:.4g} m), the fastest reached "
-        f"{row['speed_max']:.3g} m/s; {row['collisions']} collisions; "
+        f"{row['distance_mean']:.4g} m on average (the formation {played.formation_distance:.4g} m), the fastest "
+        f"reached {row['speed_max']:.3g} m/s; {row['collisions']} collisions; "
         f"{row['detected_fraction']:.0%} of {row['targets']} targets were detected"
     )
     if row["detected_fraction"] > 0:

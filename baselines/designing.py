@@ -68,7 +68,7 @@ class Played:
 
 
 def scenario_of(candidate: Candidate, robot: Robot, base: Scenario | None, rogue_speed: float | None) -> Scenario:
-    """Make the scenario of a design: that of `base`, or a plain one, with the curve, formation and robots of the design.
+    """Make the scenario of a design: `base`, or a plain one, with its curve, its formation and its robots.
 
     Without a base its control step is in proportion to the motion: the paper's for the paper's experiment.
     """

@@ -146,7 +146,12 @@ def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> b
             axes.fill_between(time, curve.min(axis=0), curve.max(axis=0), color=colour, alpha=0.15, lw=0)
             axes.plot(time, np.median(curve, axis=0), color=colour, lw=1.5, label=policy)
         axes.axhline(scenario.detection_time_bound, color=DARK, lw=0.9, ls="--")
-        axes.annotate("T_max", (1.005, scenario.detection_time_bound), xycoords=("axes fraction", "data"), va="center")
+        axes.annotate(
+            scenario.detection_time_label,
+            (1.005, scenario.detection_time_bound),
+            xycoords=("axes fraction", "data"),
+            va="center",
+        )
         for _, start, end in scenario.faults.schedule:
             axes.axvspan(start, min(end, time[-1]), color=GREY, alpha=0.12, lw=0)
         axes.set_xlim(0, time[-1])

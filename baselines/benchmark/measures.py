@@ -79,9 +79,10 @@ def measures_of(scenario: Scenario) -> list[Measure]:
 
 def _lines(column: str, scenario: Scenario) -> list[tuple[float, str]]:
     limit, (_, formation) = limit_of(scenario), guarantee_of(scenario)
+    bound = scenario.detection_time_bound, scenario.detection_time_label
     return {
         "guaranteed_detection_time": [(formation, "in formation")],
-        "detection_time_mean": [(limit, "least"), (scenario.detection_time_bound, "T_max")],
-        "coverage_time": [(scenario.detection_time_bound, "T_max")],
+        "detection_time_mean": [(limit, "least"), bound],
+        "coverage_time": [bound],
         "min_separation": [(2 * scenario.robot.radius, "touch")],
     }.get(column, [])

@@ -122,6 +122,7 @@ class Report:
             "description": scenario.description,
             "facts": _facts(scenario),
             "bound": _rounded(scenario.detection_time_bound),
+            "bound_name": scenario.detection_time_label,
             "headline": headline(scenario),
             "reference": None if reference is None else number_of[reference],
             "command": self.commands.get(name),
@@ -147,7 +148,7 @@ def _facts(scenario: Scenario) -> list[tuple[str, str]]:
     known = (
         ("robots", f"{scenario.num_robots} {_KINDS.get(scenario.robot.kind, scenario.robot.kind)}"),
         ("episode", f"{scenario.task.duration:g} s"),
-        ("T_max", f"{scenario.detection_time_bound:.3g} s"),
+        (scenario.detection_time_label, f"{scenario.detection_time_bound:.3g} s"),
         ("least mean detection time", f"{limit:.3g} s" if math.isfinite(limit) else ""),
         ("least guaranteed time", f"{least:.3g} s" if least >= scenario.task.step else ""),
         ("guaranteed in formation", f"{formation:.3g} s" if math.isfinite(formation) else ""),

@@ -179,7 +179,8 @@ def _mark_bound(axes: Axes, scenario: Scenario) -> None:
     if bound <= axes.get_xlim()[1]:
         axes.axvline(bound, color="#444444", lw=1, ls="--", zorder=1)
         place = {"xycoords": ("data", "axes fraction"), "xytext": (3, 3), "textcoords": "offset points"}
-        axes.annotate("$T_{max}$", (bound, 0), ha="left", va="bottom", fontsize=8.5, color="#444444", **place)
+        name = scenario.detection_time_label.replace("T_max", "$T_{max}$")
+        axes.annotate(name, (bound, 0), ha="left", va="bottom", fontsize=8.5, color="#444444", **place)
 
 
 def _mark_limit(axes: Axes, scenario: Scenario) -> str:

@@ -187,7 +187,7 @@ def in_words(of: Mapping[str, Statistics], shown: Shown) -> tuple[str, str]:
 
 
 def _title(scenario: Scenario) -> Text:
-    words = f"  N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s"
+    words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
     limit, (least, formation) = limit_of(scenario), guarantee_of(scenario)
     words += f", limit {number(limit)} s" if math.isfinite(limit) else ""
     words += f", guarantee at least {number(least)} s" if math.isfinite(least) else ""

@@ -105,15 +105,16 @@ def page(given: Scenario, stored: dict[str, Any], replay: str) -> str:
 def numbers(made: Scenario) -> list[tuple[str, str]]:
     """What a reader asks first, each with its unit."""
     curve = "a Fourier series" if made.curve.harmonics else f"Lissajous, a:b = {made.curve.a}:{made.curve.b}"
-    found_by = f"{made.detection_time_bound:.3g} s"
+    holds = made.detection_time_is_bounded
+    what_it_is = "the formation detects every target by then" if holds else "no bound here, r_s is below (8)"
     return [
         ("robots", f"{made.num_robots} {_robots(made)}, bodies of radius {made.robot.radius:g} m"),
         *([("top speed", f"{made.robot.top_speed:.3g} m/s")] if made.robot.kind == "car" else []),
         ("rectangle", f"{_sides(made)} m"),
         ("curve", curve),
         ("formation", f"omega = {made.formation.phase_rate:g} rad/s, p = {made.p}, alpha = {made.alpha}"),
-        ("sensor", f"r_s = {made.sensing_radius:.3g} m; (8) asks for {made.detection_radius:.3g} m"),
-        ("T_max", f"{found_by}: a formation with the sensor of (8) finds every target by then"),
+        ("sensor", f"r_s = {made.sensing_radius:.3g} m; (8) requires {made.detection_radius:.3g} m"),
+        ("T_max", f"{made.detection_time_bound:.3g} s: {what_it_is}"),
         ("targets", f"{made.targets.count:,} from the start, then {made.targets.arrival_rate:g} a second"),
         ("rogues", f"no faster than {made.rogue_speed:g} m/s"),
         ("episode", f"{made.task.duration:g} s, {made.task.steps} steps of {made.task.step:g} s"),

@@ -24,6 +24,7 @@ import tyro
 
 from lissajous_env.console.terminal import CommandError, complain, make_console
 from lissajous_env.device import kernel_cache
+from lissajous_env.theory.assumptions import AssumptionWarning
 
 GROUP = "lissajous_env.commands"
 FAILED = 1
@@ -104,9 +105,24 @@ def _dispatch(arguments: list[str]) -> int:
     kernel_cache.listener = None if quiet else complain
     if quiet:
         warnings.simplefilter("ignore")  # what libraries say of their own accord
+    else:
+        _print_assumptions_in_words()
     given, named = _bound(function, f"lissajous {name}", arguments[1:])
     result = function(*given, **named)
     return result if isinstance(result, int) else 0
+
+
+def _print_assumptions_in_words() -> None:
+    """Print a warning of violated assumptions as a line of the command, without a place in the code."""
+    show = warnings.showwarning
+
+    def shown(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if issubclass(category, AssumptionWarning):
+            complain(f"warning: {message}")
+        else:
+            show(message, category, *place, **more)
+
+    warnings.showwarning = shown
 
 
 def _bound(function: Callable[..., Any], program: str, arguments: list[str]) -> tuple[tuple, dict[str, Any]]:

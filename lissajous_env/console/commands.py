@@ -4,6 +4,7 @@ import dataclasses
 import math
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,16 +36,21 @@ def scenarios(names: _Scenarios = (), output: Speech = AS_USUAL) -> None:
         output: How it speaks.
     """
     from lissajous_env.parameters import named
+    from lissajous_env.theory.assumptions import violations
 
     console = output.console()
-    given = [named.scenario(name) for name in names or named.scenarios()]
+    given = [named.build(name) for name in names or named.scenarios()]
     made = [each.resolve() for each in given]
     _print_designs(console, made)
     if names:
         for each in given:
             _print_settings(console, each)
-    derived = ("num_robots", "detection_time_bound")
-    output.give([each.to_dict() | {name: getattr(each, name) for name in derived} for each in made])
+            _print_violations(console, violations(each))
+    derived = ("num_robots", "detection_time_bound", "detection_time_is_bounded")
+    output.give([
+        each.to_dict() | {name: getattr(each, name) for name in derived} | {"violations": violations(each)}
+        for each in made
+    ])  # fmt: skip
 
 
 def _print_designs(console: "Console", made: "list[Scenario]") -> None:
@@ -63,7 +69,7 @@ def _print_designs(console: "Console", made: "list[Scenario]") -> None:
             " x ".join(f"{side:g}" for side in sides if side > 0),
             "series" if curve.harmonics else name,
             f"{each.sensing.radius:.3g}",
-            f"{each.detection_time_bound:.3g}",
+            f"{each.detection_time_bound:.3g}" if each.detection_time_is_bounded else "-",
         ])  # fmt: skip
     if not narrow:
         columns.append(Column("description", prose=True))
@@ -75,7 +81,10 @@ def _print_designs(console: "Console", made: "list[Scenario]") -> None:
             console.print(Text.assemble((each.name, "bold cyan"), f": {each.description}"), highlight=False)
         console.print()
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
-    words = "N robots; r_s sensing radius; T_max = (2 pi / omega) / (N / kappa), by which a target is detected."
+    words = (
+        "N robots; r_s sensing radius; T_max = (2 pi / omega) / (N / kappa): the undisturbed formation detects every "
+        "target by then. - where that is not so, because r_s is below (8) or N is not a + b."
+    )
     console.print(words, style="dim", highlight=False)
 
 
@@ -94,6 +103,14 @@ def _print_settings(console: "Console", given: "Scenario") -> None:
     left_out = print_table(console, columns, rows)
     print_left_out(console, left_out, "--json has all fields.")
     console.print(f"{given.name}: what differs from the defaults; digest {given.digest()}.", style="dim", markup=False)
+
+
+def _print_violations(console: "Console", sentences: Sequence[str]) -> None:
+    """Print the assumptions of the paper that a scenario violates."""
+    if sentences:
+        console.print("\nAssumptions of the paper that it violates:")
+    for words in sentences:
+        console.print(f"* {words}", markup=False, highlight=False, soft_wrap=True)
 
 
 def check_pace(speed: float, fps: float) -> None:

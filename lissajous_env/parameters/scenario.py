@@ -203,6 +203,11 @@ class Scenario:
         return stable and self.sensing_radius >= self.detection_radius * (1 - 1e-9)
 
     @property
+    def detection_time_label(self) -> str:
+        """Name of `detection_time_bound` in tables and pictures, which says where it bounds nothing."""
+        return "T_max" if self.detection_time_is_bounded else "T_max (no bound)"
+
+    @property
     def rogue_speed(self) -> float:
         """Speed that no rogue is above [m/s]: that of the fastest target where `targets.speed_limit` does not say."""
         limit = self.targets.speed_limit

@@ -92,6 +92,7 @@ def _about(recording: Recording) -> dict[str, Any]:
         "radius": scenario.robot.radius,
         "sensing": scenario.sensing_radius,
         "bound": scenario.detection_time_bound,
+        "bound_name": scenario.detection_time_label,
         "ring": list(ring) if len(ring) > 1 else [],
         "neighbours": scenario.neighbours.tolist(),
         "equilibrium": scenario.equilibrium.tolist(),

@@ -1,4 +1,4 @@
-"""Which curve, how many robots, how fast: every design for a rectangle, checked against (6), (7), (8) and the robots."""
+"""Which curve, how many robots, how fast: every design for a rectangle, checked against (6) to (8) and the robots."""
 
 import math
 from typing import Any
@@ -140,7 +140,7 @@ def what_fails(candidates: list[Candidate]) -> str:
 
 
 def what_would_help(candidates: list[Candidate]) -> str:
-    """Name the speed that these curves need, the sensor that these bodies need, and the robots that these sensors need."""
+    """Name the speed and the turning circle that are needed, the sensors for these bodies, and the robots for these."""
     any_one = candidates[0]
     words = []
     if not any(each.is_fast_enough for each in candidates):

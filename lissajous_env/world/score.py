@@ -22,8 +22,8 @@ MEANINGS = {
     "control steps too; one that is never detected counts with the time it was there [s]",
     "detection_time_p95": "95th percentile of the same [s]",
     "detection_time_max": "the longest [s]",
-    "detected_within_bound": "share detected within T_max = (2 pi / omega) / (N / kappa); who was there for less "
-    "and was not found is left out",
+    "detected_within_bound": "share detected within T_max = (2 pi / omega) / (N / kappa), which is a bound only where "
+    "r_s meets (8); who was there for less and was not found is left out",
     "collisions": "pairs that came closer than the sum of their radii, by the closest approach between sub-steps; "
     "a pair counts once until it parts by 5 % more",
     "contact_time": "time in contact, summed over pairs [s]",

@@ -96,7 +96,7 @@ function ages(episode, title, worst, mean, colour) {
         { label: "worst", values: rows[worst], colour: colours[colour], fill: true },
         { label: "mean", values: rows[mean], colour: colours.muted, dash: [4, 3] },
       ],
-      bounds: [[episode.about.bound, "T_max", colours.stuck]],
+      bounds: [[episode.about.bound, episode.about.bound_name, colours.stuck]],
       least: 0,
     }),
   };

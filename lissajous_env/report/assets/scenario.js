@@ -157,7 +157,7 @@ function survival(report, scenario) {
     x: {
       scale: scaleOf([...halves, end]),
       title: "time since the rogue appeared [s]",
-      lines: [[scenario.bound, "T_max"]],
+      lines: [[scenario.bound, scenario.bound_name]],
     },
     y: { scale: scaleOf([1]), title: "" },
   };
