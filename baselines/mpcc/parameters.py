@@ -73,7 +73,7 @@ class MpccParameters(Checked):
         robot, tuned = scenario.robot, EXPERIMENT.robot
         rate, scale = scenario.formation.phase_rate / EXPERIMENT.formation.phase_rate, motion_scale(scenario)
         steering = tuned.steering_max / robot.steering_max
-        throttle = tuned.throttle_max / robot.throttle_max
+        throttle = tuned.full_throttle / robot.full_throttle
         step = max(min(cls.step * scale.time, 1 / robot.drag), scenario.task.step)
         found = {
             "step": step,
@@ -82,9 +82,10 @@ class MpccParameters(Checked):
             "weight_lag": cls.weight_lag * (rate / scale.length) ** 2,
             "weight_steering": cls.weight_steering * (rate * steering) ** 2,
             "weight_throttle": cls.weight_throttle * (rate * throttle) ** 2,
+            "throttle_max": robot.full_throttle,
             "offset": robot.offset if robot.model_offset is None else robot.model_offset,
         }
-        shared = ("wheelbase", "steering_max", "throttle_min", "throttle_max", "drag", "drive")
+        shared = ("wheelbase", "steering_max", "throttle_min", "drag", "drive")
         return cls(**{**{name: getattr(robot, name) for name in shared}, **found, **overrides})
 
     def replace(self, **overrides: Any) -> "MpccParameters":

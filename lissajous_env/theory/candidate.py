@@ -15,8 +15,6 @@ MOST_TIGHT = 0.1
 Cars cut these corners. On `experiment` without faults five cars with the package's controller keep their formation up
 to a share of 0.09 (spacing below 1.25 of (8), no collision), and lose it from 0.10 on.
 """
-COUPLING = 1 / 0.3
-"""K over omega / alpha, as in the paper's experiment: the formation recovers in the same share of a lap."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +185,7 @@ class Candidate:
             "curve.a": self.curve.a,
             "curve.b": self.curve.b,
             "formation.phase_rate": self.phase_rate,
-            "formation.coupling": COUPLING * self.phase_rate / self.alpha,
+            "formation.coupling": None if self.alpha == 1 else self.phase_rate / (0.3 * self.alpha),
             "formation.p": self.p,
             "formation.alpha": self.alpha,
             "formation.ring": None,
