@@ -101,7 +101,7 @@ def design(
         robot.lateral_acceleration_max,
         headroom,
     )
-    return _answer(candidates, robot, base, rogue_speed, rows, seed, out, output)
+    return _answer(candidates, robot, base, rogue_speed, rows, seed, phase_rate is None, out, output)
 
 
 def _robot(
@@ -144,6 +144,7 @@ def _answer(
     rogue_speed: float | None,
     rows: int,
     seed: int,
+    may_slow_down: bool,
     out: Path | None,
     output: Any,
 ) -> int:
@@ -168,13 +169,17 @@ def _answer(
         left_out += _print_failing(console, title, others)
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
 
-    played, refused = first_that_works(worth, robot, base, rogue_speed, seed)
+    played, refused = first_that_works(worth, robot, base, rogue_speed, seed, may_slow_down)
     chosen = played.candidate if played is not None else worth[0] if worth and not refused else None
-    words = [f"Refused: {theory.in_words(each.candidate)}. Played, {'; '.join(each.failures)}." for each in refused]
+    words = [
+        f"Refused: {theory.in_words(each.candidate)} at omega = {each.candidate.phase_rate:.3g} rad/s. "
+        f"Played: {'; '.join(each.failures)}."
+        for each in refused
+    ]
     made = None
     if chosen is None:
         helps = "A larger headroom, smaller bodies, a tighter turning circle or another number of robots may help"
-        played_in_vain = f"none of the {len(refused)} that were played, of {len(worth)} that meet the bounds. {helps}."
+        played_in_vain = f"none of the {len(refused)} that were played. {helps}."
         failed = f"{theory.what_fails(listed)}. {theory.what_would_help(listed)}"
         words.append(f"No design works: {played_in_vain if refused else failed}")
     else:
@@ -189,7 +194,7 @@ def _answer(
     output.give({
         "recommendation": None if chosen is None else _as_plain(chosen),
         "words": words,
-        "score": played.row if played is not None else None,
+        "episodes": [] if played is None else played.rows,
         "refused": [{"design": _as_plain(each.candidate), "failures": each.failures} for each in refused],
         "scenario": text,
         "feasible": len(feasible),
@@ -262,17 +267,17 @@ def _words_of_rogues(reach: Reach, speed: float | None) -> str:
 
 def _done(played: Played) -> str:
     """Say what a played design did."""
-    row = played.row
+    appeared = sum(row["targets"] for row in played.rows)
+    found = sum(round(row["detected_fraction"] * row["targets"]) for row in played.rows if row["targets"])
     words = (
-        f"Played with {played.policy} for {played.scenario.task.duration:.4g} s: each robot drove "
-        f"{row['distance_mean']:.4g} m on average (the formation {played.formation_distance:.4g} m), the fastest "
-        f"reached {row['speed_max']:.3g} m/s; {row['collisions']} collisions; "
-        f"{row['detected_fraction']:.0%} of {row['targets']} targets were detected"
+        f"Played with {played.policy}, {len(played.rows)} episodes of {played.scenario.task.duration:.4g} s: "
+        f"robots drove {played.distance_share:.0%} of the formation's distance, the fastest reached "
+        f"{played.top_speed:.3g} m/s; {played.collisions} collisions; {found} of {appeared} targets were detected"
     )
-    if row["detected_fraction"] > 0:
-        words += f", the last after {row['detection_time_max']:.3g} s"
-    if not math.isnan(row["guaranteed_detection_time"]):
-        words += f"; no rogue can have stayed undetected for longer than {row['guaranteed_detection_time']:.3g} s"
+    if found:
+        words += f", the last after {played.detection_time:.3g} s"
+    if not math.isnan(played.undetected_time):
+        words += f"; no rogue can have stayed undetected for longer than {played.undetected_time:.3g} s"
     return f"{words}."
 
 

@@ -15,8 +15,13 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.assumptions import AssumptionWarning
 from lissajous_env.theory.candidate import Candidate
 
-TRIES = 6
-"""Designs that are played at most until one works."""
+TRIES = ((1.0, 4), (0.5, 2), (0.25, 2))
+"""Which designs are played until one works: at a part of their largest phase rate, so many of those in front.
+
+A formation at the robots' top speed may ask too much of their motors: cars brake by coasting.
+"""
+EPISODES = 3
+"""Episodes of a design that are played."""
 _LAPS = 1.5
 """Laps of a played episode."""
 _MOST_STEPS = 20_000
@@ -38,33 +43,63 @@ _POLICIES = {"car": "kuramoto-mpcc", "curve": "kuramoto"}
 
 @dataclasses.dataclass(frozen=True)
 class Played:
-    """A design, and the score of an episode of it."""
+    """A design, and the scores of some episodes of it."""
 
     candidate: Candidate
     scenario: Scenario
     policy: str
-    row: dict[str, Any]
+    rows: list[dict[str, Any]]
 
     @property
-    def formation_distance(self) -> float:
-        """Distance that a robot drives which stays in the formation [m]."""
-        return self.candidate.mean_speed * self.scenario.task.duration
+    def distance_share(self) -> float:
+        """Mean distance that robots drove, over that of one which stays in the formation, in the worst episode."""
+        formation = self.candidate.mean_speed * self.scenario.task.duration
+        return min(self._of("distance_mean")) / formation
+
+    @property
+    def top_speed(self) -> float:
+        """Speed of the fastest robot [m/s]."""
+        return max(self._of("speed_max"))
+
+    @property
+    def collisions(self) -> int:
+        """Collisions of all episodes."""
+        return sum(self._of("collisions"))
+
+    @property
+    def late_share(self) -> float:
+        """Share of the targets that were not detected within T_max, in the worst episode; NaN where it is unknown."""
+        return 1 - min(self._of("detected_within_bound"))
+
+    @property
+    def detection_time(self) -> float:
+        """Longest detection time of all targets [s]."""
+        return max(self._of("detection_time_max"))
+
+    @property
+    def undetected_time(self) -> float:
+        """Worst-case undetected time of all episodes [s]; NaN where rogues were not followed."""
+        return max(self._of("guaranteed_detection_time"))
 
     @property
     def failures(self) -> list[str]:
-        """Conditions of a design that works which the episode violates, with their numbers; empty where it works."""
-        row, bound, found = self.row, self.candidate.detection_time_bound, []
-        if row["collisions"] > 0:
-            found.append(f"{row['collisions']} collisions, none is allowed")
-        share = row["distance_mean"] / self.formation_distance
-        if share < _LEAST_DISTANCE:
-            found.append(f"robots drove {share:.0%} of the formation's distance, {_LEAST_DISTANCE:.0%} is required")
-        if row["detected_within_bound"] < 1:  # NaN where no target was there for T_max
-            found.append(f"{1 - row['detected_within_bound']:.1%} of the targets were not detected within T_max")
-        if row["guaranteed_detection_time"] > bound:
-            worst = row["guaranteed_detection_time"]
-            found.append(f"a rogue can have stayed undetected for {worst:.3g} s, T_max is {bound:.3g} s")
+        """Conditions of a design that works which the episodes violate, with their numbers; empty where it works."""
+        found, bound = [], self.candidate.detection_time_bound
+        if self.collisions > 0:
+            off = max(self._of("lateral_error_max"))
+            allowed = f"(6) allows bodies of {self.candidate.robot_radius_bound:.3g} m for robots that stay on it"
+            found.append(f"{self.collisions} collisions; robots left the curve by up to {off:.2g} m, {allowed}")
+        if self.distance_share < _LEAST_DISTANCE:
+            required = f"{_LEAST_DISTANCE:.0%} is required"
+            found.append(f"robots drove {self.distance_share:.0%} of the formation's distance, {required}")
+        if self.late_share > 0:
+            found.append(f"{self.late_share:.1%} of the targets were not detected within T_max = {bound:.3g} s")
+        if self.undetected_time > bound:
+            found.append(f"a rogue can have stayed undetected for {self.undetected_time:.3g} s, T_max is {bound:.3g} s")
         return found
+
+    def _of(self, column: str) -> list[Any]:
+        return [row[column] for row in self.rows]
 
 
 def scenario_of(candidate: Candidate, robot: Robot, base: Scenario | None, rogue_speed: float | None) -> Scenario:
@@ -99,26 +134,40 @@ def scenario_of(candidate: Candidate, robot: Robot, base: Scenario | None, rogue
 
 
 def play(candidate: Candidate, scenario: Scenario, seed: int = 0) -> Played | None:
-    """Play an episode of a design by the paper's method; None where the package has none for these robots."""
+    """Play episodes of a design by the paper's method; None where the package has none for these robots."""
     policy = _POLICIES.get(scenario.robot.kind)
     if policy is None:
         return None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", AssumptionWarning)  # the command prints what a design violates
-        (row,) = evaluate(registry.make(policy, scenario), scenario, [seed])
-    return Played(candidate, scenario, policy, row)
+        rows = evaluate(registry.make(policy, scenario, EPISODES), scenario, range(seed, seed + EPISODES))
+    return Played(candidate, scenario, policy, rows)
 
 
 def first_that_works(
-    candidates: Sequence[Candidate], robot: Robot, base: Scenario | None, rogue_speed: float | None, seed: int = 0
+    candidates: Sequence[Candidate],
+    robot: Robot,
+    base: Scenario | None,
+    rogue_speed: float | None,
+    seed: int = 0,
+    may_slow_down: bool = True,
 ) -> tuple[Played | None, list[Played]]:
-    """Play designs in their order until one works, `TRIES` at most.
+    """Play designs in the order of `TRIES` until one works.
+
+    Args:
+        candidates: What may be played.
+        robot: The robots.
+        base: Scenario that the designs are made of; None for a plain one.
+        rogue_speed: Top speed of the rogues [m/s]; None follows none.
+        seed: Seed of the first episode of each.
+        may_slow_down: Whether designs are tried at a part of their phase rate too.
 
     Returns:
         The first that works, None where none does, and those that were played before it.
     """
     refused: list[Played] = []
-    for candidate in candidates[:TRIES]:
+    tries = TRIES if may_slow_down else TRIES[:1]
+    for candidate in (each.slowed(part) for part, count in tries for each in candidates[:count]):
         played = play(candidate, scenario_of(candidate, robot, base, rogue_speed), seed)
         if played is None or not played.failures:
             return played, refused

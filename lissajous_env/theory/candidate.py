@@ -1,5 +1,6 @@
 """One design: a curve and a formation for given bodies, sensors and speeds, and whether robots can drive it."""
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -167,6 +168,15 @@ class Candidate:
                 f"too tight: {bends}; {self.tight_share:.1%} of the arc is tighter, {MOST_TIGHT:.0%} at most"
             )
         return "; ".join(reasons)
+
+    def slowed(self, factor: float) -> "Candidate":
+        """Return the same design at a part of its phase rate."""
+        return dataclasses.replace(
+            self,
+            phase_rate=factor * self.phase_rate,
+            top_speed=factor * self.top_speed,
+            detection_time_bound=self.detection_time_bound / factor,
+        )
 
     @property
     def overrides(self) -> dict[str, Any]:

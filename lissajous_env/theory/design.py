@@ -145,27 +145,28 @@ def what_would_help(candidates: list[Candidate]) -> str:
     words = []
     if not any(each.is_fast_enough for each in candidates):
         slowest = min(candidates, key=lambda each: each.top_speed)
-        words.append(f"At this phase rate robots must reach {slowest.top_speed:.4g} m/s ({in_words(slowest)})")
+        words.append(f"at this phase rate robots must reach {slowest.top_speed:.4g} m/s ({in_words(slowest)})")
     followed = candidates[:_MOST_MEASURED]
     if not any(each.can_follow for each in followed):
         gentle = min(followed, key=lambda each: each.tight_share or 0.0)
         share = f"{gentle.tight_share:.1%} of the arc is tighter than the cars' {gentle.turning_radius:.3g} m"
-        words.append(f"Cars must turn tighter: on the gentlest curve {share} ({in_words(gentle)})")
+        words.append(f"cars must turn tighter: on the gentlest curve {share} ({in_words(gentle)})")
     clear = [each for each in candidates if each.avoids_collisions]
     if clear:
         best = min(clear, key=lambda each: max(each.coverage_radius, each.detection_radius))
         needed = max(best.coverage_radius, best.detection_radius)
         if needed > best.sensor_radius:
-            words.append(f"With these bodies sensors must reach above {needed:.4g} m ({in_words(best)})")
+            words.append(f"with these bodies sensors must reach above {needed:.4g} m ({in_words(best)})")
     elif (best := max(candidates, key=lambda each: each.robot_radius_bound)).clusters > 1:
         words.append(f"{best.num_robots} robots always share places, another number of robots does not")
     else:
-        words.append(f"Bodies must be below {best.robot_radius_bound:.4g} m for any ({in_words(best)})")
+        words.append(f"bodies must be below {best.robot_radius_bound:.4g} m for any ({in_words(best)})")
     curve = any_one.curve
     robots, a, b = closed_forms.fewest_robots(curve.half_width, curve.half_height, any_one.sensor_radius)
     body = closed_forms.robot_radius_limit(curve.half_width, curve.half_height, robots)
     fewest = f"with these sensors it takes at least {robots} robots (a of {a}, b of {b} or more by (7))"
-    return f"{'; '.join([*words, fewest])}, whose bodies must be below {body:.4g} m."
+    words = f"{'; '.join([*words, fewest])}, whose bodies must be below {body:.4g} m."
+    return words[0].upper() + words[1:]
 
 
 def in_words(each: Candidate) -> str:
