@@ -99,7 +99,8 @@ class Played:
         return found
 
     def _of(self, column: str) -> list[Any]:
-        return [row[column] for row in self.rows]
+        """Return the numbers of a column, one of each episode that has one; NaN alone where none has."""
+        return [row[column] for row in self.rows if not math.isnan(row[column])] or [math.nan]
 
 
 def scenario_of(candidate: Candidate, robot: Robot, base: Scenario | None, rogue_speed: float | None) -> Scenario:

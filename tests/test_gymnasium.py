@@ -40,7 +40,7 @@ def actions_of(env, steps, seed=0):
 
 
 @EVERY_KIND
-@pytest.mark.filterwarnings("error", NO_SPEC, "ignore::lissajous_env.theory.assumptions.AssumptionWarning")
+@pytest.mark.filterwarnings("error", NO_SPEC, "ignore:scenario ")
 def test_the_checker_of_gymnasium(kind):
     env = lissajous_env.LissajousEnv(**{**SHORT, **KINDS[kind]})
     check_env(env, skip_render_check=True)
