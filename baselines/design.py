@@ -27,6 +27,7 @@ from lissajous_env.wording import shown
 _Scenario = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]", help_behavior_hint="")]
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _Reaches = dict[Candidate, Reach]
+_ROGUES = "undetected\n[s]", "for ever\nfrom [m/s]"
 _SENSOR = 1.3
 """Radius of a sensor where none is given [m]: with it the paper's experiment meets (7) and (8)."""
 
@@ -156,17 +157,18 @@ def _answer(
     others = [each for each in listed if not each.feasible and each not in works][:rows]
     reaches: _Reaches = {}
     if rogue_speed is not None:
-        scenarios = [scenario_of(each, robot, base, rogue_speed) for each in works]
+        followed = works or others
+        scenarios = [scenario_of(each, robot, base, rogue_speed) for each in followed]
         with ThreadPoolExecutor(cores()) as threads:
             reached = threads.map(lambda made: reach_of(made, rogue_speed), scenarios)
-            reaches = dict(zip(works, reached, strict=True))
+            reaches = dict(zip(followed, reached, strict=True))
     left_out: list[str] = []
     if works:
         how = "meet all conditions" if feasible else "work by what is measured, though (6) or (7) requires more"
         left_out += _print_designs(console, f"Designs for {_asked(listed[0])}: {len(worth)} {how}", works, reaches)
     if others:
         title = "Designs that fail by least" if works else f"Designs for {_asked(listed[0])}: none meets all conditions"
-        left_out += _print_failing(console, title, others)
+        left_out += _print_failing(console, title, others, {} if works else reaches)
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
 
     played, refused = first_that_works(worth, robot, base, rogue_speed, seed, may_slow_down)
@@ -182,6 +184,8 @@ def _answer(
         played_in_vain = f"none of the {len(refused)} that were played. {helps}."
         failed = f"{theory.what_fails(listed)}. {theory.what_would_help(listed)}"
         words.append(f"No design works: {played_in_vain if refused else failed}")
+        if listed[0] in reaches and not refused:
+            words.append(f"{theory.in_words(listed[0])}: {_words_of_rogues(reaches[listed[0]], rogue_speed)}")
     else:
         made = played.scenario if played is not None else scenario_of(chosen, robot, base, rogue_speed)
         words += _recommendation(chosen, reaches.get(chosen), rogue_speed)
@@ -262,7 +266,7 @@ def _words_of_rogues(reach: Reach, speed: float | None) -> str:
     if reach.guaranteed_time == math.inf:
         return f"A rogue of {speed:g} m/s can stay undetected for ever, one slower than {limit} cannot."
     words = f"In formation a rogue of {speed:g} m/s stays undetected for {reach.guaranteed_time:.3g} s at most"
-    return f"{words}, one of {limit} for ever." if reach.critical_speed < math.inf else f"{words}."
+    return f"{words}, one from {limit} on for ever." if reach.critical_speed < math.inf else f"{words}."
 
 
 def _done(played: Played) -> str:
@@ -286,7 +290,7 @@ def _print_designs(console: Console, title: str, designs: Sequence[Candidate], r
     ranks = dict.fromkeys(headers, 0) | dict.fromkeys(
         ["r below (6)\n[m]", "r_s above (7)\n[m]", "r_s from (8)\n[m]"], 1
     )
-    ranks |= {"margin": 2} | ({"undetected\n[s]": 0, "for ever\nfrom [m/s]": 0} if reaches else {})
+    ranks |= {"margin": 2} | (dict.fromkeys(_ROGUES, 0) if reaches else {})
     if designs[0].turning_radius is None:
         del ranks["arc too\ntight"]
     rows = []
@@ -309,12 +313,13 @@ def _rogues(each: Candidate, reaches: _Reaches) -> list[str]:
     return ["for ever" if time == math.inf else f"{time:.3g}", "none" if speed == math.inf else f"{speed:.3g}"]
 
 
-def _print_failing(console: Console, title: str, designs: Sequence[Candidate]) -> list[str]:
-    columns = [*map(Column, ("N", "a", "b")), Column("T_max\n[s]", rank=1), Column("why not", prose=True)]
+def _print_failing(console: Console, title: str, designs: Sequence[Candidate], reaches: _Reaches) -> list[str]:
+    columns = [*map(Column, ("N", "a", "b")), Column("T_max\n[s]", rank=1)]
+    columns += [*map(Column, _ROGUES if reaches else ()), Column("why not", prose=True)]
     rows = []
     for each in designs:
         numbers = [str(number) for number in (each.num_robots, each.curve.a, each.curve.b)]
-        rows.append([*numbers, f"{each.detection_time_bound:.3g}", each.reason])
+        rows.append([*numbers, f"{each.detection_time_bound:.3g}", *_rogues(each, reaches), each.reason])
     return _print_table(console, title, columns, rows)
 
 

@@ -45,7 +45,7 @@ def test_every_curve_is_there_once():
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.floats(0.5, 8), st.floats(0.5, 8), st.floats(0.02, 1), st.floats(0.3, 5))
 def test_sorted_and_reasons_name_what_fails(half_width, half_height, body, sensor):
     rows = design(half_width, half_height, max(body, half_height / 40), max(sensor, half_width / 8), 1.0)

@@ -135,15 +135,16 @@ def test_the_command_refuses_by_name(arguments, words, tmp_path, capsys):
 
 
 def test_design_says_what_rogues_can_do(capsys):
-    asked = ["design", "--num-robots", 5, "--sensor-radius", 1.2, "--rows", 1, "--rogue-speed", 0.3]
+    speeds = ["--speed-max", 1.9, "--rogue-speed", 0.3]
+    asked = ["design", "--num-robots", 5, "--sensor-radius", 1.2, "--rows", 1, *speeds]
     code, said, _ = told(capsys, *asked, "--json")
     assert code == 0
     given = json.loads(said)
-    assert "A rogue of 0.3 m/s stays unseen for 0." in given["recommendation"]
+    assert "In formation a rogue of 0.3 m/s stays undetected for 0." in " ".join(given["words"])
     assert given["designs"][0]["guaranteed_time"] < 1.5
-    code, said, _ = told(capsys, *asked[:3], "--sensor-radius", 0.4, "--rogue-speed", 0.3)
-    assert "can stay unseen for ever" in said
-    code, _, said = told(capsys, "design", "--rogue-speed", -1)
+    code, said, _ = told(capsys, *asked[:3], "--sensor-radius", 0.4, *speeds)
+    assert (code, "can stay undetected for ever" in said) == (1, True)
+    code, _, said = told(capsys, "design", "--speed-max", 1, "--rogue-speed", -1)
     assert (code, "rogue_speed must be from 0 to 100 [m/s], got -1" in said) == (2, True)
 
 

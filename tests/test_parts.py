@@ -4,10 +4,12 @@ import dataclasses
 import inspect
 import re
 
+import numpy as np
 import pytest
 
 import lissajous_env
-from lissajous_env.parameters.scenario import PARTS, Faults, Scenario, Targets, Task
+from lissajous_env.parameters.overrides import parse_overrides
+from lissajous_env.parameters.scenario import PARTS, Faults, Robot, Scenario, Targets, Task
 
 FIELDS = [(part, field) for part, kind in PARTS.items() for field in dataclasses.fields(kind)]
 FIELD_NAMES = [f"{part}.{field.name}" for part, field in FIELDS]
@@ -62,3 +64,64 @@ def test_help_without_source_still_says_the_rules():
 def test_an_override_called_like_a_parameter(name):
     with pytest.raises(ValueError, match=f"^override must name one of curve, .*, got '{name}'"):
         lissajous_env.scenario("experiment", **{name: "evil"})
+
+
+# The top speed of a car.
+
+
+def test_a_top_speed_can_be_given():
+    # Oracle: (drag speed_max + offset) / drive by hand, 0.1385 for 1.5 m/s; the steady speed of a simulated car.
+    made = lissajous_env.scenario("experiment", **{"robot.speed_max": 1.5}).resolve()
+    assert made.robot.throttle_max == (0.945 * 1.5 + 3.681) / 36.81 == pytest.approx(0.1385, abs=1e-4)
+    still = {"noise.drive_spread": 0.0, "noise.wheelbase_spread": 0.0, "faults.schedule": ()}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario(made, **still))
+    for _ in range(150):
+        simulation.step(np.tile(np.float32([1.0, 1.0]), (1, 5, 1)))
+    assert simulation.robots.speed.numpy() == pytest.approx(1.5, abs=1e-4)
+
+
+def test_what_was_derived_from_the_throttle_still_is():
+    # Oracle: (drive throttle_max - offset) / drag, to the bit.
+    for name in lissajous_env.scenarios():
+        given = lissajous_env.scenario(name).robot
+        throttle = 0.25 if given.throttle_max is None else given.throttle_max
+        robot = lissajous_env.scenario(name).resolve().robot
+        assert (robot.throttle_max, robot.speed_max) == (throttle, (robot.drive * throttle - robot.offset) / robot.drag)
+        assert given.speed_max is None
+
+
+def test_overriding_one_limit_derives_the_other():
+    for base in ("intruders", lissajous_env.scenario("intruders").resolve()):  # has a throttle of its own
+        made = lissajous_env.scenario(base, **{"robot.speed_max": 1.5})
+        assert made.robot.top_speed == 1.5
+        assert lissajous_env.scenario(made, **{"robot.throttle_max": 0.25}).robot.top_speed == Robot().top_speed
+        assert lissajous_env.scenario(made, robot={"speed_max": 3.0}).robot.top_speed == 3.0
+    # Another motor keeps the speed that was given, and the throttle where that was.
+    given = lissajous_env.scenario("failure", **{"robot.speed_max": 1.5, "robot.drag": 2.0}).robot
+    assert (given.top_speed, given.full_throttle) == (1.5, (2.0 * 1.5 + 3.681) / 36.81)
+    resolved = lissajous_env.scenario("failure").resolve()
+    assert lissajous_env.scenario(resolved, **{"robot.drag": 2.0}) == lissajous_env.scenario(
+        resolved, **{"robot.drag": 2.0, "robot.throttle_max": 0.25}
+    )
+
+
+def test_two_limits_must_agree():
+    resolved = lissajous_env.scenario("failure").resolve().robot
+    assert Robot(**dataclasses.asdict(resolved)) == resolved
+    with pytest.raises(
+        ValueError, match=r"^robot.speed_max must be the 1.49967 m/s of throttle_max = 0.1385, or one of"
+    ):
+        Robot(speed_max=1.5, throttle_max=0.1385)
+    with pytest.raises(
+        ValueError, match=r"^robot.speed_max must be reached at a throttle above throttle_min and dead_"
+    ):
+        Robot(speed_max=0.5, dead_zone=0.2)
+
+
+def test_a_file_and_a_command_line_give_the_same(tmp_path):
+    path = tmp_path / "slow.toml"
+    path.write_text('base = "intruders"\n[robot]\nspeed_max = 1.5\n', encoding="utf-8")
+    changed = parse_overrides([["robot.speed_max=1.5"]])
+    read, given = lissajous_env.scenario(str(path)), lissajous_env.scenario("intruders", **changed)
+    assert read.digest() == given.digest() != lissajous_env.scenario("intruders").digest()
+    assert read.resolve().digest() == given.resolve().resolve().digest()

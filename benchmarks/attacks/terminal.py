@@ -22,9 +22,9 @@ from attacks import Attack
 from baselines.benchmark import tables
 from baselines.benchmark.comparison import statistics
 from baselines.benchmark.rows import NUMBER_COLUMNS
+from baselines.design import design
 from lissajous_env.console.cli import main
 from lissajous_env.parameters.overrides import parse_overrides
-from lissajous_env.theory.design import print_design
 
 _WORDS = [
     "falure",
@@ -68,7 +68,7 @@ _GOOD = {
     "evaluate": ["failure", "still"],
     "run": ["failure", "still"],
     "train": ["--out", "results", "--steps", "1"],
-    "design": [],
+    "design": ["--speed-max", "1", "--sensor-radius", "0.1"],
     "replay": ["recording.npz"],
     "reproduce": ["fig2", "--out", "results"],
     "policies": [],
@@ -90,7 +90,8 @@ _OPTIONS = {
     },
     "design": {
         **{f"--{name}": [*_REAL, "0", "1e300", "1e-300"] for name in
-           ("half-width", "half-height", "robot-radius", "sensor-radius", "phase-rate", "wheelbase")},
+           ("half-width", "half-height", "robot-radius", "sensor-radius", "speed-max", "turning-radius", "phase-rate",
+            "wheelbase", "grip")},
         "--steering-max": [*_REAL, "0", "2", "1e300"], "--num-robots": [*_WHOLE[:-1], "0", "1", "1000000"],
         "--rows": ["x", "1.5", "", "-1", "0"],
     },
@@ -249,6 +250,7 @@ def _try_width(draw: np.random.Generator) -> str | None:
 
 def _try_design_width(draw: np.random.Generator) -> str | None:
     given = {"half_width": float(draw.uniform(0.5, 9)), "half_height": float(draw.uniform(0.5, 9)), "num_robots": 7}
+    given |= {"speed_max": 1.0, "sensor_radius": 0.1}  # none works: none is played
     width = int(draw.integers(1, 250))
 
     def shown(columns: int) -> str:
@@ -256,7 +258,7 @@ def _try_design_width(draw: np.random.Generator) -> str | None:
         os.environ["COLUMNS"] = str(columns)
         try:
             with contextlib.redirect_stdout(out):
-                print_design(**given)
+                design(**given)
         finally:
             os.environ.pop("COLUMNS")
             if before is not None:

@@ -1,0 +1,147 @@
+"""Assumptions of the paper: each that a scenario violates is named with its number, once, and not for what ships."""
+
+import dataclasses
+import math
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+import lissajous_env
+from lissajous_env.console.cli import main
+from lissajous_env.parameters import named
+from lissajous_env.parameters.parts import Curve, Formation, Robot, Sensing
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.theory import closed_forms, geometry
+from lissajous_env.theory.assumptions import AssumptionWarning, violations
+
+
+@pytest.fixture(autouse=True)
+def _nothing_reported(monkeypatch):
+    monkeypatch.setattr(named, "_reported", set())
+
+
+def said(make):
+    """Texts of the warnings with which something is made."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        make()
+    return [str(each.message) for each in caught if issubclass(each.category, AssumptionWarning)]
+
+
+POINTS = Scenario(curve=Curve(5.0, 5.0, 7, 8), robot=Robot(kind="curve", radius=0.09))
+
+
+def with_(base=POINTS, **parts):
+    return dataclasses.replace(base, **{n: dataclasses.replace(getattr(base, n), **of) for n, of in parts.items()})
+
+
+@pytest.mark.parametrize(
+    ("scenario", "words"),
+    [
+        # Oracle: the numbers by hand; (6) 0.0978 m and (8) 1.470 m for A = B = 5, a = 7, b = 8, N = 15.
+        (POINTS, []),
+        (with_(robot={"count": 12}), ["12 robots on a curve with a + b = 15: the paper's bounds require N = a + b"]),
+        (with_(robot={"count": 30}, formation={"p": 14}), ["2 robots share each place on the curve"]),
+        (with_(formation={"p": 3}), ["p = 3 of 15 robots is no stable equilibrium", "15 robots on 5 places on a curve with a + b"]),
+        (with_(formation={"p": 7, "alpha": 1}), ["alpha = 1 and p = 7: ring neighbours are not neighbours on the"]),
+        (with_(robot={"radius": 0.125}), ["bodies of 0.125 m, bound (6) allows 0.09779 m"]),
+        (with_(sensing={"radius": 1.2}), ["sensors reach 1.2 m, (8) requires 1.47 m: T_max does not bound"]),
+        (with_(sensing={"radius": 1.5}), []),
+        (
+            with_(formation={"phase_rate": 0.3, "alpha": 4}, robot={"phase_rate_max": 0.05}),
+            ["the formation moves at omega / alpha = 0.075 rad/s, the points reach 0.05 rad/s (robot.phase_rate_max)"],
+        ),
+    ],
+)  # fmt: skip
+def test_a_formation_says_what_it_violates(scenario, words):
+    found = violations(scenario)
+    assert len(found) == len(words)
+    assert all(each.startswith(wanted) for each, wanted in zip(found, words, strict=True))
+    assert scenario.detection_time_is_bounded == (not any(w.split()[0] in ("12", "p", "sensors") for w in words))
+
+
+def test_cars_say_what_they_cannot_do():
+    # Oracle: speed, radius and lateral acceleration along the curve by dense sampling.
+    robot = Robot(speed_max=1.5, wheelbase=0.175, lateral_acceleration_max=2.0)
+    made = Scenario(curve=Curve(20.0, 12.5, 3, 10), formation=Formation(phase_rate=0.3), robot=robot)
+    fast, tight, grip = violations(made)
+    gamma = np.linspace(0, 2 * np.pi, 1_000_001)
+    speed, radius = closed_forms.curve_speed(made.curve, gamma), geometry.curvature_radius(made.curve, gamma)
+    turning = 0.175 / math.tan(math.pi / 9)
+    assert f"requires up to {0.3 * speed.max():.3g} m/s, the cars reach 1.5 m/s (robot.speed_max)" in fast
+    assert "41.6 m/s" in fast
+    share = speed[radius < turning].sum() / speed.sum()
+    assert f"bends at a radius of {radius.min():.2g} m, the cars turn at {turning:.3g} m (robot.wheelbase)" in tight
+    assert f"{share:.1%} of the arc is tighter" in tight
+    needed = np.max((0.3 * speed) ** 2 / np.maximum(radius, turning))
+    assert f"acceleration of {needed:.3g} m/s^2" in grip
+    assert "grip up to 2 m/s^2" in grip
+    slow = violations(lissajous_env.scenario("experiment-printed"))[0]
+    assert slow == ("the cars drive at 2.91 m/s at least (robot.throttle_min), the curve requires 0.237 to 1.69 m/s")
+
+
+def test_the_same_in_other_units():
+    # The law of similarity: whether a rule is violated has no unit.
+    for name in lissajous_env.scenarios():
+        made = lissajous_env.scenario(name)
+        for length, time in ((2.0, 1.0), (0.2, 3.0)):
+            assert len(violations(made.scaled(length, time))) == len(violations(made)), name
+
+
+def test_what_ships_warns_nobody():
+    assert said(lambda: [lissajous_env.scenario(name) for name in lissajous_env.scenarios()]) == []
+    # The paper's cars cut 7.6 % of its arc; whoever changes something else is told nothing of it.
+    assert said(lambda: lissajous_env.scenario("experiment", **{"task.duration": 5.0})) == []
+    assert said(lambda: lissajous_env.parallel_env("intruders", **{"targets.speed": 0.1})) == []
+    assert said(lambda: lissajous_env.Simulation(lissajous_env.scenario("redundant"))) == []
+
+
+def test_one_of_ones_own_warns_once(tmp_path):
+    # Story: seven robots on a curve for five, from each of the doors through which a scenario is made.
+    path = tmp_path / "mine.toml"
+    path.write_text('base = "failure"\n[robot]\ncount = 7\n[faults]\nschedule = []\n', encoding="utf-8")
+    (words,) = said(lambda: [lissajous_env.scenario(str(path)) for _ in range(3)])
+    assert words.startswith("scenario mine: 7 robots on a curve with a + b = 5: the paper's bounds require N = a + b")
+    changed = {"robot.radius": 0.2}
+    (words,) = said(lambda: lissajous_env.parallel_env("failure", **changed))
+    assert words.startswith("scenario failure: bodies of 0.2 m, bound (6) allows 0.1503 m")
+    assert said(lambda: lissajous_env.vector_env("failure", 2, **changed)) == []
+    made = Scenario(name="hand", curve=Curve(2.0, 1.0), sensing=Sensing(radius=0.4), robot=Robot(kind="curve"))
+    (words,) = said(lambda: lissajous_env.parallel_env(made))
+    assert words.startswith("scenario hand: sensors reach 0.4 m, (8) requires ")
+    assert said(lambda: lissajous_env.evaluate(lambda seen: np.ones((*seen.shape[:2], 1)), made, [0])) == []
+
+
+def test_a_scenario_that_is_registered_warns_when_it_is_registered(monkeypatch):
+    monkeypatch.setattr(named, "_REGISTERED", {})
+    made = with_(robot={"count": 13})
+    (words,) = said(lambda: lissajous_env.register_scenario(dataclasses.replace(made, name="thirteen-of-fifteen")))
+    assert "13 robots" in words
+    assert said(lambda: lissajous_env.scenario("thirteen-of-fifteen")) == []
+
+
+def test_commands_print_it_as_a_line(tmp_path):
+    path = tmp_path / "mine.toml"
+    asked = [sys.executable, "-m", "lissajous_env", "policies", str(path)]
+    path.write_text('base = "experiment"\n[robot]\nspeed_max = 1.2\n', encoding="utf-8")
+    ended = subprocess.run(asked, capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 0
+    line = "the curve requires up to 1.69 m/s, the cars reach 1.2 m/s (robot.speed_max)"
+    assert ended.stderr.startswith(f"warning: scenario mine: {line}")
+    quiet = subprocess.run([*asked, "--quiet"], capture_output=True, timeout=60)
+    assert quiet.stderr == b""
+
+
+def test_the_command_scenarios_lists_all(capsys):
+    with pytest.raises(SystemExit):
+        main(["scenarios", "evaders"])
+    printed = capsys.readouterr().out
+    assert "Assumptions of the paper that it violates:" in printed
+    for words in violations(lissajous_env.scenario("evaders")):
+        assert f"* {words}" in printed
+    with pytest.raises(SystemExit):
+        main(["scenarios", "ideal"])
+    assert "Assumptions" not in capsys.readouterr().out
