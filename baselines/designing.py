@@ -14,6 +14,7 @@ from lissajous_env.parameters.parts import Formation, Robot, Targets, Task
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.assumptions import AssumptionWarning
 from lissajous_env.theory.candidate import Candidate
+from lissajous_env.theory.geometry import curve_length
 
 TRIES = ((1.0, 4), (0.5, 2), (0.25, 2))
 """Which designs are played until one works: at a part of their largest phase rate, so many of those in front.
@@ -35,6 +36,9 @@ _LAG_STEP = 1.0
 _GRID = 36
 """Cells of the coverage grid along the longer side of the rectangle."""
 _TARGETS = 100
+_START = 0.5
+"""Standard deviation of the robots' places along the curve at the start, in body radii; in the paper's experiment 0.6.
+"""
 _LEAST_DISTANCE = 0.9
 """Part of the formation's distance that the robots of a design that works drive."""
 _POLICIES = {"car": "kuramoto-mpcc", "curve": "kuramoto"}
@@ -87,7 +91,9 @@ class Played:
         found, bound = [], self.candidate.detection_time_bound
         if self.collisions > 0:
             off = max(self._of("lateral_error_max"))
-            allowed = f"(6) allows bodies of {self.candidate.robot_radius_bound:.3g} m for robots that stay on it"
+            allowed = (
+                f"(6) allows bodies of {self.candidate.robot_radius_bound:.3g} m for robots that keep their places"
+            )
             found.append(f"{self.collisions} collisions; robots left the curve by up to {off:.2g} m, {allowed}")
         if self.distance_share < _LEAST_DISTANCE:
             required = f"{_LEAST_DISTANCE:.0%} is required"
@@ -116,11 +122,15 @@ def scenario_of(candidate: Candidate, robot: Robot, base: Scenario | None, rogue
         "task.duration": float(f"{step * steps:.9g}"),
         "task.grid": _cells(candidate, _GRID),
     }
+    unit = candidate.alpha * candidate.mean_speed / candidate.phase_rate  # [m/rad]
+    if base is not None:  # robots begin as far from their places as there [m]
+        there = base.alpha * curve_length(base.curve) / (2 * math.pi)
+        changed["formation.start_noise"] = base.formation.start_noise * there / unit
     if base is None:
         moving = 0.0 if rogue_speed is None else rogue_speed
         base = Scenario(
             name="design",
-            formation=Formation(start="rotated", start_noise=0.02),
+            formation=Formation(start="rotated", start_noise=_START * candidate.robot_radius / unit),
             targets=Targets(count=_TARGETS, wandering=1.0 if moving else 0.0, speed=moving),
             task=task,
         )
