@@ -84,7 +84,7 @@ def test_a_refusal_names_the_violated_condition(capsys):
     )
     code, given = as_json(capsys, **{**SMALL, "turning_radius": 2.5, "num_robots": 5})
     assert code == 1
-    assert "the turning circle fails for every one" in given["words"][-1]
+    assert "the turning circle fail for every one" in given["words"][-1]
     assert "of the arc is tighter than the cars' 2.5 m" in given["words"][-1]
     assert all("cars turn at 2.5 m" in each["reason"] for each in given["designs"])
 
