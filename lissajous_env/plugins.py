@@ -10,6 +10,7 @@ from collections.abc import Callable
 from importlib.metadata import entry_points
 from typing import Any
 
+from lissajous_env.siblings import load_entry_point
 from lissajous_env.wording import where_raised
 
 
@@ -72,7 +73,7 @@ class EntryPoints:
         self._asked = True  # at once: what is loaded may ask for names itself
         for entry in sorted(entry_points(group=self.group), key=lambda entry: entry.name):
             try:
-                brought = entry.load()
+                brought = load_entry_point(entry)
                 if not isinstance(brought, types.ModuleType):
                     self.take(brought)
             except (Exception, SystemExit) as error:
