@@ -13,9 +13,10 @@ from baselines.benchmark.running import Benchmark, Cell, plan
 from baselines.policies.factories import as_factory, is_imported, told_apart
 from lissajous_env.console.commands import check_file, check_pace, has_display, show
 from lissajous_env.console.terminal import AS_USUAL, CommandError, Output, Speech, make_console
+from lissajous_env.here import beside
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import where_raised
+from lissajous_env.wording import nearest, where_raised
 
 if TYPE_CHECKING:
     from lissajous_env.episodes.recording import Recording
@@ -96,7 +97,8 @@ def replay(
     check_file(out, *_FORMATS)
     check_pace(speed, fps)
     if not names or (len(names) == 1 and not Path(names[0]).is_file()):
-        got = f"but there is no file {names[0]}" if names else "got nothing"
+        hint = "".join(nearest(name, beside(name, ".npz")) for name in names)
+        got = f"but there is no file {names[0]}{hint}" if names else "got nothing"
         raise ValueError(f"names must be a scenario and a policy, or the file of a recording (.npz), {got}")
     if against is not None and (out is None or out.suffix.lower() != ".html"):
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")

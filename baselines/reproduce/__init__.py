@@ -5,7 +5,6 @@ Multi-Robot Persistent Monitoring and Target Detection". `docs/paper.md` says wh
 """
 
 import dataclasses
-import difflib
 import shlex
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -37,6 +36,7 @@ from baselines.reproduce.episodes import Player
 from lissajous_env.console.terminal import AS_USUAL, Speech, make_console
 from lissajous_env.device.devices import as_device
 from lissajous_env.storage.folder import Folder
+from lissajous_env.wording import nearest, shown
 
 PARTS: dict[str, Callable[[Player], Part]] = {
     "fig2": detection.fig2,
@@ -121,8 +121,7 @@ def _chosen(figures: Sequence[str]) -> list[str]:
     for name in figures:
         if name not in PARTS and name != "all":
             known = [*PARTS, "all"]
-            nearest = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
-            raise ValueError(f"figures must be of {', '.join(known)}, got {name!r}; did you mean {nearest}?")
+            raise ValueError(f"figures must be of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
     return list(PARTS) if "all" in figures or not figures else [name for name in PARTS if name in figures]
 
 

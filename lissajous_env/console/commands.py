@@ -88,7 +88,9 @@ def _print_settings(console: "Console", given: "Scenario") -> None:
             value = getattr(values, field.name)
             if value != field.default:
                 rows.append([f"{part}.{field.name}", str(value), str(field.default)])
-    rows += [["extensions", f"{each.kind} {each.place}", ""] for each in given.extensions]
+    for each in given.extensions:
+        settings = ", ".join(f"{name} = {value}" for name, value in each.settings.items())
+        rows.append(["extensions", f"{each.kind} {each.place}{settings and f' ({settings})'}", ""])
     console.print()
     columns = [Column("field", left=True), Column(given.name, prose=True), Column("default", left=True, rank=1)]
     left_out = print_table(console, columns, rows)

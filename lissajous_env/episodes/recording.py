@@ -239,6 +239,7 @@ def record(
     seed: int = 0,
     device: Any = "cpu",
     on_step: Callable[[], None] | None = None,
+    **overrides: Any,
 ) -> Recording:
     """Play one episode and record it; of a policy for a batch of worlds, its first world.
 
@@ -248,11 +249,12 @@ def record(
         seed: Seed of the episode.
         device: Warp device.
         on_step: Called after each step.
+        **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
         InvalidActionError: the policy returned actions that are misshapen or not finite (a ValueError).
     """
-    simulation = Simulation(named.scenario(scenario), policy.num_worlds, device=device)
+    simulation = Simulation(scenario, policy.num_worlds, device=device, **overrides)
     referee = Referee(policy, simulation)
     recorder = Recorder(simulation)
 
