@@ -212,17 +212,17 @@ def test_gif_shows_what_was_drawn(recording, tmp_path):
 
 def test_contact_sheet_holds_the_pictures_at_its_times(recording, tmp_path):
     path = tmp_path / "a.png"
-    film.save_png(recording, path, [0.0, 0.6, 1.2], columns=2, size=(360, 240))
+    film.save_sheet(recording, path, [0.0, 0.6, 1.2], columns=2, size=(360, 240))
     sheet = np.asarray(Image.open(path))
     assert sheet.shape == (480, 720, 3)
     renderer = Renderer(recording.scenario, (360, 240))
     np.testing.assert_array_equal(sheet[:240, 360:], renderer.draw(recording.snapshot(6)))
     np.testing.assert_array_equal(sheet[240:, :360], renderer.draw(recording.snapshot(12)))
-    film.save_png(recording, path, size=(360, 240))
+    film.save_sheet(recording, path, size=(360, 240))
     assert np.asarray(Image.open(path)).shape[0] % 240 == 0
     for bad in ([], [-0.1], [1.4], [float("nan")]):
         with pytest.raises(ValueError, match=r"from 0 to 1\.2 s"):
-            film.save_png(recording, path, bad)
+            film.save_sheet(recording, path, bad)
 
 
 @pytest.mark.parametrize("settings", [{"fps": 0}, {"speed": -1}, {"speed": float("nan")}])
@@ -299,10 +299,10 @@ def test_a_gif_too_slow_to_be_shown_is_refused(recording, tmp_path):
 
 def test_contact_sheets_have_a_largest_size(recording, tmp_path):
     with pytest.raises(ValueError, match="at must hold at most 100 times, got 101"):
-        film.save_png(recording, tmp_path / "a.png", [0.0] * 101)
+        film.save_sheet(recording, tmp_path / "a.png", [0.0] * 101)
     for columns in (0, -1, 1.5):
         with pytest.raises(ValueError, match="columns must be a whole number of at least 1"):
-            film.save_png(recording, tmp_path / "a.png", columns=columns)
+            film.save_sheet(recording, tmp_path / "a.png", columns=columns)
 
 
 def test_an_episode_too_large_to_be_kept_is_refused_while_it_is_recorded(monkeypatch):

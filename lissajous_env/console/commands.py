@@ -13,6 +13,7 @@ from rich.text import Text
 from lissajous_env.console.terminal import AS_USUAL, Column, Output, Speech, make_console, print_left_out, print_table
 from lissajous_env.parameters.scenario import PARTS
 from lissajous_env.storage.files import check_writable_file
+from lissajous_env.wording import nearest
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -127,7 +128,8 @@ def check_file(out: Path | None, *suffixes: str) -> None:
     if out is None:
         return
     if out.suffix.lower() not in suffixes:
-        raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}")
+        hint = nearest(out.suffix.lower(), suffixes)
+        raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}{hint}")
     check_writable_file(out)
 
 
@@ -166,8 +168,8 @@ def show(
             Replay(recording, against).save(out)
         elif suffix == ".gif":
             film.save_gif(recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
-        elif suffix == ".png":
-            film.save_png(recording, out)
+        elif suffix in film.STILLS:
+            film.save_sheet(recording, out)
         else:
             recording.save(out)
     output.console().print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
