@@ -48,7 +48,8 @@ def register(
 
     Args:
         name: Its name.
-        kind: Kind of robots that it drives; by default the factory's `kind`, and any where it has none.
+        kind: Kind of robots that it drives; by default the factory's `kind`, or that of the class of a partial one, and
+            any where it has none.
         factory: `factory(scenario, num_worlds, device)` makes it.
         made_for: Names of the scenarios on which a benchmark plays it without being asked to; all by default.
         about: What it is, in one line; the first line of the factory's docstring by default.
@@ -76,7 +77,8 @@ def _added(
 ) -> Any:
     if not isinstance(name, str) or not name:
         raise ValueError(f"name of a policy must be a word, got {name!r}")
-    kind = getattr(factory, "kind", None) if kind is None else kind
+    made_by = factory.func if isinstance(factory, partial) else factory
+    kind = getattr(made_by, "kind", None) if kind is None else kind
     if kind not in (None, *robot_kinds()):
         raise ValueError(f"kind of {name} must be one of {', '.join(robot_kinds())}, or None, got {shown(kind)}")
     if not callable(factory):

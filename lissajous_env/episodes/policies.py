@@ -13,6 +13,7 @@ from lissajous_env.siblings import import_ours
 BASES = {
     "NumpyCoordinator": "NumpyCoordinator",
     "Policy": "Policy",
+    "Rows": "Rows",
     "register_coordinator": "register_coordinator",
     "register_policy": "register",
     "with_tracker": "with_tracker",
