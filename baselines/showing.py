@@ -110,8 +110,8 @@ def replay(
     recording = _recorded(names, seed, device, output, overrides)
     other = None
     if against is not None:
-        beside = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, device)
-        other = _played(beside, output, recording.scenario)
+        rival = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, device)
+        other = _played(rival, output, recording.scenario)
     show(recording, out, output, speed, fps, other)
     scores = {"score": recording.score} | ({} if other is None else {"against": other.score})
     output.give({"wrote": out, **scores})
