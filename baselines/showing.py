@@ -80,12 +80,12 @@ def replay(
     output: Speech = AS_USUAL,
     overrides: Overrides = (),
 ) -> None:
-    """Show an episode, played now or recorded before: as a page for a browser, in a window, or as a GIF, PNG, SVG or PDF.
+    """Show an episode, played now or recorded before: as a page, in a window, or as a GIF, PNG, SVG or PDF.
 
     Args:
         names: scenario and policy, as for `lissajous run`; or a recording, as that writes it to FILE.npz.
-        out: .html, .gif, .png, .svg, .pdf or .npz to write; without it a window opens: space pauses, left and right step, escape
-            quits.
+        out: .html, .gif, .png, .svg, .pdf or .npz to write; without it a window opens: space pauses, left and right
+            step, escape quits.
         against: policy that plays the same seed beside it, on an .html page.
         seed: seed of the episode; a recording has its own.
         device: cpu, cuda or cuda:k.

@@ -5,7 +5,6 @@ Modules are read, not run, until a name that one of them registers is asked for.
 """
 
 import ast
-import os
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path

@@ -3,12 +3,14 @@
 import dataclasses
 import io
 import zipfile
+from xml.etree import ElementTree
 
 import numpy as np
 import pygame
 import pytest
 from PIL import Image
 
+import baselines
 import lissajous_env
 from lissajous_env.episodes import recording as recordings
 from lissajous_env.render import Renderer, Snapshot, film
@@ -230,6 +232,36 @@ def test_times_that_make_no_sense_are_refused(recording, tmp_path, settings):
     with pytest.raises(ValueError, match="must be positive"):
         film.save_gif(recording, tmp_path / "a.gif", **settings)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", ["svg", "pdf"])
+@pytest.mark.parametrize("name", ["experiment", "knot", "intruders"])
+def test_a_drawing_for_papers(name, suffix, tmp_path):
+    # Oracle: the recording. Its times are the titles, a robot is a number, and the same makes the same file.
+    played = recordings.record(
+        baselines.make("kuramoto" if name == "knot" else "kuramoto-mpcc", name), name, 3, **{"task.duration": 3.0}
+    )
+    paths = [tmp_path / f"{k}.{suffix}" for k in range(2)]
+    for path in paths:
+        film.save_sheet(played, path, [0.0, 1.5, 3.0], columns=2)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    if suffix == "pdf":
+        assert paths[0].read_bytes().startswith(b"%PDF-")
+        return
+    words = [each.text for each in ElementTree.parse(paths[0]).iter("{http://www.w3.org/2000/svg}text")]
+    found = [f"{int((played.found_at <= moment).sum()):,}" for moment in (0, 15, 30)]
+    there = [f"{int((played.appears_at <= moment).sum()):,}" for moment in (0, 15, 30)]
+    titles = [word for word in words if word and "collisions" in word]
+    for title, time, few, all_of_them in zip(titles, ("0 s", "1.5 s", "3 s"), found, there, strict=True):
+        assert title.startswith(f"{time}, detected {few} of {all_of_them}, collisions ")
+    assert sorted(word for word in words if word in "01234") == sorted("01234" * 3)
+    assert {"robot", "target"} <= set(words)
+
+
+def test_a_sheet_of_another_format(tmp_path):
+    played = recordings.record(baselines.make("still", "failure"), "failure", 0, **{"task.duration": 1.0})
+    with pytest.raises(ValueError, match=r"path must end in \.png, \.svg, \.pdf, got .*a\.jpg"):
+        film.save_sheet(played, tmp_path / "a.jpg")
 
 
 def test_keys_of_the_player(recording, monkeypatch):

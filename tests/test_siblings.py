@@ -42,7 +42,9 @@ assert lissajous_env.import_ours("baselines.mpcc").Mpcc
 
 def run(folder, *arguments):
     env = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, cwd=folder, timeout=300, env=env)
+    return subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, cwd=folder, timeout=300, env=env
+    )
 
 
 def write(folder, *names):
@@ -64,7 +66,7 @@ USED = "import training, baselines\nassert training.mine == baselines.mine == 'o
 
 @pytest.mark.parametrize(("first", "last"), [("", USED), (USED, USED), ("", "")], ids=["after", "before", "never"])
 def test_a_script_beside_modules_of_our_names(first, last, tmp_path):
-    # Story: a project has a folder training/ and a file baselines.py, and imports them before ours, after them, or never.
+    # Story: a project has a folder training/ and a file baselines.py, and imports them before ours, after, or never.
     write(tmp_path, TRAINING, BASELINES)
     (tmp_path / "script.py").write_text(SCRIPT.format(first=first, last=last))
     ended = run(tmp_path, "script.py")
@@ -134,7 +136,9 @@ def test_where_nothing_hides_them_they_have_their_names():
 def test_policies_by_lissajous_env_alone(tmp_path, monkeypatch):
     # Oracle: what `baselines` and `training` return.
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine_of_siblings.py").write_text("import baselines\nMine = baselines.make('sweep', 'rough').__class__\n")
+    (tmp_path / "mine_of_siblings.py").write_text(
+        "import baselines\nMine = baselines.make('sweep', 'rough').__class__\n"
+    )
     assert type(lissajous_env.policy("sweep", "rough")) is type(baselines.make("sweep", "rough"))
     assert lissajous_env.policy("mine_of_siblings:Mine", "rough", 3).num_worlds == 3
     assert lissajous_env.policy("learned-rough", "rough").card == training.load("learned-rough").card

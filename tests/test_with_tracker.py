@@ -122,7 +122,7 @@ def test_a_coordinator_in_warp_alone():
 
 @pytest.mark.parametrize(("rates", "words"), [
     (lambda rows: rows.phase[0], r"rates of Wrong must have shape \(2, 5\), got \(5,\)"),
-    (lambda rows: np.where(rows.phase > 9, 0, np.nan), r"rates of Wrong must be finite \[rad/s\], got nan for robot_0 in wor"),
+    (lambda rows: np.full((2, 5), np.nan), r"rates of Wrong must be finite \[rad/s\], got nan for robot_0 in"),
     (lambda rows: "fast", "rates of Wrong must hold real numbers"),
 ])  # fmt: skip
 def test_rates_that_are_none(rates, words):
@@ -133,8 +133,8 @@ def test_rates_that_are_none(rates, words):
 
 
 @pytest.mark.parametrize(("call", "words"), [
-    (partial(baselines.with_tracker, Again, "mpc"), "tracker must be one of points, mpcc, gvf, got 'mpc'; did you mean mpcc"),
-    (partial(baselines.with_tracker, 3, "mpcc"), r"coordinator must be coordinator\(scenario, num_worlds, device\), got 3"),
+    (partial(baselines.with_tracker, Again, "mpc"), "must be one of points, mpcc, gvf, got 'mpc'; did you mean"),
+    (partial(baselines.with_tracker, 3, "mpcc"), r"must be coordinator\(scenario, num_worlds, device\), got 3"),
     (partial(baselines.register_coordinator, "", Again), "name of a policy must be a word"),
 ])  # fmt: skip
 def test_what_is_no_coordinator_or_tracker(call, words):
@@ -146,7 +146,9 @@ def test_what_is_no_coordinator_or_tracker(call, words):
 def test_rows_hold_what_is_true(name):
     """Oracle: the state of the world, where nothing is measured with noise."""
     quiet = {f"noise.{each}": 0.0 for each in ("position", "heading", "speed", "message_loss", "message_delay")}
-    scenario = lissajous_env.scenario(name, **quiet, **{"faults.schedule": ((1, 0.5, 5.0),), "targets.arrival_rate": 5.0})
+    scenario = lissajous_env.scenario(
+        name, **quiet, **{"faults.schedule": ((1, 0.5, 5.0),), "targets.arrival_rate": 5.0}
+    )
     simulation = lissajous_env.Simulation(scenario, 3, seed=5)
     policy = baselines.make("kuramoto" if name == "failure" else "kuramoto-mpcc", scenario, 3)
     for _ in range(20):

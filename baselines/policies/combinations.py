@@ -61,8 +61,8 @@ def with_tracker(
     """Return a factory of policies that follow a coordinator: `factory(scenario, num_worlds, device)` makes one.
 
     Args:
-        coordinator: `coordinator(scenario, num_worlds, device)` makes it: a subclass of `baselines.NumpyCoordinator`, or
-            any class with `phase_rate` (W, N) [rad/s] and `coordinate(observation)`, which writes it, on Warp arrays.
+        coordinator: `coordinator(scenario, num_worlds, device)` makes it: a subclass of `baselines.NumpyCoordinator`,
+            or any class with a Warp array `phase_rate` (W, N) [rad/s] and `coordinate(observation)`, which writes it.
         tracker: What makes the robots follow: "mpcc", cars by model predictive contouring control; "gvf", cars by a
             guiding vector field; "points", points on the curve, which follow exactly.
         **settings: Of the tracker, as `parameters=baselines.mpcc.MpccParameters(...)`.
@@ -83,8 +83,8 @@ def with_tracker(
 def register_coordinator(name: str, coordinator: Callable[..., Coordinator] | None = None, about: str = "") -> Any:
     """Add a policy for each tracker: `name` for points, `name-mpcc` and `name-gvf` for cars, these with `-safe` too.
 
-    Without a coordinator, this is a decorator of one: `@register_coordinator("mine")`. A benchmark plays `name-gvf` only
-    where it is named.
+    Without a coordinator, this is a decorator of one: `@register_coordinator("mine")`. A benchmark plays `name-gvf`
+    only where it is named.
 
     Args:
         name: Its name.

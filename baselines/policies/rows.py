@@ -1,4 +1,4 @@
-"""What a robot reads from its row of the observation, in NumPy and SI units, for policies and coordinators of one's own.
+"""What a robot reads from its row of the observation, in NumPy and SI units, for policies of one's own.
 
 `baselines.policies.own_row` has the same as functions for Warp kernels.
 """
@@ -14,10 +14,10 @@ from lissajous_env.world.robots.table import model_of
 
 
 class Rows:
-    """The observation (W, N, D) of W worlds of N robots by names and in SI units; each robot's values are its own row's.
+    """The observation (W, N, D) of W worlds of N robots by names and in SI units; the values of each robot are its own.
 
-    A neighbour is one of the two on the ring: 0 is before, 1 after the robot. What a robot does not know, of a neighbour
-    that was not heard or of a robot that is not there, is 0.
+    A neighbour is one of the two on the ring: 0 is before, 1 after the robot. What a robot does not know is 0: of a
+    neighbour that it has not heard, of a robot or target that is not there.
 
     Args:
         observation: As a policy is given it, of float32.
@@ -33,7 +33,7 @@ class Rows:
         self._speed_unit = model_of(robot.kind).speed_unit(curve, self.scenario.formation, robot)
 
     def entry(self, name: str) -> np.ndarray:
-        """(W, N) values of an entry as they stand in the row; `lissajous_env.world.observation.layout` has the names."""
+        """(W, N) values of an entry as they stand in the row; its name is that in the layout of the observation."""
         return self.values[..., self._layout.names.index(name)]
 
     @cached_property

@@ -13,7 +13,6 @@ import numpy as np
 from lissajous_env.episodes import archive
 from lissajous_env.episodes.evaluation import ActingPolicy, Referee
 from lissajous_env.episodes.recording_checks import check, made_scenario
-from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render.snapshot import Snapshot, of_world
 from lissajous_env.storage.files import replacing

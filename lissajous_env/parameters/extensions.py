@@ -8,7 +8,8 @@ structs of `lissajous_env.world.state`, which runs as a stage among those of `li
         return abs(world.robots.position[..., 0]) > world.scenario.curve.half_width - 0.2
 
 A scenario names them in `extensions`: as the object itself, as `module:name`, or as a table with its settings, such as
-{"place": "module:name", "weight": -0.5}. Then every environment, every command and every adapter has them. A kernel takes what it needs by the names of its parameters, and `value_out` for its result.
+{"place": "module:name", "weight": -0.5}. Then every environment, every command and every adapter has them. A kernel
+takes what it needs by the names of its parameters, and `value_out` for its result.
 """
 
 import contextlib

@@ -1,6 +1,6 @@
-"""A contact sheet as a vector drawing, SVG or PDF, for papers and slides: what `film.save_sheet` shows, by matplotlib."""
+"""A contact sheet as a vector drawing, SVG or PDF, for papers and slides; it shows what that of pixels does."""
 
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from matplotlib import rc_context
@@ -22,7 +22,7 @@ from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 from lissajous_env.world.targets import FLEEING
 
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.size": 8,
     "svg.fonttype": "none",  # text stays text
@@ -49,8 +49,10 @@ def save_sheet(recording: Recording, file: BinaryIO, suffix: str, moments: list[
     """
     scenario, rows = recording.scenario, -(-len(moments) // columns)
     extent = scenario.curve.half_width, scenario.curve.half_height
-    # Cars overshoot the rectangle.
-    half = [length + 1.25 * scenario.robot.radius + 0.1 * min(extent) for length in extent]
+    # Cars overshoot the rectangle; who is further away than twice its size is left out.
+    furthest = np.abs(recording.position[moments][..., :2]).max(axis=(0, 1))
+    margin = 1.25 * scenario.robot.radius + 0.1 * min(extent)
+    half = np.clip(furthest, extent, np.multiply(2, extent)) + margin
     height = _WIDTH * half[1] / half[0] + 0.25
     with rc_context(_STYLE):
         figure = Figure(figsize=(_WIDTH * columns, height * rows + 0.3), layout="constrained")
@@ -110,7 +112,7 @@ def _draw_robots(axes: Axes, scenario: Scenario, seen: Snapshot) -> None:
     gone = places[~there]
     axes.plot(*gone.T, "x", color=_colour(palette.REMOVED), ms=5, zorder=5)
     for i, j in seen.contact:
-        reach = np.linalg.norm(places[i] - places[j]) / 2 + 1.5 * radius
+        reach = float(np.linalg.norm(places[i] - places[j])) / 2 + 1.5 * radius
         middle = tuple((places[i] + places[j]) / 2)
         axes.add_patch(Circle(middle, reach, fill=False, ec=_colour(palette.CONTACT), lw=1.2, zorder=8))
 
@@ -119,7 +121,7 @@ def _draw_targets(axes: Axes, scenario: Scenario, seen: Snapshot) -> None:
     places, flees = seen.target_position, seen.motion == int(FLEEING)
     size = 2.5 if scenario.target_capacity < 1000 else 1.0
     # Thousands of targets would make a file of many megabytes; these become one picture in the drawing.
-    dots = {"ls": "", "ms": size, "zorder": 7, "rasterized": scenario.target_capacity > 5000}
+    dots: dict[str, Any] = {"ls": "", "ms": size, "zorder": 7, "rasterized": scenario.target_capacity > 5000}
     found = seen.found
     if scenario.targets.leave:
         found = found & (seen.step - seen.found_at < FLASH / scenario.task.step)
@@ -131,8 +133,8 @@ def _draw_targets(axes: Axes, scenario: Scenario, seen: Snapshot) -> None:
 def _signs(scenario: Scenario) -> list[Line2D]:
     """Entries of the legend."""
 
-    def sign(words: str, colour: palette.Colour, **line: str) -> Line2D:
-        return Line2D([], [], color=_colour(colour), label=words, ls="", marker=line.pop("marker", "o"), ms=4, **line)
+    def sign(words: str, colour: palette.Colour, **line: Any) -> Line2D:
+        return Line2D([], [], color=_colour(colour), label=words, ls="", marker="o", ms=4, **line)
 
     signs = [sign("robot", palette.ROBOT)]
     if scenario.faults.schedule or scenario.faults.rate > 0:

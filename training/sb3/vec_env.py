@@ -75,9 +75,7 @@ class RobotVecEnv(VecEnv):
         staggered: bool = False,
         **overrides: Any,
     ):
-        self.simulation = Simulation(
-            scenario, num_worlds, device=device, seed=seed or 0, threads=threads, **overrides
-        )
+        self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads, **overrides)
         self._seeded = seed is not None
         self.scenario = self.simulation.scenario
         self.card = card or Card.of(self.scenario)
