@@ -44,9 +44,13 @@ def import_ours(name: str) -> types.ModuleType:
     """Import a module of `baselines` or `training`, such as "training.sb3": ours, whatever else has the name.
 
     Raises:
+        ValueError: a module of something else.
         ImportError: there is no such module, or it needs a library that is not installed.
     """
-    return importlib.import_module(f"{__name__}.{name}" if _is_hidden(name.partition(".")[0]) else name)
+    top = name.partition(".")[0]
+    if top not in NAMES:
+        raise ValueError(f"name must be of a module of {' or '.join(NAMES)}, got {name!r}")
+    return importlib.import_module(f"{__name__}.{name}" if _is_hidden(top) else name)
 
 
 def load_entry_point(entry: EntryPoint) -> Any:

@@ -129,6 +129,8 @@ def test_where_nothing_hides_them_they_have_their_names():
         _ = lissajous_env.nothing
     with pytest.raises(ImportError, match="nothing"):
         lissajous_env.import_ours("baselines.nothing")
+    with pytest.raises(ValueError, match="name must be of a module of baselines or training, got"):
+        lissajous_env.import_ours("os.path")
     assert siblings.is_ours(baselines.__file__)
     assert not siblings.is_ours(os.__file__)
 

@@ -183,3 +183,5 @@ def test_rows_hold_what_is_true(name):
     reach = np.linalg.norm(rows.target_offset, axis=-1)
     assert (reach <= scenario.sensing_radius + 1e-6).all()
     np.testing.assert_array_equal(rows.entry("works") > 0.5, rows.works)
+    with pytest.raises(ValueError, match="did you mean works"):
+        rows.entry("wroks")

@@ -9,6 +9,7 @@ import numpy as np
 
 from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import nearest, shown
 from lissajous_env.world.observation import layout
 from lissajous_env.world.robots.table import model_of
 
@@ -34,7 +35,11 @@ class Rows:
 
     def entry(self, name: str) -> np.ndarray:
         """(W, N) values of an entry as they stand in the row; its name is that in the layout of the observation."""
-        return self.values[..., self._layout.names.index(name)]
+        names = self._layout.names
+        if name not in names:
+            rule = f"entry must be one of the {len(names)} of the layout of the observation of {self.scenario.name}"
+            raise ValueError(f"{rule}, got {shown(name)}{nearest(name, names)}")
+        return self.values[..., names.index(name)]
 
     @cached_property
     def position(self) -> np.ndarray:
