@@ -6,12 +6,24 @@ from functools import partial
 
 from baselines import policies
 from baselines.policies.base import Policy
-from baselines.policies.combinations import COMBINATIONS, ON_REQUEST
+from baselines.policies.combinations import COMBINATIONS, ON_REQUEST, register_coordinator, with_tracker
+from baselines.policies.coordinators.in_numpy import NumpyCoordinator
 from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
 from baselines.policies.registry import make, names, register, register_opener, register_wrapper
+from baselines.policies.rows import Rows
 from baselines.safety.filter import Safe, close
 
-__all__ = ["Policy", "make", "names", "register", "register_opener"]
+__all__ = [
+    "NumpyCoordinator",
+    "Policy",
+    "Rows",
+    "make",
+    "names",
+    "register",
+    "register_coordinator",
+    "register_opener",
+    "with_tracker",
+]
 
 for _name, (_coordinator, _tracker, _about) in COMBINATIONS.items():
     register(_name, _tracker.kind, partial(_tracker, _coordinator), about=_about, on_request=_name in ON_REQUEST)

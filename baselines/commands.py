@@ -135,7 +135,8 @@ def policies(scenario: _ScenarioOrNone = None, output: Speech = AS_USUAL) -> Non
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     words = (
         "\nA checkpoint's folder is a policy too, and module:factory: factory(scenario, num_worlds, device) makes one; "
-        "so is module:act, a function act(observation) that returns actions."
+        "so is module:act, a function act(observation) that returns actions, and a name that a module of the current "
+        "folder registers."
     )
     console.print(words, style="dim", highlight=False)
 

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.text import Text
 
 from baselines.policies import factories
-from baselines.reproduce.drawing import DARK, GREY, SERIES, Sheet
+from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Sheet, drawn_as
 from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_table
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.guarantee import Reach, check_follows, fastest_rogue, reach_of, unseen_over_time
@@ -40,6 +40,7 @@ def guarantee(
     cells: int = 90,
     episodes: int = 8,
     out: Path = Path("guarantee"),
+    format: Format = "png",
     output: Speech = AS_USUAL,
     overrides: Overrides = (),
 ) -> None:
@@ -54,6 +55,7 @@ def guarantee(
         cells: of the grid, along the longer side of the rectangle.
         episodes: that each policy plays.
         out: folder of the pictures.
+        format: of the pictures.
         output: How it speaks.
         overrides: fields changed in every scenario, as in --set targets.speed_limit=0.3
     """
@@ -71,20 +73,20 @@ def guarantee(
     }
     for each in made if policies else ():
         check_follows(each)
-    console, written = output.console(), ["critical_speed.png"]
-    written += [f"unseen-{each.name}.png" for each in made if policies]
-    with Folder(out, written) as folder:
+    console, written = output.console(), [f"critical_speed.{format}"]
+    written += [f"unseen-{each.name}.{format}" for each in made if policies]
+    with Folder(out, written) as folder, drawn_as(format):
         known = {each.name: reaches(each, radii, cells) for each in made}
         for each in made:
             _print(console, each, known[each.name])
-        folder.write("critical_speed.png", picture_of_speeds(made, known))
+        folder.write(written[0], picture_of_speeds(made, known))
         unseen = {}
         for each in made if policies else ():
             curves = {
                 name: unseen_over_time(policy, each, range(episodes)) for name, policy in acting[each.name].items()
             }
             unseen[each.name] = curves
-            folder.write(f"unseen-{each.name}.png", picture_of_unseen(each, curves))
+            folder.write(f"unseen-{each.name}.{format}", picture_of_unseen(each, curves))
     console.print(f"wrote {', '.join(written)} in {out}", markup=False, highlight=False, soft_wrap=True)
     output.give({
         "formations": {name: [each._asdict() for each in rows] for name, rows in known.items()},
@@ -134,7 +136,7 @@ def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequenc
         return sheet.picture(
             "Robots keep the equilibrium (2) on the curve; rogues may be anywhere at any time and know what the robots "
             "will do. Dashed: the sensing radius of (8). Dotted: speed of the fastest robot on the curve."
-        ).png
+        ).content
 
 
 def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> bytes:
@@ -164,7 +166,7 @@ def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> b
             f"t - min e of the field of contamination: line, the median of {count} episodes; shade, all of them. "
             "Grey: robots stopped. Where a line rises through the second half of an episode to its end, nothing in the "
             "episode bounds that time."
-        ).png
+        ).content
 
 
 def _row(sheet: Sheet, count: int) -> list[Axes]:

@@ -13,9 +13,10 @@ from baselines.benchmark.running import Benchmark, Cell, plan
 from baselines.policies.factories import as_factory, is_imported, told_apart
 from lissajous_env.console.commands import check_file, check_pace, has_display, show
 from lissajous_env.console.terminal import AS_USUAL, CommandError, Output, Speech, make_console
+from lissajous_env.here import beside
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import where_raised
+from lissajous_env.wording import nearest, where_raised
 
 if TYPE_CHECKING:
     from lissajous_env.episodes.recording import Recording
@@ -29,7 +30,7 @@ _Names = Annotated[
     tyro.conf.Positional,
     tyro.conf.arg(metavar="SCENARIO POLICY | FILE", help_behavior_hint=""),
 ]
-_FORMATS = (".html", ".gif", ".png", ".npz")
+_FORMATS = (".html", ".gif", ".png", ".svg", ".pdf", ".npz")
 
 
 def run(
@@ -41,14 +42,14 @@ def run(
     output: Speech = AS_USUAL,
     overrides: Overrides = (),
 ) -> None:
-    """Play one episode: in a window, or to an HTML, GIF, PNG or NPZ file.
+    """Play one episode: in a window, or to a file: a page, a film, pictures or a recording.
 
     Args:
         scenario: name of the scenario, .toml file, or module:attribute.
         policy: name of the policy, folder of a checkpoint, or module:factory.
         seed: seed of the episode.
         device: cpu, cuda or cuda:k.
-        out: .html, .gif, .png or .npz to write; without it a window opens where there is a display.
+        out: .html, .gif, .png, .svg, .pdf or .npz to write; without it a window opens where there is a display.
         output: How it speaks.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
@@ -64,7 +65,7 @@ def run(
     if out is not None or has_display():
         show(recording, out, output)
     else:
-        words = "there is no display to open a window on; --out writes an .html, .gif, .png or .npz instead"
+        words = "there is no display to open a window on; --out writes an .html, .gif, .png, .svg, .pdf or .npz instead"
         progress_console(output).print(words, highlight=False, soft_wrap=True)
 
 
@@ -79,12 +80,12 @@ def replay(
     output: Speech = AS_USUAL,
     overrides: Overrides = (),
 ) -> None:
-    """Show an episode, played now or recorded before: as a page for a browser, in a window, or as a GIF or PNG file.
+    """Show an episode, played now or recorded before: as a page, in a window, or as a GIF, PNG, SVG or PDF.
 
     Args:
         names: scenario and policy, as for `lissajous run`; or a recording, as that writes it to FILE.npz.
-        out: .html, .gif, .png or .npz to write; without it a window opens: space pauses, left and right step, escape
-            quits.
+        out: .html, .gif, .png, .svg, .pdf or .npz to write; without it a window opens: space pauses, left and right
+            step, escape quits.
         against: policy that plays the same seed beside it, on an .html page.
         seed: seed of the episode; a recording has its own.
         device: cpu, cuda or cuda:k.
@@ -96,20 +97,21 @@ def replay(
     check_file(out, *_FORMATS)
     check_pace(speed, fps)
     if not names or (len(names) == 1 and not Path(names[0]).is_file()):
-        got = f"but there is no file {names[0]}" if names else "got nothing"
+        hint = "".join(nearest(name, beside(name, ".npz")) for name in names)
+        got = f"but there is no file {names[0]}{hint}" if names else "got nothing"
         raise ValueError(f"names must be a scenario and a policy, or the file of a recording (.npz), {got}")
     if against is not None and (out is None or out.suffix.lower() != ".html"):
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     if out is None and not has_display():
-        raise ValueError("out must be given (.html, .gif or .png): there is no display to open a window on")
+        raise ValueError("out must be given (.html, .gif, .png, .svg or .pdf): there is no display to open a window on")
     if against is not None and len(names) > 1:  # refused before the other has been played
         scenarios, _ = told_apart(names)
         plan(Benchmark(scenarios, (against,), 1, seed, 1, device, overrides=parse_overrides(overrides)))
     recording = _recorded(names, seed, device, output, overrides)
     other = None
     if against is not None:
-        beside = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, device)
-        other = _played(beside, output, recording.scenario)
+        rival = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, device)
+        other = _played(rival, output, recording.scenario)
     show(recording, out, output, speed, fps, other)
     scores = {"score": recording.score} | ({} if other is None else {"against": other.score})
     output.give({"wrote": out, **scores})

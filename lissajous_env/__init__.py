@@ -1,14 +1,20 @@
 """Multi-robot persistent monitoring and target detection on Lissajous curves, for PettingZoo and Gymnasium."""
 
+from typing import Any as _Any
+
 from lissajous_env.envs.gymnasium_env import LissajousEnv
 from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
 from lissajous_env.envs.ids import register_ids as _register_ids
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv, env, parallel_env
 from lissajous_env.episodes.evaluation import evaluate
+from lissajous_env.episodes.policies import BASES as _BASES
+from lissajous_env.episodes.policies import base as _base
+from lissajous_env.episodes.policies import load, policies, policy
 from lissajous_env.parameters.extensions import observation_entry, reward_term, score_column, target_motion
 from lissajous_env.parameters.named import register_scenario, scenario, scenarios
 from lissajous_env.parameters.scenario import Curve, Faults, Formation, Noise, Robot, Scenario, Sensing, Targets, Task
 from lissajous_env.parameters.shipped import SHIPPED as _SHIPPED
+from lissajous_env.siblings import import_ours
 from lissajous_env.world.robots.model import RobotModel
 from lissajous_env.world.robots.table import register_robot_model
 from lissajous_env.world.simulation import Simulation
@@ -30,8 +36,12 @@ __all__ = [
     "Task",
     "env",
     "evaluate",
+    "import_ours",
+    "load",
     "observation_entry",
     "parallel_env",
+    "policies",
+    "policy",
     "register_robot_model",
     "register_scenario",
     "reward_term",
@@ -44,3 +54,14 @@ __all__ = [
 
 for _each in _SHIPPED:
     _register_ids(_each.name)
+
+
+def __getattr__(name: str) -> _Any:
+    """Return what policies of one's own are made with, as `lissajous_env.Policy`: from `baselines`, when first used."""
+    if name not in _BASES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return _base(name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_BASES})

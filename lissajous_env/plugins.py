@@ -8,9 +8,11 @@ import types
 import warnings
 from collections.abc import Callable
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any
 
-from lissajous_env.wording import where_raised
+from lissajous_env.siblings import load_entry_point
+from lissajous_env.wording import nearest, where_raised
 
 
 def import_attribute(reference: str, rule: str) -> Any:
@@ -27,12 +29,17 @@ def import_attribute(reference: str, rule: str) -> Any:
     try:
         if not module or not attribute or module.startswith("."):
             raise ValueError("both must be names")
-        return functools.reduce(getattr, attribute.split("."), _import_from_here(module))
+        return functools.reduce(getattr, attribute.split("."), import_module(module))
     except (Exception, SystemExit) as error:
-        raise ValueError(f"{rule} that can be loaded, got {reference!r}: {where_raised(error)}") from error
+        hint = ""
+        if isinstance(error, AttributeError) and isinstance(error.obj, types.ModuleType):
+            hint = nearest(error.name, vars(error.obj))
+        elif isinstance(error, ModuleNotFoundError) and error.name == module:
+            hint = nearest(module, (path.stem for path in Path().glob("*.py")))
+        raise ValueError(f"{rule} that can be loaded, got {reference!r}: {where_raised(error)}{hint}") from error
 
 
-def _import_from_here(module: str) -> types.ModuleType:
+def import_module(module: str) -> types.ModuleType:
     """Import a module, of the current folder too; what it imports later is looked for there last."""
     try:
         here = os.getcwd()
@@ -72,7 +79,7 @@ class EntryPoints:
         self._asked = True  # at once: what is loaded may ask for names itself
         for entry in sorted(entry_points(group=self.group), key=lambda entry: entry.name):
             try:
-                brought = entry.load()
+                brought = load_entry_point(entry)
                 if not isinstance(brought, types.ModuleType):
                     self.take(brought)
             except (Exception, SystemExit) as error:

@@ -237,7 +237,8 @@ def test_run_and_replay_make_files_and_need_no_display(tmp_path):
     assert shown.returncode == 0
     assert "there is no display" in shown.stderr
     assert call(*short, "--out", "episode.npz").returncode == 0
-    for name, magic in (("film.gif", b"GIF89a"), ("sheet.png", b"\x89PNG")):
+    drawn = {"film.gif": b"GIF89a", "sheet.png": b"\x89PNG", "sheet.svg": b"<?xml", "sheet.pdf": b"%PDF"}
+    for name, magic in drawn.items():
         assert call("replay", "episode.npz", "--out", name).returncode == 0
         assert (tmp_path / name).read_bytes().startswith(magic)
     assert "there is no display" in error_of(call("replay", "episode.npz"))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import re
 import shutil
 import subprocess
@@ -70,10 +71,12 @@ def here(home, monkeypatch):
 
 def test_the_docs_keep_what_they_promise():
     # Oracle: one short file for each door, and a command for each that is no package's.
-    assert len(FILES) == sum(language != "bash" for language, _ in BLOCKS) == 14
+    assert len(FILES) == sum(language != "bash" for language, _ in BLOCKS) == 17
     assert {name: len(body.splitlines()) for name, body in FILES.items() if len(body.splitlines()) > 30} == {}
     for name in set(FILES) - {"pyproject.toml", "use_corridor.py"}:
-        assert any(name in line or f"{name.removesuffix('.py')}:" in line for line in COMMANDS), name
+        module = name.removesuffix(".py")
+        called = name, f"{module}:", f"{module.replace('_', '-')}-mpcc"  # as a coordinator is
+        assert any(each in line for line in COMMANDS for each in called), name
 
 
 @pytest.fixture(scope="module")
@@ -147,6 +150,28 @@ def test_a_scenario_is_the_same_by_every_door(given, here):
     assert lissajous_env.scenario(given, **{"curve.half_width": 3.0}).curve.half_width == 3.0
     assert lissajous_env.parallel_env(given).scenario.digest() == oracle.resolve().digest()
     assert baselines.names(given) == baselines.names("failure")
+
+
+def test_a_file_lists_extensions_with_their_settings(here):
+    # Oracle: the same scenario made in Python, and the reward, which is the term at five times its weight.
+    import my_extras
+
+    made = lissajous_env.scenario("walls.toml")
+    fastest, near_wall = made.extensions
+    assert (fastest, near_wall.weight) == (my_extras.fastest, -0.5)
+    assert pickle.loads(pickle.dumps(made)) == made
+    plain = lissajous_env.scenario("experiment", extensions="my_extras:near_wall", **{"task.duration": 5.0})
+    assert my_extras.near_wall.weight == plain.extensions[0].weight == -0.1
+    env, other = lissajous_env.parallel_env("walls.toml"), lissajous_env.parallel_env(plain)
+    env.reset(seed=3), other.reset(seed=3)
+    actions = {agent: np.array([0.1, 0.9], np.float32) for agent in env.agents}
+    terms = np.zeros((2, 5))
+    for _ in range(30):
+        for row, each in enumerate((env, other)):
+            terms[row] += [info["reward_terms"][-1] for info in each.step(actions)[-1].values()]
+    assert terms[1].min() < 0
+    np.testing.assert_allclose(terms[0], 5 * terms[1], rtol=1e-5)
+    assert "fastest" in env.score()
 
 
 def test_a_scenario_is_described_by_what_it_sets(here, capsys, monkeypatch):

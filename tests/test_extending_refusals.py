@@ -25,6 +25,8 @@ MODULE = """
 import sys
 import lissajous_env
 number = 3
+@lissajous_env.reward_term(weight=-0.1)
+def term(world): return world.robots.speed
 scenario = lissajous_env.scenario("failure")
 def same(): return scenario
 def needs_more(x): return scenario
@@ -62,7 +64,7 @@ def here(tmp_path, monkeypatch):
     ("theirs:number", "scenario theirs:number must be a Scenario, or a function .* that returns one, got 3"),
     ("theirs:nothing", "theirs:nothing must be a Scenario, .* got None"),
     ("theirs:needs_more", "theirs:needs_more must be .*, got TypeError: needs_more"),
-    ("theirs:fails", r"theirs:fails must be .*, got RuntimeError: boom \(theirs.py, line 9\)"),
+    ("theirs:fails", r"theirs:fails must be .*, got RuntimeError: boom \(theirs.py, line 11\)"),
     ("theirs:leaves", "theirs:leaves must be .*, got SystemExit: 0"),
     ("lissajous_env:Curve", "lissajous_env:Curve must be a Scenario"),
 ])  # fmt: skip
@@ -93,10 +95,19 @@ FILES = {
     "[faults]\nschedule = [[99, 5.0, inf]]": "faults.schedule must name robots 0 to 4",
     "base = 'falure'": "scenario must be one of .* got 'falure'; did you mean failure",
     "base = 'theirs:scenario'": "scenario must be one of .* got 'theirs:scenario'",
+    "extensions = 'theirs:term'": "must hold extensions as a list, got str",
+    "extensions = ['theirs:number']": "extension theirs:number must be made by reward_term",
+    "extensions = ['theirs:gone']": "has no attribute 'gone'",
+    "extensions = [3]": "extensions must be objects or module:name, got 3",
+    "extensions = [{weight = 1.0}]": "extensions must hold tables with a place, as module:name, got",
+    "extensions = [{place = 3}]": "extensions must hold tables with a place, as module:name, got",
+    "extensions = [{place = 'theirs:term', wight = 1.0}]": "must be of weight, got 'wight'; did you mean weight?",
+    "extensions = [{place = 'theirs:term', weight = 'much'}]": "weight of theirs:term must be a number, got 'much'",
+    "extensions = [{place = 'theirs:term', name = 'x'}]": "settings of theirs:term must be of weight, got 'name'",
     "base = 'x.toml'": "scenario must be one of .* got 'x.toml'",
     "name = 'two words'": "name of a scenario must be a word",
     "name = 'other.toml'": "name of a scenario must be a word",
-    "'curve.a' = 3": "must hold name, description, base, curve, .* got 'curve.a'",
+    "'curve.a' = 3": "must hold name, description, base, extensions, curve, .* got 'curve.a'",
     "[curve]\na = 3\na = 5": "Cannot overwrite",
     "curve": "must be a TOML file",
     "x = " + "[" * 5000: "must nest fewer levels",
@@ -194,7 +205,7 @@ def test_what_is_no_name(name):
 
 @pytest.mark.parametrize("name", [None, 3, [], b"knot", np.array(["knot", "knot"]), object()])
 def test_what_names_no_scenario(name):
-    with pytest.raises(ValueError, match=r"scenario must be one of ideal, .* got"):
+    with pytest.raises(ValueError, match=r"scenario must be one of .* got"):
         lissajous_env.scenario(name)
 
 

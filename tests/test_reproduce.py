@@ -19,6 +19,7 @@ from baselines.reproduce import PARTS, claims, reproduce
 from baselines.reproduce.three_dimensions import branch_radius
 from benchmarks import figures
 from lissajous_env.console.cli import commands
+from lissajous_env.console.terminal import Output
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.storage.folder import LIST
 from lissajous_env.theory import closed_forms, geometry
@@ -237,3 +238,14 @@ def test_the_stored_figures_are_those_of_today(everything):
                 if part not in OF_CARS:
                     assert numbers(cell) == pytest.approx(numbers(now), rel=0.02, abs=0.01), (part, old, new)
             assert old[:2] + old[3:4] == new[:2] + new[3:4], part
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_pictures_for_papers(suffix, magic, tmp_path):
+    # Story: `lissajous reproduce fig6 --format svg`; the page shows the pictures, and names the command that made them.
+    reproduce(("fig6",), tmp_path, format=suffix, output=Output(quiet=True))
+    assert (tmp_path / f"fig6.{suffix}").read_bytes().startswith(magic)
+    page = (tmp_path / "README.md").read_text()
+    assert f"](fig6.{suffix})" in page
+    assert f"--format {suffix}" in page
+    assert not list(tmp_path.glob("*.png"))

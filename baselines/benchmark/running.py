@@ -89,6 +89,9 @@ def plan(
         ValueError: a value that a rule forbids, an unknown name, or a policy or scenario that has no partner.
     """
     settings.check()
+    for name in settings.policies:
+        if not is_ones_own(name):
+            registry.bring(name)
     own = {name: named(name) for name in settings.policies if is_ones_own(name)}
     own |= {name: as_factory(policy, name) for name, policy in (policies or {}).items()}
     others = [name for name in settings.policies if name not in own]

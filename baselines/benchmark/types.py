@@ -22,7 +22,7 @@ class Benchmark:
     """Scenarios to play."""
     policies: tuple[str, ...] = ()
     """Policies to play, each where it drives the robots; without any, all of them. Your own: a checkpoint's
-    folder, or `module:factory`."""
+    folder, `module:factory`, or a name that a module of the current folder registers."""
     episodes: int = 16
     """Episodes of each policy on each scenario."""
     seed: int = 0

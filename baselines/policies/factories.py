@@ -8,10 +8,10 @@ from typing import Any, cast
 from baselines.policies import registry
 from lissajous_env import scenarios
 from lissajous_env.episodes.evaluation import ActingPolicy, OfFunction
-from lissajous_env.parameters.named import is_scenario_file
+from lissajous_env.parameters import named as named_scenarios
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import import_attribute
-from lissajous_env.wording import nearest, shown
+from lissajous_env.wording import shown
 
 Factory = Callable[[Scenario, int, Any], ActingPolicy]
 """Makes a policy: `factory(scenario, num_worlds, device)`."""
@@ -25,6 +25,10 @@ def told_apart(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
     Raises:
         ValueError: there is no policy among them, more than one, no scenario, or a name that is neither.
     """
+    for name in names:
+        if not (_is_scenario(name) or is_ones_own(name)):
+            named_scenarios.bring_scenario(name)
+            registry.bring(name)
     either = [name for name in names if is_imported(name)]
     policies = [name for name in names if name in registry.names() or registry.is_folder(name)]
     policies = [name for name in policies if not _is_scenario(name)] or either[-1:]
@@ -32,9 +36,9 @@ def told_apart(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
     unknown = [name for name in names if name not in policies and name not in asked]
     if unknown and len(policies) + len(unknown) > 1:
         # One of them may be the policy; of the others none is.
-        known = [*scenarios(), *registry.names()]
+        meant = [*registry.names(), *named_scenarios.meant_here(unknown[0]), *registry.meant_here(unknown[0])]
         raise ValueError(
-            f"scenario must be one of {', '.join(scenarios())}, got {unknown[0]!r}{nearest(unknown[0], known)}\n"
+            f"{named_scenarios.unknown_scenario(unknown[0], meant)}\n"
             "(nor is it a policy: a name that `lissajous policies` lists, a checkpoint's folder, or module:factory)"
         )
     if len(policies) > 1:
@@ -42,7 +46,9 @@ def told_apart(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
     if not policies and not unknown:
         raise ValueError(f"policy must be given beside the scenario, got {', '.join(names)}")
     if not asked:
-        raise ValueError(f"scenario must be given beside the policy, one of {', '.join(scenarios())}; got {names[0]!r}")
+        raise ValueError(
+            f"scenario must be given beside the policy, one that `lissajous scenarios` lists; got {shown(names[0])}"
+        )
     return tuple(asked), (policies or unknown)[0]
 
 
@@ -95,7 +101,7 @@ def is_ones_own(name: str) -> bool:
 
 
 def _is_scenario(name: str) -> bool:
-    return name in scenarios() or is_scenario_file(name)
+    return name in scenarios() or named_scenarios.is_scenario_file(name)
 
 
 def _acts(policy: Any) -> bool:

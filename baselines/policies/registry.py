@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from baselines.policies.base import Policy
+from lissajous_env import here
 from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import EntryPoints
@@ -29,6 +30,8 @@ class _Entry:
 _REGISTRY: dict[str, _Entry] = {}
 _WRAPPERS: dict[str, tuple[str, Callable[[Policy], Policy], str]] = {}
 _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
+_REGISTER = "register", "register_policy", "register_coordinator"
+"""Names of the functions that add policies."""
 _opener: Callable[..., Policy] | None = None
 
 
@@ -45,7 +48,8 @@ def register(
 
     Args:
         name: Its name.
-        kind: Kind of robots that it drives; by default the factory's `kind`, and any where it has none.
+        kind: Kind of robots that it drives; by default the factory's `kind`, or that of the class of a partial one, and
+            any where it has none.
         factory: `factory(scenario, num_worlds, device)` makes it.
         made_for: Names of the scenarios on which a benchmark plays it without being asked to; all by default.
         about: What it is, in one line; the first line of the factory's docstring by default.
@@ -73,7 +77,8 @@ def _added(
 ) -> Any:
     if not isinstance(name, str) or not name:
         raise ValueError(f"name of a policy must be a word, got {name!r}")
-    kind = getattr(factory, "kind", None) if kind is None else kind
+    made_by = factory.func if isinstance(factory, partial) else factory
+    kind = getattr(made_by, "kind", None) if kind is None else kind
     if kind not in (None, *robot_kinds()):
         raise ValueError(f"kind of {name} must be one of {', '.join(robot_kinds())}, or None, got {shown(kind)}")
     if not callable(factory):
@@ -129,6 +134,21 @@ def describe(name: str) -> dict[str, Any]:
         "learned": entry.learned,
         "description": about,
     }
+
+
+def bring(name: str) -> None:
+    """Import the module of the current folder that registers a policy of a name, where there is none of it yet.
+
+    Raises:
+        ValueError: the module cannot be imported.
+    """
+    if name not in _kinds():
+        here.load_module_of(name, "policy", *_REGISTER)
+
+
+def meant_here(name: str) -> list[str]:
+    """What a user may mean by a name that no policy has: checkpoints beside it, policies of modules that are here."""
+    return [*here.folders_beside(name, "checkpoint.json"), *(each for each, _ in here.registered_here(*_REGISTER))]
 
 
 def is_folder(name: str) -> bool:
@@ -225,7 +245,7 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
     """
     num_worlds = whole_number("num_worlds", num_worlds)
     if not isinstance(name, (str, os.PathLike)):
-        raise ValueError(f"policy must be a name or a folder, got {name!r}")
+        raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
     made = make_scenario(scenario)
     if _opener is not None and is_folder(name):
         return _opener(name, made, num_worlds, device)
@@ -235,10 +255,11 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
 
 def check(name: str, made: Scenario) -> None:
     """Raise ValueError where `make` would: an unknown name, or a policy for another kind of robot."""
+    bring(name)
     if name not in (known := _kinds()):
-        words = f"policy must be one of {', '.join(known)}, got {name!r}{nearest(name, known)}"
+        hint = nearest(name, [*known, *meant_here(name)])
+        words = f"policy must be one of the {len(known)} that `lissajous policies` lists, got {shown(name)}{hint}"
         raise ValueError("; ".join([words, *_BROUGHT.broken]))
     if name not in names(made):
-        raise ValueError(
-            f"policy for {made.name} must drive robots of kind {made.robot.kind} ({', '.join(names(made))}), got {name}"
-        )
+        rule = f"policy for {made.name} must drive robots of kind {made.robot.kind}"
+        raise ValueError(f"{rule}, got {name}, which drives kind {known[name]}{nearest(name, names(made))}")

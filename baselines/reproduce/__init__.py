@@ -5,7 +5,6 @@ Multi-Robot Persistent Monitoring and Target Detection". `docs/paper.md` says wh
 """
 
 import dataclasses
-import difflib
 import shlex
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -32,11 +31,12 @@ from baselines.reproduce import (
     tracking,
 )
 from baselines.reproduce.claims import Claim, Part
-from baselines.reproduce.drawing import Picture
+from baselines.reproduce.drawing import Format, Picture, drawn_as
 from baselines.reproduce.episodes import Player
 from lissajous_env.console.terminal import AS_USUAL, Speech, make_console
 from lissajous_env.device.devices import as_device
 from lissajous_env.storage.folder import Folder
+from lissajous_env.wording import nearest, shown
 
 PARTS: dict[str, Callable[[Player], Part]] = {
     "fig2": detection.fig2,
@@ -71,6 +71,7 @@ def reproduce(
     out: _Out = Path("results/reproduce"),
     seed: int = 0,
     device: str = "cpu",
+    format: Format = "png",
     output: Speech = AS_USUAL,
 ) -> list[Claim]:
     """Simulate the paper's figures and claims again: pictures, and a table of what agrees.
@@ -83,6 +84,7 @@ def reproduce(
         out: folder of the results.
         seed: seed of the first episode; further ones count up from it.
         device: cpu, cuda or cuda:k.
+        format: of the pictures.
         output: How it speaks.
 
     Returns:
@@ -96,13 +98,13 @@ def reproduce(
         raise ValueError(f"seed must be from 0 to {2**31 - 1001}, got {seed}")
     as_device(device)
     player, found, pictures = Player(seed, device), [], []
-    command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed)])
+    command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed), *_named_format(format)])
     console, notes = output.console(), make_console(stderr=True, quiet=output.quiet)
-    with Folder(out, (*_TABLES, *(f"{name}.png" for name in chosen))) as folder:
+    with Folder(out, (*_TABLES, *(f"{name}.{format}" for name in chosen))) as folder, drawn_as(format):
         try:
             for part in _played(chosen, player, notes):
                 for picture in part.pictures:
-                    folder.write(f"{picture.name}.png", picture.png)
+                    folder.write(f"{picture.name}.{picture.format}", picture.content)
                 found += part.claims
                 pictures += part.pictures
         except KeyboardInterrupt:
@@ -116,13 +118,16 @@ def reproduce(
     return found
 
 
+def _named_format(format: Format) -> list[str]:
+    return [] if format == "png" else ["--format", format]
+
+
 def _chosen(figures: Sequence[str]) -> list[str]:
     """Names of the parts, in the order of the table."""
     for name in figures:
         if name not in PARTS and name != "all":
             known = [*PARTS, "all"]
-            nearest = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
-            raise ValueError(f"figures must be of {', '.join(known)}, got {name!r}; did you mean {nearest}?")
+            raise ValueError(f"figures must be of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
     return list(PARTS) if "all" in figures or not figures else [name for name in PARTS if name in figures]
 
 

@@ -171,6 +171,6 @@ def as_page(claims: Sequence[Claim], pictures: Sequence[Picture], command: str) 
         "# The paper, simulated again",
         f"Made by `{command}`. {summary(claims)}.",
         as_markdown(claims),
-        *(f"## {each.title}\n\n![{each.title}]({each.name}.png)\n\n{each.caption}\n" for each in pictures),
+        *(f"## {each.title}\n\n![{each.title}]({each.name}.{each.format})\n\n{each.caption}\n" for each in pictures),
     ]
     return "\n\n".join(parts)

@@ -2,11 +2,12 @@
 
 import io
 import textwrap
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from matplotlib import rc_context
+from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -15,6 +16,10 @@ from baselines.benchmark.pictures import STYLE
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms
 
+Format = Literal["png", "svg", "pdf"]
+"""Formats of a picture."""
+_UNDATED = {"png": "Software", "svg": "Date", "pdf": "CreationDate"}
+"""What a file would say of when or by what it was made, by format: without it the same picture makes the same file."""
 GREY = "#a8a8a8"
 SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY)
 """Colours of things that are alike, as robots are."""
@@ -25,6 +30,7 @@ _SMALLER: dict[Any, Any] = {
     "axes.labelsize": 8.5,
     "legend.fontsize": 8,
     "savefig.dpi": 180,
+    "svg.hashsalt": "lissajous",  # the same picture makes the same file
 }
 
 
@@ -33,15 +39,17 @@ class Picture:
     """A picture of the paper, made again."""
 
     name: str
-    """Name of its file, without the suffix."""
+    """Name of its file, without the suffix, which is its `format`."""
     title: str
     caption: str
     """What is seen, and what was chosen where the paper says nothing."""
-    png: bytes
+    content: bytes
+    """Of the file."""
+    format: str = "png"
 
 
 class Sheet:
-    """A figure under work, in the style; `picture` ends it. Use as a context."""
+    """A figure under work, in the style; `picture` ends it, in the format that `drawn_as` says. Use as a context."""
 
     def __init__(self, name: str, title: str, width: float = 7.2, height: float = 3.2):
         self.name, self.title = name, title
@@ -57,13 +65,19 @@ class Sheet:
         self._style.__exit__(*error)
 
     def picture(self, caption: str) -> Picture:
-        """Put title and caption around the figure and return it as a PNG."""
+        """Put title and caption around the figure and return it."""
         self.figure.suptitle(self.title, x=0.008, ha="left", fontsize=10.5, fontweight="bold")
         wrapped = textwrap.fill(" ".join(caption.split()), int(self._size[0] * 19))
         self.figure.supxlabel(wrapped, x=0.008, ha="left", fontsize=7.4, color="#555555", linespacing=1.35)
         file = io.BytesIO()
-        self.figure.savefig(file, format="png", metadata={"Software": None})
-        return Picture(self.name, self.title, " ".join(caption.split()), file.getvalue())
+        suffix = rcParams["savefig.format"]
+        self.figure.savefig(file, metadata={_UNDATED[suffix]: None})
+        return Picture(self.name, self.title, " ".join(caption.split()), file.getvalue(), suffix)
+
+
+def drawn_as(suffix: Format) -> AbstractContextManager[None]:
+    """Have pictures made in a format."""
+    return rc_context({"savefig.format": suffix})
 
 
 def panel_name(axes: Axes, name: str) -> None:

@@ -6,7 +6,6 @@ build on this one can add their own. Its signature is its command line; its docs
 
 import ast
 import contextlib
-import difflib
 import functools
 import importlib.util
 import io
@@ -22,9 +21,11 @@ from typing import Any
 
 import tyro
 
+from lissajous_env import siblings
 from lissajous_env.console.terminal import CommandError, complain, make_console
 from lissajous_env.device import kernel_cache
 from lissajous_env.theory.assumptions import AssumptionWarning
+from lissajous_env.wording import nearest, shown
 
 GROUP = "lissajous_env.commands"
 FAILED = 1
@@ -57,7 +58,8 @@ def commands() -> dict[str, EntryPoint]:
 def _ended(arguments: list[str]) -> int:
     """Run a command and return its exit code, an error said in one line."""
     try:
-        return _dispatch(arguments)
+        with _short_warnings():
+            return _dispatch(arguments)
     except SystemExit as ended:  # help was asked for, or Rich found nobody reading
         return ended.code if isinstance(ended.code, int) else 0
     except ValueError as error:
@@ -94,11 +96,11 @@ def _dispatch(arguments: list[str]) -> int:
         print(f"lissajous-env {version('lissajous-env')}")
         return 0
     if name not in known:
-        nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
-        hint = f"; did you mean {nearest[0]}?" if nearest else ""
-        raise ValueError(f"command must be one of {', '.join(known)}, got {name!r}{hint}")
+        raise ValueError(f"command must be one of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
+    with contextlib.suppress(OSError):  # the folder was removed
+        siblings.look_first_in(os.getcwd())
     try:
-        function = known[name].load()
+        function = siblings.load_entry_point(known[name])
     except Exception as error:
         raise CommandError(f"the command {name} cannot be loaded: {type(error).__name__}: {error}") from error
     quiet = "--quiet" in arguments
@@ -148,6 +150,17 @@ def _bound(function: Callable[..., Any], program: str, arguments: list[str]) -> 
         # What the settings themselves refuse is said in their own words.
         refused = re.fullmatch(r"error parsing \w+: (.*)", words)
         raise ValueError(refused[1] if refused else f"{words}\n{program} --help lists what it takes") from None
+
+
+@contextlib.contextmanager
+def _short_warnings() -> Iterator[None]:
+    """Print warnings in a line each, without a place in our code."""
+    before = warnings.formatwarning
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
+    try:
+        yield
+    finally:
+        warnings.formatwarning = before
 
 
 @contextlib.contextmanager
@@ -227,8 +240,9 @@ def _print_help(known: dict[str, EntryPoint]) -> None:
 
 def _summary(entry: EntryPoint) -> str:
     """First line of a command's docstring, read from its source: importing every command would take seconds."""
-    top = importlib.util.find_spec(entry.module.partition(".")[0])
-    for folder in (top.submodule_search_locations or []) if top else []:
+    name = entry.module.partition(".")[0]
+    top = None if name in siblings.NAMES else importlib.util.find_spec(name)
+    for folder in [siblings.PARENT / name] if top is None else top.submodule_search_locations or ():
         path = Path(folder, *entry.module.split(".")[1:]).with_suffix(".py")
         if not path.exists():
             path = path.with_suffix("") / "__init__.py"

@@ -14,6 +14,7 @@ from rich.text import Text
 from lissajous_env.console.terminal import AS_USUAL, Column, Output, Speech, make_console, print_left_out, print_table
 from lissajous_env.parameters.scenario import PARTS
 from lissajous_env.storage.files import check_writable_file
+from lissajous_env.wording import nearest
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -97,7 +98,9 @@ def _print_settings(console: "Console", given: "Scenario") -> None:
             value = getattr(values, field.name)
             if value != field.default:
                 rows.append([f"{part}.{field.name}", str(value), str(field.default)])
-    rows += [["extensions", f"{each.kind} {each.place}", ""] for each in given.extensions]
+    for each in given.extensions:
+        settings = ", ".join(f"{name} = {value}" for name, value in each.settings.items())
+        rows.append(["extensions", f"{each.kind} {each.place}{settings and f' ({settings})'}", ""])
     console.print()
     columns = [Column("field", left=True), Column(given.name, prose=True), Column("default", left=True, rank=1)]
     left_out = print_table(console, columns, rows)
@@ -142,7 +145,8 @@ def check_file(out: Path | None, *suffixes: str) -> None:
     if out is None:
         return
     if out.suffix.lower() not in suffixes:
-        raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}")
+        hint = nearest(out.suffix.lower(), suffixes)
+        raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}{hint}")
     check_writable_file(out)
 
 
@@ -181,8 +185,8 @@ def show(
             Replay(recording, against).save(out)
         elif suffix == ".gif":
             film.save_gif(recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
-        elif suffix == ".png":
-            film.save_png(recording, out)
+        elif suffix in film.STILLS:
+            film.save_sheet(recording, out)
         else:
             recording.save(out)
     output.console().print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)

@@ -22,13 +22,15 @@ def as_device(device: Any) -> Any:
         ValueError: there is no such device.
     """
     _start()
+    there = ", ".join(str(each) for each in wp.get_devices())
+    rule = f"device must be one of those present ({there}), got {shown(device)}"
+    # Warp would take one of its own choice for None, and print errors of its own where there is no driver.
+    if device is None or (str(device).startswith("cuda") and not wp.is_cuda_available()):
+        raise ValueError(rule if device is None else f"{rule}; Warp has found no CUDA driver and GPU that it can use")
     try:
-        if device is None:
-            raise ValueError("Warp would take one of its own choice")
         return wp.get_device(device)
     except Exception as error:
-        there = ", ".join(str(each) for each in wp.get_devices())
-        raise ValueError(f"device must be one of those present ({there}), got {shown(device)}") from error
+        raise ValueError(rule) from error
 
 
 _CONTAINER = Path("/sys/fs/cgroup")

@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.robots.table import model_of
@@ -13,9 +14,9 @@ LARGE = 1e30
 """Sum of squares above which actions are looked at one by one."""
 
 
-def action_table(scenario: Scenario) -> np.ndarray:
+def action_table(scenario: str | Scenario) -> np.ndarray:
     """(K, action_size) rows that a discrete action chooses from: steering x throttle, or phase rates."""
-    return np.array(model_of(scenario.robot.kind).table, dtype=np.float32)
+    return np.array(model_of(named.scenario(scenario).robot.kind).table, dtype=np.float32)
 
 
 def action_space(scenario: Scenario, discrete: bool, seed: int | None = None) -> gymnasium.Space:

@@ -86,10 +86,12 @@ class LissajousParallelEnv(ParallelEnv):
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Space:
         """Return the observation space of an agent, always the same object."""
+        self._check_agent(agent)
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> gymnasium.spaces.Space:
         """Return the action space of an agent, always the same object."""
+        self._check_agent(agent)
         return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
@@ -254,6 +256,11 @@ class LissajousParallelEnv(ParallelEnv):
         if self.render_mode == "human":
             self.render()
 
+    def _check_agent(self, agent: Any) -> None:
+        if not isinstance(agent, str) or agent not in self.action_spaces:
+            last = self.possible_agents[-1]
+            raise ValueError(f"agent must be one of robot_0 to {last}, got {shown(agent)}")
+
     def _refuse_agents(self, actions: Mapping[str, Any]) -> None:
         missing = [agent for agent in self.agents if agent not in actions]
         unknown = [agent for agent in actions if agent not in self.agents]
@@ -278,6 +285,14 @@ class LissajousParallelEnv(ParallelEnv):
         self._bind()
 
 
+class _NamedAgents(wrappers.OrderEnforcingWrapper):
+    """The AEC environment, with an error in words for a name that is no agent's."""
+
+    def observe(self, agent: str) -> Any:
+        self.observation_space(agent)  # which checks the name
+        return super().observe(agent)
+
+
 def parallel_env(
     scenario: str | Scenario = "experiment", render_mode: str | None = None, **settings: Any
 ) -> LissajousParallelEnv:
@@ -287,4 +302,4 @@ def parallel_env(
 
 def env(scenario: str | Scenario = "experiment", render_mode: str | None = None, **settings: Any) -> AECEnv:
     """Make the same as an `AECEnv`, in which the agents act in turn."""
-    return wrappers.OrderEnforcingWrapper(parallel_to_aec(parallel_env(scenario, render_mode, **settings)))
+    return _NamedAgents(parallel_to_aec(parallel_env(scenario, render_mode, **settings)))

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import PRESENT, WORKING
@@ -31,8 +32,9 @@ class TrueState(NamedTuple):
     """(W, 1) share of the episode that is over."""
 
 
-def state_names(scenario: Scenario) -> tuple[str, ...]:
+def state_names(scenario: str | Scenario) -> tuple[str, ...]:
     """Names of the S = 8 N + 3 T + 1 numbers of a world's state, in their order."""
+    scenario = named.scenario(scenario)
     robots = [f"robot_{i}_{name}" for i in range(scenario.num_robots) for name in OF_ROBOT]
     targets = [f"target_{t}_{name}" for t in range(scenario.target_capacity) for name in OF_TARGET]
     return (*robots, *targets, "elapsed")

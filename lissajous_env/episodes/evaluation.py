@@ -143,6 +143,7 @@ def evaluate(
     scenario: str | Scenario,
     seeds: Iterable[int] = range(16),
     device: Any = "cpu",
+    **overrides: Any,
 ) -> list[dict[str, Any]]:
     """Play one episode for each seed, `policy.num_worlds` at a time.
 
@@ -152,6 +153,7 @@ def evaluate(
         scenario: What it is played on.
         seeds: Seed of each episode.
         device: Warp device of the simulation.
+        **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Returns:
         A score row for each seed, in their order, with the columns of `lissajous_env.world.score.COLUMNS`.
@@ -160,13 +162,13 @@ def evaluate(
         InvalidActionError: the policy returned actions that are misshapen or not finite (a ValueError).
         ValueError: what is no policy, no scenario or no seed.
     """
-    seeds = list(seeds)
+    seeds, made = list(seeds), named.scenario(scenario, **overrides)
     if isinstance(policy, type) or not (callable(policy) or hasattr(policy, "act")):
         raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}")
     acting: Any = policy
     if not hasattr(policy, "act"):
         acting = OfFunction(acting, max(min(len(seeds), _TOGETHER), 1))
-    return [row for rows in episodes(acting, scenario, seeds, device) for row in rows]
+    return [row for rows in episodes(acting, made, seeds, device) for row in rows]
 
 
 def episodes(

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lissajous_env.episodes.evaluation import ActingPolicy, Referee
+from lissajous_env.parameters import named
 from lissajous_env.parameters.parts import Faults, Noise, Robot, Targets, Task
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import largest_speed
@@ -36,7 +37,7 @@ class Reach(NamedTuple):
     """Longest time for which a rogue of a given speed can stay unseen [s]; inf for ever."""
 
 
-def reach_of(scenario: Scenario, speed: float, radius: float | None = None, cells: int = CELLS) -> Reach:
+def reach_of(scenario: str | Scenario, speed: float, radius: float | None = None, cells: int = CELLS) -> Reach:
     """What the formation of a scenario guarantees against rogues of a speed [m/s].
 
     Args:
@@ -45,11 +46,14 @@ def reach_of(scenario: Scenario, speed: float, radius: float | None = None, cell
         radius: r_s [m]; that of the scenario by default.
         cells: Of the grid, along the longer side of the rectangle.
     """
+    scenario = named.scenario(scenario)
     radius = scenario.sensing_radius if radius is None else radius
     return Reach(radius, critical_speed(scenario, radius, cells), guaranteed_time(scenario, radius, speed, cells))
 
 
-def unseen_over_time(policy: ActingPolicy, scenario: Scenario, seeds: Sequence[int], device: Any = "cpu") -> np.ndarray:
+def unseen_over_time(
+    policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], device: Any = "cpu"
+) -> np.ndarray:
     """How long a rogue can have gone unseen at the reset and after each control step, t - min e.
 
     Args:
@@ -64,6 +68,7 @@ def unseen_over_time(policy: ActingPolicy, scenario: Scenario, seeds: Sequence[i
     Raises:
         ValueError: the scenario does not follow contamination.
     """
+    scenario = named.scenario(scenario)
     check_follows(scenario)
     simulation = Simulation(scenario, policy.num_worlds, device=device)
     ages: list[np.ndarray] = []
@@ -71,13 +76,16 @@ def unseen_over_time(policy: ActingPolicy, scenario: Scenario, seeds: Sequence[i
     return np.stack(ages, axis=1) * scenario.task.step
 
 
-def check_follows(scenario: Scenario) -> None:
+def check_follows(scenario: str | Scenario) -> None:
     """Raise ValueError where a scenario does not follow contamination."""
+    scenario = named.scenario(scenario)
     if scenario.task.contamination is None:
         raise ValueError(f"task.contamination of {scenario.name} must be (columns, rows), got None")
 
 
-def in_formation(scenario: Scenario, radius: float | None = None, speed: float = 0.0, cells: int = CELLS) -> Scenario:
+def in_formation(
+    scenario: str | Scenario, radius: float | None = None, speed: float = 0.0, cells: int = CELLS
+) -> Scenario:
     """Points in the equilibrium (2) of a scenario, without faults, among rogues that may be anywhere at any time.
 
     Args:
@@ -89,6 +97,7 @@ def in_formation(scenario: Scenario, radius: float | None = None, speed: float =
     Raises:
         ValueError: rogues that are too fast for the grid.
     """
+    scenario = named.scenario(scenario)
     curve, known = scenario.curve, scenario.resolve()
     side = 2 * max(curve.half_width, curve.half_height) / cells
     limit = 30 * side / scenario.task.step
@@ -111,7 +120,9 @@ def in_formation(scenario: Scenario, radius: float | None = None, speed: float =
     )
 
 
-def guaranteed_time(scenario: Scenario, radius: float | None = None, speed: float = 0.0, cells: int = CELLS) -> float:
+def guaranteed_time(
+    scenario: str | Scenario, radius: float | None = None, speed: float = 0.0, cells: int = CELLS
+) -> float:
     """Longest time for which a rogue can stay unseen by the formation in its equilibrium [s]; inf where for ever.
 
     Args:
@@ -125,7 +136,7 @@ def guaranteed_time(scenario: Scenario, radius: float | None = None, speed: floa
     return math.inf if ages is None else ages * simulation.scenario.task.step
 
 
-def critical_speed(scenario: Scenario, radius: float | None = None, cells: int = CELLS) -> float:
+def critical_speed(scenario: str | Scenario, radius: float | None = None, cells: int = CELLS) -> float:
     """Speed from which on a rogue can stay unseen by the formation for ever [m/s], to a part in 500 of the range.
 
     Args:
@@ -136,6 +147,7 @@ def critical_speed(scenario: Scenario, radius: float | None = None, cells: int =
     Returns:
         0 where even one at rest can, inf where none up to `fastest_rogue` can.
     """
+    scenario = named.scenario(scenario)
     if not _clears(scenario, radius, 0.0, cells):
         return 0.0
     low, high = 0.0, fastest_rogue(scenario, cells)
@@ -147,8 +159,9 @@ def critical_speed(scenario: Scenario, radius: float | None = None, cells: int =
     return (low + high) / 2
 
 
-def fastest_rogue(scenario: Scenario, cells: int = CELLS) -> float:
+def fastest_rogue(scenario: str | Scenario, cells: int = CELLS) -> float:
     """Speed up to which `critical_speed` looks [m/s]: four times the robots' own, or what the grid can follow."""
+    scenario = named.scenario(scenario)
     curve = scenario.curve
     side = 2 * max(curve.half_width, curve.half_height) / cells
     return min(4 * scenario.formation.phase_rate * largest_speed(curve), 15 * side / scenario.task.step)

@@ -13,7 +13,6 @@ import numpy as np
 from lissajous_env.episodes import archive
 from lissajous_env.episodes.evaluation import ActingPolicy, Referee
 from lissajous_env.episodes.recording_checks import check, made_scenario
-from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render.snapshot import Snapshot, of_world
 from lissajous_env.storage.files import replacing
@@ -239,6 +238,7 @@ def record(
     seed: int = 0,
     device: Any = "cpu",
     on_step: Callable[[], None] | None = None,
+    **overrides: Any,
 ) -> Recording:
     """Play one episode and record it; of a policy for a batch of worlds, its first world.
 
@@ -248,11 +248,12 @@ def record(
         seed: Seed of the episode.
         device: Warp device.
         on_step: Called after each step.
+        **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
         InvalidActionError: the policy returned actions that are misshapen or not finite (a ValueError).
     """
-    simulation = Simulation(named.scenario(scenario), policy.num_worlds, device=device)
+    simulation = Simulation(scenario, policy.num_worlds, device=device, **overrides)
     referee = Referee(policy, simulation)
     recorder = Recorder(simulation)
 

@@ -7,8 +7,9 @@ structs of `lissajous_env.world.state`, which runs as a stage among those of `li
     def near_wall(world):
         return abs(world.robots.position[..., 0]) > world.scenario.curve.half_width - 0.2
 
-A scenario names them in `extensions`, as `module:name` or as the object itself; then every environment, every command
-and every adapter has them. A kernel takes what it needs by the names of its parameters, and `value_out` for its result.
+A scenario names them in `extensions`: as the object itself, as `module:name`, or as a table with its settings, such as
+{"place": "module:name", "weight": -0.5}. Then every environment, every command and every adapter has them. A kernel
+takes what it needs by the names of its parameters, and `value_out` for its result.
 """
 
 import contextlib
@@ -16,14 +17,14 @@ import dataclasses
 import hashlib
 import inspect
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
 
 from lissajous_env.plugins import import_attribute
-from lissajous_env.wording import shown
+from lissajous_env.wording import nearest, shown
 
 REDUCTIONS = ("mean", "sum", "max", "min", "last")
 
@@ -64,8 +65,14 @@ class Extension:
             plain["source"] = hashlib.sha256(inspect.getsource(function).encode()).hexdigest()[:16]
         return {"kind": self.kind, **plain}
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What a scenario may set, by name: such as the weight of a term of the reward."""
+        made_of = {field.name for field in dataclasses.fields(Extension)}
+        return {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name not in made_of}
+
     def __reduce__(self) -> tuple:
-        return load_extension, (self.place,)
+        return load_extension, (self.place, self.settings)
 
 
 @dataclass(frozen=True)
@@ -142,28 +149,45 @@ def target_motion(run: Any) -> TargetMotion:
     return TargetMotion(*_origin(run))
 
 
-def load_extension(place: str) -> Extension:
+def load_extension(place: str, settings: Mapping[str, Any] | None = None) -> Extension:
     """Import an extension by `module:name`, also from the current folder.
 
+    Args:
+        place: Where it can be imported from.
+        settings: What is set differently than it is there, such as {"weight": -0.5}.
+
     Raises:
-        ValueError: it cannot be imported, or is none.
+        ValueError: it cannot be imported, or is none; or a setting that it does not have or that a rule forbids.
     """
     found = import_attribute(place, "extension must be module:name")
     if not isinstance(found, Extension):
         raise ValueError(f"extension {place} must be made by reward_term, score_column, ..., got {shown(found)}")
-    return found if found.place == place else dataclasses.replace(found, place=place)
+    given = dict(settings or {})
+    for name, value in given.items():
+        if name not in found.settings:
+            rule = f"settings of {place} must be of {', '.join(found.settings) or 'none, for it has none'}"
+            raise ValueError(f"{rule}, got {shown(name)}{nearest(name, found.settings)}")
+        kind = type(found.settings[name])
+        if not (isinstance(value, kind) or (kind is float and isinstance(value, int))) or isinstance(value, bool):
+            words = {float: "a number", int: "a whole number", str: "a word"}
+            raise ValueError(f"{name} of {place} must be {words[kind]}, got {shown(value)}")
+        given[name] = kind(value)
+    return dataclasses.replace(found, place=place, **given)
 
 
 def as_extensions(given: Any) -> tuple[Extension, ...]:
-    """Make a tuple of extensions of objects and of `module:name`, given as a sequence, or as text with commas between.
+    """Make a tuple of extensions, given as a sequence, or as text with commas between.
+
+    Each is an object, `module:name`, or a table of its `place` and settings.
 
     Raises:
         ValueError: one of another kind, or two of the same name.
     """
-    each = given.split(",") if isinstance(given, str) else (given,) if isinstance(given, Extension) else given
+    one_alone = isinstance(given, (Extension, Mapping))
+    each = given.split(",") if isinstance(given, str) else (given,) if one_alone else given
     if not isinstance(each, Iterable):
         raise ValueError(f"extensions must be objects or module:name, got {shown(given)}")
-    made = tuple(load_extension(one) if isinstance(one, str) else one for one in each)
+    made = tuple(_loaded(one) for one in each)
     for one in made:
         if not isinstance(one, Extension):
             raise ValueError(f"extensions must be objects or module:name, got {shown(one)}")
@@ -173,6 +197,16 @@ def as_extensions(given: Any) -> tuple[Extension, ...]:
     if sum(isinstance(one, TargetMotion) for one in made) > 1:
         raise ValueError(f"extensions must hold one motion of targets at most, got {', '.join(names)}")
     return made
+
+
+def _loaded(one: Any) -> Any:
+    if isinstance(one, str):
+        return load_extension(one)
+    if not isinstance(one, Mapping):
+        return one
+    if not isinstance(place := one.get("place"), str):
+        raise ValueError(f"extensions must hold tables with a place, as module:name, got {shown(one)}")
+    return load_extension(place, {name: value for name, value in one.items() if name != "place"})
 
 
 def _origin(run: Any) -> tuple[str, Any, str]:

@@ -4,12 +4,13 @@ import dataclasses
 import os
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Container, Iterable, Mapping
 from functools import cache
 from typing import Any
 
 import numpy as np
 
+from lissajous_env import here
 from lissajous_env.envs.ids import register_ids
 from lissajous_env.parameters.parts import Robot
 from lissajous_env.parameters.scenario import PARTS, Scenario
@@ -25,6 +26,8 @@ _REGISTERED: dict[str, Scenario] = {}
 _reported: set[str] = set()
 """Violated assumptions of which this process has warned."""
 
+_OF_THE_NUMBER = "ring", "p", "alpha"
+"""Fields of the formation that say nothing of another number of robots than that for which they were set."""
 _MOST_STEPS = 2**20
 """Steps of the longest episode."""
 
@@ -68,9 +71,11 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
     """Make a scenario, with any field overridden.
 
     Args:
-        name: A name of `scenarios()`; a TOML file, as `lissajous_env.parameters.scenario_file` describes it;
-            `module:attribute`, a `Scenario` or a function without arguments that returns one; or a `Scenario`.
-        **overrides: Dotted (`**{"curve.a": 11}`) or nested (`curve={"a": 11}`, `curve=Curve(...)`) fields.
+        name: A name of `scenarios()`, or one that a module of the current folder registers; a TOML file, as
+            `lissajous_env.parameters.scenario_file` describes it; `module:attribute`, a `Scenario` or a function
+            without arguments that returns one; or a `Scenario`.
+        **overrides: Dotted (`**{"curve.a": 11}`) or nested (`curve={"a": 11}`, `curve=Curve(...)`) fields. Where they
+            change the number of robots, `formation.ring`, `p` and `alpha` are derived anew unless they are given too.
 
     Raises:
         UnknownSettingError: an unknown field; the message offers the nearest.
@@ -88,7 +93,8 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
 
 def build(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenario:
     """Make a scenario as `scenario` does, without a warning: for what reports violated assumptions by itself."""
-    return _overridden(name if isinstance(name, Scenario) else _found(name), overrides)
+    made = name if isinstance(name, Scenario) else _found(name)
+    return _overridden(made, overrides) if overrides else made
 
 
 def registered_scenario(name: Any) -> Scenario:
@@ -102,8 +108,30 @@ def registered_scenario(name: Any) -> Scenario:
             _BROUGHT.load()
         if made := _SHIPPED.get(name) or _REGISTERED.get(name):
             return made
-    words = f"scenario must be one of {', '.join(scenarios())}, got {shown(name)}{nearest(name, scenarios())}"
-    raise ValueError("; ".join([words, *_BROUGHT.broken]))
+    raise unknown_scenario(name)
+
+
+def unknown_scenario(name: Any, others: Iterable[str] = ()) -> ValueError:
+    """Error that says that there is no scenario of a name, and offers the nearest, also of other things by name."""
+    known = scenarios()
+    hint = nearest(name, [*known, *others])
+    words = f"scenario must be one of the {len(known)} that `lissajous scenarios` lists, got {shown(name)}{hint}"
+    return ValueError("; ".join([words, *_BROUGHT.broken]))
+
+
+def bring_scenario(name: str) -> None:
+    """Import the module of the current folder that registers a scenario of a name, where there is none of it yet.
+
+    Raises:
+        ValueError: the module cannot be imported.
+    """
+    if name not in scenarios():
+        here.load_module_of(name, "scenario", "register_scenario")
+
+
+def meant_here(name: Any) -> list[str]:
+    """What a user may mean by a name that no scenario has: files beside it, scenarios of modules that are here."""
+    return [*here.beside(name, SUFFIX), *(each for each, _ in here.registered_here("register_scenario"))]
 
 
 def is_scenario_file(name: Any) -> bool:
@@ -143,6 +171,10 @@ def _found(name: Any) -> Scenario:
         return _of_file(given)
     if isinstance(given, str) and ":" in given:
         return _imported(given)
+    if isinstance(given, str):
+        bring_scenario(given)
+        if given not in scenarios():
+            raise unknown_scenario(given, meant_here(given))
     return registered_scenario(given)
 
 
@@ -190,6 +222,16 @@ def _check_name(name: str) -> None:
         raise ValueError(f"name of a scenario {rule}, got {shown(name)}")
 
 
+def _nearest_field(key: str) -> str:
+    """Return "; did you mean task.duration?" for `duration`, or for another name that some field resembles."""
+    dotted = [f"{part}.{field.name}" for part, each in PARTS.items() for field in dataclasses.fields(each)]
+    if "." in key:
+        return nearest(key, dotted)
+    if there := [each for each in dotted if each.endswith(f".{key}")]:
+        return f"; did you mean {' or '.join(there)}?"
+    return nearest(key, PARTS) or nearest(key, (each.partition(".")[2] for each in dotted))
+
+
 def _overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
     whole: dict[str, Any] = {}
     changed: dict[str, dict[str, Any]] = {}
@@ -201,7 +243,7 @@ def _overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
         if part not in PARTS:
             # The last words are Python's own, by which TorchRL knows a keyword that it may leave out.
             raise UnknownSettingError(
-                f"override must name one of {', '.join(PARTS)}, got {key!r}{nearest(part, PARTS)} "
+                f"override must name one of {', '.join(PARTS)}, got {key!r}{_nearest_field(key)} "
                 f"(unexpected keyword argument {key!r})"
             )
         if not dot and isinstance(value, PARTS[part]):
@@ -213,15 +255,23 @@ def _overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
         known = [f.name for f in dataclasses.fields(PARTS[part])]
         for field_name in fields:
             if field_name not in known:
-                raise UnknownSettingError(
-                    f"override must name a field of {part} ({', '.join(known)}), got {part}.{field_name}"
-                    f"{nearest(field_name, known)}"
-                )
+                rule = f"override must name a field of {part} ({', '.join(known)})"
+                hint = nearest(field_name, known) or _nearest_field(field_name)
+                raise UnknownSettingError(f"{rule}, got {part}.{field_name}{hint}")
         changed.setdefault(part, {}).update(fields)
-    for part, fields in changed.items():
-        before = whole.get(part, getattr(base, part))
-        whole[part] = dataclasses.replace(before, **(_one_limit(before, fields) if part == "robot" else fields))
-    return dataclasses.replace(base, **whole)
+    given = {f"{part}.{name}" for part, fields in changed.items() for name in fields}
+    given |= {f"{part}.{field.name}" for part in whole if part in PARTS for field in dataclasses.fields(PARTS[part])}
+    try:
+        for part, fields in changed.items():
+            before = whole.get(part, getattr(base, part))
+            whole[part] = dataclasses.replace(before, **(_one_limit(before, fields) if part == "robot" else fields))
+        robot, curve = whole.get("robot", base.robot), whole.get("curve", base.curve)
+        if (curve.a + curve.b if robot.count is None else robot.count) != base.num_robots:
+            anew = {name: None for name in _OF_THE_NUMBER if f"formation.{name}" not in given}
+            whole["formation"] = dataclasses.replace(whole.get("formation", base.formation), **anew)
+        return dataclasses.replace(base, **whole)
+    except ValueError as error:
+        raise ValueError(f"{error}{_origin(str(error), base, given)}") from error
 
 
 def _one_limit(robot: Robot, fields: dict[str, Any]) -> dict[str, Any]:
@@ -238,3 +288,13 @@ def _one_limit(robot: Robot, fields: dict[str, Any]) -> dict[str, Any]:
     if both and not pair & fields.keys() and {"drag", "drive", "offset"} & fields.keys():
         return fields | {"speed_max": None}
     return fields
+
+
+def _origin(words: str, base: Scenario, given: Container[str]) -> str:
+    """Say which field of an error came from the scenario that was changed, and how to have its default; "" if none."""
+    dotted = words.partition(" ")[0]
+    part, _, name = dotted.partition(".")
+    field = {each.name: each for each in dataclasses.fields(PARTS[part])}.get(name) if part in PARTS else None
+    if field is None or dotted in given or getattr(getattr(base, part), name) == field.default:
+        return ""
+    return f"; it comes from the scenario {base.name}: change it too, {dotted}={field.default!r} is the default"

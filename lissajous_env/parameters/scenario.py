@@ -51,7 +51,7 @@ class Scenario:
     noise: Noise = field(default_factory=Noise)
     task: Task = field(default_factory=Task)
     extensions: tuple[Extension, ...] = ()
-    """What it brings of its own, as objects or `module:name`: `lissajous_env.parameters.extensions`."""
+    """What it brings of its own, as objects, `module:name` or tables: `lissajous_env.parameters.extensions`."""
 
     def __post_init__(self) -> None:
         for name, part in PARTS.items():

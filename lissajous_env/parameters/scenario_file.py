@@ -6,7 +6,10 @@
     [faults]
     schedule = [[0, 5.0, inf]]
 
-It is named as its file where it does not say otherwise.
+It is named as its file where it does not say otherwise. `extensions`, before the first table, lists what the scenario
+brings of its own, which is imported:
+
+    extensions = ["my_extras:fastest", {place = "my_extras:near_wall", weight = -0.5}]
 """
 
 import dataclasses
@@ -15,13 +18,14 @@ import os
 import tomllib
 from typing import Any
 
+from lissajous_env.here import beside
 from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.storage.files import read_bytes
 from lissajous_env.wording import nearest
 
 SUFFIX = ".toml"
 WORDS = ("name", "description", "base")
-"""Keys beside the parts."""
+"""Keys of text beside the parts."""
 _LARGEST = 1 << 16
 """Size of a file [bytes]."""
 _MOST_DOTS = 500
@@ -41,12 +45,14 @@ def read_scenario_file(path: str) -> dict[str, Any]:
     except RecursionError:
         raise ValueError(f"scenario {path} must nest fewer levels") from None
     except ValueError as error:
-        raise ValueError(f"scenario {path} must be a TOML file that can be read: {error}") from error
+        hint = "" if os.path.exists(path) else nearest(path, beside(path, SUFFIX))
+        raise ValueError(f"scenario {path} must be a TOML file that can be read: {error}{hint}") from error
+    known = {**dict.fromkeys(WORDS, (str, "text")), "extensions": (list, "a list")}
+    known |= dict.fromkeys(PARTS, (dict, "a table"))
     for key, value in given.items():
-        if key not in (*WORDS, *PARTS):
-            known = ", ".join((*WORDS, *PARTS))
-            raise ValueError(f"scenario {path} must hold {known}, got {key!r}{nearest(key, (*WORDS, *PARTS))}")
-        kind, rule = (str, "text") if key in WORDS else (dict, "a table")
+        if key not in known:
+            raise ValueError(f"scenario {path} must hold {', '.join(known)}, got {key!r}{nearest(key, known)}")
+        kind, rule = known[key]
         if not isinstance(value, kind):
             raise ValueError(f"scenario {path} must hold {key} as {rule}, got {type(value).__name__}")
     return given

@@ -21,6 +21,9 @@ from lissajous_env.wording import shown
 MOST_PICTURES = 100
 """Pictures of a contact sheet, at most."""
 
+STILLS = ".png", ".svg", ".pdf"
+"""Suffixes of a contact sheet."""
+
 LONGEST = 655.35
 """Time for which a GIF can show a picture [s]."""
 
@@ -86,7 +89,7 @@ def save_gif(
     return len(moments)
 
 
-def save_png(
+def save_sheet(
     recording: Recording,
     path: str | Path,
     at: Sequence[float] | None = None,
@@ -94,17 +97,17 @@ def save_png(
     columns: int | None = None,
     size: Sequence[int] | None = None,
 ) -> None:
-    """Write pictures of a recording at some times side by side, row by row.
+    """Write pictures of a recording at some times side by side, row by row: a PNG, or a drawing as SVG or PDF.
 
     Args:
         recording: What to draw.
-        path: Where to write; under a temporary name first, then renamed.
+        path: Where to write, in the format of its suffix; under a temporary name first, then renamed.
         at: Times [s]; None takes six, from the first moment to the last.
         columns: Pictures in a row; None makes the sheet about as wide as high.
-        size: Width and height of one picture [px]; None is as in `Renderer`.
+        size: Width and height of one picture of a PNG [px]; None is as in `Renderer`.
 
     Raises:
-        ValueError: a time outside the recording, none or more than 100, or columns below 1.
+        ValueError: another suffix, a time outside the recording, none or more than 100, or columns below 1.
     """
     step, last = recording.scenario.task.step, len(recording) - 1
     times = [k * step for k in _spread(last + 1, 6)] if at is None else list(at)
@@ -114,10 +117,20 @@ def save_png(
         raise ValueError(f"at must hold at most {MOST_PICTURES} times, got {len(times)}")
     if columns is not None and (not isinstance(columns, int) or columns < 1):
         raise ValueError(f"columns must be a whole number of at least 1, got {shown(columns)}")
+    suffix = Path(path).suffix.lower()
+    if suffix not in STILLS:
+        raise ValueError(f"path must end in {', '.join(STILLS)}, got {path}")
+    moments = [min(round(time / step), last) for time in times]
+    width, height = View.of(recording.scenario, size).size
+    wide = columns or max(round(math.sqrt(len(times) * height / width)), 1)
+    if suffix != ".png":
+        from lissajous_env.render import vector
+
+        with replacing(path) as temporary, open(temporary, "wb") as file:
+            vector.save_sheet(recording, file, suffix[1:], moments, min(wide, len(times)))
+        return
     renderer = Renderer(recording.scenario, size)
-    pictures = [renderer.draw(recording.snapshot(min(round(time / step), last))) for time in times]
-    height, width, _ = pictures[0].shape
-    wide = columns or max(round(math.sqrt(len(pictures) * height / width)), 1)
+    pictures = [renderer.draw(recording.snapshot(moment)) for moment in moments]
     high = -(-len(pictures) // wide)
     sheet = np.full((high * height, min(wide, len(pictures)) * width, 3), palette.PAPER, dtype=np.uint8)
     for k, frame in enumerate(pictures):

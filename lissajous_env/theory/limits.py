@@ -25,6 +25,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lissajous_env.parameters import named
 from lissajous_env.parameters.parts import Targets
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.geometry import largest_speed, top_speed
@@ -67,12 +68,12 @@ def mean_time_on_boundary(length: float, num_robots: int, radius: float, speed: 
     return left**2 / (2 * num_robots * speed * length)
 
 
-def robot_speed_limit(scenario: Scenario) -> float:
+def robot_speed_limit(scenario: str | Scenario) -> float:
     """Top speed of a robot over the ground [m/s]; NaN for a model of robots that is not ours.
 
     A car's is that at full throttle, or at which it starts; a point's is alpha `phase_rate_max` max ||r'||.
     """
-    made = scenario.resolve()
+    made = named.scenario(scenario).resolve()
     if made.robot.kind == "car":
         return max(made.robot.top_speed, top_speed(made.curve, made.formation.phase_rate))
     if made.robot.kind == "curve":
@@ -80,7 +81,7 @@ def robot_speed_limit(scenario: Scenario) -> float:
     return math.nan
 
 
-def mean_time_limit(scenario: Scenario) -> float:
+def mean_time_limit(scenario: str | Scenario) -> float:
     """Lower bound of the expected `detection_time_mean` of a scenario [s], whatever the policy.
 
     With S(t) the share that is undetected at least a time t after it appeared, averaged over the kinds of motion, an
@@ -95,6 +96,7 @@ def mean_time_limit(scenario: Scenario) -> float:
     NaN where nothing is proved: no targets, targets or robots that move by a model that is not ours, an episode that
     robots can end by being removed, targets without a place of this scenario's kinds.
     """
+    scenario = named.scenario(scenario)
     targets, task, speed = scenario.targets, scenario.task, robot_speed_limit(scenario)
     mean_arrivals = targets.arrival_rate * task.duration
     ends_early = "remove" in (task.on_collision, task.boundary)
@@ -109,13 +111,14 @@ def mean_time_limit(scenario: Scenario) -> float:
     return float(weight * start + (1 - weight) * arrivals)
 
 
-def guaranteed_time_limit(scenario: Scenario) -> float:
+def guaranteed_time_limit(scenario: str | Scenario) -> float:
     """Lower bound of the `guaranteed_detection_time` of a scenario [s], whatever the policy.
 
     A rogue that stands still can be introduced anywhere at any time, so that discs have to sweep everything in every
     time T at least: m (pi r^2 + 2 r v T) = A, and on a boundary m (2 r + v T) + 4 sqrt(2) r = P. Rogues that move only
     make it longer. NaN where nothing is proved, as for `mean_time_limit`; at most the time of an episode.
     """
+    scenario = named.scenario(scenario)
     speed, radius = robot_speed_limit(scenario), scenario.sensing_radius
     if not speed > 0 or scenario.targets.count + scenario.targets.arrival_rate == 0:
         return math.nan

@@ -18,6 +18,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct
 from lissajous_env.device.trig import cos_sin
+from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.bits import lowest
@@ -89,8 +90,9 @@ class Layout(NamedTuple):
         )
 
 
-def layout(scenario: Scenario) -> Layout:
+def layout(scenario: str | Scenario) -> Layout:
     """Lay out the observation of one robot of a scenario."""
+    scenario = named.scenario(scenario)
     parts = [("", OWN_ENTRIES), *((f"neighbour_{k}_", NEIGHBOUR_ENTRIES) for k in range(2))]
     parts += [(f"robot_{k}_", ROBOT_ENTRIES) for k in range(scenario.sensing.robots_seen)]
     parts += [(f"target_{k}_", TARGET_ENTRIES) for k in range(scenario.sensing.targets_seen)]

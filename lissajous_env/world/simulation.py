@@ -66,6 +66,7 @@ class Simulation:
         seed: Seed of world 0; world k has seed + k.
         threads: CPU threads over which a large batch, or a large world, is split; by default all cores that the process
             may use.
+        **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
         ValueError: a number of worlds below 1 or of more than the device's memory holds, a device that is not there,
@@ -79,12 +80,15 @@ class Simulation:
         device: Any = "cpu",
         seed: int = 0,
         threads: int | None = None,
+        **overrides: Any,
     ):
         if threads is not None and not (is_whole(threads) and threads >= 1):
             raise ValueError(f"threads must be a whole number of at least 1 or None, got {shown(threads)}")
         if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
             raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
-        made = scenario if isinstance(scenario, Scenario) else named.scenario(scenario)
+        made = scenario
+        if overrides or not isinstance(scenario, Scenario):
+            made = named.scenario(scenario, **overrides)
         self.scenario = made.resolve()
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.device = as_device(device)

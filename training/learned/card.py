@@ -9,6 +9,7 @@ import numpy as np
 
 from baselines.policies import registry
 from lissajous_env import Scenario
+from lissajous_env import scenario as make_scenario
 from lissajous_env.world.observation import layout
 
 LARGEST_RESIDUAL = 2.0
@@ -60,8 +61,9 @@ class Card:
         require("overrides", isinstance(overrides, Mapping), "must be an object", overrides)
 
     @classmethod
-    def of(cls, scenario: Scenario, inputs: tuple[str, ...] = (), **more: Any) -> "Card":
+    def of(cls, scenario: str | Scenario, inputs: tuple[str, ...] = (), **more: Any) -> "Card":
         """Make the card of a policy for a scenario that reads `inputs`; by default the whole observation."""
+        scenario = make_scenario(scenario)
         names = inputs or layout(scenario).names
         return cls(scenario.name, scenario.robot.kind, tuple(names), scenario.action_size, **more)
 

@@ -57,6 +57,7 @@ class RobotVecEnv(VecEnv):
         short_time: Time after which they do [s].
         staggered: Whether the first episodes end at moments spread over an episode's time, so that ever after the rows
             of a step are of all moments of an episode, not of one.
+        **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
     """
 
     def __init__(
@@ -72,8 +73,9 @@ class RobotVecEnv(VecEnv):
         short: float = 0.0,
         short_time: float = 3.0,
         staggered: bool = False,
+        **overrides: Any,
     ):
-        self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads)
+        self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads, **overrides)
         self._seeded = seed is not None
         self.scenario = self.simulation.scenario
         self.card = card or Card.of(self.scenario)

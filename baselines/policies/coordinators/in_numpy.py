@@ -1,0 +1,52 @@
+"""A coordinator of one's own, in NumPy."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from baselines.policies.rows import Rows
+from lissajous_env.device.devices import copy_in
+from lissajous_env.parameters.scenario import Scenario
+
+
+class NumpyCoordinator:
+    """Base of coordinators in NumPy: a subclass writes one method, `rates`, and `forget` if it remembers anything.
+
+        class Together(baselines.NumpyCoordinator):
+            def rates(self, rows):
+                return self.natural_rate + 0.1 * np.sin(rows.lead).sum(axis=-1)
+
+    `baselines.with_tracker` makes a policy of it, `baselines.register_coordinator` one for each tracker.
+
+    Attributes:
+        scenario: What is played, with every field filled in.
+        num_worlds: W, worlds that are coordinated together.
+        natural_rate: omega / alpha, the phase rate of the formation [rad/s].
+        phase_rate: (W, N) the latest rates, on the device.
+    """
+
+    def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
+        self.scenario, self.num_worlds = scenario.resolve(), num_worlds
+        self.natural_rate = scenario.formation.phase_rate / scenario.alpha
+        self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
+
+    def rates(self, rows: Rows) -> np.ndarray:
+        """Phase rates theta' (W, N) [rad/s] that the robots should go on with, for what they read from their rows."""
+        raise NotImplementedError(f"{type(self).__name__} must have a method rates(rows) that returns phase rates")
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what is remembered of the worlds in a mask (W,), whose episodes begin anew."""
+
+    def coordinate(self, observation: wp.array) -> None:
+        """Write `phase_rate`.
+
+        Raises:
+            ValueError: `rates` returned another shape, no numbers, or a number that is not finite.
+        """
+        rates, name = self.rates(Rows(observation.numpy(), self.scenario)), type(self).__name__
+        copy_in(f"rates of {name}", rates, self.phase_rate)
+        finite = np.isfinite(np.asarray(rates))
+        if not finite.all():
+            w, i = np.argwhere(~finite)[0]
+            raise ValueError(f"rates of {name} must be finite [rad/s], got {rates[w, i]} for robot_{i} in world {w}")

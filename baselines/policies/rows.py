@@ -1,0 +1,129 @@
+"""What a robot reads from its row of the observation, in NumPy and SI units, for policies of one's own.
+
+`baselines.policies.own_row` has the same as functions for Warp kernels.
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from lissajous_env import scenario as make_scenario
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import nearest, shown
+from lissajous_env.world.observation import layout
+from lissajous_env.world.robots.table import model_of
+
+
+class Rows:
+    """The observation (W, N, D) of W worlds of N robots by names and in SI units; the values of each robot are its own.
+
+    A neighbour is one of the two on the ring: 0 is before, 1 after the robot. What a robot does not know is 0: of a
+    neighbour that it has not heard, of a robot or target that is not there.
+
+    Args:
+        observation: As a policy is given it, of float32.
+        scenario: What it is of.
+    """
+
+    def __init__(self, observation: np.ndarray, scenario: str | Scenario):
+        self.scenario = make_scenario(scenario).resolve()
+        self.values = np.asarray(observation)
+        self._layout = layout(self.scenario)
+        curve, robot = self.scenario.curve, self.scenario.robot
+        self._half = np.array([curve.half_width, curve.half_height])
+        self._speed_unit = model_of(robot.kind).speed_unit(curve, self.scenario.formation, robot)
+
+    def entry(self, name: str) -> np.ndarray:
+        """(W, N) values of an entry as they stand in the row; its name is that in the layout of the observation."""
+        names = self._layout.names
+        if name not in names:
+            rule = f"entry must be one of the {len(names)} of the layout of the observation of {self.scenario.name}"
+            raise ValueError(f"{rule}, got {shown(name)}{nearest(name, names)}")
+        return self.values[..., names.index(name)]
+
+    @cached_property
+    def position(self) -> np.ndarray:
+        """(W, N, 2) measured x, y [m]."""
+        return self._pair("x", "y") * self._half
+
+    @cached_property
+    def heading(self) -> np.ndarray:
+        """(W, N) measured heading [rad]."""
+        return self._angle("heading")
+
+    @cached_property
+    def speed(self) -> np.ndarray:
+        """(W, N) measured speed [m/s]."""
+        return self.entry("speed") * self._speed_unit
+
+    @cached_property
+    def phase(self) -> np.ndarray:
+        """(W, N) measured phase theta in [-pi, pi] [rad]."""
+        return self._angle("phase")
+
+    @cached_property
+    def works(self) -> np.ndarray:
+        """(W, N) bool, whether the robot itself works."""
+        return self.entry("works") > 0.5
+
+    @cached_property
+    def heard(self) -> np.ndarray:
+        """(W, N, 2) bool, whether a message from a neighbour is known that is not too old to be of use."""
+        return (self._of("neighbour", "heard") > 0.5) & (self._of("neighbour", "age") < 1)
+
+    @cached_property
+    def age(self) -> np.ndarray:
+        """(W, N, 2) time since a neighbour's message was sent [s]."""
+        return self._of("neighbour", "age") * self.scenario.message_age_unit
+
+    @cached_property
+    def lead(self) -> np.ndarray:
+        """(W, N, 2) phase that a neighbour sent less one's own, theta_j - theta_i in [-pi, pi] [rad]."""
+        angle = np.arctan2(self._of("neighbour", "sin_phase"), self._of("neighbour", "cos_phase"))
+        return np.where(self.heard, angle, 0.0)
+
+    @cached_property
+    def neighbour_offset(self) -> np.ndarray:
+        """(W, N, 2, 2) place that a neighbour sent less one's own x, y [m]."""
+        return self._pairs("neighbour") * 2 * self._half
+
+    @cached_property
+    def robots_seen(self) -> np.ndarray:
+        """(W, N, R) bool, whether there is a robot in the sensing disc; the nearest is the first."""
+        return self._of("robot", "present") > 0.5
+
+    @cached_property
+    def robot_offset(self) -> np.ndarray:
+        """(W, N, R, 2) place of the robots in the disc less one's own x, y [m]."""
+        return self._pairs("robot") * self.scenario.sensing_radius
+
+    @cached_property
+    def robot_velocity(self) -> np.ndarray:
+        """(W, N, R, 2) velocity of the robots in the disc less one's own [m/s]."""
+        return self._pairs("robot", "x_velocity", "y_velocity") * 2 * self._speed_unit
+
+    @cached_property
+    def targets_seen(self) -> np.ndarray:
+        """(W, N, T) bool, whether there is a target in the sensing disc; the nearest is the first."""
+        return self._of("target", "present") > 0.5
+
+    @cached_property
+    def target_offset(self) -> np.ndarray:
+        """(W, N, T, 2) place of the targets in the disc less one's own x, y [m]."""
+        return self._pairs("target") * self.scenario.sensing_radius
+
+    def _pair(self, x: str, y: str) -> np.ndarray:
+        return np.stack([self.entry(x), self.entry(y)], axis=-1)
+
+    def _angle(self, name: str) -> np.ndarray:
+        return np.arctan2(self.entry(f"sin_{name}"), self.entry(f"cos_{name}"))
+
+    def _of(self, kind: str, name: str) -> np.ndarray:
+        """(W, N, K) an entry of each of the K things of a kind."""
+        sensing = self.scenario.sensing
+        count = {"neighbour": 2, "robot": sensing.robots_seen, "target": sensing.targets_seen}[kind]
+        each = [self.entry(f"{kind}_{k}_{name}") for k in range(count)]
+        return np.stack(each, axis=-1) if each else np.zeros((*self.values.shape[:-1], 0), self.values.dtype)
+
+    def _pairs(self, kind: str, x: str = "x", y: str = "y") -> np.ndarray:
+        return np.stack([self._of(kind, x), self._of(kind, y)], axis=-1)

@@ -1,0 +1,153 @@
+"""A contact sheet as a vector drawing, SVG or PDF, for papers and slides; it shows what that of pixels does."""
+
+from typing import Any, BinaryIO
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PatchCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon, Rectangle
+
+from lissajous_env.episodes.recording import Recording
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.render import palette
+from lissajous_env.render.canvas import View
+from lissajous_env.render.snapshot import Snapshot, thinned
+from lissajous_env.render.targets import FLASH
+from lissajous_env.render.team import Team
+from lissajous_env.theory import closed_forms
+from lissajous_env.world.robots.table import model_of
+from lissajous_env.world.state import REMOVED, STUCK, WORKING
+from lissajous_env.world.targets import FLEEING
+
+_STYLE: dict[Any, Any] = {
+    "font.family": "sans-serif",
+    "font.size": 8,
+    "svg.fonttype": "none",  # text stays text
+    "svg.hashsalt": "lissajous",  # the same recording makes the same file
+    "pdf.fonttype": 42,
+}
+_WIDTH = 3.4
+"""Width of a picture [inch], a column of a paper."""
+_SMALLEST = 0.015
+"""Radius with which a robot is drawn at least [inch]."""
+_MOST_CELLS = 200, 200
+"""Rows and columns of the grid that are drawn at most."""
+
+
+def save_sheet(recording: Recording, file: BinaryIO, suffix: str, moments: list[int], columns: int) -> None:
+    """Write moments of a recording side by side, row by row.
+
+    Args:
+        recording: What to draw.
+        file: Where to write.
+        suffix: Format: svg or pdf.
+        moments: Steps of the episode that are drawn.
+        columns: Pictures in a row.
+    """
+    scenario, rows = recording.scenario, -(-len(moments) // columns)
+    extent = scenario.curve.half_width, scenario.curve.half_height
+    # Cars overshoot the rectangle; who is further away than twice its size is left out.
+    furthest = np.abs(recording.position[moments][..., :2]).max(axis=(0, 1))
+    margin = 1.25 * scenario.robot.radius + 0.1 * min(extent)
+    half = np.clip(furthest, extent, np.multiply(2, extent)) + margin
+    height = _WIDTH * half[1] / half[0] + 0.25
+    with rc_context(_STYLE):
+        figure = Figure(figsize=(_WIDTH * columns, height * rows + 0.3), layout="constrained")
+        every = figure.subplots(rows, columns, squeeze=False).ravel()
+        for axes in every:
+            axes.set_axis_off()
+        for axes, moment in zip(every, moments, strict=False):
+            axes.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect="equal")
+            _draw(axes, scenario, recording.snapshot(moment))
+        figure.legend(handles=_signs(scenario), loc="outside lower left", ncols=6, frameon=False)
+        # A date would make each file another.
+        figure.savefig(file, format=suffix, metadata={"Date": None} if suffix == "svg" else {"CreationDate": None})
+
+
+def _draw(axes: Axes, scenario: Scenario, seen: Snapshot) -> None:
+    step, curve = scenario.task.step, scenario.curve
+    found = f"{np.count_nonzero(seen.found):,} of {np.count_nonzero(seen.appears_at <= seen.step):,}"
+    targets = f", detected {found}" if scenario.target_capacity > 0 else ""
+    axes.set_title(f"{seen.step * step:.3g} s{targets}, collisions {seen.collisions}", loc="left", fontsize=8)
+    corner, size = (-curve.half_width, -curve.half_height), (2 * curve.half_width, 2 * curve.half_height)
+    if scenario.task.grid is not None:
+        idle = (seen.step - thinned(seen.sensed_at, _MOST_CELLS)) * step / (2 * scenario.detection_time_bound)
+        colours = np.array(palette.GROUND) + np.clip(idle, 0, 1)[..., None] * np.subtract(palette.IDLE, palette.GROUND)
+        extent = (corner[0], corner[0] + size[0], corner[1], corner[1] + size[1])
+        axes.imshow(np.rint(colours).astype(np.uint8), extent=extent, origin="lower", zorder=0)
+    rectangle = axes.add_patch(Rectangle(corner, *size, fill=False, ec=_colour(palette.EDGE), lw=0.8, zorder=1))
+    discs = [Circle(tuple(place), scenario.sensing_radius) for place in seen.position[seen.status == int(WORKING), :2]]
+    sensing = PatchCollection(discs, color=_colour(palette.SENSING), alpha=0.12, lw=0, zorder=3)
+    axes.add_collection(sensing)
+    sensing.set_clip_path(rectangle)
+    lap = closed_forms.curve_point(curve, np.linspace(0, 2 * np.pi, min(200 * curve.oscillations, 20_000)))
+    axes.plot(*lap.T[:2], color=_colour(palette.CURVE), lw=0.7 if curve.oscillations < 40 else 0.2, zorder=2)
+    _draw_targets(axes, scenario, seen)
+    _draw_robots(axes, scenario, seen)
+
+
+def _draw_robots(axes: Axes, scenario: Scenario, seen: Snapshot) -> None:
+    places, status = seen.position[:, :2], seen.status
+    radius = max(scenario.robot.radius, _SMALLEST * np.ptp(axes.get_xlim()) / _WIDTH)
+    there = status != int(REMOVED)
+    if seen.trail is not None:
+        steps, trail = seen.trail
+        recent = trail[steps >= seen.step - Team(scenario, View.of(scenario)).trail_steps()]
+        ways = list(recent[:, there].swapaxes(0, 1))
+        axes.add_collection(LineCollection(ways, colors=[_colour(palette.ROBOT)], alpha=0.45, lw=1.2, zorder=4))
+    shape = model_of(scenario.robot.kind).shape
+    drop = np.array([[1.42, 0.0], *([np.cos(turn), np.sin(turn)] for turn in np.linspace(0.8, 2 * np.pi - 0.8, 30))])
+    for i in np.flatnonzero(there):
+        colour = _colour(palette.STUCK if status[i] == int(STUCK) else palette.ROBOT)
+        cos, sin = np.cos(seen.heading[i]), np.sin(seen.heading[i])
+        axes.add_patch(Circle(tuple(places[i]), radius, fill=False, ec=colour, lw=0.5, alpha=0.6, zorder=5))
+        for outline, fill in [(drop, None)] if shape is None else shape(scenario.robot):
+            points = places[i] + radius * np.asarray(outline) @ np.array([[cos, sin], [-sin, cos]])
+            axes.add_patch(Polygon(points, fc=_colour(getattr(palette, fill)) if fill else colour, lw=0, zorder=6))
+        if scenario.num_robots <= 40:
+            axes.annotate(str(i), tuple(places[i]), (4, 4), textcoords="offset points", fontsize=6, zorder=9)
+    gone = places[~there]
+    axes.plot(*gone.T, "x", color=_colour(palette.REMOVED), ms=5, zorder=5)
+    for i, j in seen.contact:
+        reach = float(np.linalg.norm(places[i] - places[j])) / 2 + 1.5 * radius
+        middle = tuple((places[i] + places[j]) / 2)
+        axes.add_patch(Circle(middle, reach, fill=False, ec=_colour(palette.CONTACT), lw=1.2, zorder=8))
+
+
+def _draw_targets(axes: Axes, scenario: Scenario, seen: Snapshot) -> None:
+    places, flees = seen.target_position, seen.motion == int(FLEEING)
+    size = 2.5 if scenario.target_capacity < 1000 else 1.0
+    # Thousands of targets would make a file of many megabytes; these become one picture in the drawing.
+    dots: dict[str, Any] = {"ls": "", "ms": size, "zorder": 7, "rasterized": scenario.target_capacity > 5000}
+    found = seen.found
+    if scenario.targets.leave:
+        found = found & (seen.step - seen.found_at < FLASH / scenario.task.step)
+    axes.plot(*places[found].T, marker="o", mfc="none", mec=_colour(palette.FOUND), mew=0.8, **dots)
+    axes.plot(*places[seen.present & ~flees].T, marker="o", color=_colour(palette.TARGET), mew=0, **dots)
+    axes.plot(*places[seen.present & flees].T, marker="o", mfc="white", mec=_colour(palette.TARGET), mew=0.7, **dots)
+
+
+def _signs(scenario: Scenario) -> list[Line2D]:
+    """Entries of the legend."""
+
+    def sign(words: str, colour: palette.Colour, **line: Any) -> Line2D:
+        return Line2D([], [], color=_colour(colour), label=words, ls="", marker="o", ms=4, **line)
+
+    signs = [sign("robot", palette.ROBOT)]
+    if scenario.faults.schedule or scenario.faults.rate > 0:
+        signs.append(sign("failed robot", palette.STUCK))
+    if scenario.target_capacity > 0:
+        signs.append(sign("target", palette.TARGET))
+        if scenario.targets.fleeing > 0:
+            signs.append(sign("fleeing target", palette.TARGET, mfc="white"))
+        signs.append(sign("detected just now" if scenario.targets.leave else "detected", palette.FOUND, mfc="none"))
+    return signs
+
+
+def _colour(colour: palette.Colour) -> tuple[float, float, float]:
+    """Return a colour of the palette as matplotlib takes it."""
+    red, green, blue = colour
+    return red / 255, green / 255, blue / 255

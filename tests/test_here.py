@@ -1,0 +1,178 @@
+"""Names that modules and files of the current folder bring, on the command line and in what is suggested."""
+
+import sys
+
+import pytest
+
+import baselines
+import lissajous_env
+from baselines.policies import registry
+from lissajous_env import here
+from lissajous_env.console import cli
+from lissajous_env.parameters import named
+from lissajous_env.wording import nearest
+from training.learned.card import Card
+
+POLICIES = """
+import numpy as np
+import baselines
+
+open("imported", "a").write("my_policies ")
+
+@baselines.register("my-still", kind="curve")
+class MyStill(baselines.Policy):
+    def decide(self, observation):
+        return np.zeros(self.action.shape)
+"""
+METHOD = """
+import baselines
+from baselines.policies.coordinators.kuramoto import Kuramoto
+
+baselines.register_coordinator("my-way", Kuramoto, about="Kuramoto once more.")
+"""
+SCENARIOS = """
+import lissajous_env
+from lissajous_env import Robot, Scenario, Task
+
+open("imported", "a").write("my_scenarios ")
+short = lissajous_env.register_scenario(Scenario(name="short-one", robot=Robot(kind="curve"), task=Task(duration=0.5)))
+"""
+SHORT = ["--episodes", "1", "--set", "task.duration=0.5"]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder with modules, in which this process is; what they register is forgotten."""
+    sources = {"my_policies": POLICIES, "my_method": METHOD, "my_scenarios": SCENARIOS, "broken": "register("}
+    for name, source in sources.items():
+        (tmp_path / f"{name}.py").write_text(source)
+    (tmp_path / "unwanted.py").write_text("open('unwanted', 'w')\nregister = 'my-still'\n")
+    (tmp_path / "hall.toml").write_text("base = 'failure'\n[task]\nduration = 0.5\n")
+    monkeypatch.chdir(tmp_path)
+    baselines.names()
+    monkeypatch.setattr(named, "_REGISTERED", dict(named._REGISTERED))
+    monkeypatch.setattr(named, "register_ids", lambda name: None)
+    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield tmp_path
+    for name in sources:
+        sys.modules.pop(name, None)
+
+
+def called(capsys, *arguments):
+    with pytest.raises(SystemExit) as ended:
+        cli.main([*map(str, arguments)])
+    return (ended.value.code, *capsys.readouterr())
+
+
+@pytest.mark.parametrize("line", [
+    ["evaluate", "failure", "my-still", *SHORT],
+    ["evaluate", "my-still", "hall.toml", *SHORT],
+    ["run", "failure", "my-still", "--set", "task.duration=0.5", "--out", "a.npz"],
+    ["benchmark", "--scenarios", "failure", "--policies", "my-still", *SHORT, "--replays", "none", "--out", "results"],
+    ["evaluate", "failure", "my-way", *SHORT],
+    ["evaluate", "rough", "my-way-mpcc", *SHORT],
+    ["evaluate", "rough", "my-way-gvf-safe", *SHORT],
+    ["evaluate", "short-one", "still", "--episodes", "1"],
+    ["scenarios", "short-one"],
+], ids=" ".join)  # fmt: skip
+def test_a_name_that_a_module_here_registers(line, folder, capsys):
+    # Story: `lissajous benchmark --policies my-still`, in the folder with the module that registers it.
+    code, _, error = called(capsys, *line)
+    assert code == 0, error
+    assert not (folder / "unwanted").exists()
+
+
+def test_only_what_is_asked_for_is_imported(folder, capsys):
+    assert called(capsys, "evaluate", "failure", "still", *SHORT)[0] == 0
+    assert called(capsys, "evaluate", "failure", "nowhere-to-be-found", *SHORT)[0] == 2
+    assert not (folder / "imported").exists()
+    assert called(capsys, "evaluate", "short-one", "my-still", "--episodes", "1")[0] == 0
+    assert sorted((folder / "imported").read_text().split()) == ["my_policies", "my_scenarios"]
+
+
+def test_what_a_checkpoint_names_is_looked_up_and_never_imported(folder):
+    # Story: a checkpoint of a stranger names a policy that a module of this folder registers.
+    with pytest.raises(ValueError, match="base must be a registered"):
+        Card.of("failure", base="my-still")
+    assert not (folder / "imported").exists()
+
+
+def test_a_module_that_cannot_be_imported_says_why(folder, capsys):
+    (folder / "my_policies.py").write_text("import nothing_of_the_sort\n" + POLICIES)
+    code, _, error = called(capsys, "evaluate", "failure", "my-still", *SHORT)
+    assert code == 2
+    assert error == (
+        "error: policy my-still must be registered by a module that can be imported, got my_policies.py: "
+        "ModuleNotFoundError: No module named 'nothing_of_the_sort' (my_policies.py, line 1)\n"
+    )
+
+
+@pytest.mark.parametrize(("line", "words"), [
+    (["run", "hall", "kuramoto"], "got 'hall'; did you mean hall.toml?"),
+    (["run", "hal.toml", "kuramoto"], "hal.toml is missing; did you mean hall.toml?"),
+    (["benchmark", "--scenarios", "hall"], "got 'hall'; did you mean hall.toml?"),
+    (["scenarios", "shrt-one"], "did you mean short-one?"),
+    (["evaluate", "failure", "my-stil"], "did you mean my-still?"),
+    (["evaluate", "failure", "kuramto"], "did you mean kuramoto?"),
+    (["evaluate", "failure", "kuramoto-mpcc"], "got kuramoto-mpcc, which drives kind car; did you mean kuramoto?"),
+    (["evaluate", "failure", "trainde"], "did you mean trained?"),
+    (["replay", "epsode.npz"], "there is no file epsode.npz; did you mean episode.npz?"),
+    (["evaluate", "failure", "my_policies:MyStil"], "has no attribute 'MyStil'; did you mean MyStill?"),
+    (["evaluate", "failure", "my_policy:MyStill"], "No module named 'my_policy'; did you mean my_policies?"),
+    (["evaluate", "failure", "still", "--set", "duration=3"], "did you mean task.duration?"),
+    (["evaluate", "failure", "still", "--set", "targts.count=3"], "did you mean targets.count?"),
+    (["run", "failure", "still", "--out", "a.pgn"], "got a.pgn; did you mean .png?"),
+    (["reproduce", "figg6"], "did you mean fig6?"),
+], ids=lambda each: " ".join(each) if isinstance(each, list) else "")  # fmt: skip
+def test_suggestions_are_what_a_user_may_mean(line, words, folder, capsys):
+    (folder / "episode.npz").touch()
+    (folder / "trained").mkdir()
+    (folder / "trained" / "checkpoint.json").touch()
+    code, _, error = called(capsys, *line)
+    assert code == 2
+    assert words in error.splitlines()[0], error
+
+
+def test_nothing_is_suggested_where_nothing_is_alike(capsys):
+    code, _, error = called(capsys, "evaluate", "failure", "xyzzy")
+    assert (code, "did you mean" in error) == (2, False)
+    assert nearest("xyzzy", ["still", "sweep"]) == ""
+
+
+def test_an_unknown_name_is_answered_in_a_line_or_two(capsys):
+    # Story: a misspelt policy was answered by the names of all policies, with the one that was meant at their end.
+    for line in (
+        ["evaluate", "failure", "kuramto"],
+        ["benchmark", "--policies", "kuramto"],
+        ["run", "falure", "still"],
+    ):
+        code, _, error = called(capsys, *line)
+        assert code == 2
+        assert max(map(len, error.splitlines())) < 160
+    with pytest.raises(
+        ValueError, match=r"^policy must be one of the \d+ that `lissajous policies` lists, got 'swep'; "
+    ):
+        baselines.make("swep", "rough")
+
+
+@pytest.mark.parametrize(("word", "known", "words"), [
+    ("hall", ["still", "hallo", "hall.toml"], "; did you mean hall.toml or hallo?"),
+    ("kuramto", ["kuramoto-mpcc", "kuramoto", "still"], "; did you mean kuramoto?"),
+    ("my-method-mcpp", ["my-method-mpcc", "my-method-gvf"], "; did you mean my-method-mpcc?"),
+    ("", ["a"], ""),
+    (None, ["still"], ""),
+    ("x", [], ""),
+])  # fmt: skip
+def test_nearest(word, known, words):
+    assert nearest(word, known) == words
+
+
+def test_names_are_read_without_running_anything(folder):
+    found = dict(here.registered_here("register", "register_coordinator", "register_scenario"))
+    assert found == {"my-still": "my_policies", "my-way": "my_method", "short-one": "my_scenarios"}
+    assert not (folder / "imported").exists()
+
+
+def test_from_python_a_scenario_is_found_by_the_name_that_a_module_here_registers():
+    assert lissajous_env.scenario("short-one").task.duration == 0.5

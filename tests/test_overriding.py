@@ -1,0 +1,132 @@
+"""Overrides of scenarios by people who did not write these: what fits another number of robots, and what does not."""
+
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+from lissajous_env.envs.actions import action_table
+from lissajous_env.envs.true_state import state_names
+from lissajous_env.episodes import guarantee, recording
+from lissajous_env.theory import closed_forms, limits
+from lissajous_env.world.observation import layout
+
+SHORT = {"task.duration": 1.0}
+
+
+@pytest.mark.parametrize(("name", "overrides", "count"), [
+    ("experiment", {"robot.count": 7}, 7),
+    ("experiment", {"robot": {"count": 7}}, 7),
+    ("experiment", {"curve.a": 5, "curve.b": 4}, 9),
+    ("rough", {"robot.count": 4}, 4),
+    ("perturbation", {"robot.count": 20}, 20),
+    ("ideal", {"robot.count": 11}, 11),
+])  # fmt: skip
+def test_another_number_of_robots_has_a_formation_of_its_own(name, overrides, count):
+    # Story: `robot.count=7` on `experiment` asked for a ring, which the user had never set. Oracle: the defaults of N.
+    made = lissajous_env.scenario(name, **overrides)
+    assert made.num_robots == count
+    assert made.ring == tuple(range(count))
+    assert made.p == closed_forms.default_p(count)
+    env = lissajous_env.parallel_env(name, **overrides, **SHORT)
+    observations, _ = env.reset(seed=0)
+    assert len(observations) == count
+
+
+def test_the_same_number_keeps_the_formation_and_what_is_given_stays():
+    base = lissajous_env.scenario("experiment")
+    assert lissajous_env.scenario("experiment", **{"robot.count": 5}).ring == base.ring
+    given = {"robot.count": 7, "formation.ring": (6, 5, 4, 3, 2, 1, 0), "formation.p": 2}
+    made = lissajous_env.scenario("experiment", **given)
+    assert (made.ring, made.p) == ((6, 5, 4, 3, 2, 1, 0), 2)
+    whole = lissajous_env.Formation(p=2)
+    assert lissajous_env.scenario("experiment", formation=whole, **{"robot.count": 7}).p == 2
+    with pytest.raises(ValueError, match=r"^formation.ring must hold each of the 7 robots once, got \(0, 1\)$"):
+        lissajous_env.scenario("experiment", **{"robot.count": 7, "formation.ring": (0, 1)})
+
+
+@pytest.mark.parametrize(("name", "overrides", "field", "default"), [
+    ("experiment", {"robot.count": 3}, "faults.schedule", "()"),
+    ("redundant", {"curve.a": 3, "curve.b": 2, "robot.count": 5}, "faults.schedule", "()"),
+    ("knot", {"robot.kind": "car"}, "curve.half_depth", "0.0"),
+    ("intruders", {"robot.throttle_min": 5.0}, "robot.throttle_max", "0.25"),
+])  # fmt: skip
+def test_a_field_of_the_scenario_that_no_longer_fits_says_where_it_came_from(name, overrides, field, default):
+    words = f"^{field} must .*; it comes from the scenario {name}: change it too, {field}="
+    with pytest.raises(ValueError, match=words) as refused:
+        lissajous_env.scenario(name, **overrides)
+    assert str(refused.value).endswith(f"{field}={default} is the default")
+
+
+def test_what_the_message_says_is_a_way_out():
+    made = lissajous_env.scenario("experiment", **{"robot.count": 3, "faults.schedule": ()})
+    assert made.num_robots == 3
+    with pytest.raises(ValueError, match=r"^faults.schedule must name robots 0 to 4, got \(9,\)$"):
+        lissajous_env.scenario("experiment", **{"faults.schedule": ((9, 1.0, 2.0),)})
+
+
+def test_a_file_says_the_same_of_its_base(tmp_path):
+    (tmp_path / "three.toml").write_text("base = 'experiment'\n[robot]\ncount = 3\n")
+    with pytest.raises(ValueError, match=r"three\.toml: faults.schedule .* it comes from the scenario experiment"):
+        lissajous_env.scenario(tmp_path / "three.toml")
+
+
+TAKES_A_SCENARIO = {
+    "state_names": state_names,
+    "layout": lambda given: layout(given).names,
+    "action_table": lambda given: action_table(given).tolist(),
+    "robot_speed_limit": limits.robot_speed_limit,
+    "mean_time_limit": limits.mean_time_limit,
+    "guaranteed_time_limit": limits.guaranteed_time_limit,
+    "in_formation": lambda given: guarantee.in_formation(given).to_dict(),
+    "fastest_rogue": guarantee.fastest_rogue,
+    "guaranteed_time": lambda given: guarantee.guaranteed_time(given, cells=16),
+    "reach_of": lambda given: guarantee.reach_of(given, 0.1, cells=16),
+    "check_follows": guarantee.check_follows,
+    "Simulation": lambda given: lissajous_env.Simulation(given).observation.numpy().tolist(),
+    "names": baselines.names,
+    "Rows": lambda given: baselines.Rows(np.zeros((1, 5, 100)), given).scenario.to_dict(),
+}
+
+
+@pytest.mark.parametrize("name", TAKES_A_SCENARIO)
+def test_a_file_will_do_wherever_a_scenario_is_taken(name, tmp_path):
+    # Story: `state_names("mine.toml")` was an AttributeError. Oracle: the same of the scenario that the file makes.
+    path = tmp_path / "mine.toml"
+    path.write_text("base = 'evaders'\n[task]\nduration = 2.0\n")
+    call = TAKES_A_SCENARIO[name]
+    assert call(str(path)) == call(path) == call(lissajous_env.scenario(path))
+
+
+def test_overrides_wherever_worlds_are_made():
+    # Story: `RobotVecEnv("failure", **{"task.duration": 5.0})` was a TypeError. Oracle: the length of the episode.
+    assert lissajous_env.Simulation("failure", 2, **SHORT).scenario.task.steps == 10
+    policy = baselines.make("kuramoto", "failure")
+    made = lissajous_env.scenario("failure", **SHORT)
+    rows = lissajous_env.evaluate(policy, "failure", seeds=[3], **SHORT)
+    assert str(rows) == str(lissajous_env.evaluate(policy, made, seeds=[3]))
+    assert len(recording.record(policy, "failure", 3, **SHORT)) == 11
+    with pytest.raises(ValueError, match=r"did you mean task\.duration\?"):
+        lissajous_env.Simulation("failure", duration=1.0)
+
+
+def test_overrides_of_the_environment_of_stable_baselines3():
+    pytest.importorskip("stable_baselines3")
+    import training.sb3
+
+    worlds = training.sb3.RobotVecEnv("failure", num_worlds=2, seed=0, **SHORT)
+    assert worlds.scenario.task.duration == 1.0
+    with pytest.raises(ValueError, match=r"did you mean task\.duration\?"):
+        training.sb3.RobotVecEnv("failure", duration=5.0)
+
+
+@pytest.mark.parametrize("make", [lissajous_env.parallel_env, lissajous_env.env])
+@pytest.mark.parametrize("name", ["robot_9", 3, None, ["robot_0"]])
+def test_a_name_that_is_no_agents(make, name):
+    # Story: a bare KeyError: 'robot_9'.
+    env = make("failure")
+    env.reset(seed=0)
+    asked = [env.observation_space, env.action_space, *([env.observe] if hasattr(env, "observe") else [])]
+    for ask in asked:
+        with pytest.raises(ValueError, match="agent must be one of robot_0 to robot_4, got "):
+            ask(name)

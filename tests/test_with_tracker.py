@@ -1,0 +1,187 @@
+"""A coordinator of one's own: it goes with every tracker and filter, by name and as a factory, and reads rows in SI."""
+
+import dataclasses
+import pickle
+from functools import partial
+
+import numpy as np
+import pytest
+import warp as wp
+
+import baselines
+import lissajous_env
+from baselines.mpcc import MpccParameters
+from baselines.policies import registry
+from baselines.policies.coordinators.kuramoto import Kuramoto
+from lissajous_env.parameters.named import scenario as make_scenario
+from lissajous_env.world.state import WORKING
+
+SHORT = {"task.duration": 3.0}
+
+
+class Again(baselines.NumpyCoordinator):
+    """Time-inverted Kuramoto, once more."""
+
+    def rates(self, rows):
+        ahead = rows.lead + self.natural_rate * rows.age
+        return self.natural_rate - self.scenario.formation.coupling * np.sum(rows.heard * np.sin(ahead), axis=-1)
+
+
+class Counting(baselines.NumpyCoordinator):
+    """Goes on at the natural rate, and counts the steps of each world."""
+
+    def __init__(self, scenario, num_worlds, device):
+        super().__init__(scenario, num_worlds, device)
+        self.steps = np.zeros(num_worlds)
+
+    def forget(self, mask):
+        self.steps[mask] = 0
+
+    def rates(self, rows):
+        self.steps += 1
+        return np.full(rows.phase.shape, self.natural_rate)
+
+
+class InWarp:
+    def __init__(self, scenario, num_worlds, device):
+        self.phase_rate = wp.full((num_worlds, scenario.num_robots), 0.1, dtype=wp.float32, device=device)
+
+    def coordinate(self, observation):
+        pass
+
+
+@pytest.fixture(autouse=True)
+def forgotten(monkeypatch):
+    baselines.names()
+    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
+
+
+@pytest.mark.parametrize(("tracker", "scenario", "name"), [
+    ("points", "failure", "kuramoto"), ("mpcc", "experiment", "kuramoto-mpcc"), ("gvf", "rough", "kuramoto-gvf"),
+])  # fmt: skip
+def test_kuramoto_in_numpy_drives_as_ours_does(tracker, scenario, name):
+    # Oracle: our coordinator, which is a Warp kernel. Cars amplify the last digits, so that they are told by the way.
+    made = lissajous_env.scenario(scenario, **SHORT)
+    ours = lissajous_env.evaluate(baselines.make(name, made, 4), made, range(4))
+    theirs = lissajous_env.evaluate(baselines.with_tracker(Again, tracker)(made, 4, "cpu"), made, range(4))
+    for column in ("distance_mean", "phase_error", "detection_time_mean", "spacing_factor"):
+        np.testing.assert_allclose([row[column] for row in theirs], [row[column] for row in ours], rtol=1e-3, atol=1e-5)
+
+
+def test_a_registered_coordinator_has_the_names_that_ours_have():
+    # Oracle: the names of `kuramoto`.
+    wanted = [each.replace("kuramoto", "my-method") for each in baselines.names() if each.startswith("kuramoto")]
+    assert baselines.register_coordinator("my-method")(Again) is Again
+    assert {each for each in baselines.names() if each.startswith("my-method")} == set(wanted)
+    assert {"my-method", "my-method-mpcc", "my-method-gvf", "my-method-mpcc-safe", "my-method-gvf-close"} <= set(wanted)
+    for name in wanted:
+        ours = registry.describe(name.replace("my-method", "kuramoto"))
+        described = registry.describe(name)
+        assert (described["kind"], described["made_for"]) == (ours["kind"], ours["made_for"])
+        assert registry.made_for(name, "rough") == registry.made_for(name.replace("my-method", "kuramoto"), "rough")
+        scenario = lissajous_env.scenario("failure" if described["kind"] == "curve" else "rough", **SHORT)
+        assert lissajous_env.evaluate(baselines.make(name, scenario), scenario, [0])[0]["policy"] == name
+    assert registry.describe("my-method")["description"] == "Time-inverted Kuramoto, once more."
+    assert "by cars under model predictive contouring control" in registry.describe("my-method-mpcc")["description"]
+    baselines.register_coordinator("my-method", Again)  # the same again, as a module that is loaded anew does
+    with pytest.raises(ValueError, match="name of a policy must be new, got my-method"):
+        baselines.register_coordinator("my-method", Kuramoto)
+    with pytest.raises(ValueError, match="name of a policy must be new, got kuramoto"):
+        baselines.register_coordinator("kuramoto", Again)
+
+
+def test_a_factory_knows_its_kind_and_can_be_sent_elsewhere():
+    factory = baselines.with_tracker(Again, "mpcc")
+    baselines.register("again-by-hand", factory=factory)
+    assert registry.describe("again-by-hand")["kind"] == "car"
+    policy = pickle.loads(pickle.dumps(factory))("rough", 2, "cpu")
+    assert policy.action.shape == (2, 5, 2)
+    assert type(pickle.loads(pickle.dumps(policy)).coordinator) is Again
+
+
+def test_parameters_of_the_tracker():
+    scenario = make_scenario("rough")
+    short = dataclasses.replace(MpccParameters.of(scenario), stages=7)
+    policy = baselines.with_tracker(Again, "mpcc", parameters=short)(scenario, 1, "cpu")
+    assert policy.mpcc.control.shape == (5, 7, 2)
+
+
+def test_a_coordinator_forgets_the_worlds_that_begin_anew():
+    policy = baselines.with_tracker(Counting)("failure", 3, "cpu")
+    for _ in range(4):
+        policy.act(np.zeros(policy.observation_shape, np.float32))
+    policy.reset([1])
+    assert policy.coordinator.steps.tolist() == [4, 0, 4]
+
+
+def test_a_coordinator_in_warp_alone():
+    scenario = lissajous_env.scenario("failure", **SHORT)
+    rows = lissajous_env.evaluate(baselines.with_tracker(InWarp, "points")(scenario, 1, "cpu"), scenario, [0])
+    assert rows[0]["distance_mean"] > 0
+
+
+@pytest.mark.parametrize(("rates", "words"), [
+    (lambda rows: rows.phase[0], r"rates of Wrong must have shape \(2, 5\), got \(5,\)"),
+    (lambda rows: np.full((2, 5), np.nan), r"rates of Wrong must be finite \[rad/s\], got nan for robot_0 in"),
+    (lambda rows: "fast", "rates of Wrong must hold real numbers"),
+])  # fmt: skip
+def test_rates_that_are_none(rates, words):
+    wrong = type("Wrong", (baselines.NumpyCoordinator,), {"rates": lambda self, rows: rates(rows)})
+    policy = baselines.with_tracker(wrong)("failure", 2, "cpu")
+    with pytest.raises(ValueError, match=words):
+        policy.act(np.zeros(policy.observation_shape, np.float32))
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (partial(baselines.with_tracker, Again, "mpc"), "must be one of points, mpcc, gvf, got 'mpc'; did you mean"),
+    (partial(baselines.with_tracker, 3, "mpcc"), r"must be coordinator\(scenario, num_worlds, device\), got 3"),
+    (partial(baselines.register_coordinator, "", Again), "name of a policy must be a word"),
+])  # fmt: skip
+def test_what_is_no_coordinator_or_tracker(call, words):
+    with pytest.raises(ValueError, match=words):
+        call()
+
+
+@pytest.mark.parametrize("name", ["failure", "rough", "experiment"])
+def test_rows_hold_what_is_true(name):
+    """Oracle: the state of the world, where nothing is measured with noise."""
+    quiet = {f"noise.{each}": 0.0 for each in ("position", "heading", "speed", "message_loss", "message_delay")}
+    scenario = lissajous_env.scenario(
+        name, **quiet, **{"faults.schedule": ((1, 0.5, 5.0),), "targets.arrival_rate": 5.0}
+    )
+    simulation = lissajous_env.Simulation(scenario, 3, seed=5)
+    policy = baselines.make("kuramoto" if name == "failure" else "kuramoto-mpcc", scenario, 3)
+    for _ in range(20):
+        simulation.step(policy.act(simulation.observation))
+    rows, robots = baselines.Rows(simulation.observation.numpy(), scenario), simulation.robots
+    place = robots.position.numpy()[..., :2]
+    near = {"rtol": 0, "atol": 2e-5}
+    np.testing.assert_allclose(rows.position, place, **near)
+    np.testing.assert_allclose(np.sin(rows.heading - robots.heading.numpy()), 0, **near)
+    np.testing.assert_allclose(np.sin(rows.phase - robots.phase.numpy()), 0, **near)
+    np.testing.assert_allclose(rows.speed, robots.speed.numpy(), **near)
+    np.testing.assert_array_equal(rows.works, robots.status.numpy() == int(WORKING))
+    assert not rows.works[:, 1].any()
+    for side in range(2):
+        other = scenario.neighbours[:, side]
+        heard = rows.heard[..., side]
+        assert heard.any()
+        lead = (robots.phase.numpy()[:, other] - robots.phase.numpy()) - rows.lead[..., side]
+        aged = scenario.formation.phase_rate * (rows.age[..., side] + scenario.task.step)  # sent before the last step
+        assert (np.abs(np.sin(lead))[heard] <= 4 * aged[heard] + 1e-3).all()
+        offset = place[:, other] - place - rows.neighbour_offset[..., side, :]
+        assert np.abs(offset[heard]).max() < 0.5
+    apart = np.linalg.norm(place[:, :, None] - place[:, None], axis=-1)
+    # A robot that has failed senses nothing.
+    inside = (apart < scenario.sensing_radius) & ~np.eye(5, dtype=bool) & rows.works[..., None]
+    np.testing.assert_array_equal(rows.robots_seen.sum(-1), np.minimum(inside.sum(-1), scenario.sensing.robots_seen))
+    nearest = np.where(inside, apart, np.inf).min(-1)
+    seen = rows.robots_seen[..., 0]
+    np.testing.assert_allclose(np.linalg.norm(rows.robot_offset[..., 0, :], axis=-1)[seen], nearest[seen], **near)
+    assert rows.robot_velocity.shape == rows.robot_offset.shape
+    assert rows.targets_seen.shape == rows.target_offset.shape[:-1]
+    reach = np.linalg.norm(rows.target_offset, axis=-1)
+    assert (reach <= scenario.sensing_radius + 1e-6).all()
+    np.testing.assert_array_equal(rows.entry("works") > 0.5, rows.works)
+    with pytest.raises(ValueError, match="did you mean works"):
+        rows.entry("wroks")
