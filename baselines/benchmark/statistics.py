@@ -94,10 +94,12 @@ def bootstrap_interval(
     # A resample of sorted values is how often each one was drawn, so no resample is ever sorted: the middle half of
     # it is from draw `cut` to draw n - cut, and a value counts as often as its draws lie in there.
     drawn = np.hstack([draws(len(sample), resamples, seed + k) for k, sample in enumerate(samples)])
+    outside = int(cut * n)
+    if not outside:
+        return _middle(drawn @ pooled / n, confidence)
     order = np.argsort(pooled, kind="stable")
     drawn = drawn[:, order]
     last = np.cumsum(drawn, axis=1)
-    outside = int(cut * n)
     counted = np.minimum(last, n - outside) - np.maximum(last - drawn, outside)
     means = np.maximum(counted, 0) @ pooled[order] / (n - 2 * outside)
     return _middle(means, confidence)

@@ -112,6 +112,12 @@ SHIPPED = (
         robot=Robot(kind="car", radius=0.125, drag=0.94, drive=36.8, offset=0.94, dead_zone=0.0),
     ),
     _INTRUDERS,
+    dataclasses.replace(
+        _INTRUDERS,
+        name="intruders-inside",
+        description="The same; rogues appear anywhere inside, for which no patrol of the boundary is made.",
+        targets=dataclasses.replace(_INTRUDERS.targets, entry="inside"),
+    ),
     _EVADERS,
     dataclasses.replace(
         _EVADERS,

@@ -94,8 +94,10 @@ def find_listed_collisions(
                     columns = columns_of(w, i, row, 0.0, robots, bins)
                     for column in range(columns[0], columns[1] + 1):
                         k = row * bins.columns + column
-                        found = compare_with_listed(w, i, k, part, now, touch, beyond, places, robots, bins, tally, counted)
-                        nearest = wp.min(nearest, found)
+                        least = compare_with_listed(
+                            w, i, k, part, now, touch, beyond, places, robots, bins, tally, counted
+                        )
+                        nearest = wp.min(nearest, least)
     if nearest < 1.0e30:
         wp.atomic_min(counted.min_separation, w, part, wp.sqrt(nearest))
 
