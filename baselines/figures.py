@@ -22,9 +22,9 @@ def figures(
 ) -> list[Path]:
     """Draw the results of a benchmark for a paper, and write its table in LaTeX; nothing is played.
 
-    For each kind of robots: performance profiles, the probability of improvement over the reference, and aggregates, all
-    with 95 % bootstrap intervals stratified by scenario; for each scenario the distribution of every score. All are as
-    wide as both columns of a paper, 7.16 inch.
+    For each kind of robots: performance profiles, the probability of improvement over the reference, and aggregates,
+    all with 95 % bootstrap intervals stratified by scenario; for each scenario the distributions of its scores. All are
+    as wide as both columns of a paper, 7.16 inch.
 
     Args:
         folder: of the results of a benchmark.

@@ -140,7 +140,7 @@ def seed_by_seed(rows: Iterable[dict[str, Any]], against: str | None = None) -> 
 
 
 def reference_of(policies: Iterable[str], against: str | None = None) -> str:
-    """Return the policy that the others are compared with: the one asked for, the paper's method, or the first; "" for none."""
+    """Return the policy that others are compared with: that asked for, the paper's method, the first; "" for none."""
     played = [policy for policy in policies if policy != clairvoyant.NAME]
     return next((name for name in (against, *_REFERENCES, *played) if name in played), "")
 

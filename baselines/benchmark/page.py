@@ -32,7 +32,7 @@ _CURVE = 240
 """Times of a curve."""
 _DIGITS = 5
 _LISTED = ("coverage_time", "idleness_mean")
-"""Columns beside the main ones and a scenario's own that the table of the episodes shows; others it can be ordered by."""
+"""Columns that the table of the episodes shows beside the main ones and a scenario's own."""
 
 
 @dataclass(frozen=True)

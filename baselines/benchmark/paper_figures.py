@@ -8,7 +8,7 @@ whole distributions. Times are over T_max of their scenario, so that another pol
 
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from baselines.benchmark import clairvoyant
 from baselines.benchmark.comparison import COMPARED, OPEN, Comparisons, reference_of
@@ -45,6 +46,8 @@ _STYLE: dict[Any, Any] = STYLE | {
     "svg.hashsalt": "lissajous",
 }
 _TIMES = ("detection_time_mean", "guaranteed_detection_time")
+_MOST_ENDLESS = 0.25
+"""Share of infinite scores up to which the middle half has none."""
 _VALUES = 200
 """Values at which a profile is drawn."""
 _FIRST_ROW = 0.55
@@ -95,7 +98,9 @@ def groups_of(rows: Rows, scenarios: Mapping[str, Scenario], against: str | None
     return found
 
 
-def draw(rows: Rows, scenarios: Mapping[str, Scenario], comparisons: Comparisons, against: str | None, form: str):
+def draw(
+    rows: Rows, scenarios: Mapping[str, Scenario], comparisons: Comparisons, against: str | None, form: str
+) -> Iterator[tuple[str, bytes]]:
     """Draw all figures and yield each as name of its file and content."""
     looks = looks_of(dict.fromkeys(row["policy"] for row in rows))
     with rc_context(_STYLE):
@@ -104,17 +109,15 @@ def draw(rows: Rows, scenarios: Mapping[str, Scenario], comparisons: Comparisons
                 if group.columns and not (name == "improvement" and len(group.scores) < 2):
                     yield f"{name}-{group.kind}.{form}", _saved(drawn(group, looks), form)
         for name, scenario in scenarios.items():
-            of = {}
+            of: dict[str, list[Mapping[str, Any]]] = {}
             for row in rows:
                 if row["scenario"] == name:
                     of.setdefault(row["policy"], []).append(row)
-            measures = [
-                m for m in measures_of(scenario, comparisons.cells.get(name, {})) if m.main or m not in MEASURES
-            ]
-            measures = [
-                m for m in measures if any(math.isfinite(r.get(m.column, math.nan)) for p in of.values() for r in p)
-            ]
-            if of and measures:
+            measures = measures_of(scenario, comparisons.cells.get(name, {}))
+            measures = [each for each in measures if each.column in COMPARED or each not in MEASURES]
+            played = [row for episodes in of.values() for row in episodes]
+            measures = [m for m in measures if any(math.isfinite(row.get(m.column, math.nan)) for row in played)]
+            if measures:
                 yield f"distribution-{name}.{form}", _saved(_distribution(name, of, measures, looks), form)
 
 
@@ -136,10 +139,18 @@ def _scaled(axes: Axes, column: str, values: np.ndarray) -> None:
     positive = known[known > 0]
     if column in _TIMES and len(positive):
         axes.set_xscale("log")
-        axes.set_xlim(max(positive.min(), positive.max() / 1e4) * 0.9, positive.max() * 1.1)
+        low, high = max(positive.min(), positive.max() / 1e4) * 0.9, positive.max() * 1.1
+        axes.set_xlim(low, high)
+        decades = math.log10(high / low)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 2.2 else (1,), numticks=9))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
     elif column == "collisions" and known.max() > 20:
         axes.set_xscale("symlog", linthresh=1)
         axes.set_xlim(0, known.max() * 1.1)
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    elif column == "sensed_fraction":
+        axes.set_xlim(min(0.5, known.min()) - 0.03, 1.03)
 
 
 def _profiles(group: Group, looks: Mapping[str, Any]) -> Figure:
@@ -185,25 +196,34 @@ def _improvement(group: Group, looks: Mapping[str, Any]) -> Figure:
 def _aggregates(group: Group, looks: Mapping[str, Any]) -> Figure:
     """Interquartile mean over the episodes of all scenarios, of collisions the mean, with its interval."""
     policies = list(group.scores)
-    figure, panels = _panels(group.columns, _FIRST_ROW + _ROW * len(policies), rows=policies)
+    figure, panels = _panels(_closed(group), _FIRST_ROW + _ROW * len(policies), rows=policies)
     means = {each.column: each.mean for each in MEASURES}
     for column, axes in panels.items():
         shown = []
         for place, policy in enumerate(policies):
             strata = group.scores[policy][column]
-            # What has no end is at the end of the scale: too many of them, and the middle half has none either.
             of = summarize(*strata)
             found = (of.mean, of.mean_low, of.mean_high) if means[column] else (of.iqm, of.low, of.high)
-            endless = np.concatenate([np.isinf(scores) for scores in strata]).mean()
-            if endless <= 0.25 and np.isfinite(found[0]):
+            endless = _endless(strata)
+            if endless <= _MOST_ENDLESS and np.isfinite(found[0]):
                 _interval(axes, place, found, looks[policy], policy)
                 shown.append(found[0])
             else:
-                axes.text(0.98, place, f"open in {100 * endless:.0f} %", transform=axes.get_yaxis_transform(), ha="right",
-                          va="center", fontsize=6, color="#777777")  # fmt: skip
+                words = {"transform": axes.get_yaxis_transform(), "fontsize": 6, "color": "#777777"}
+                axes.text(0.98, place, f"open in {100 * endless:.0f} %", ha="right", va="center", **words)
         _scaled(axes, column, np.array(shown or [1.0]))
         axes.set_title(_unit(column))
     return figure
+
+
+def _endless(strata: Sequence[np.ndarray]) -> float:
+    """Share of the scores that are infinite."""
+    return float(np.isinf(np.concatenate(strata)).mean())
+
+
+def _closed(group: Group) -> list[str]:
+    """Columns of which some policy has an aggregate."""
+    return [c for c in group.columns if any(_endless(of[c]) <= _MOST_ENDLESS for of in group.scores.values())]
 
 
 def _distribution(name: str, of: Mapping[str, Rows], measures: Sequence[Measure], looks: Mapping[str, Any]) -> Figure:
@@ -227,7 +247,7 @@ def _distribution(name: str, of: Mapping[str, Rows], measures: Sequence[Measure]
         values = np.concatenate(every)
         if values.min() > 0 and values.max() > 30 * np.median(values):
             axes.set_xscale("log")
-        _scaled(axes, measure.column if measure.column == "collisions" else "", values)
+        _scaled(axes, "" if measure.column in _TIMES else measure.column, values)
         axes.set_title(measure.title)
     return figure
 

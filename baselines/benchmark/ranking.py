@@ -1,4 +1,4 @@
-"""Who is best: mean ranks of the policies over the scenarios of a kind of robots, with what a resample of seeds changes."""
+"""Who is best: mean ranks of the policies over the scenarios of a kind of robots, with bootstrap intervals."""
 
 import math
 from collections.abc import Mapping, Sequence

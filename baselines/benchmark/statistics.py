@@ -140,7 +140,7 @@ Band = tuple[np.ndarray, np.ndarray, np.ndarray]
 def performance_profile(
     strata: Sequence[np.ndarray], values: np.ndarray, better: int = -1, resamples: int = 500
 ) -> Band:
-    """Share of the episodes of all strata that are at least as good as each of some values, by the stratified bootstrap.
+    """Share of the episodes of all strata that are at least as good as each of some values; stratified bootstrap.
 
     With `better` -1 that is P(score <= value), with 1 it is P(score >= value). An infinite score is the worst; NaN is
     left out.

@@ -1,6 +1,7 @@
 """The table of a comparison as text: in Markdown for the README and `table.md`, in LaTeX for papers."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -46,34 +47,33 @@ def markdown(table: Mapping[str, Sequence[Any]]) -> str:
 
 
 def latex(comparisons: Comparisons, scenarios: Mapping[str, Scenario]) -> str:
-    r"""Return the table in LaTeX, over both columns of a paper; its preamble needs `\usepackage{booktabs}`.
+    r"""Return a table of each scenario in LaTeX, over both columns of a paper; they need `\usepackage{booktabs}`.
 
-    The best of each column of a scenario is bold; columns without any number are left out.
+    The best of each column is bold; columns without any number are left out.
     """
-    cells = comparisons.cells
-    columns = {name: _paper_columns(measures_of(scenarios[name], of)) for name, of in cells.items()}
-    every = dict.fromkeys(each for of in columns.values() for each in of)
-    there = [
-        m for m in every if any(m.column in of and of[m.column].n_finite for by in cells.values() for of in by.values())
-    ]
+    tables = [_paper_table(scenarios[name], policies) for name, policies in comparisons.cells.items()]
+    return "\n".join(["% Needs \\usepackage{booktabs}.", *tables])
+
+
+def _paper_table(scenario: Scenario, policies: Mapping[str, Mapping[str, Statistics]]) -> str:
+    columns = [each for each in measures_of(scenario, policies) if each.main or each not in MEASURES]
+    columns = [m for m in columns if any(m.column in of and of[m.column].n_finite for of in policies.values())]
+    best = [best_of([of for name, of in policies.items() if name != clairvoyant.NAME], each) for each in columns]
+    name = _escaped(scenario.name)
     lines = [
-        "% Needs \\usepackage{booktabs}.",
         r"\begin{table*}[t]",
         r"\centering\footnotesize\setlength{\tabcolsep}{4pt}",
-        rf"\caption{{{_CAPTION}}}",
-        r"\label{tab:lissajous}",
-        rf"\begin{{tabular}}{{l{'r' * len(there)}}}",
+        rf"\caption{{\texttt{{{name}}}{_escaped(_limits(scenario))}. {_CAPTION}}}",
+        rf"\label{{tab:{re.sub(r'[^A-Za-z0-9-]', '-', scenario.name)}}}",
+        rf"\begin{{tabular}}{{@{{}}l{'r' * len(columns)}@{{}}}}",
         r"\toprule",
-        f"policy & {' & '.join(_escaped(each.title) for each in there)} \\\\",
+        f"policy & {' & '.join(_escaped(each.title) for each in columns)} \\\\",
+        r"\midrule",
     ]
-    for name, policies in cells.items():
-        rivals = [of for policy, of in policies.items() if policy != clairvoyant.NAME]
-        best = [best_of(rivals, each) for each in there]
-        lines += [r"\midrule", rf"\multicolumn{{{len(there) + 1}}}{{l}}{{\textit{{{_escaped(name)}}}}} \\"]
-        for policy, of in policies.items():
-            marks = best if policy != clairvoyant.NAME else [""] * len(there)
-            shown = [_paper_cell(of, each, mark) for each, mark in zip(there, marks, strict=True)]
-            lines.append(f"{_escaped(shown_name(policy))} & {' & '.join(shown)} \\\\")
+    for policy, of in policies.items():
+        marks = best if policy != clairvoyant.NAME else [""] * len(columns)
+        shown = [_paper_cell(of, each, mark) for each, mark in zip(columns, marks, strict=True)]
+        lines.append(f"{_escaped(shown_name(policy))} & {' & '.join(shown)} \\\\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table*}", ""])
 
 
@@ -81,11 +81,6 @@ _CAPTION = (
     r"Interquartile mean over the seeds and 95\,\% bootstrap interval; of collisions and of what is over the limit the "
     r"mean. Bold: the best. $>$: a lower bound."
 )
-
-
-def _paper_columns(measures: Sequence[Measure]) -> list[Measure]:
-    """Main columns, and those that a scenario brings."""
-    return [each for each in measures if each.main or each not in MEASURES]
 
 
 def _paper_cell(of: Mapping[str, Statistics], measure: Measure, best: str) -> str:
