@@ -15,8 +15,8 @@ from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark.comparison import compare
-from baselines.benchmark.running import measure
 from baselines.benchmark.measures import MEASURES
+from baselines.benchmark.running import measure
 from baselines.benchmark.tables import in_words
 from baselines.benchmark.types import Benchmark, Outcome
 from lissajous_env.console.terminal import make_console

@@ -168,8 +168,8 @@ class Scenario:
     def places(self) -> tuple[int, ...]:
         """Place of each robot: robots on the same place overlap by design, and no collision of theirs is counted.
 
-        Points on the curve have kappa robots on each place of the equilibrium (Lemma 1): their bodies cannot but overlap.
-        Of all other robots each has a place of its own: two cars on one place do collide.
+        Points on the curve have kappa robots on each place of the equilibrium (Lemma 1), where bodies cannot but
+        overlap. Of all other robots each has a place of its own: two cars on one place do collide.
         """
         shared = self.num_robots // self.clusters if model_of(self.robot.kind).keeps_to_curve else self.num_robots
         return tuple(self.ring.index(robot) % shared for robot in range(self.num_robots))
