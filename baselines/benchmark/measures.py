@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from baselines.benchmark.comparison import OPEN, OVER_LIMIT, OVERALL, guarantee_of, limit_of
+from baselines.benchmark.comparison import OVER_LIMIT, OVERALL, guarantee_of, limit_of
 from baselines.benchmark.rows import NUMBER_COLUMNS
 from lissajous_env.parameters.scenario import Faults, Scenario
 
@@ -85,7 +85,7 @@ def measures_of(scenario: Scenario, policies: Mapping[str, Mapping[str, Any]]) -
     """
     shown = [each for each in MEASURES if each.column != "recovery_time" or scenario.faults != Faults()]
     known = dict.fromkeys(column for of in policies.values() for column in of)
-    own = [column for column in known if column not in (*NUMBER_COLUMNS, OVER_LIMIT, OPEN)]
+    own = [column for column in known if column not in (*NUMBER_COLUMNS, OVER_LIMIT)]
     brought = [Measure(column, title_of(column), 0, about="A score column of the scenario's own.") for column in own]
     return [*(each for each in shown if each.main), *brought, *(each for each in shown if not each.main)]
 

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import COMPARED, OPEN, Comparisons, reference_of
+from baselines.benchmark.comparison import COMPARED, GUARANTEED, OPEN, Comparisons, is_censored, reference_of
 from baselines.benchmark.looks import STYLE, looks_of
 from baselines.benchmark.measures import MEASURES, Measure, measures_of, title_of
 from baselines.benchmark.statistics import performance_profile, probability_of_improvement, summarize
@@ -45,7 +45,7 @@ _STYLE: dict[Any, Any] = STYLE | {
     "pdf.fonttype": 42,  # fonts that journals accept and readers can search
     "svg.hashsalt": "lissajous",
 }
-_TIMES = ("detection_time_mean", "guaranteed_detection_time")
+_TIMES = ("detection_time_mean", GUARANTEED)
 _MOST_ENDLESS = 0.25
 """Share of infinite scores up to which the middle half has none."""
 _VALUES = 200
@@ -122,10 +122,13 @@ def draw(
 
 
 def _scores(rows: Rows, column: str, scenario: Scenario) -> np.ndarray:
-    """Scores of the episodes; times over T_max, a guarantee that is open is infinite."""
+    """Scores of the episodes; times over T_max.
+
+    A guarantee that is open, or was still growing when its episode ended, is infinite: no bound of it is known.
+    """
     values = np.array([row.get(column, math.nan) for row in rows], dtype=float)
-    if column == "guaranteed_detection_time":
-        values[[row.get(OPEN) == 1 for row in rows]] = np.inf
+    if column == GUARANTEED:
+        values[[row[OPEN] == 1 or is_censored(row) for row in rows]] = np.inf
     return values / scenario.detection_time_bound if column in _TIMES else values
 
 
@@ -210,7 +213,7 @@ def _aggregates(group: Group, looks: Mapping[str, Any]) -> Figure:
                 shown.append(found[0])
             else:
                 words = {"transform": axes.get_yaxis_transform(), "fontsize": 6, "color": "#777777"}
-                axes.text(0.98, place, f"open in {100 * endless:.0f} %", ha="right", va="center", **words)
+                axes.text(0.98, place, f"no bound in {100 * endless:.0f} %", ha="right", va="center", **words)
         _scaled(axes, column, np.array(shown or [1.0]))
         axes.set_title(_unit(column))
     return figure

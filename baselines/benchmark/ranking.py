@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import rankdata
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import COMPARED, OPEN
+from baselines.benchmark.comparison import COMPARED, GUARANTEED, OPEN
 from baselines.benchmark.statistics import bootstrap_interval
 from lissajous_env.parameters.scenario import Scenario
 
@@ -75,8 +75,11 @@ def _worths(of: Mapping[str, Mapping[int, Mapping[str, Any]]], policies: Sequenc
 
 
 def _worth(row: Mapping[str, Any], column: str) -> float:
-    """Return the number of a row, less being better; a guarantee that is open is worse than any that is not."""
-    if column == "guaranteed_detection_time" and row.get(OPEN) == 1:
+    """Return the number of a row, less being better; a guarantee that is open is worse than any that is not.
+
+    One that was still growing when its episode ended counts as long as it was.
+    """
+    if column == GUARANTEED and row.get(OPEN) == 1:
         return math.inf
     return -COMPARED[column] * row.get(column, math.nan)
 

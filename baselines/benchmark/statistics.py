@@ -147,7 +147,7 @@ def performance_profile(
     """
     known = [better * stratum[~np.isnan(stratum)] for stratum in strata]
     reached = np.concatenate(known)[:, None] >= better * np.asarray(values)[None]
-    drawn = np.hstack([_draws(len(sample), resamples, k) for k, sample in enumerate(known) if len(sample)])
+    drawn = np.hstack([draws(len(sample), resamples, k) for k, sample in enumerate(known) if len(sample)])
     shares = drawn @ reached / len(reached)
     low, high = np.quantile(shares, [0.025, 0.975], axis=0)
     return reached.mean(axis=0), low, high
@@ -166,7 +166,7 @@ def probability_of_improvement(
         ours, theirs = better * ours[~np.isnan(ours)], better * theirs[~np.isnan(theirs)]
         won = (ours[:, None] > theirs[None]) + (ours[:, None] == theirs[None]) / 2
         means.append(won.mean())
-        counts = _draws(len(ours), resamples, 2 * k), _draws(len(theirs), resamples, 2 * k + 1)
+        counts = draws(len(ours), resamples, 2 * k), draws(len(theirs), resamples, 2 * k + 1)
         drawn += ((counts[0] @ won) * counts[1]).sum(axis=1) / won.size
     return float(np.mean(means)), *_middle(drawn / len(means), 0.95)
 

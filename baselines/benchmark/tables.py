@@ -95,7 +95,7 @@ def print_scores(console: Console, policy: str, scenario: str, columns: dict[str
     for name, of in columns.items():
         mean, std, least, most = (number(value) for value in (of.mean, of.std, of.min, of.max))
         counted = str(of.n) if of.n_finite == of.n else f"{of.n_finite}/{of.n}"
-        value, ends = in_words(columns, Shown(name, name, 0))
+        value, ends = in_words(columns, Measure(name, name, 0))
         interval = ends if of.n_finite > 1 else _DASH
         rows.append([name, Text(value, "bold"), interval, counted, mean, std, least, most])
     left_out = print_table(console, [Column("score", left=True, style="cyan"), *map(Column, names)], rows)
