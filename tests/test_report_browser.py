@@ -185,6 +185,9 @@ def test_rows_without_a_replay_tell_the_command(browser, folder, text):  # noqa:
 def test_it_fits_phones_and_screens_in_light_and_dark(browser, folder, text, width, dark):  # noqa: F811
     run = opened(browser, folder, text, width, dark)
     assert run("return document.documentElement.scrollWidth") <= width
+    run("for (const part of document.querySelectorAll('details')) part.open = true")
+    wait(lambda: run("return document.querySelectorAll('.figure svg').length") == 4)
+    assert run("return document.documentElement.scrollWidth") <= width
     paper = "return getComputedStyle(document.body).backgroundColor"
     brightness = lambda: sum(json.loads("[" + run(paper)[4:-1] + "]"))  # noqa: E731
     assert (brightness() < 150) == dark

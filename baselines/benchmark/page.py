@@ -67,7 +67,7 @@ class Report:
         policies = list(dict.fromkeys(row["policy"] for row in self.outcome.held_rows))
         number_of = {name: k for k, name in enumerate(policies)}
         scenario_of = {name: k for k, name in enumerate(self.comparisons.cells)}
-        kept = _listed(ranked)
+        kept, held = _listed(ranked), self.outcome.held_scenarios
         replayed = {f"replay-{k}": (key, played) for k, (key, played) in enumerate(replays.items())}
         data = {
             "format": FORMAT,
@@ -75,7 +75,8 @@ class Report:
             "kinds": [{"name": kind.name, "words": kind.words, "about": kind.about} for kind in KINDS],
             "policies": self._policies(policies),
             "rankings": [
-                self._ranking(each, scenario_of, number_of) for each in rankings(ranked, self.outcome.held_scenarios)
+                self._ranking(each, scenario_of, number_of)
+                for each in rankings(with_derived(self.outcome.held_rows, held), held)
             ],
             "scenarios": [self._scenario(name, number_of, ranked) for name in scenario_of],
             "failures": [[each.scenario, each.policy, each.error] for each in self.outcome.failures],
