@@ -18,8 +18,9 @@ from tuning import HELD_OUT, make
 
 import baselines
 import lissajous_env
+from baselines.benchmark.measures import MEASURES
 from baselines.benchmark.statistics import Statistics, interquartile_mean, summarize
-from baselines.benchmark.tables import SHOWN, in_words, number
+from baselines.benchmark.tables import in_words, number
 from baselines.policies.base import Policy
 from training.learned import checkpoint
 from training.learned.policy import find
@@ -64,7 +65,7 @@ def as_table(scores: dict[str, dict[str, dict[str, Statistics]]]) -> figures.Tab
     for scenario, policies in scores.items():
         own = policies[LEARNED[scenario]]["detection_time_mean"].iqm
         for label, of in policies.items():
-            words = (in_words(of, shown) for shown in SHOWN if shown.column in COLUMNS)
+            words = (in_words(of, shown) for shown in MEASURES if shown.column in COLUMNS)
             cells = [f"{value} ({ends})" if ends else value for value, ends in words]
             name, *tuned = label.partition(",")
             rows.append([f"{scenario}, `{name}`{''.join(tuned)}", *cells, number(own / of["detection_time_mean"].iqm)])

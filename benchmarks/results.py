@@ -1,6 +1,6 @@
 """What every policy scores on every scenario, for the pages of the scenarios: `python benchmarks/results.py --store`.
 
-Each policy that a benchmark plays by itself plays each shipped scenario that it can drive, on few seeds, the same for
+Every policy plays each shipped scenario that it can drive, on few seeds, the same for
 all; `benchmarks/table.py` plays fewer of them on more seeds. FOLDER holds the benchmark of each scenario; killed and
 called again it goes on. A number is the interquartile mean over the episodes with its 95 % bootstrap interval, of
 collisions the mean.
@@ -15,8 +15,9 @@ from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark.comparison import compare
+from baselines.benchmark.measures import MEASURES
 from baselines.benchmark.running import measure
-from baselines.benchmark.tables import SHOWN, in_words
+from baselines.benchmark.tables import in_words
 from baselines.benchmark.types import Benchmark, Outcome
 from lissajous_env.console.terminal import make_console
 
@@ -29,18 +30,18 @@ def settings_for(scenario: lissajous_env.Scenario, episodes: int, out: Path) -> 
     """What is played on a scenario: on a large one less."""
     if scenario.num_robots * scenario.target_capacity >= LARGE:
         return Benchmark((scenario.name,), RIVALS, episodes=1, out=out / scenario.name)
-    return Benchmark((scenario.name,), episodes=episodes, batch=episodes, out=out / scenario.name)
+    return Benchmark((scenario.name,), ("all",), episodes=episodes, batch=episodes, out=out / scenario.name)
 
 
 def as_table(outcome: Outcome) -> dict[str, list]:
     """A row for each policy; columns without any number are left out."""
     (cells,) = compare(outcome.rows, outcome.scenarios).cells.values()
-    there = [each for each in SHOWN if any(of[each.column].n_finite for of in cells.values() if each.column in of)]
+    there = [each for each in MEASURES if any(of[each.column].n_finite for of in cells.values() if each.column in of)]
     rows = []
     for policy, of in cells.items():
         words = [in_words(of, each) for each in there]
         rows.append([f"`{policy}`", *(f"{value} ({between})" if between else value for value, between in words)])
-    return {"columns": ["policy", *(each.title.replace("-\n", "").replace("\n", " ") for each in there)], "rows": rows}
+    return {"columns": ["policy", *(each.title for each in there)], "rows": rows}
 
 
 def main() -> None:

@@ -111,14 +111,6 @@ def test_summary_is_the_statistics_of_the_episodes(whole):
     assert summary["settings"]["digests"]["failure"] == lissajous_env.scenario("failure", **SHORT).digest()
 
 
-def test_pictures_are_png(whole):
-    pictures = sorted(whole[0].glob("*.png"))
-    assert [path.name for path in pictures] == [
-        "collisions.png", "detection_time.png", "detection_time_distribution.png",
-    ]  # fmt: skip
-    assert all(path.read_bytes().startswith(b"\x89PNG\r\n") for path in pictures)
-
-
 def test_killed_at_any_moment_it_goes_on_and_ends_with_the_same_rows(tmp_path):
     # Oracle: the same benchmark, never killed. Killed twice, each time with episodes on the disk.
     command = [sys.executable, "-c", SCRIPT]

@@ -5,10 +5,12 @@ import pytest
 import reference_motion
 import warp as wp
 
+import baselines
 import lissajous_env
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.theory import closed_forms
+from lissajous_env.world import simulation, stages
 
 wp.set_module_options(OPTIONS)
 
@@ -146,7 +148,7 @@ def test_every_pair_counts():
 @pytest.mark.parametrize(("depth", "collisions"), [(0.0, 1), (0.5, 0)])
 def test_points_at_different_heights_do_not_collide(depth, collisions):
     # Story: two points stand where the curve crosses itself; a third dimension keeps them apart. Oracle: (10).
-    overrides = {"robot.count": 2, "formation.p": 0, "faults.schedule": (), "robot.radius": 0.05}
+    overrides = {"robot.count": 2, "formation.p": 1, "faults.schedule": (), "robot.radius": 0.05}
     scenario = lissajous_env.scenario("failure", **overrides, **{"curve.half_depth": depth, "curve.c": 5})
     crossing = closed_forms.self_crossings(scenario.curve)[0]
     heights = depth * np.sin(5 * crossing)
@@ -192,3 +194,32 @@ def test_a_removed_robot_is_no_obstacle_and_earns_nothing_more():
     waiting = -0.05 * 3 * 0.1
     assert first == pytest.approx([waiting - 1, waiting - 1, waiting])
     assert simulation.reward.numpy()[0] == pytest.approx([0, 0, waiting])
+
+
+def test_points_of_one_place_overlap_by_design_and_are_no_collision():
+    # Story of Section V: robots k and k + 15 share a place; nobody moves, so nobody runs into anybody.
+    scenario = lissajous_env.scenario("redundant", **{"task.duration": 5.0})
+    assert scenario.places == (*range(15), *range(15))
+    rows = lissajous_env.evaluate(baselines.make("still", scenario, 2), scenario, range(2))
+    assert [row["collisions"] for row in rows] == [0, 0]
+    assert [row["contact_time"] for row in rows] == [0, 0]
+    assert min(row["min_separation"] for row in rows) > 2 * scenario.robot.radius  # of those of different places
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_points_of_different_places_and_cars_of_one_place_do_collide(many, monkeypatch):
+    # Oracle: by hand. Two of six points on three places stop, and those that go on run through them; six cars that
+    # begin two on a place are three pairs in touch.
+    for module in (simulation, stages):
+        monkeypatch.setattr(module, "has_bins", lambda scenario: many)
+    clustered = {"robot.count": 6, "formation.p": 2, "formation.ring": None, "targets.arrival_rate": 0.0}
+    cars = lissajous_env.scenario("experiment", **clustered, **{"faults.schedule": ()})
+    assert (cars.clusters, cars.places) == (2, (0, 1, 2, 3, 4, 5))
+    played = lissajous_env.Simulation(cars)
+    played.step(np.zeros(played.action_shape, dtype=np.float32))
+    assert played.tally.collisions.numpy() == [3]
+    stuck = {"faults.schedule": ((0, 0.0, 30.0), (3, 0.0, 30.0))}
+    points = lissajous_env.scenario("failure", **clustered, **stuck)
+    assert (points.clusters, points.places) == (2, (0, 1, 2, 0, 1, 2))
+    one_lap = lissajous_env.evaluate(baselines.make("open-loop", points), points, [0])[0]
+    assert one_lap["collisions"] > 0

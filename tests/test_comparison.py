@@ -12,6 +12,7 @@ from rich.text import Text
 import lissajous_env
 from baselines.benchmark import clairvoyant, tables
 from baselines.benchmark.comparison import OPEN, OVER_LIMIT, compare, limit_of, with_derived
+from baselines.benchmark.measures import MEASURES
 from baselines.benchmark.rows import NUMBER_COLUMNS
 from baselines.benchmark.running import run
 from baselines.benchmark.statistics import summarize
@@ -40,7 +41,7 @@ def test_over_the_limit_is_the_mean_over_the_bound():
     of = cells["intruders"]["a"][OVER_LIMIT]
     assert of.mean == pytest.approx(4 / limit)
     assert of.mean_low < of.mean < of.mean_high
-    assert tables.in_words(cells["intruders"]["a"], tables.SHOWN[1])[0] == f"{4 / limit:.3g}"
+    assert tables.in_words(cells["intruders"]["a"], MEASURES[1])[0] == f"{4 / limit:.3g}"
 
 
 def test_no_ratio_to_a_limit_that_says_nothing():
@@ -59,7 +60,7 @@ def test_a_guarantee_that_is_open_is_a_lower_bound_and_never_best():
     }
     closed = {"guaranteed_detection_time": [9.0] * 4, "unseen_at_end": [1.0] * 4, OPEN: [0] * 4}
     cells = compare([*rows("a", **more), *rows("b", **closed)], INTRUDERS).cells["intruders"]
-    text, _ = printed(tables.print_policies, Text("t"), cells, tables.SHOWN)
+    text, _ = printed(tables.print_policies, Text("t"), cells, MEASURES)
     words = text.split()
     assert words[words.index(">") + 1] == "27"
     assert "9*" in words
@@ -68,7 +69,7 @@ def test_a_guarantee_that_is_open_is_a_lower_bound_and_never_best():
 def test_a_guarantee_that_nobody_follows_has_no_column():
     nothing: dict[str, Any] = dict.fromkeys(("guaranteed_detection_time", "unseen_at_end", OPEN), [math.nan] * 2)
     cells = compare(list(rows("a", **nothing)), INTRUDERS).cells["intruders"]
-    assert "guaran-" not in printed(tables.print_policies, Text("t"), cells, tables.SHOWN)[0]
+    assert "guaranteed" not in printed(tables.print_policies, Text("t"), cells, MEASURES)[0]
 
 
 def test_an_open_guarantee_loses_seed_by_seed():
@@ -96,7 +97,7 @@ def test_what_is_no_policy_stands_last_in_brackets_and_is_never_best_nor_the_ref
     played = [*seer, *rows("slow", detection_time_mean=[3.0, 3.0]), *rows("fast", detection_time_mean=[2.0, 2.0])]
     comparisons = compare(played, INTRUDERS, clairvoyant.NAME)
     assert comparisons.against["intruders"][0] == "slow"
-    text, _ = printed(tables.print_policies, Text("t"), comparisons.cells["intruders"], tables.SHOWN)
+    text, _ = printed(tables.print_policies, Text("t"), comparisons.cells["intruders"], MEASURES)
     names = [line.split()[0] for line in text.splitlines()[4:] if line.strip()]
     assert names == ["slow", "fast", "(clairvoyant)"]
     assert "2*" in text.split()
@@ -106,10 +107,10 @@ def test_what_is_no_policy_stands_last_in_brackets_and_is_never_best_nor_the_ref
 def test_a_narrow_terminal_keeps_the_most_important_columns():
     numbers = {"guaranteed_detection_time": [3.0, 4.0], "unseen_at_end": [1.0, 1.0], "detection_time_mean": [1.0, 2.0]}
     cells = compare(list(rows("a", **numbers)), INTRUDERS).cells["intruders"]
-    order = [each.column for each in tables.SHOWN]
+    order = [each.column for each in MEASURES]
     assert order[:6] == ["detection_time_mean", OVER_LIMIT, "guaranteed_detection_time", "collisions",
                          "sensed_fraction", "distance_mean"]  # fmt: skip
-    _, left_out = printed(tables.print_policies, Text("t"), cells, tables.SHOWN, width=70)
+    _, left_out = printed(tables.print_policies, Text("t"), cells, MEASURES, width=70)
     assert 0 < len(left_out) < len(order)
     assert left_out == [name for name in order if name in left_out]
     assert set(left_out) == set(order[-len(left_out) :])

@@ -15,8 +15,10 @@ import training.report
 from baselines.benchmark import failures, page, replays, running
 from baselines.benchmark.comparison import with_derived
 from baselines.benchmark.marl_eval import as_marl_eval
+from baselines.benchmark.ranking import rankings
 from baselines.benchmark.rows import NUMBER_COLUMNS
 from baselines.benchmark.running import run
+from baselines.benchmark.tables import number
 from baselines.benchmark.types import Benchmark
 from lissajous_env.episodes.recording import record
 from lissajous_env.replay.contents import BRIEF, contents
@@ -62,6 +64,51 @@ def test_the_page_holds_every_score_of_every_episode(small_one):
         for column in NUMBER_COLUMNS:
             wanted = None if math.isnan(row[column]) else pytest.approx(row[column], rel=1e-4)
             assert held[column][k] == wanted, column
+
+
+def test_the_page_has_the_ranking_the_pairs_and_all_scenarios_together(tmp_path):
+    # Oracle: the comparisons that summary.json has, and `rankings` of the rows.
+    given = {"scenarios": ("evaders", "team"), "policies": ("kuramoto-mpcc", "laps", "still"), "replays": ("none",)}
+    rows = run(small(tmp_path, **given), console=QUIET)
+    data, summary = blocks_of(tmp_path)["data"], json.loads((tmp_path / "summary.json").read_text())
+    names = [each["name"] for each in data["policies"]]
+    (cars,) = data["rankings"]
+    scenarios = {name: lissajous_env.scenario(name, **SHORT) for name in ("evaders", "team")}
+    (oracle,) = rankings(with_derived(rows, scenarios), scenarios)
+    assert [names[each["policy"]] for each in cars["policies"]] == list(oracle.ranks)
+    assert cars["policies"][0]["ranks"][0] == pytest.approx(oracle.overall[next(iter(oracle.ranks))], rel=1e-4)
+    overall = summary["overall"]["evaders, team"]
+    for each in cars["policies"]:
+        assert each["overall"][2][0] == number(overall[names[each["policy"]]]["collisions"]["mean"])
+    for scenario in data["scenarios"]:
+        pairs = summary["against"][scenario["name"]]["policies"]
+        titles = [column["title"] for column in scenario["against"]["columns"]]
+        assert titles[0] == "detection [s]"
+        for each in scenario["against"]["policies"]:
+            of = pairs[names[each["policy"]]]["detection_time_mean"]
+            assert each["pairs"][0]["better"][0] == pytest.approx(of["better"])
+            assert each["pairs"][0]["difference"] == number(of["difference"])
+
+
+@lissajous_env.score_column(reduce="max")
+def furthest(world):
+    """Largest distance of a robot from the middle [m]."""
+    return np.abs(world.robots.position[..., 0]).max(axis=1)
+
+
+def test_columns_of_ones_own_are_in_every_table(tmp_path):
+    # Story: a second call reads the scenario from the folder, without its extensions; the column stays.
+    scenario = lissajous_env.scenario("failure", **SHORT, extensions=(furthest,))
+    settings = Benchmark(policies=("kuramoto", "random"), episodes=2, out=tmp_path, replays=("none",))
+    for _ in range(2):
+        console = Console(record=True, file=io.StringIO(), width=110)
+        run(settings, scenarios=[scenario], console=console)
+        assert "furthest" in console.export_text()
+        data = blocks_of(tmp_path)["data"]
+        (of,) = data["scenarios"]
+        assert "furthest" in [each["column"] for each in of["measures"]]
+        assert all(each["cells"]["furthest"]["value"] > 0 for each in of["policies"])
+        assert {"name": "furthest", "title": "furthest", "listed": True} in data["columns"]
 
 
 def test_the_worst_comes_first():

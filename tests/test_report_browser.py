@@ -1,4 +1,4 @@
-"""Reports in a real browser: failures first, tables in any order, replays in a frame, phone, dark and paper."""
+"""Reports in a real browser: the ranking first, tables in any order, replays in a frame, phone, dark and paper."""
 
 import json
 
@@ -75,7 +75,46 @@ def test_the_table_of_episodes_is_put_in_order_and_narrowed_down(browser, folder
     assert complaints(browser) == ([], [])
 
 
-def test_what_failed_is_said_first_and_leads_to_its_episodes(browser, folder, text):  # noqa: F811
+def test_it_begins_with_who_is_best_and_its_tables_are_put_in_order(browser, folder, text):  # noqa: F811
+    run = opened(browser, folder, text)
+    parts = run("return [...document.querySelectorAll('main .part')].map((part) => part.id)")
+    assert parts == ["ranking", "failures", "scenario-0", "scenario-1", "episodes", "made"]
+    names = "return [...document.querySelectorAll('.ranks tbody th')].map((name) => name.textContent)"
+    means = [[rank[0] for rank in each["ranks"]] for each in data_of(run)["rankings"][0]["policies"]]
+    assert [each[0] for each in means] == sorted(each[0] for each in means)
+    before = run(names)
+    collisions = 1 + [each["title"] for each in data_of(run)["rankings"][0]["columns"]].index("collisions")
+    run(f"document.querySelectorAll('.ranks .sort')[{collisions + 1}].click()")
+    order = sorted(range(len(means)), key=lambda k: means[k][collisions])
+    assert run(names) == [before[k] for k in order]
+    # Seed by seed: a row for each policy but the reference.
+    rows = run("return [...document.querySelectorAll('#scenario-0 .pairs tbody th')].map((name) => name.textContent)")
+    assert sorted(rows) == sorted({"laps", THEIRS})
+    assert complaints(browser) == ([], [])
+
+
+def test_a_phone_is_not_endless(browser, folder, text):  # noqa: F811
+    run = opened(browser, folder, text, 390)
+    height = "return document.documentElement.scrollHeight"
+    assert run(height) < 3000
+    assert run("return document.getElementById('ranking').open")
+    # A part opens by its link; of a scenario's columns one is shown, the one that is chosen.
+    run("document.querySelector('#contents [href=\"#scenario-0\"]').click()")
+    assert run("return document.getElementById('scenario-0').open")
+    seen = (
+        "return [...document.querySelectorAll('#scenario-0 .policies tbody tr:first-child td')]"
+        ".filter((cell) => cell.offsetHeight).map((cell) => cell.dataset.title)"
+    )
+    assert run(seen) == ["guaranteed [s]"]
+    choose = "const c = document.querySelector('#scenario-0 .chosen-measure select');"
+    run(choose + "c.value = 'collisions'; c.dispatchEvent(new Event('change'))")
+    assert run(seen) == ["collisions"]
+    assert run(height) < 6000
+    assert run("return document.documentElement.scrollWidth") <= 390
+    assert complaints(browser) == ([], [])
+
+
+def test_what_failed_leads_to_its_episodes(browser, folder, text):  # noqa: F811
     run = opened(browser, folder, text)
     data = data_of(run)
     tallies = run("return [...document.querySelectorAll('.tally b')].map((b) => b.textContent)")
@@ -145,6 +184,9 @@ def test_rows_without_a_replay_tell_the_command(browser, folder, text):  # noqa:
 @pytest.mark.parametrize("width", [390, 1280])
 def test_it_fits_phones_and_screens_in_light_and_dark(browser, folder, text, width, dark):  # noqa: F811
     run = opened(browser, folder, text, width, dark)
+    assert run("return document.documentElement.scrollWidth") <= width
+    run("for (const part of document.querySelectorAll('details')) part.open = true")
+    wait(lambda: run("return document.querySelectorAll('.figure svg').length") == 4)
     assert run("return document.documentElement.scrollWidth") <= width
     paper = "return getComputedStyle(document.body).backgroundColor"
     brightness = lambda: sum(json.loads("[" + run(paper)[4:-1] + "]"))  # noqa: E731

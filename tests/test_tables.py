@@ -1,11 +1,13 @@
 """The scripts that make the README's tables: what a table says is what its rows hold."""
 
 import json
+import re
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
@@ -13,13 +15,16 @@ import figures
 import learned
 import results
 import safety
-import table
 import trainings
 
 import lissajous_env
+from baselines.benchmark import clairvoyant, standard
 from baselines.benchmark.comparison import compare
 from baselines.benchmark.rows import NUMBER_COLUMNS
+from baselines.benchmark.running import measure, plan, run
 from baselines.benchmark.statistics import interquartile_mean, summarize, two_level_interval
+from baselines.benchmark.types import Benchmark
+from baselines.benchmark.written import markdown, table_of
 
 
 def rows(policy, times, scenario="intruders"):
@@ -31,27 +36,72 @@ def rows(policy, times, scenario="intruders"):
 def test_the_table_says_what_the_rows_hold():
     scenario = lissajous_env.scenario("intruders")
     played = [*rows("kuramoto-mpcc", [4.0] * 4), *rows("laps", [2.0, 2.0, 2.0, 6.0]), *rows("clairvoyant", [1.0] * 4)]
-    told = table.as_rows(compare(played, {"intruders": scenario}), [scenario])
-    assert [row["policy"] for row in told if row["privileged"]] == ["clairvoyant"]
-    laps = told[1]["columns"]
-    assert laps["detection_time_mean"]["value"] == 2.0
-    assert told[1]["sooner"]["value"] == 0.75
-    assert told[0]["sooner"] is None
-    lines = table.markdown(table.as_table(told, [scenario])).splitlines()
-    assert lines[0].startswith("| scenario | policy | detection [s] | over limit |")
-    assert "| `intruders`, limit 0.582 s | `kuramoto-mpcc` | 4 |" in lines[2]
-    assert lines[3].startswith("|  | `laps` | 2 (2\N{EN DASH}6) |")
-    assert lines[4].startswith("|  | *(clairvoyant)* | 1 |")
+    made = table_of(compare(played, {"intruders": scenario}), {"intruders": scenario})
+    first, laps, seer = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
+    assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over limit"]
+    assert (first["scenario"], first["detection [s]"], first["sooner"]) == ("`intruders`, limit 0.582 s", "4", "")
+    assert (laps["scenario"], laps["detection [s]"]) == ("", "2 (2\N{EN DASH}6)")
+    assert laps["sooner"].startswith("75 %")
+    assert seer["policy"] == "*(clairvoyant)*"
+    lines = markdown(made).splitlines()
+    assert lines[2].startswith("| `intruders`, limit 0.582 s | `kuramoto-mpcc` | 4 |")
     assert len({line.count("|") for line in lines}) == 1
 
 
-def test_the_table_plays_policies_that_there_are_where_they_were_not_made_for():
+def policies_of(table):
+    """Policies of each scenario in a table in Markdown."""
+    found = {}
+    for line in table.splitlines()[2:]:
+        where, policy = (cell.strip() for cell in line.split("|")[1:3])
+        if where:
+            of = found.setdefault(where.split("`")[1], set())
+        of.add(policy)
+    return found
+
+
+def test_the_command_makes_the_table_of_the_readme(tmp_path):
+    # Story: who runs the README's command finds its table in the folder: the same scenarios, policies and columns.
+    # Oracle: the page itself. Episodes of half a second, as only what is played and shown counts.
     import baselines
 
-    assert set(table.POLICIES) <= set(baselines.names())
-    made = {scenario.name: scenario for scenario in table.scenarios()}
-    assert made["intruders-inside"].targets.entry == "inside"
-    assert {"team", "intruders", "rough", "rough-lost", "redundant"} <= set(made)
+    settings = Benchmark(episodes=1, out=tmp_path, replays=("none",), overrides={"task.duration": 0.5})
+    run(settings, console=Console(quiet=True))
+    page = (figures.ROOT / "docs" / "comparison.md").read_text(encoding="utf-8")
+    stored = re.search(r"<!-- figures: policies -->\s+(.*?)\s+<!-- end -->", page, re.DOTALL)[1]
+    made, told = ((tmp_path / "table.md").read_text().strip(), stored)
+    assert made.splitlines()[0] == told.splitlines()[0]
+    assert policies_of(made) == policies_of(told)
+    readme = (figures.ROOT / "README.md").read_text(encoding="utf-8")
+    gist = re.search(r"<!-- figures: gist -->\s+(.*?)\s+<!-- end -->", readme, re.DOTALL)[1].splitlines()[2:]
+    assert {line.split("|")[1].strip() for line in gist} == policies_of(made)["evaders"]
+    assert set(standard.POLICIES) <= set(baselines.names())
+    # Every one of them has a guarantee, also where the scenario does not follow one by itself.
+    rows = [json.loads(line) for line in (tmp_path / "episodes.jsonl").read_text().splitlines()]
+    assert all(row["guaranteed_detection_time"] is not None for row in rows)
+
+
+def test_a_named_scenario_is_played_as_in_the_standard_comparison(tmp_path):
+    def played(**overrides):
+        settings = Benchmark(("intruders",), ("still",), 1, out=tmp_path / str(len(overrides)), overrides=overrides)
+        return measure(settings, console=Console(quiet=True)).held_scenarios["intruders"].task.contamination
+
+    assert played(**{"task.duration": 0.5}) == (54, 24)
+    assert played(**{"task.duration": 0.5, "task.contamination": None}) is None
+    page = (tmp_path / "1" / "report.html").read_text()
+    assert "--set 'task.contamination=(54, 24)' task.duration=0.5" in page
+
+
+def test_policies_that_users_registered_are_played_beside_the_standard_ones_and_all_plays_every_one(monkeypatch):
+    import baselines
+    from baselines.policies import registry
+
+    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
+    baselines.register("theirs", "car", lambda scenario, num_worlds, device: None)
+    names = lambda *policies: [cell.policy for cell in plan(Benchmark(("evaders",), policies))]  # noqa: E731
+    usual = names()
+    assert [name for name in usual if name not in standard.POLICIES] == ["theirs", clairvoyant.NAME]
+    assert {"arc-mpcc", "still", "theirs"} <= set(names("all"))
+    assert clairvoyant.NAME not in names("all")
 
 
 def test_results_are_kept_of_each_policy_on_a_scenario(tmp_path, monkeypatch, capsys):
@@ -76,7 +126,7 @@ def test_results_are_kept_of_each_policy_on_a_scenario(tmp_path, monkeypatch, ca
 def test_a_large_scenario_is_played_by_few():
     small = results.settings_for(lissajous_env.scenario("swarm"), 8, Path("x"))
     large = results.settings_for(lissajous_env.scenario("swarm", **{"targets.count": 200_000}), 8, Path("x"))
-    assert (small.episodes, small.policies) == (8, ())
+    assert (small.episodes, small.policies) == (8, ("all",))
     assert (large.episodes, large.policies) == (1, results.RIVALS)
 
 

@@ -125,18 +125,24 @@ def seed_by_seed(rows: Iterable[dict[str, Any]], against: str | None = None) -> 
     """
     found: Against = {}
     for scenario, policies in _grouped(rows).items():
-        wanted = [name for name in (against, *_REFERENCES, *policies) if name in policies and name != clairvoyant.NAME]
-        if wanted and len(policies) > 1:
-            theirs = {row["seed"]: row for row in policies[wanted[0]]}
+        reference = reference_of(policies, against)
+        if reference and len(policies) > 1:
+            theirs = {row["seed"]: row for row in policies[reference]}
             found[scenario] = (
-                wanted[0],
+                reference,
                 {
                     policy: _compared([(row, theirs[row["seed"]]) for row in played if row["seed"] in theirs])
                     for policy, played in policies.items()
-                    if policy != wanted[0]
+                    if policy != reference
                 },
             )
     return found
+
+
+def reference_of(policies: Iterable[str], against: str | None = None) -> str:
+    """Return the policy that others are compared with: that asked for, the paper's method, the first; "" for none."""
+    played = [policy for policy in policies if policy != clairvoyant.NAME]
+    return next((name for name in (against, *_REFERENCES, *played) if name in played), "")
 
 
 def _compared(pairs: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> dict[str, Paired]:

@@ -1,4 +1,4 @@
-"""The report of a benchmark as a page, failures first: `report.html`."""
+"""The report of a benchmark as a page, the ranking first, then what failed: `report.html`."""
 
 import math
 import shlex
@@ -9,27 +9,30 @@ from typing import Any
 import numpy as np
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import OVER_LIMIT, Comparisons, guarantee_of, limit_of, with_derived
+from baselines.benchmark.comparison import COMPARED, OVER_LIMIT, Comparisons, guarantee_of, limit_of, with_derived
 from baselines.benchmark.failures import KINDS, badness, failed, headline, worst_first
 from baselines.benchmark.looks import COLOURS, looks_of
-from baselines.benchmark.measures import COLUMN_WORDS, Measure, measures_of
+from baselines.benchmark.measures import MEASURES, OVERALL_MEASURES, TITLES, Measure, measures_of, title_of
+from baselines.benchmark.ranking import Ranking, rankings
 from baselines.benchmark.replays import Key, Played
-from baselines.benchmark.rows import numbers_of
-from baselines.benchmark.statistics import Statistics
-from baselines.benchmark.tables import Shown, in_words, shown_name
+from baselines.benchmark.rows import NUMBER_COLUMNS, numbers_of
+from baselines.benchmark.statistics import Paired, Statistics
+from baselines.benchmark.tables import between, in_words, number, shown_name
 from baselines.benchmark.types import Outcome
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.report import report
 
 NAME = "report.html"
-FORMAT = "lissajous report 1"
+FORMAT = "lissajous report 2"
 MOST_EPISODES = 20_000
 """Episodes that are listed; of more, the worst of each policy on each scenario."""
 _KINDS = {"car": "cars", "curve": "points on the curve"}
 _CURVE = 240
 """Times of a curve."""
 _DIGITS = 5
+_LISTED = ("coverage_time", "idleness_mean")
+"""Columns that the table of the episodes shows beside the main ones and a scenario's own."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +67,17 @@ class Report:
         policies = list(dict.fromkeys(row["policy"] for row in self.outcome.held_rows))
         number_of = {name: k for k, name in enumerate(policies)}
         scenario_of = {name: k for k, name in enumerate(self.comparisons.cells)}
-        kept = _listed(ranked)
+        kept, held = _listed(ranked), self.outcome.held_scenarios
         replayed = {f"replay-{k}": (key, played) for k, (key, played) in enumerate(replays.items())}
         data = {
             "format": FORMAT,
             "made": dict(self.made),
             "kinds": [{"name": kind.name, "words": kind.words, "about": kind.about} for kind in KINDS],
             "policies": self._policies(policies),
+            "rankings": [
+                self._ranking(each, scenario_of, number_of)
+                for each in rankings(with_derived(self.outcome.held_rows, held), held)
+            ],
             "scenarios": [self._scenario(name, number_of, ranked) for name in scenario_of],
             "failures": [[each.scenario, each.policy, each.error] for each in self.outcome.failures],
             "columns": _columns(self.outcome.held_rows),
@@ -107,6 +114,41 @@ class Report:
             for name in names
         ]
 
+    def _ranking(
+        self, ranking: Ranking, scenario_of: Mapping[str, int], number_of: Mapping[str, int]
+    ) -> dict[str, Any]:
+        overall = self.comparisons.overall.get(", ".join(ranking.scenarios), {})
+        return {
+            "kind": _KINDS.get(ranking.kind, ranking.kind),
+            "scenarios": [scenario_of[name] for name in ranking.scenarios],
+            "columns": [{"name": column, "title": title_of(column)} for column in ranking.columns],
+            "measures": [
+                {"column": each.column, "title": each.title, "about": each.about} for each in OVERALL_MEASURES
+            ],
+            "policies": [
+                {
+                    "policy": number_of[policy],
+                    "ranks": _rounded([list(ranking.overall[policy]), *map(list, of.values())]),
+                    "overall": [in_words(overall[policy], each) for each in OVERALL_MEASURES] if overall else [],
+                }
+                for policy, of in ranking.ranks.items()
+            ],
+        }
+
+    def _against(self, name: str, number_of: Mapping[str, int]) -> dict[str, Any] | None:
+        """How the policies of a scenario compare with its reference, seed by seed."""
+        _, policies = self.comparisons.against.get(name, ("", {}))
+        columns = [column for column in COMPARED if any(of[column].n for of in policies.values())]
+        if not columns:
+            return None
+        return {
+            "columns": [{"title": title_of(column), "better": COMPARED[column]} for column in columns],
+            "policies": [
+                {"policy": number_of[policy], "pairs": [_pair(of[column]) for column in columns]}
+                for policy, of in policies.items()
+            ],
+        }
+
     def _scenario(self, name: str, number_of: Mapping[str, int], ranked: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         scenario = self.outcome.held_scenarios[name]
         rows: dict[str, list[Mapping[str, Any]]] = {}
@@ -114,7 +156,8 @@ class Report:
             if row["scenario"] == name:
                 rows.setdefault(row["policy"], []).append(row)
         played = [row for of in rows.values() for row in of]
-        measures = [each for each in measures_of(scenario) if any(_is_known(row, each) for row in played)]
+        cells = self.comparisons.cells[name]
+        measures = [m for m in measures_of(scenario, cells) if m.page and any(_is_known(row, m) for row in played)]
         times, curves = _curves(self.outcome.held_curves.get(name, {}))
         reference = self.references().get(name)
         return {
@@ -125,6 +168,7 @@ class Report:
             "bound_name": scenario.detection_time_label,
             "headline": headline(scenario),
             "reference": None if reference is None else number_of[reference],
+            "against": self._against(name, number_of),
             "command": self.commands.get(name),
             "measures": [each.described(scenario) for each in measures],
             "times": times,
@@ -134,7 +178,7 @@ class Report:
                     "episodes": len(of),
                     "failed": np.sum([failed(row) for row in of], axis=0).tolist(),
                     "badness": _rounded(np.mean([[*badness(row, scenario)] for row in of], axis=0).tolist()),
-                    "cells": {each.column: _cell(self.comparisons.cells[name][policy], each, of) for each in measures},
+                    "cells": {each.column: _cell(cells[policy], each, of) for each in measures},
                     "curve": curves.get(policy),
                 }
                 for policy, of in rows.items()
@@ -166,14 +210,26 @@ def _cell(of: Mapping[str, Statistics], measure: Measure, rows: Sequence[Mapping
     value = cell.mean if measure.mean else cell.iqm
     low, high = (cell.mean_low, cell.mean_high) if measure.mean else (cell.low, cell.high)
     known = [row[measure.column] for row in rows if _is_known(row, measure)]
-    words, between = in_words(of, Shown(measure.column, measure.title, measure.better, measure.mean))
+    words, ends = in_words(of, measure)
     return {
         "words": words,
-        "between": between,
+        "between": ends,
         "value": _rounded(value),
         "interval": _rounded([low, high]),
         "known": cell.n_finite,
         "quartiles": _rounded(np.quantile(known, (0, 0.25, 0.5, 0.75, 1)).tolist()) if known else None,
+    }
+
+
+def _pair(of: Paired) -> dict[str, Any]:
+    """What is shown of a comparison: words for the share of the seeds and for the difference, and their numbers."""
+    return {
+        "n": of.n,
+        "share": f"{100 * of.better:.0f} %" if of.n else "",
+        "shares": between(of.better_low, of.better_high, 100),
+        "difference": number(of.difference),
+        "differences": between(of.difference_low, of.difference_high),
+        "better": _rounded([of.better, of.better_low, of.better_high]),
     }
 
 
@@ -212,8 +268,10 @@ def _listed(ranked: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
 def _columns(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """The columns that episodes can be put in order by, the most telling first."""
     names = dict.fromkeys(name for row in rows for name in numbers_of(row))
-    names = [name for name in (*COLUMN_WORDS, *names) if name in names or name == OVER_LIMIT]
-    return [{"name": name, "title": COLUMN_WORDS.get(name, name.replace("_", " "))} for name in dict.fromkeys(names)]
+    own = [name for name in names if name not in NUMBER_COLUMNS]
+    names = [name for name in (*own, *TITLES, *names) if name in names or name == OVER_LIMIT]
+    listed = (*own, *(each.column for each in MEASURES if each.main or each.column in _LISTED))
+    return [{"name": name, "title": title_of(name), "listed": name in listed} for name in dict.fromkeys(names)]
 
 
 def _episodes(

@@ -17,6 +17,7 @@ from typing import Any
 from baselines.benchmark import marl_eval, page
 from baselines.benchmark.comparison import Comparisons, guarantee_of, limit_of
 from baselines.benchmark.types import Outcome
+from baselines.benchmark.written import MARKDOWN, markdown, table_of
 from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import as_device
 from lissajous_env.parameters.scenario import Scenario
@@ -24,24 +25,18 @@ from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.score import COLUMNS
 
-NAMES = (
-    "episodes.csv", "summary.json", "detection_time.png", "detection_time_distribution.png", "collisions.png",
-    "guaranteed.png", marl_eval.NAME, page.NAME,
-)  # fmt: skip
+NAMES = ("episodes.csv", "summary.json", MARKDOWN, marl_eval.NAME, page.NAME)
 """Files that are made from the episodes."""
 
 
 def write_files(folder: Folder, outcome: Outcome, comparisons: Comparisons) -> None:
-    """Write episodes.csv, marl-eval.json, summary.json and the pictures of all that the folder holds."""
-    from baselines.benchmark import pictures
-
+    """Write episodes.csv, marl-eval.json, summary.json and table.md of all that the folder holds."""
     rows, scenarios = outcome.held_rows, outcome.held_scenarios
     folder.write("episodes.csv", as_csv(rows))
     summary = summarized(outcome, rows, scenarios, comparisons)
     folder.write(marl_eval.NAME, marl_eval.as_marl_eval(rows, scenarios) + "\n")
     folder.write("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
-    for name, data in pictures.draw(rows, comparisons.cells, scenarios, outcome.held_curves).items():
-        folder.write(name, data)
+    folder.write(MARKDOWN, markdown(table_of(comparisons, scenarios)))
 
 
 def summarized(

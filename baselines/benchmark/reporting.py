@@ -6,7 +6,7 @@ from typing import Any
 from rich import progress as bars
 from rich.console import Console
 
-from baselines.benchmark import page, report
+from baselines.benchmark import page, report, standard
 from baselines.benchmark.comparison import Comparisons
 from baselines.benchmark.page import Report
 from baselines.benchmark.progress import bar
@@ -14,7 +14,6 @@ from baselines.benchmark.replays import Key, Played, chosen, make
 from baselines.benchmark.types import Cell, Outcome
 from baselines.policies import registry
 from baselines.policies.factories import is_ones_own, named
-from lissajous_env import scenario as make_scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import where_raised
@@ -90,11 +89,13 @@ def _commands(outcome: Outcome) -> dict[str, str]:
     settings, found = outcome.settings, {}
     for given in dict.fromkeys((*settings.scenarios, *outcome.held_scenarios)):
         try:
-            scenario = make_scenario(given, **settings.overrides)
+            scenario = standard.as_played(given, settings.overrides)
         except (ValueError, OSError, ImportError):
             continue
         if scenario.digest() == outcome.held["digests"].get(scenario.name):
-            found.setdefault(scenario.name, page.command_of(given, plain_fields(settings.overrides)))
+            found.setdefault(
+                scenario.name, page.command_of(given, plain_fields(standard.overrides_of(given, settings.overrides)))
+            )
     return found
 
 

@@ -45,7 +45,7 @@ def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) ->
             )
         folder.write("settings.json", json.dumps(now, indent=2) + "\n")
         return now
-    there = _read(path)
+    there = read_settings(path)
     both = [name for name in now["scenarios"] if name in there["scenarios"]]
     fixed = ("seed", "device", "versions")
     then, wanted = (
@@ -179,7 +179,7 @@ class Episodes:
         self.detections.close()
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_settings(path: Path) -> dict[str, Any]:
     """Read the settings that a folder holds.
 
     Raises:

@@ -5,12 +5,12 @@ made from it at the end.
 """
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
 
-from baselines.benchmark import clairvoyant, cluster, replays, report, reporting, results_folder, tables
+from baselines.benchmark import clairvoyant, cluster, replays, report, reporting, results_folder, standard, tables
 from baselines.benchmark.comparison import compare
 from baselines.benchmark.playing import failure_of, play
 from baselines.benchmark.progress import Progress
@@ -23,6 +23,9 @@ from lissajous_env.device.devices import as_device
 from lissajous_env.episodes.evaluation import ActingPolicy
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder
+
+ALL = "all"
+"""Word that names every policy."""
 
 
 def run(
@@ -55,6 +58,9 @@ def measure(
     progress: Console | None = None,
 ) -> Outcome:
     """Do the same as `run`, and tell which policies failed as well; `progress` is shown on a console of its own."""
+    settings.check()
+    if scenarios is None:
+        scenarios = [standard.as_played(each, settings.overrides) for each in settings.scenarios]
     cells = plan(settings, policies, scenarios)
     console = console or make_console()
     progress = progress or make_console(stderr=True, quiet=console.quiet)
@@ -94,7 +100,9 @@ def plan(
             registry.bring(name)
     own = {name: named(name) for name in settings.policies if is_ones_own(name)}
     own |= {name: as_factory(policy, name) for name, policy in (policies or {}).items()}
-    others = [name for name in settings.policies if name not in own]
+    everything = settings.policies == (ALL,)
+    others = [name for name in settings.policies if name not in own and not everything]
+    unnamed = not (own or others)
     made = [
         make_scenario(each, **settings.overrides) for each in (settings.scenarios if scenarios is None else scenarios)
     ]
@@ -104,10 +112,13 @@ def plan(
     cells = []
     for scenario in made:
         fitting = registry.names(scenario)
-        chosen = [name for name in others if name in fitting] if others or own else _usual(fitting, scenario)
+        if unnamed:
+            chosen = _all(fitting, scenario) if everything else _usual(fitting, scenario)
+        else:
+            chosen = [name for name in others if name in fitting]
         cells += [Cell(scenario, name, named(name)) for name in chosen]
         cells += [Cell(scenario, name, factory) for name, factory in own.items()]
-        if settings.clairvoyant and scenario.robot.kind in clairvoyant.KINDS:
+        if (settings.clairvoyant or (unnamed and not everything)) and scenario.robot.kind in clairvoyant.KINDS:
             cells.append(Cell(scenario, clairvoyant.NAME, clairvoyant.Clairvoyant))
         if not chosen and not own:
             kind = f"robots of kind {scenario.robot.kind}"
@@ -125,8 +136,15 @@ def plan(
     return cells
 
 
-def _usual(names: Iterable[str], scenario: Scenario) -> list[str]:
-    """Policies that are played where none is named.
+def _usual(names: Sequence[str], scenario: Scenario) -> list[str]:
+    """Return the policies that are played where none is named: the standard ones, and those that users registered."""
+    theirs = [name for name in names if not registry.ships(name) and registry.made_for(name, scenario.name)]
+    usual = [name for name in standard.POLICIES if name in names]
+    return usual + [name for name in theirs if not registry.unwrapped(name)[1] and name not in usual]
+
+
+def _all(names: Sequence[str], scenario: Scenario) -> list[str]:
+    """Return the policies that are played where all are asked for.
 
     Of those with the collision filter, the paper's method alone and what was made for this very scenario.
     """

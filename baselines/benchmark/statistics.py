@@ -94,10 +94,12 @@ def bootstrap_interval(
     # A resample of sorted values is how often each one was drawn, so no resample is ever sorted: the middle half of
     # it is from draw `cut` to draw n - cut, and a value counts as often as its draws lie in there.
     drawn = np.hstack([draws(len(sample), resamples, seed + k) for k, sample in enumerate(samples)])
+    outside = int(cut * n)
+    if not outside:
+        return _middle(drawn @ pooled / n, confidence)
     order = np.argsort(pooled, kind="stable")
     drawn = drawn[:, order]
     last = np.cumsum(drawn, axis=1)
-    outside = int(cut * n)
     counted = np.minimum(last, n - outside) - np.maximum(last - drawn, outside)
     means = np.maximum(counted, 0) @ pooled[order] / (n - 2 * outside)
     return _middle(means, confidence)
@@ -129,6 +131,44 @@ def paired(policy: Sequence[float] | np.ndarray, reference: Sequence[float] | np
     shares = bootstrap_interval(won, cut=0.0)
     middle = interquartile_mean(differences)
     return Paired(len(won), float(won.mean()), *shares, middle, *bootstrap_interval(differences))
+
+
+Band = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""A share at each of some values, and the ends of its 95 % bootstrap interval."""
+
+
+def performance_profile(
+    strata: Sequence[np.ndarray], values: np.ndarray, better: int = -1, resamples: int = 500
+) -> Band:
+    """Share of the episodes of all strata that are at least as good as each of some values; stratified bootstrap.
+
+    With `better` -1 that is P(score <= value), with 1 it is P(score >= value). An infinite score is the worst; NaN is
+    left out.
+    """
+    known = [better * stratum[~np.isnan(stratum)] for stratum in strata]
+    reached = np.concatenate(known)[:, None] >= better * np.asarray(values)[None]
+    drawn = np.hstack([draws(len(sample), resamples, k) for k, sample in enumerate(known) if len(sample)])
+    shares = drawn @ reached / len(reached)
+    low, high = np.quantile(shares, [0.025, 0.975], axis=0)
+    return reached.mean(axis=0), low, high
+
+
+def probability_of_improvement(
+    policy: Sequence[np.ndarray], reference: Sequence[np.ndarray], better: int = -1, resamples: int = RESAMPLES
+) -> tuple[float, float, float]:
+    """P(policy better than reference), the mean over scenarios, with its 95 % stratified bootstrap interval.
+
+    On a scenario it is the share of all pairs of an episode of the one and an episode of the other, ties counted half:
+    U / (n m) of Mann and Whitney. Episodes of the two are drawn again apart. NaN is left out.
+    """
+    means, drawn = [], np.zeros(resamples)
+    for k, (ours, theirs) in enumerate(zip(policy, reference, strict=True)):
+        ours, theirs = better * ours[~np.isnan(ours)], better * theirs[~np.isnan(theirs)]
+        won = (ours[:, None] > theirs[None]) + (ours[:, None] == theirs[None]) / 2
+        means.append(won.mean())
+        counts = draws(len(ours), resamples, 2 * k), draws(len(theirs), resamples, 2 * k + 1)
+        drawn += ((counts[0] @ won) * counts[1]).sum(axis=1) / won.size
+    return float(np.mean(means)), *_middle(drawn / len(means), 0.95)
 
 
 def two_level_interval(

@@ -2,65 +2,22 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import COMPARED, OVER_LIMIT, OVERALL, Comparisons, guarantee_of, limit_of
+from baselines.benchmark.comparison import COMPARED, OVER_LIMIT, Comparisons, guarantee_of, limit_of
+from baselines.benchmark.measures import OVERALL_MEASURES, Measure, measures_of, title_of
 from baselines.benchmark.rows import numbers_of
 from baselines.benchmark.statistics import Paired, Statistics
 from baselines.benchmark.types import Outcome
 from lissajous_env.console.terminal import Column, print_left_out, print_table
-from lissajous_env.parameters.scenario import Faults, Scenario
-from lissajous_env.world.score import brought_columns
+from lissajous_env.parameters.scenario import Scenario
 
 _DASH = "\N{EM DASH}"
 _TO = "\N{EN DASH}"
-
-
-class Shown(NamedTuple):
-    """How a column is shown."""
-
-    column: str
-    title: str
-    better: int
-    """Whether more of it is better (1), less (-1) or neither (0)."""
-    mean: bool = False
-    """Whether the mean is shown: of what is rare the middle half knows nothing, and a bound holds for means alone."""
-
-
-SHOWN = (
-    Shown("detection_time_mean", "detection\nmean [s]", -1),
-    Shown(OVER_LIMIT, "over\nlimit", -1, mean=True),
-    Shown("guaranteed_detection_time", "guaran-\nteed [s]", -1),
-    Shown("collisions", "colli-\nsions", -1, mean=True),
-    Shown("sensed_fraction", "sensed", 1),
-    Shown("distance_mean", "distance\n[m]", 0),
-    Shown("idleness_mean", "idleness\nmean [s]", -1),
-    Shown("detected_within_bound", "within\nT_max", 1),
-    Shown("min_separation", "least\ndistance [m]", 1),
-    Shown("recovery_time", "recovery\n[s]", -1),
-    Shown("detection_time_p95", "detection\np95 [s]", -1),
-    Shown("spacing_factor", "spacing\nfactor", -1),
-)
-"""Main columns, the most important first: a narrow terminal leaves out the last."""
-
-_OVERALL = (
-    Shown("time_over_bound", "detection\nmean / T_max", -1),
-    Shown("detected_within_bound", "within\nT_max", 1),
-    Shown("collisions", "colli-\nsions", -1, mean=True),
-    Shown("spacing_factor", "spacing\nfactor", -1),
-)
-assert tuple(each.column for each in _OVERALL) == OVERALL
-
-_COMPARED_TITLES = {
-    "detection_time_mean": "detection [s]",
-    "guaranteed_detection_time": "guaranteed [s]",
-    "collisions": "collisions",
-    "sensed_fraction": "sensed",
-}
 
 
 def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, said: str = "") -> None:
@@ -69,10 +26,11 @@ def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, s
     left_out: list[str] = []
     for name, scenario in scenarios.items():
         failed = {failure.policy for failure in outcome.failures if failure.scenario == name}
-        left_out += print_policies(console, _title(scenario), cells.get(name, {}), _columns_of(scenario), failed)
+        measures = measures_of(scenario, cells.get(name, {}))
+        left_out += print_policies(console, _title(scenario), cells.get(name, {}), measures, failed)
         left_out += _print_against(console, name, *comparisons.against.get(name, ("", {})))
     for names, policies in comparisons.overall.items():
-        left_out += print_policies(console, Text(f"over {names}", "bold"), policies, _OVERALL)
+        left_out += print_policies(console, Text(f"over {names}", "bold"), policies, OVERALL_MEASURES)
     print_left_out(console, left_out, f"episodes.csv in {settings.out} has them, and a wider terminal shows them.")
     for words in _legend(cells, settings.episodes):
         _say(console, words, "dim")
@@ -91,7 +49,7 @@ def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, s
         words += f" asked for, {len(outcome.held_rows)} with those of earlier calls,"
     _say(
         console,
-        f"{words} in {settings.out} (report.html, episodes.csv, summary.json, pictures), {outcome.elapsed:.1f} s",
+        f"{words} in {settings.out} (report.html, table.md, episodes.csv, summary.json), {outcome.elapsed:.1f} s",
         "",
     )
     if said:
@@ -102,7 +60,7 @@ def print_policies(
     console: Console,
     title: Text,
     policies: Mapping[str, Mapping[str, Statistics]],
-    shown: Sequence[Shown],
+    shown: Sequence[Measure],
     failed: Iterable[str] = (),
 ) -> list[str]:
     """Print a table with a row for each policy; return the columns there was no room for.
@@ -112,7 +70,7 @@ def print_policies(
     """
     shown = [each for each in shown if each.column == "recovery_time" or _has_numbers(policies, each.column)]
     rivals = {name: of for name, of in policies.items() if name != clairvoyant.NAME}
-    best = [_best(list(rivals.values()), each) for each in shown]
+    best = [best_of(list(rivals.values()), each) for each in shown]
     names = [*rivals, *(name for name in failed if name not in rivals and name != clairvoyant.NAME)]
     names += [clairvoyant.NAME] * (clairvoyant.NAME in policies or clairvoyant.NAME in failed)
     rows = []
@@ -121,7 +79,7 @@ def print_policies(
         cells = ["" if of is None else _cell(of, each, mark) for each, mark in zip(shown, marks, strict=True)]
         label = Text(shown_name(name), "" if name != clairvoyant.NAME else "italic")
         rows.append([Text.assemble(label, ("\nfailed", "red")) if name in failed else label, *cells])
-    columns = [Column(each.title, name=each.column) for each in shown]
+    columns = [Column(_in_two_lines(each.title), name=each.column) for each in shown]
     sections = [len(names) - 2] if names[-1:] == [clairvoyant.NAME] and len(names) > 1 else []
     _print_title(console, title)
     left_out = print_table(console, [Column("policy", left=True, style="cyan"), *columns], rows, sections)
@@ -137,7 +95,7 @@ def print_scores(console: Console, policy: str, scenario: str, columns: dict[str
     for name, of in columns.items():
         mean, std, least, most = (number(value) for value in (of.mean, of.std, of.min, of.max))
         counted = str(of.n) if of.n_finite == of.n else f"{of.n_finite}/{of.n}"
-        value, ends = in_words(columns, Shown(name, name, 0))
+        value, ends = in_words(columns, Measure(name, name, 0))
         interval = ends if of.n_finite > 1 else _DASH
         rows.append([name, Text(value, "bold"), interval, counted, mean, std, least, most])
     left_out = print_table(console, [Column("score", left=True, style="cyan"), *map(Column, names)], rows)
@@ -170,7 +128,7 @@ def number(value: float) -> str:
     return f"{value:#.3g}" if abs(value) >= 0.9995 else f"{value:.3f}"
 
 
-def in_words(of: Mapping[str, Statistics], shown: Shown) -> tuple[str, str]:
+def in_words(of: Mapping[str, Statistics], shown: Measure) -> tuple[str, str]:
     """A number as tables show it, and its interval ("" for one that is a single number).
 
     A lower bound, as of a guarantee that is open in many episodes, is written `> 59.7`.
@@ -195,10 +153,13 @@ def _title(scenario: Scenario) -> Text:
     return Text.assemble((scenario.name, "bold"), words)
 
 
-def _columns_of(scenario: Scenario) -> list[Shown]:
-    # Without a fault there is nothing to recover from.
-    shown = [each for each in SHOWN if each.column != "recovery_time" or scenario.faults != Faults()]
-    return shown + [Shown(column, column.replace("_", "\n", 1), 0) for column in brought_columns(scenario)]
+def _in_two_lines(title: str) -> str:
+    """Break a title where the longer of its two lines is shortest."""
+    breaks = [k for k, letter in enumerate(title) if letter == " "]
+    if not breaks:
+        return title
+    at = min(breaks, key=lambda k: max(k, len(title) - k - 1))
+    return f"{title[:at]}\n{title[at + 1 :]}"
 
 
 def _has_numbers(policies: Mapping[str, Mapping[str, Statistics]], column: str) -> bool:
@@ -214,7 +175,7 @@ def _print_against(
     columns = [column for column in COMPARED if any(of[column].n for of in policies.values())]
     head = [Column("policy", left=True, style="cyan")]
     for column in columns:
-        title = _COMPARED_TITLES[column]
+        title = title_of(column)
         head += [Column(f"{title}\nbetter", name=f"{column} better"), Column("differ-\nence", name=f"{column} less")]
     rows = []
     for name, of in policies.items():
@@ -264,8 +225,8 @@ def _say(console: Console, words: str, style: str) -> None:
     console.print(words, style=style, markup=False, highlight=False, soft_wrap=True)
 
 
-def _best(candidates: Sequence[Mapping[str, Statistics]], shown: Shown) -> str:
-    """Best number, as shown, of the policies with most episodes that have one; none if all agree."""
+def best_of(candidates: Sequence[Mapping[str, Statistics]], shown: Measure) -> str:
+    """Return the best number, as shown, of the policies with most episodes that have one; "" if all agree."""
     counted = [of[shown.column] for of in candidates if shown.column in of]
     most = max((of.n_finite / of.n for of in counted), default=0)
     eligible = [
@@ -279,7 +240,7 @@ def _best(candidates: Sequence[Mapping[str, Statistics]], shown: Shown) -> str:
     return number(shown.better * max(shown.better * value for value in values)) if values else ""
 
 
-def _cell(columns: Mapping[str, Statistics], shown: Shown, best: str) -> Text:
+def _cell(columns: Mapping[str, Statistics], shown: Measure, best: str) -> Text:
     of = columns.get(shown.column)
     if of is None:
         return Text(_DASH)

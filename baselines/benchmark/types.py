@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from baselines.benchmark import standard
 from baselines.policies.factories import Factory
 from lissajous_env.parameters.scenario import Scenario
 
@@ -18,11 +19,12 @@ _MOST_WORLDS = 65_536
 class Benchmark:
     """What is played, and where the results go."""
 
-    scenarios: tuple[str, ...] = ("team", "evaders", "evaders-failure", "intruders", "redundant", "rough", "rough-lost")
+    scenarios: tuple[str, ...] = standard.SCENARIOS
     """Scenarios to play."""
     policies: tuple[str, ...] = ()
-    """Policies to play, each where it drives the robots; without any, all of them. Your own: a checkpoint's
-    folder, `module:factory`, or a name that a module of the current folder registers."""
+    """Policies to play, each where it drives the robots; without any, those of the README's table with the clairvoyant
+    reference, and those that you registered. `all` plays every one that is registered. Your own: a checkpoint's folder,
+    `module:factory`, or a name that a module of the current folder registers."""
     episodes: int = 16
     """Episodes of each policy on each scenario."""
     seed: int = 0
@@ -39,7 +41,8 @@ class Benchmark:
     address: str | None = None
     """Address of the Ray cluster: auto, HOST:PORT or ray://HOST:PORT; without one, engine ray starts its own here."""
     clairvoyant: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Play, beside the policies, a reference that sees where the rogues are; its name stands in brackets."""
+    """Play, beside the policies that are named, a reference that sees where the rogues are; its name stands in
+    brackets."""
     against: str | None = None
     """Policy that all others are compared with, seed by seed; without one it is the paper's method where that is
     played, or else the first."""

@@ -165,6 +165,14 @@ def made_for(name: str, scenario: str) -> bool:
     return entry is None or (not entry.on_request and (not entry.made_for or scenario in entry.made_for))
 
 
+def ships(name: str) -> bool:
+    """Return whether a policy is one of ours, and not one that a user or another package registered."""
+    entry = _registry().get(unwrapped(name)[0])
+    made = entry.factory if entry is not None else None
+    made = made.func if isinstance(made, partial) else made
+    return getattr(made, "__module__", "").partition(".")[0] in ("baselines", "training")
+
+
 def is_specialist(name: str) -> bool:
     """Whether a policy was made for some scenarios."""
     entry = _registry().get(unwrapped(name)[0])

@@ -1,4 +1,4 @@
-"""The look of the paper's pictures: that of `baselines.benchmark.pictures`, in the paper's colours, with a footnote."""
+"""The look of the paper's pictures: that of `baselines.benchmark.looks`, in the paper's colours, with a footnote."""
 
 import io
 import textwrap
@@ -11,8 +11,7 @@ from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from baselines.benchmark.looks import BLUE, DARK, GREEN, ORANGE, PINK, RED, SKY
-from baselines.benchmark.pictures import STYLE
+from baselines.benchmark.looks import BLUE, DARK, GREEN, ORANGE, PINK, RED, SKY, STYLE
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms
 

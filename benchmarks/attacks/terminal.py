@@ -21,6 +21,7 @@ from rich.console import Console
 from attacks import Attack
 from baselines.benchmark import tables
 from baselines.benchmark.comparison import statistics
+from baselines.benchmark.measures import MEASURES
 from baselines.benchmark.rows import NUMBER_COLUMNS
 from baselines.design import design
 from lissajous_env.console.cli import main
@@ -235,7 +236,7 @@ def _try_width(draw: np.random.Generator) -> str | None:
     def shown(columns: int) -> str:
         console = Console(width=columns, file=io.StringIO(), record=True)
         cells = statistics(rows)["failure"]
-        tables.print_policies(console, tables.Text("t"), cells, tables.SHOWN)
+        tables.print_policies(console, tables.Text("t"), cells, MEASURES)
         tables.print_scores(console, "still", "failure", next(iter(cells.values())))
         return console.export_text()
 

@@ -165,6 +165,16 @@ class Scenario:
         return closed_forms.equilibrium_phases(self.num_robots, self.p, self.ring)
 
     @cached_property
+    def places(self) -> tuple[int, ...]:
+        """Place of each robot: robots on the same place overlap by design, and no collision of theirs is counted.
+
+        Points on the curve have kappa robots on each place of the equilibrium (Lemma 1), where bodies cannot but
+        overlap. Of all other robots each has a place of its own: two cars on one place do collide.
+        """
+        shared = self.num_robots // self.clusters if model_of(self.robot.kind).keeps_to_curve else self.num_robots
+        return tuple(self.ring.index(robot) % shared for robot in range(self.num_robots))
+
+    @cached_property
     def robot_radius_bound(self) -> float:
         """r_max of (6) [m]."""
         return closed_forms.robot_radius_bound(self.curve, self.num_robots)

@@ -112,6 +112,12 @@ SHIPPED = (
         robot=Robot(kind="car", radius=0.125, drag=0.94, drive=36.8, offset=0.94, dead_zone=0.0),
     ),
     _INTRUDERS,
+    dataclasses.replace(
+        _INTRUDERS,
+        name="intruders-inside",
+        description="The same; rogues appear anywhere inside, for which no patrol of the boundary is made.",
+        targets=dataclasses.replace(_INTRUDERS.targets, entry="inside"),
+    ),
     _EVADERS,
     dataclasses.replace(
         _EVADERS,
@@ -141,7 +147,7 @@ SHIPPED = (
         name="redundant",
         description="Section V: 30 points, two on each of the places of Fig. 2; one of each stops from 15 s to 25 s.",
         curve=Curve(half_width=5.0, half_height=5.0, a=7, b=8),
-        # Robots k and k + 15 share a place (Lemma 1), so they touch from the start: counted as 15 collisions.
+        # Robots k and k + 15 share a place (Lemma 1), where they overlap by design: no collision of theirs is counted.
         formation=Formation(phase_rate=0.05, coupling=1.0, p=14, start="rotated"),
         robot=Robot(kind="curve", count=30, radius=0.04),
         targets=_ARRIVING,

@@ -21,13 +21,25 @@ _REMOVE = wp.constant(place_of(Task, "on_collision", "remove"))
 
 @wp.func
 def compare_pair(
-    w: int, i: int, j: int, part: int, touch: float, beyond: float, robots: Robots, tally: Tally, counted: Counted
+    w: int,
+    i: int,
+    j: int,
+    part: int,
+    touch: float,
+    beyond: float,
+    places: wp.array(dtype=int),
+    robots: Robots,
+    tally: Tally,
+    counted: Counted,
 ) -> float:
     """Let two robots collide that come within `touch`, or part; returns their least squared distance [m^2].
 
+    Robots of one of `places` overlap by design and are not compared: `Scenario.places`.
     Stretches of the step in which they are farther apart than `beyond` [m] are passed over; 1e30 where all are.
     """
     least = float(1.0e30)
+    if places[i] == places[j]:
+        return least
     before = robots.track[w, i, 0] - robots.track[w, j, 0]
     for s in range(1, robots.track.shape[2]):
         after = robots.track[w, i, s] - robots.track[w, j, s]
@@ -50,7 +62,16 @@ def compare_pair(
 
 @wp.func
 def compare_with_all(
-    w: int, i: int, part: int, touch: float, beyond: float, way: float, robots: Robots, tally: Tally, counted: Counted
+    w: int,
+    i: int,
+    part: int,
+    touch: float,
+    beyond: float,
+    way: float,
+    places: wp.array(dtype=int),
+    robots: Robots,
+    tally: Tally,
+    counted: Counted,
 ) -> float:
     """`compare_pair` with the robots after this one, of which none goes farther than `way` [m] in the step."""
     last = robots.track.shape[2] - 1
@@ -61,7 +82,7 @@ def compare_with_all(
         if wp.length_sq(away) > apart * apart:
             tally.contact[w, i, j] = 0
         elif robots.status[w, j] != REMOVED:
-            nearest = wp.min(nearest, compare_pair(w, i, j, part, touch, beyond, robots, tally, counted))
+            nearest = wp.min(nearest, compare_pair(w, i, j, part, touch, beyond, places, robots, tally, counted))
     return nearest
 
 
@@ -73,6 +94,7 @@ def find_collisions(
     begin: int,
     end: int,
     robot: RobotStruct,
+    places: wp.array(dtype=int),
     clock: Clock,
     robots: Robots,
     tally: Tally,
@@ -90,7 +112,7 @@ def find_collisions(
     way = longest_way(w, robots)
     for i in range(begin + lane, end, lanes):
         if robots.status[w, i] != REMOVED:
-            nearest = wp.min(nearest, compare_with_all(w, i, part, touch, beyond, way, robots, tally, counted))
+            nearest = wp.min(nearest, compare_with_all(w, i, part, touch, beyond, way, places, robots, tally, counted))
     if nearest < 1.0e30:
         wp.atomic_min(counted.min_separation, w, part, wp.sqrt(nearest))
 

@@ -40,6 +40,7 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "equilibrium": wp.array(scenario.equilibrium, dtype=wp.float64, device=device),
         "neighbours": wp.array(scenario.neighbours, dtype=wp.int32, device=device, ndim=2),
         "hops": as_hops(scenario.spreading, not task.conservative, device),
+        "places": wp.array(scenario.places, dtype=wp.int32, device=device),
         "displaced": wp.array(displaced, dtype=wp.float32, device=device),
         "removals": wp.array(removal_steps(scenario.faults, n, task.step), dtype=wp.int32, device=device),
         "schedule": wp.array(schedule, dtype=wp.int32, device=device, ndim=2),

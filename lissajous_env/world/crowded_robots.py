@@ -35,6 +35,7 @@ def compare_with_listed(
     now: int,
     touch: float,
     beyond: float,
+    places: wp.array(dtype=int),
     robots: Robots,
     bins: Bins,
     tally: Tally,
@@ -47,7 +48,7 @@ def compare_with_listed(
         j = entry[0]
         if j > i and bins.compared_at[w, i, j] != now:
             bins.compared_at[w, i, j] = now
-            nearest = wp.min(nearest, compare_pair(w, i, j, part, touch, beyond, robots, tally, counted))
+            nearest = wp.min(nearest, compare_pair(w, i, j, part, touch, beyond, places, robots, tally, counted))
         entry = bins.entry[w, entry[1]]
     return nearest
 
@@ -60,6 +61,7 @@ def find_listed_collisions(
     begin: int,
     end: int,
     robot: RobotStruct,
+    places: wp.array(dtype=int),
     clock: Clock,
     robots: Robots,
     bins: Bins,
@@ -83,7 +85,7 @@ def find_listed_collisions(
     for i in range(begin + lane, end, lanes):
         if robots.status[w, i] != REMOVED:
             if ask_all or bins.is_everywhere[w, i] == 1:
-                least = compare_with_all(w, i, part, touch, beyond, way, robots, tally, counted)
+                least = compare_with_all(w, i, part, touch, beyond, way, places, robots, tally, counted)
                 nearest = wp.min(nearest, least)
             else:
                 # Whoever comes within reach of a place on its way is in the list of that place's bin.
@@ -92,8 +94,10 @@ def find_listed_collisions(
                     columns = columns_of(w, i, row, 0.0, robots, bins)
                     for column in range(columns[0], columns[1] + 1):
                         k = row * bins.columns + column
-                        found = compare_with_listed(w, i, k, part, now, touch, beyond, robots, bins, tally, counted)
-                        nearest = wp.min(nearest, found)
+                        least = compare_with_listed(
+                            w, i, k, part, now, touch, beyond, places, robots, bins, tally, counted
+                        )
+                        nearest = wp.min(nearest, least)
     if nearest < 1.0e30:
         wp.atomic_min(counted.min_separation, w, part, wp.sqrt(nearest))
 

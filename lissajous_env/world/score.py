@@ -25,9 +25,10 @@ MEANINGS = {
     "detected_within_bound": "share detected within T_max = (2 pi / omega) / (N / kappa), which is a bound only where "
     "r_s meets (8); who was there for less and was not found is left out",
     "collisions": "pairs that came closer than the sum of their radii, by the closest approach between sub-steps; "
-    "a pair counts once until it parts by 5 % more",
-    "contact_time": "time in contact, summed over pairs [s]",
-    "min_separation": "smallest distance of two robots [m]",
+    "a pair counts once until it parts by 5 % more; points that share a place of the formation (kappa > 1) overlap by "
+    "design and are no pair",
+    "contact_time": "time in contact, summed over the same pairs [s]",
+    "min_separation": "smallest distance of two robots of such a pair [m]",
     "coverage_time": "until every cell was sensed by some robot [s]",
     "coverage_time_each": "until every cell was sensed by every robot [s]",
     "idleness_mean": "time since a cell was last sensed, mean over cells and time [s]",

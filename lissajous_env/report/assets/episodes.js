@@ -1,21 +1,12 @@
 // The table of all episodes: put in order by any column, narrowed down, each with its replay or the command for one.
 
+import { isNarrow, reveal } from "./folding.js";
 import { ordered } from "./sorting.js";
 import { badge } from "./svg.js";
 import { element, number } from "./words.js";
 
-const FIRST = 50;
+const FIRST = isNarrow() ? 8 : 50;
 const MORE = 250;
-const SHOWN = [
-  "guaranteed_detection_time",
-  "collisions",
-  "detection_time_mean",
-  "over_limit",
-  "detected_fraction",
-  "sensed_fraction",
-  "coverage_time",
-  "idleness_mean",
-];
 const box = (name) => document.getElementById(name);
 
 export class Episodes {
@@ -24,7 +15,9 @@ export class Episodes {
     const { scenario } = report.episodes;
     this.count = scenario.length;
     this.titles = new Map(report.columns.map((column) => [column.name, column.title]));
-    this.shown = SHOWN.filter((name) => this.titles.has(name) && report.episodes[name].some((value) => value !== null));
+    this.shown = report.columns
+      .filter(({ name, listed }) => listed && report.episodes[name].some((value) => value !== null))
+      .map(({ name }) => name);
     this.replayOf = new Map(Object.entries(report.replays).map(([name, [s, p, seed]]) => [`${s} ${p} ${seed}`, name]));
     this.choose(
       "of-scenario",
@@ -80,7 +73,7 @@ export class Episodes {
     box("of-policy").value = String(policy);
     box("of-kind").value = String(kind);
     this.sort("", true);
-    box("episodes").scrollIntoView({ block: "start" });
+    reveal(box("episodes"));
   }
 
   // Places of the episodes that are listed, in order.

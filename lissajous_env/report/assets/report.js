@@ -1,13 +1,15 @@
-// The report of a benchmark: failures first, then each scenario, then all episodes.
+// The report of a benchmark: the ranking first, then what failed, each scenario, and all episodes.
 
 import { Episodes } from "./episodes.js";
 import { showFailures } from "./failures.js";
+import { beginFolding, reveal } from "./folding.js";
+import { showRankings } from "./ranking.js";
 import { scenarioSection } from "./scenario.js";
 import { beginTheme } from "./theme.js";
 import { Viewer } from "./viewer.js";
 import { element } from "./words.js";
 
-const FORMAT = "lissajous report 1";
+const FORMAT = "lissajous report 2";
 const at = (name) => document.getElementById(name);
 
 function begin() {
@@ -16,6 +18,7 @@ function begin() {
   beginTheme();
   const viewer = new Viewer(...replaysOf(report));
   const episodes = new Episodes(report, (id) => viewer.open(id));
+  showRankings(report);
   showFailures(report, (wanted) => episodes.narrow(wanted));
   at("scenarios").append(
     ...report.scenarios.map((scenario, s) =>
@@ -24,6 +27,7 @@ function begin() {
   );
   contents(report);
   made(report);
+  beginFolding();
   globalThis.report = { report, viewer, episodes };
   document.body.dataset.ready = "true";
 }
@@ -57,6 +61,7 @@ function pick(report, viewer, episodes, place) {
 
 function contents(report) {
   const links = [
+    ...(report.rankings.length ? [["ranking", "Who is best"]] : []),
     ["failures", "What failed"],
     ...report.scenarios.map((scenario, s) => [`scenario-${s}`, scenario.name]),
     ["episodes", "All episodes"],
@@ -64,6 +69,7 @@ function contents(report) {
   for (const [id, words] of links) {
     const link = element("a", "", words);
     link.href = `#${id}`;
+    link.addEventListener("click", () => reveal(at(id)));
     at("contents").append(link);
   }
 }

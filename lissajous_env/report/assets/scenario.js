@@ -1,5 +1,6 @@
-// A scenario: its policies with their distributions, the worst first, and what is left unseen over time.
+// A scenario: its policies with their distributions, the best first, and what is left unseen over time.
 
+import { comparison } from "./against.js";
 import { Plot, pictures } from "./plot.js";
 import { scaleOf } from "./scales.js";
 import { sortable } from "./sorting.js";
@@ -19,13 +20,29 @@ export function scenarioSection(report, scenario, s, onPick) {
     box.querySelector(".facts-row").append(fact);
   }
   fillPolicies(report, scenario, s, box.querySelector("table"));
+  choosing(scenario, box);
   box.querySelector(".plots").replaceWith(pictures(...plotsOf(report, scenario)));
+  if (scenario.against) box.append(comparison(report, scenario));
   box.addEventListener("click", (event) => {
     const dot = event.target.closest("[data-episode]");
     if (dot) onPick(Number(dot.dataset.episode));
   });
   light(box);
   return box;
+}
+
+// On a phone a table has room for one column beside the names: the one that is chosen.
+function choosing(scenario, box) {
+  const chosen = box.querySelector(".chosen-measure select");
+  const titles = scenario.measures.map((measure) => measure.title);
+  chosen.append(...titles.map((title) => element("option", "", title)));
+  const show = () => {
+    for (const cell of box.querySelectorAll(".policies td"))
+      cell.classList.toggle("chosen", cell.dataset.title === chosen.value);
+  };
+  chosen.value = titles[Math.max(scenario.measures.findIndex((measure) => measure.column === scenario.headline), 0)];
+  chosen.addEventListener("change", show);
+  show();
 }
 
 // What is pointed at is brought out wherever it is in the section.
@@ -53,8 +70,8 @@ function fillPolicies(report, scenario, s, table) {
     top = element("tr"),
     body = element("tbody");
   const of = (policy) => report.policies[policy.policy];
-  const worst = (a, b) => a.badness.map((value, k) => b.badness[k] - value).find((off) => off) || 0;
-  const rows = [...scenario.policies].sort((a, b) => Number(of(b).rival) - Number(of(a).rival) || worst(a, b));
+  const better = (a, b) => a.badness.map((value, k) => value - b.badness[k]).find((off) => off) || 0;
+  const rows = [...scenario.policies].sort((a, b) => Number(of(b).rival) - Number(of(a).rival) || better(a, b));
   const columns = scenario.measures.map((measure) => {
     const values = scenario.policies.flatMap((policy) => policy.cells[measure.column].quartiles || []);
     return {

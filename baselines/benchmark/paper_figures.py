@@ -1,0 +1,298 @@
+"""Figures of a comparison for a paper: performance profiles, probability of improvement, aggregates, distributions.
+
+The conventions are those of R. Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice"
+(NeurIPS 2021, the library rliable) and R. Gorsane et al., "Towards a Standardised Performance Evaluation Protocol for
+Cooperative MARL" (NeurIPS 2022, marl-eval): interquartile means, percentile bootstrap intervals stratified by scenario,
+whole distributions. Times are over T_max of their scenario, so that another policy moves no curve.
+"""
+
+import io
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from baselines.benchmark import clairvoyant
+from baselines.benchmark.comparison import COMPARED, GUARANTEED, OPEN, Comparisons, is_censored, reference_of
+from baselines.benchmark.looks import STYLE, looks_of
+from baselines.benchmark.measures import MEASURES, Measure, measures_of, title_of
+from baselines.benchmark.statistics import performance_profile, probability_of_improvement, summarize
+from baselines.benchmark.tables import shown_name
+from baselines.policies.registry import unwrapped
+from lissajous_env.parameters.scenario import Scenario
+
+FORMATS = ("pdf", "svg", "png")
+WIDTH = 7.16
+"""Width of a figure over both columns of a paper [inch]."""
+_STYLE: dict[Any, Any] = STYLE | {
+    "font.size": 7.5,
+    "axes.titlesize": 8,
+    "axes.labelsize": 7.5,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "legend.fontsize": 7,
+    "axes.linewidth": 0.6,
+    "grid.linewidth": 0.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "savefig.dpi": 300,
+    "pdf.fonttype": 42,  # fonts that journals accept and readers can search
+    "svg.hashsalt": "lissajous",
+}
+_TIMES = ("detection_time_mean", GUARANTEED)
+_MOST_ENDLESS = 0.25
+"""Share of infinite scores up to which the middle half has none."""
+_VALUES = 200
+"""Values at which a profile is drawn."""
+_FIRST_ROW = 0.55
+"""Height of a figure of rows beside its rows [inch]."""
+_ROW = 0.17
+"""Height of a row [inch]."""
+
+Rows = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Group:
+    """The scenarios of a kind of robots, and the policies that played all of them."""
+
+    kind: str
+    scenarios: tuple[Scenario, ...]
+    reference: str
+    """Policy that the others are compared with."""
+    scores: dict[str, dict[str, list[np.ndarray]]]
+    """By policy and column, the scores of the episodes of each scenario."""
+
+    @property
+    def columns(self) -> list[str]:
+        """Columns of `COMPARED` with a number of every policy on every scenario."""
+        finite = lambda column: all(  # noqa: E731
+            (~np.isnan(scores)).any() for of in self.scores.values() for scores in of[column]
+        )
+        return [column for column in COMPARED if finite(column)]
+
+
+def groups_of(rows: Rows, scenarios: Mapping[str, Scenario], against: str | None = None) -> list[Group]:
+    """Put score rows, with their derived columns, together by kind of robots."""
+    found = []
+    for kind in dict.fromkeys(scenarios[row["scenario"]].robot.kind for row in rows):
+        names = [n for n, of in scenarios.items() if of.robot.kind == kind and any(r["scenario"] == n for r in rows)]
+        by: dict[str, dict[str, list[Mapping[str, Any]]]] = {}
+        for row in rows:
+            if row["scenario"] in names:
+                by.setdefault(row["policy"], {}).setdefault(row["scenario"], []).append(row)
+        scores = {
+            policy: {c: [_scores(of[name], c, scenarios[name]) for name in names] for c in COMPARED}
+            for policy, of in by.items()
+            if all(name in of for name in names)
+        }
+        rivals = [policy for policy in scores if policy != clairvoyant.NAME]
+        if rivals:
+            found.append(Group(kind, tuple(scenarios[n] for n in names), reference_of(rivals, against), scores))
+    return found
+
+
+def draw(
+    rows: Rows, scenarios: Mapping[str, Scenario], comparisons: Comparisons, against: str | None, form: str
+) -> Iterator[tuple[str, bytes]]:
+    """Draw all figures and yield each as name of its file and content."""
+    looks = looks_of(dict.fromkeys(row["policy"] for row in rows))
+    with rc_context(_STYLE):
+        for group in groups_of(rows, scenarios, against):
+            for name, drawn in (("profiles", _profiles), ("improvement", _improvement), ("aggregates", _aggregates)):
+                if group.columns and not (name == "improvement" and len(group.scores) < 2):
+                    yield f"{name}-{group.kind}.{form}", _saved(drawn(group, looks), form)
+        for name, scenario in scenarios.items():
+            of: dict[str, list[Mapping[str, Any]]] = {}
+            for row in rows:
+                if row["scenario"] == name:
+                    of.setdefault(row["policy"], []).append(row)
+            measures = measures_of(scenario, comparisons.cells.get(name, {}))
+            measures = [each for each in measures if each.column in COMPARED or each not in MEASURES]
+            played = [row for episodes in of.values() for row in episodes]
+            measures = [m for m in measures if any(math.isfinite(row.get(m.column, math.nan)) for row in played)]
+            if measures:
+                yield f"distribution-{name}.{form}", _saved(_distribution(name, of, measures, looks), form)
+
+
+def _scores(rows: Rows, column: str, scenario: Scenario) -> np.ndarray:
+    """Scores of the episodes; times over T_max.
+
+    A guarantee that is open, or was still growing when its episode ended, is infinite: no bound of it is known.
+    """
+    values = np.array([row.get(column, math.nan) for row in rows], dtype=float)
+    if column == GUARANTEED:
+        values[[row[OPEN] == 1 or is_censored(row) for row in rows]] = np.inf
+    return values / scenario.detection_time_bound if column in _TIMES else values
+
+
+def _unit(column: str) -> str:
+    return f"{title_of(column).removesuffix(' [s]')} / $T_{{max}}$" if column in _TIMES else title_of(column)
+
+
+def _scaled(axes: Axes, column: str, values: np.ndarray) -> None:
+    """Give an axis the scale of a column: times are logarithmic, collisions nearly so."""
+    known = values[np.isfinite(values)]
+    positive = known[known > 0]
+    if column in _TIMES and len(positive):
+        axes.set_xscale("log")
+        low, high = max(positive.min(), positive.max() / 1e4) * 0.9, positive.max() * 1.1
+        axes.set_xlim(low, high)
+        decades = math.log10(high / low)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 2.2 else (1,), numticks=9))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+    elif column == "collisions" and known.max() > 20:
+        axes.set_xscale("symlog", linthresh=1)
+        axes.set_xlim(0, known.max() * 1.1)
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    elif column == "sensed_fraction":
+        axes.set_xlim(min(0.5, known.min()) - 0.03, 1.03)
+
+
+def _profiles(group: Group, looks: Mapping[str, Any]) -> Figure:
+    """Share of the episodes of all scenarios that are at least as good as a value, for each policy."""
+    figure, panels = _panels(group.columns, 2.35)
+    for column, axes in panels.items():
+        values = np.concatenate([scores for of in group.scores.values() for scores in of[column]])
+        _scaled(axes, column, values)
+        low, high = (
+            axes.get_xlim() if axes.get_xscale() != "linear" else (0, max(values[np.isfinite(values)].max(), 1e-9))
+        )
+        at = np.geomspace(low, high, _VALUES) if axes.get_xscale() == "log" else np.linspace(low, high, _VALUES)
+        at = np.sort(np.concatenate([at, np.linspace(low, min(10, high), _VALUES)])) if column == "collisions" else at
+        for policy, of in group.scores.items():
+            share, below, above = performance_profile(of[column], at, COMPARED[column])
+            line = _line(policy, looks) | {"markevery": (len(at) // 8, len(at) // 4)}
+            axes.plot(at, share, label=shown_name(policy), **line)
+            axes.fill_between(at, below, above, color=looks[policy].colour, alpha=0.15, lw=0)
+        axes.set_ylim(-0.02, 1.03)
+        axes.set_xlabel(f"{_unit(column)} $\\tau$")
+        axes.set_title(f"$P(\\mathrm{{score}} {'≤' if COMPARED[column] < 0 else '≥'} \\tau)$", fontweight="normal")
+    _legend(figure)
+    return figure
+
+
+def _improvement(group: Group, looks: Mapping[str, Any]) -> Figure:
+    """Probability that a policy is better than the reference, the mean over the scenarios."""
+    others = [policy for policy in group.scores if policy != group.reference]
+    figure, panels = _panels(group.columns, _FIRST_ROW + _ROW * len(others) + 0.2, rows=others)
+    for column, axes in panels.items():
+        axes.axvline(0.5, color="#444444", lw=0.8, ls="--", zorder=1)
+        for place, policy in enumerate(others):
+            found = probability_of_improvement(
+                group.scores[policy][column], group.scores[group.reference][column], COMPARED[column]
+            )
+            _interval(axes, place, found, looks[policy], policy)
+        axes.set_xlim(-0.03, 1.03)
+        axes.set_title(title_of(column).removesuffix(" [s]"))
+    figure.supxlabel(f"probability of improvement over {group.reference}", fontsize=7.5)
+    return figure
+
+
+def _aggregates(group: Group, looks: Mapping[str, Any]) -> Figure:
+    """Interquartile mean over the episodes of all scenarios, of collisions the mean, with its interval."""
+    policies = list(group.scores)
+    figure, panels = _panels(_closed(group), _FIRST_ROW + _ROW * len(policies), rows=policies)
+    means = {each.column: each.mean for each in MEASURES}
+    for column, axes in panels.items():
+        shown = []
+        for place, policy in enumerate(policies):
+            strata = group.scores[policy][column]
+            of = summarize(*strata)
+            found = (of.mean, of.mean_low, of.mean_high) if means[column] else (of.iqm, of.low, of.high)
+            endless = _endless(strata)
+            if endless <= _MOST_ENDLESS and np.isfinite(found[0]):
+                _interval(axes, place, found, looks[policy], policy)
+                shown.append(found[0])
+            else:
+                words = {"transform": axes.get_yaxis_transform(), "fontsize": 6, "color": "#777777"}
+                axes.text(0.98, place, f"no bound in {100 * endless:.0f} %", ha="right", va="center", **words)
+        _scaled(axes, column, np.array(shown or [1.0]))
+        axes.set_title(_unit(column))
+    return figure
+
+
+def _endless(strata: Sequence[np.ndarray]) -> float:
+    """Share of the scores that are infinite."""
+    return float(np.isinf(np.concatenate(strata)).mean())
+
+
+def _closed(group: Group) -> list[str]:
+    """Columns of which some policy has an aggregate."""
+    return [c for c in group.columns if any(_endless(of[c]) <= _MOST_ENDLESS for of in group.scores.values())]
+
+
+def _distribution(name: str, of: Mapping[str, Rows], measures: Sequence[Measure], looks: Mapping[str, Any]) -> Figure:
+    """Every episode of a scenario as a dot, with the quartiles of each policy as a box."""
+    policies = list(of)
+    figure, panels = _panels([each.column for each in measures], _FIRST_ROW + _ROW * len(policies), rows=policies)
+    figure.suptitle(name, x=0.005, ha="left", fontsize=8, fontweight="bold")
+    for measure in measures:
+        axes, every = panels[measure.column], []
+        for place, policy in enumerate(policies):
+            values = np.array([row.get(measure.column, math.nan) for row in of[policy]], dtype=float)
+            values, colour = values[np.isfinite(values)], looks[policy].colour
+            if not len(values):
+                continue
+            every.append(values)
+            low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
+            axes.plot([low, high], [place, place], color=colour, lw=5, alpha=0.3, solid_capstyle="butt")
+            axes.plot([middle, middle], [place - 0.28, place + 0.28], color=colour, lw=1.4)
+            off = 0.18 * np.sin(2.4 * np.arange(len(values)))  # so that equal ones show
+            axes.plot(values, place + off, ls="none", marker=".", ms=2.5, mew=0, color=colour, alpha=0.7)
+        values = np.concatenate(every)
+        if values.min() > 0 and values.max() > 30 * np.median(values):
+            axes.set_xscale("log")
+        _scaled(axes, "" if measure.column in _TIMES else measure.column, values)
+        axes.set_title(measure.title)
+    return figure
+
+
+def _panels(columns: Sequence[str], height: float, rows: Sequence[str] = ()) -> tuple[Figure, dict[str, Axes]]:
+    """Make a panel for each column, four in a line; with `rows`, each is a line of every panel, the first on top."""
+    across = min(len(columns), 4)
+    down = -(-len(columns) // across)
+    figure = Figure(figsize=(WIDTH, height * down), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.03, h_pad=0.03)  # type: ignore[union-attr]
+    panels = {}
+    for k, column in enumerate(columns):
+        axes = figure.add_subplot(down, across, k + 1)
+        if rows:
+            labels = [shown_name(policy) for policy in rows] if k % across == 0 else [""] * len(rows)
+            axes.set_yticks(range(len(rows)), labels)
+            axes.set_ylim(len(rows) - 0.5, -0.5)
+        panels[column] = axes
+    return figure, panels
+
+
+def _line(policy: str, looks: Mapping[str, Any]) -> dict[str, Any]:
+    colour, mark = looks[policy]
+    hollow = {"mfc": "white", "ls": (0, (4, 1.5))} if unwrapped(policy)[1] else {"ls": "-"}
+    return {"color": colour, "marker": mark, "ms": 3.5, "mew": 0.8, "lw": 1.1, **hollow}
+
+
+def _interval(axes: Axes, place: int, found: tuple[float, float, float], look: Any, policy: str) -> None:
+    middle, low, high = found
+    axes.plot([low, high], [place, place], color=look.colour, lw=4, alpha=0.35, solid_capstyle="butt")
+    face = "white" if unwrapped(policy)[1] else look.colour
+    axes.plot([middle], [place], color=look.colour, marker=look.mark, ms=4, mew=0.9, mfc=face)
+
+
+def _legend(figure: Figure) -> None:
+    lines, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(lines, labels, loc="outside lower center", ncols=min(len(labels), 5), columnspacing=1.2)
+
+
+def _saved(figure: Figure, form: str) -> bytes:
+    """Put a figure into a file that is the same every time."""
+    file = io.BytesIO()
+    dateless = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {"Software": None}}[form]
+    figure.savefig(file, format=form, metadata=dateless)
+    return file.getvalue()
