@@ -29,7 +29,7 @@ _Names = Annotated[
     tyro.conf.Positional,
     tyro.conf.arg(metavar="SCENARIO POLICY | FILE", help_behavior_hint=""),
 ]
-_FORMATS = (".html", ".gif", ".png", ".npz")
+_FORMATS = (".html", ".mp4", ".gif", ".png", ".npz")
 
 
 def run(
@@ -41,14 +41,14 @@ def run(
     output: Speech = AS_USUAL,
     overrides: Overrides = (),
 ) -> None:
-    """Play one episode: in a window, or to an HTML, GIF, PNG or NPZ file.
+    """Play one episode: in a window, or to an HTML, MP4, GIF, PNG or NPZ file.
 
     Args:
         scenario: name of the scenario, .toml file, or module:attribute.
         policy: name of the policy, folder of a checkpoint, or module:factory.
         seed: seed of the episode.
         device: cpu, cuda or cuda:k.
-        out: .html, .gif, .png or .npz to write; without it a window opens where there is a display.
+        out: .html, .mp4, .gif, .png or .npz to write; without it a window opens where there is a display.
         output: How it speaks.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
@@ -64,7 +64,7 @@ def run(
     if out is not None or has_display():
         show(recording, out, output)
     else:
-        words = "there is no display to open a window on; --out writes an .html, .gif, .png or .npz instead"
+        words = "there is no display to open a window on; --out writes an .html, .mp4, .gif, .png or .npz instead"
         progress_console(output).print(words, highlight=False, soft_wrap=True)
 
 
@@ -79,17 +79,17 @@ def replay(
     output: Speech = AS_USUAL,
     overrides: Overrides = (),
 ) -> None:
-    """Show an episode, played now or recorded before: as a page for a browser, in a window, or as a GIF or PNG file.
+    """Show an episode, played now or recorded before: as a page for a browser, in a window, or as MP4, GIF or PNG.
 
     Args:
         names: scenario and policy, as for `lissajous run`; or a recording, as that writes it to FILE.npz.
-        out: .html, .gif, .png or .npz to write; without it a window opens: space pauses, left and right step, escape
-            quits.
+        out: .html, .mp4, .gif, .png or .npz to write; without it a window opens: space pauses, left and right step,
+            escape quits.
         against: policy that plays the same seed beside it, on an .html page.
         seed: seed of the episode; a recording has its own.
         device: cpu, cuda or cuda:k.
         speed: seconds of the episode shown in one second, from 0.01 to 1000.
-        fps: pictures a second of a GIF, from 0.1 to 50.
+        fps: pictures a second of a GIF or MP4, from 0.1 to 50.
         output: How it speaks.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
@@ -101,7 +101,7 @@ def replay(
     if against is not None and (out is None or out.suffix.lower() != ".html"):
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     if out is None and not has_display():
-        raise ValueError("out must be given (.html, .gif or .png): there is no display to open a window on")
+        raise ValueError("out must be given (.html, .mp4, .gif or .png): there is no display to open a window on")
     if against is not None and len(names) > 1:  # refused before the other has been played
         scenarios, _ = told_apart(names)
         plan(Benchmark(scenarios, (against,), 1, seed, 1, device, overrides=parse_overrides(overrides)))
