@@ -395,7 +395,10 @@ def test_a_link_leads_to_a_moment_and_a_robot(browser, folder, recording):
 )
 def test_the_rectangle_fills_the_picture(browser, folder, half_width, half_height, width):
     sides = {"curve.half_width": half_width, "curve.half_height": half_height, "robot.radius": 0.05 * half_width}
-    run = opened(browser, folder, page(played("intruders", "still", **sides, **{"task.duration": 1.0})), width)
+    kept = played("intruders", "still", **sides, **{"task.duration": 2.0})
+    position = kept.position.copy()
+    position[-1, 0, :2] = 1.4 * half_width, 1.4 * half_height  # a robot that was outside for a moment
+    run = opened(browser, folder, page(dataclasses.replace(kept, position=position)), width)
     shown, canvas = run(
         "const { stage } = replay.views[0], [, , wide, high] = stage.rectangle();"
         "return [[wide, high], [stage.width, stage.height]]"
@@ -405,6 +408,12 @@ def test_the_rectangle_fills_the_picture(browser, folder, half_width, half_heigh
     # It is on the screen as a whole, between the head of the page and the player.
     assert canvas[1] < run("return innerHeight - document.querySelector('.transport').offsetHeight")
     assert run("return document.documentElement.scrollWidth") <= width
+    # Beside a high picture stand the charts, where the screen is wide.
+    sides = run(
+        "const [left, right] = ['episodes', 'charts'].map((id) => document.getElementById(id).getBoundingClientRect());"
+        "return [left.right, right.left]"
+    )
+    assert (sides[0] < sides[1]) == (width == 1280 and half_width < half_height)
 
 
 def test_what_is_beyond_the_colours_is_said(browser, folder, recording):

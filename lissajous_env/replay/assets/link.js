@@ -54,13 +54,15 @@ export class Link {
 
 // Copy words; whether that was allowed.
 export async function copied(words) {
+  // Only the page that has the focus may write, and not the one in its frame.
+  globalThis.focus();
   try {
     await navigator.clipboard.writeText(words);
     return true;
   } catch {
     const box = document.createElement("textarea");
     box.value = words;
-    document.body.append(box);
+    (document.querySelector("dialog[open]") || document.body).append(box);
     box.select();
     const done = document.execCommand("copy");
     box.remove();
