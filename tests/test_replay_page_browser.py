@@ -496,6 +496,26 @@ def test_the_knot_stands_in_space(browser, folder):
     said, asked = complaints(browser)
     assert [words for words in said if "WebGL" not in words] == []
     assert asked == []
+    # It fills its picture, comes closer, moves, and comes back; a scaled one looks the same.
+    ndc = (
+        "const { camera, robots } = replay.views[0].stage; return robots.map(({ ball }) =>"
+        " { const { x, y, z } = ball.position.clone().project(camera); return [x, y, z]; })"
+    )
+    at_first, away = run(ndc), "return replay.views[0].stage.camera.position.length()"
+    far = run(away)
+    press(browser, "+")
+    assert run(away) == pytest.approx(far / 1.5)
+    press(browser, "d", "v")
+    np.testing.assert_allclose(run(ndc), at_first, atol=1e-5)
+    scaled = dataclasses.replace(
+        recording,
+        scenario=recording.scenario.scaled(64.0, 1.0),
+        position=recording.position * np.float32(64),
+        target_position=recording.target_position * np.float32(64),
+    )
+    run = opened(browser, folder, page(scaled))
+    run("replay.player.seek(1.5)")
+    np.testing.assert_allclose(run(ndc), at_first, atol=1e-5)
 
 
 def test_a_notebook_shows_it_in_a_frame_of_its_own(browser, folder, recording):
