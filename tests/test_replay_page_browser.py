@@ -389,31 +389,32 @@ def test_a_link_leads_to_a_moment_and_a_robot(browser, folder, recording):
     assert complaints(browser) == ([], [])
 
 
-@pytest.mark.parametrize("width", [390, 1280])
 @pytest.mark.parametrize(
     ("half_width", "half_height"), [(1.35, 0.6), (1.5, 4.0), (20.0, 12.5)], ids=["experiment", "tall", "hall"]
 )
-def test_the_rectangle_fills_the_picture(browser, folder, half_width, half_height, width):
+def test_the_rectangle_fills_the_picture(browser, folder, half_width, half_height):
     sides = {"curve.half_width": half_width, "curve.half_height": half_height, "robot.radius": 0.05 * half_width}
     kept = played("intruders", "still", **sides, **{"task.duration": 2.0})
     position = kept.position.copy()
     position[-1, 0, :2] = 1.4 * half_width, 1.4 * half_height  # a robot that was outside for a moment
-    run = opened(browser, folder, page(dataclasses.replace(kept, position=position)), width)
-    shown, canvas = run(
-        "const { stage } = replay.views[0], [, , wide, high] = stage.rectangle();"
-        "return [[wide, high], [stage.width, stage.height]]"
-    )
-    assert shown[1] > 0.7 * canvas[1]
-    assert width == 1280 or half_width < half_height or shown[0] > 0.75 * canvas[0]
-    # It is on the screen as a whole, between the head of the page and the player.
-    assert canvas[1] < run("return innerHeight - document.querySelector('.transport').offsetHeight")
-    assert run("return document.documentElement.scrollWidth") <= width
-    # Beside a high picture stand the charts, where the screen is wide.
-    sides = run(
-        "const [left, right] = ['episodes', 'charts'].map((id) => document.getElementById(id).getBoundingClientRect());"
-        "return [left.right, right.left]"
-    )
-    assert (sides[0] < sides[1]) == (width == 1280 and half_width < half_height)
+    text = page(dataclasses.replace(kept, position=position))
+    for width in (390, 1280):
+        run = opened(browser, folder, text, width)
+        shown, canvas = run(
+            "const { stage } = replay.views[0], [, , wide, high] = stage.rectangle();"
+            "return [[wide, high], [stage.width, stage.height]]"
+        )
+        assert shown[1] > 0.7 * canvas[1]
+        assert width == 1280 or half_width < half_height or shown[0] > 0.75 * canvas[0]
+        # The picture is on the screen as a whole, above the player.
+        assert canvas[1] < run("return innerHeight - document.querySelector('.transport').offsetHeight")
+        assert run("return document.documentElement.scrollWidth") <= width
+        # Beside a high picture stand the charts, where the screen is wide.
+        left, right = run(
+            "const boxes = ['episodes', 'charts'].map((id) => document.getElementById(id).getBoundingClientRect());"
+            "return [boxes[0].right, boxes[1].left]"
+        )
+        assert (left < right) == (width == 1280 and half_width < half_height)
 
 
 def test_what_is_beyond_the_colours_is_said(browser, folder, recording):
