@@ -119,10 +119,11 @@ def place_of(run, robot, view=0):
     )
 
 
-def turn_wheel(browser, x, y, by):
+def turn_wheel(browser, place, by):
     """Turn the wheel over a place of the window [px]."""
-    place = {"type": "mouseWheel", "x": round(x), "y": round(y), "deltaX": 0, "deltaY": by}
-    browser.execute_cdp_cmd("Input.dispatchMouseEvent", place)
+    x, y = place
+    wheel = {"type": "mouseWheel", "x": round(x), "y": round(y), "deltaX": 0, "deltaY": by}
+    browser.execute_cdp_cmd("Input.dispatchMouseEvent", wheel)
 
 
 def drag(browser, x, y, right, down):
@@ -299,7 +300,7 @@ def test_the_picture_is_zoomed_and_moved(browser, folder, recording):
     run("replay.player.seek(2)")
     whole = [place_of(run, k) for k in range(5)]
     assert run("return replay.camera.isWhole")
-    turn_wheel(browser, *whole[3], -600)
+    turn_wheel(browser, whole[3], -600)
     wait(lambda: run("return replay.camera.zoom") > 2)
     zoom = run("return replay.camera.zoom")
     np.testing.assert_allclose(place_of(run, 3), whole[3], atol=zoom)
@@ -329,7 +330,7 @@ def test_the_picture_is_zoomed_and_moved(browser, folder, recording):
     run("document.querySelector('[data-look=closer]').click(); document.querySelector('[data-look=farther]').click()")
     assert run("return replay.camera.isWhole")
     # Of the whole picture the wheel shows no more: the page scrolls.
-    turn_wheel(browser, *place_of(run, 3), 300)
+    turn_wheel(browser, place_of(run, 3), 300)
     wait(lambda: run("return scrollY") > 100)
     assert run("return replay.camera.isWhole")
     assert complaints(browser) == ([], [])
