@@ -30,7 +30,7 @@ _Names = Annotated[
     tyro.conf.Positional,
     tyro.conf.arg(metavar="SCENARIO POLICY | FILE", help_behavior_hint=""),
 ]
-_FORMATS = (".html", ".gif", ".png", ".svg", ".pdf", ".npz")
+_FORMATS = (".html", ".mp4", ".gif", ".png", ".svg", ".pdf", ".npz")
 
 
 def run(
@@ -49,7 +49,7 @@ def run(
         policy: name of the policy, folder of a checkpoint, or module:factory.
         seed: seed of the episode.
         device: cpu, cuda or cuda:k.
-        out: .html, .gif, .png, .svg, .pdf or .npz to write; without it a window opens where there is a display.
+        out: .html, .mp4, .gif, .png, .svg, .pdf or .npz to write; without it a window opens where there is a display.
         output: How it speaks.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
@@ -65,7 +65,7 @@ def run(
     if out is not None or has_display():
         show(recording, out, output)
     else:
-        words = "there is no display to open a window on; --out writes an .html, .gif, .png, .svg, .pdf or .npz instead"
+        words = f"there is no display to open a window on; --out writes {', '.join(_FORMATS)} instead"
         progress_console(output).print(words, highlight=False, soft_wrap=True)
 
 
@@ -80,17 +80,17 @@ def replay(
     output: Speech = AS_USUAL,
     overrides: Overrides = (),
 ) -> None:
-    """Show an episode, played now or recorded before: as a page, in a window, or as a GIF, PNG, SVG or PDF.
+    """Show an episode, played now or recorded before: as a page, in a window, or as MP4, GIF, PNG, SVG or PDF.
 
     Args:
         names: scenario and policy, as for `lissajous run`; or a recording, as that writes it to FILE.npz.
-        out: .html, .gif, .png, .svg, .pdf or .npz to write; without it a window opens: space pauses, left and right
-            step, escape quits.
+        out: .html, .mp4, .gif, .png, .svg, .pdf or .npz to write; without it a window opens: space pauses, left and
+            right step, escape quits.
         against: policy that plays the same seed beside it, on an .html page.
         seed: seed of the episode; a recording has its own.
         device: cpu, cuda or cuda:k.
         speed: seconds of the episode shown in one second, from 0.01 to 1000.
-        fps: pictures a second of a GIF, from 0.1 to 50.
+        fps: pictures a second of a GIF or MP4, from 0.1 to 50.
         output: How it speaks.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
@@ -103,7 +103,7 @@ def replay(
     if against is not None and (out is None or out.suffix.lower() != ".html"):
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     if out is None and not has_display():
-        raise ValueError("out must be given (.html, .gif, .png, .svg or .pdf): there is no display to open a window on")
+        raise ValueError(f"out must be given ({', '.join(_FORMATS)}): there is no display to open a window on")
     if against is not None and len(names) > 1:  # refused before the other has been played
         scenarios, _ = told_apart(names)
         plan(Benchmark(scenarios, (against,), 1, seed, 1, device, overrides=parse_overrides(overrides)))

@@ -64,7 +64,7 @@ def test_the_table_is_the_distance_by_brute_force(name):
 )
 def test_the_nearest_point_is_the_nearest(curve):
     # Oracle: the nearest of many points of a lap, which is never nearer than the nearest of all.
-    points = curve_tree(curve, 1_000_001)
+    points = curve_tree(curve, 20_000 * (curve.a + curve.b))
     for reach in (1.0, 3.0):
         places = places_around(curve, reach, 1000)
         phases, found = nearest_phase(curve, places)

@@ -245,3 +245,29 @@ def test_a_training_shows_its_curve_its_rivals_and_the_latest_episode(browser, f
     said, asked = complaints(browser)
     assert said == []
     assert [each for each in asked if not each.startswith("about:")] == []
+
+
+def test_a_link_into_a_report_opens_its_replay_at_a_moment(browser, folder, text):  # noqa: F811
+    run = opened(browser, folder, text)
+    key = run("const [id] = Object.keys(report.viewer.entries); report.viewer.open(id); return id")
+    name = run(f"return encodeURIComponent({json.dumps(key)})")
+    browser.switch_to.frame(browser.find_element("id", "frame"))
+    wait(lambda: browser.execute_script("return document.body.dataset.ready === 'true'"))
+    browser.execute_script("replay.player.seek(1.5); replay.select(2)")
+    browser.switch_to.default_content()
+    wait(lambda: run("return location.hash") == f"#{name}&t=1.5&robot=2")
+    browser.get("about:blank")
+    browser.get(f"{(folder / 'page.html').as_uri()}#{name}&t=2.5&robot=4")
+    wait(lambda: run("return document.body.dataset.ready === 'true'"))
+    browser.switch_to.frame(browser.find_element("id", "frame"))
+    wait(lambda: browser.execute_script("return document.body.dataset.ready === 'true'"))
+    assert browser.execute_script("return [replay.player.time, replay.selected]") == [2.5, 4]
+    # The button of the page in the frame copies the report's own address.
+    browser.execute_cdp_cmd("Browser.grantPermissions", {"permissions": ["clipboardReadWrite"]})
+    browser.find_element("id", "link").click()
+    browser.switch_to.default_content()
+    copied = lambda: browser.execute_async_script("navigator.clipboard.readText().then(arguments[0])")  # noqa: E731
+    wait(lambda: copied() == f"{(folder / 'page.html').as_uri()}#{name}&t=2.5&robot=4")
+    # What is no moment opens the replay all the same, from its beginning.
+    run(f"location.hash = '#{name}&t=1;alert(1)'")
+    wait(lambda: run("return location.hash") == f"#{name}")

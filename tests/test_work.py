@@ -59,7 +59,7 @@ def test_every_task_is_done_once_and_after_those_of_the_group_before(threads, bu
 
 def test_helpers_go_from_work_to_work():
     # Oracle: as above, of work that takes turns and is forgotten at any time.
-    for _ in range(60):
+    for _ in range(20):
         pair = Followed(4), Followed(3, 100)
         for _ in range(10):
             for each in pair:

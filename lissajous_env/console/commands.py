@@ -26,7 +26,7 @@ _Scenarios = Annotated[
     tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")
 ]
 _MOST_PICTURES = 20_000
-"""Of a GIF."""
+"""Of a GIF or a film."""
 
 
 def scenarios(names: _Scenarios = (), output: Speech = AS_USUAL) -> None:
@@ -141,12 +141,17 @@ def check_file(out: Path | None, *suffixes: str) -> None:
 
     Raises:
         ValueError: another suffix, a folder in its place, or a folder around it that is not there or not writable.
+        MissingExtraError: an .mp4 without the library that encodes it.
     """
     if out is None:
         return
     if out.suffix.lower() not in suffixes:
         hint = nearest(out.suffix.lower(), suffixes)
         raise ValueError(f"out must end in {' or '.join(suffixes)}, got {out}{hint}")
+    if out.suffix.lower() == ".mp4":
+        from lissajous_env.render import mp4
+
+        mp4.pyav()
     check_writable_file(out)
 
 
@@ -161,7 +166,7 @@ def show(
     """Show a recording in a window or, given a file, write it there in the format of its suffix.
 
     Raises:
-        ValueError: a GIF of more than 20,000 pictures.
+        ValueError: a GIF or a film of more than 20,000 pictures.
     """
     from rich.progress import Progress
 
@@ -170,9 +175,10 @@ def show(
 
     output = output or Output()
     suffix = "" if out is None else out.suffix.lower()
-    if suffix == ".gif" and (pictures := recording.duration * fps / speed) > _MOST_PICTURES:
+    films = {".gif": film.save_gif, ".mp4": film.save_mp4}
+    if suffix in films and (pictures := recording.duration * fps / speed) > _MOST_PICTURES:
         raise ValueError(
-            f"speed must be such that a GIF has at most {_MOST_PICTURES:,} pictures, got {speed:g} with "
+            f"speed must be such that a film has at most {_MOST_PICTURES:,} pictures, got {speed:g} with "
             f"{math.ceil(pictures):,}"
         )
     if out is None:
@@ -183,8 +189,8 @@ def show(
         task = progress.add_task("drawing", total=max(recording.duration * fps / speed, 1))
         if suffix == ".html":
             Replay(recording, against).save(out)
-        elif suffix == ".gif":
-            film.save_gif(recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
+        elif suffix in films:
+            films[suffix](recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
         elif suffix in film.STILLS:
             film.save_sheet(recording, out)
         else:

@@ -1,4 +1,4 @@
-"""What becomes of a recording: an animated GIF, a contact sheet, or a window in which it plays."""
+"""Shows a recording as an animated GIF, an MP4 film or a contact sheet, or plays it in a window."""
 
 import math
 import time
@@ -13,6 +13,7 @@ from lissajous_env.episodes.recording import Recording
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import View
 from lissajous_env.render.gif import GifWriter
+from lissajous_env.render.mp4 import Mp4Writer
 from lissajous_env.render.renderer import Renderer
 from lissajous_env.render.window import Window
 from lissajous_env.storage.files import replacing
@@ -25,7 +26,10 @@ STILLS = ".png", ".svg", ".pdf"
 """Suffixes of a contact sheet."""
 
 LONGEST = 655.35
-"""Time for which a GIF can show a picture [s]."""
+"""Time for which a GIF can show a picture [s]; a film does not do so for longer either."""
+
+DENSEST = 50.0
+"""Pictures a second of a GIF or a film, at most [1/s]."""
 
 FASTEST = 30.0
 """Pictures a second in a window [1/s]."""
@@ -63,15 +67,7 @@ def save_gif(
     Raises:
         ValueError: fps or speed are not positive, or so slow that a picture would be shown for more than 655.35 s.
     """
-    _require_positive(fps=fps, speed=speed)
-    step = recording.scenario.task.step
-    every = max(math.ceil(min(speed / (min(fps, 50.0) * step), len(recording)) - 1e-9), 1)
-    seconds = every * step / speed
-    if seconds > LONGEST:
-        raise ValueError(
-            f"fps and speed must show a picture for at most {LONGEST} s, got fps {fps:g} and speed {speed:g}: "
-            f"{seconds:.3g} s"
-        )
+    every, seconds = _paced(recording, fps, speed)
     if size is None:
         size = [length * 3 // 4 for length in View.of(recording.scenario).size]
     renderer = Renderer(recording.scenario, size)
@@ -80,13 +76,66 @@ def save_gif(
     # GIF counts in hundredths of a second, and most that show it cannot do less than two.
     shown = max(round(100 * seconds), 2)
     with replacing(path) as temporary, open(temporary, "wb") as file:
-        writer = GifWriter(file, samples, shown)
-        for frame in frames(recording, renderer, every):
-            writer.add(frame)
-            if on_frame is not None:
-                on_frame()
-        writer.close()
-    return len(moments)
+        return _write(GifWriter(file, samples, shown), frames(recording, renderer, every), on_frame)
+
+
+def save_mp4(
+    recording: Recording,
+    path: str | Path,
+    *,
+    fps: float = 10.0,
+    speed: float = 1.0,
+    size: Sequence[int] | None = None,
+    on_frame: Callable[[], None] | None = None,
+) -> int:
+    """Write a recording as an MP4 film (H.264) that browsers play.
+
+    Args:
+        recording: What to draw.
+        path: Where to write; under a temporary name first, then renamed.
+        fps: Pictures a second at most, up to 50; moments between them are skipped.
+        speed: Seconds of the episode in a second of the film.
+        size: Width and height [px], odd ones made even; None is the size that `Renderer` takes.
+        on_frame: Called after each picture.
+
+    Returns:
+        How many pictures it has.
+
+    Raises:
+        ValueError: fps or speed are not positive, or so slow that a picture would be shown for more than 655.35 s.
+        MissingExtraError: the extra `video` is not installed.
+    """
+    every, seconds = _paced(recording, fps, speed)
+    wide, high = (length + length % 2 for length in View.of(recording.scenario, size).size)
+    renderer = Renderer(recording.scenario, (wide, high))
+    with replacing(path) as temporary:
+        return _write(Mp4Writer(temporary, (wide, high), seconds), frames(recording, renderer, every), on_frame)
+
+
+def _paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
+    """Return every how manieth moment is shown, and for how long [s]."""
+    _require_positive(fps=fps, speed=speed)
+    step = recording.scenario.task.step
+    every = max(math.ceil(min(speed / (min(fps, DENSEST) * step), len(recording)) - 1e-9), 1)
+    seconds = every * step / speed
+    if seconds > LONGEST:
+        raise ValueError(
+            f"fps and speed must show a picture for at most {LONGEST} s, got fps {fps:g} and speed {speed:g}: "
+            f"{seconds:.3g} s"
+        )
+    return every, seconds
+
+
+def _write(writer: GifWriter | Mp4Writer, pictures: Iterator[np.ndarray], on_frame: Callable[[], None] | None) -> int:
+    """Write all pictures, and return how many they were."""
+    count = 0
+    for picture in pictures:
+        writer.add(picture)
+        count += 1
+        if on_frame is not None:
+            on_frame()
+    writer.close()
+    return count
 
 
 def save_sheet(
@@ -152,7 +201,7 @@ def play(recording: Recording, *, speed: float = 1.0, size: Sequence[int] | None
     window = Window(renderer.view.size, f"{recording.scenario.name}, {recording.score.get('policy', '')} - lissajous")
     if not window.can_be_seen:
         window.close()
-        raise OSError("no window can be opened: there is no display; write a .gif or .png instead")
+        raise OSError("no window can be opened: there is no display; write an .html, .mp4, .gif or .png instead")
     at, last, paused, drawn = 0.0, len(recording) - 1, False, -1
     before = time.perf_counter()
     while not window.closed:

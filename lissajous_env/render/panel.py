@@ -11,6 +11,7 @@ from lissajous_env.render.canvas import FINE, FOOTER, HEADER, MARGIN, View
 from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.targets import draw_dots, draw_flash
 from lissajous_env.render.text import width_of, write
+from lissajous_env.render.times import decimals_of
 
 _GAP = 22
 """Space between entries [px]."""
@@ -43,7 +44,7 @@ class Panel:
                 return
             self._draw_sign(fine, kind, x)
             x = write(fine, words, (x + indent, y), self.small, palette.MUTED) + _GAP
-        words = f"not sensed for {self.idle_full:.2g} s or more"
+        words = f"not sensed for {float(f'{self.idle_full:.2g}'):g} s or more"
         start = self.right - width_of(words, self.small)
         if self.scenario.task.grid is not None and start - _RAMP - 8 >= x:
             self._draw_ramp(fine, start - _RAMP - 8)
@@ -78,14 +79,14 @@ class Panel:
     def _status(self, snapshot: Snapshot) -> list[tuple]:
         """Entries of the status line: rank, words before the value, the value, words after it."""
         task = self.scenario.task
-        decimals = 1 if task.step >= 0.1 else 2
+        decimals = decimals_of(task.step)
         entries: list[tuple] = [(4, "", f"{snapshot.step * task.step:.{decimals}f} s", f" of {task.duration:g} s")]
         if self.scenario.target_capacity > 0:
             mean = snapshot.mean_detection_time(task.step)
             appeared = int(np.count_nonzero(snapshot.appears_at <= snapshot.step))
             entries += [
                 (3, "detected ", f"{np.count_nonzero(snapshot.found):,}", f" of {appeared:,}"),
-                (1, "mean detection time ", "none" if math.isnan(mean) else f"{mean:.2f} s", ""),
+                (1, "mean detection time ", "none" if math.isnan(mean) else f"{mean:.{decimals + 1}f} s", ""),
             ]
         return [*entries, (2, "collisions ", f"{snapshot.collisions}", "")]
 

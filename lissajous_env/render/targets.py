@@ -1,4 +1,4 @@
-"""The targets: dots while they are at large, and a ring that opens and fades for a second when one was detected."""
+"""The targets: dots while they are at large, and a ring that opens and fades when one was detected."""
 
 import math
 
@@ -9,10 +9,8 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, stamp
 from lissajous_env.render.snapshot import Snapshot
+from lissajous_env.render.times import flash_time
 from lissajous_env.world.targets import FLEEING
-
-FLASH = 1.0
-"""Time for which a detection shows [s]."""
 
 SHADES = 20
 """Ages of a detection that look different."""
@@ -31,15 +29,15 @@ class Targets:
         apart = math.sqrt(rectangle.width * rectangle.height / max(usual, 1.0))
         self.radius = float(np.clip(0.2 * apart, 1.35, 4.0))
         """Radius of a dot [px]."""
+        self._flash = flash_time(scenario) / scenario.task.step
 
     def draw(self, surface: pygame.Surface, snapshot: Snapshot) -> None:
-        """Draw the targets that are at large, and those detected within the last second."""
+        """Draw the targets that are at large, and those that were detected just now."""
         places = self.view.fine(snapshot.target_position)
-        step, flash = self.scenario.task.step, max(FLASH, self.scenario.task.step)
         found = snapshot.found
         if not self.scenario.targets.leave:
             stamp(surface, places[found], FINE * self.radius, palette.FOUND)
-        age = (snapshot.step - snapshot.found_at) * step / flash
+        age = (snapshot.step - snapshot.found_at) / self._flash
         recent = np.flatnonzero(found & (age < 1))
         shade = np.floor(SHADES * age[recent] + 1e-6) / SHADES
         for each in np.unique(shade):

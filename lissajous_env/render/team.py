@@ -8,12 +8,9 @@ from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, cut, transparent, within
 from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.text import write, write_outlined
-from lissajous_env.theory import closed_forms
+from lissajous_env.render.times import trail_time
 from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
-
-LONGEST_TRAIL = 3.0
-"""Time of a trail [s]; shorter where the robots are fast for the size of the rectangle."""
 
 MOST_CONTACTS = 2000
 """Contacts that are ringed at most; a crowd in one heap has hundreds of thousands."""
@@ -44,11 +41,8 @@ class Team:
 
     def trail_steps(self) -> int:
         """Steps that a trail goes back."""
-        scenario = self.scenario
-        lap = np.linspace(0, 2 * np.pi, 512)
-        speed = scenario.formation.phase_rate * closed_forms.curve_speed(scenario.curve, lap).mean()
-        longest = 1.1 * min(scenario.curve.half_width, scenario.curve.half_height) * (0.2 if self.many else 1.0)
-        return max(round(min(LONGEST_TRAIL / scenario.task.step, longest / speed / scenario.task.step, 2**20)), 2)
+        longest = trail_time(self.scenario) * (0.2 if self.many else 1.0)
+        return max(round(min(longest / self.scenario.task.step, 2**20)), 2)
 
     def draw_links(self, surface: pygame.Surface, snapshot: Snapshot, steps: np.ndarray, trail: np.ndarray) -> None:
         """Draw the ring and the trails, positions (K, N, 2) at K steps; they lie under the robots."""

@@ -2,7 +2,7 @@
 
 Positions, speeds, rewards and observations are kept to 1/65,535 of the range that each takes, angles to 1/65,536 of a
 turn, times to a control step. Of long episodes every so manieth moment is kept, of fine grids every so manieth cell, of
-the ground a picture every 0.2 s.
+the ground a picture every other control step.
 """
 
 import math
@@ -13,6 +13,7 @@ import numpy as np
 
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.render.snapshot import thinned
+from lissajous_env.render.times import flash_time, trail_time
 from lissajous_env.replay.packing import FARTHEST, angles, counts, quantised
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.robots.table import model_of
@@ -29,14 +30,14 @@ class Detail:
     """Moments of the episode."""
     cells: tuple[int, int] = (128, 128)
     """Rows and columns of a grid."""
-    ground_every: float = 0.2
-    """Time between two pictures of the ground [s]."""
+    ground_every: int = 2
+    """Control steps between two pictures of the ground."""
     observed: int = 6_000_000
     """Numbers of all observations: those of robots beyond are left out."""
 
 
 WHOLE = Detail()
-BRIEF = Detail(moments=400, cells=(40, 40), ground_every=1.0, observed=0)
+BRIEF = Detail(moments=400, cells=(40, 40), ground_every=10, observed=0)
 """What a page of many episodes holds of each."""
 _MOST_GROUND = 2**24
 """Numbers of all pictures of the ground."""
@@ -93,6 +94,8 @@ def _about(recording: Recording) -> dict[str, Any]:
         "sensing": scenario.sensing_radius,
         "bound": scenario.detection_time_bound,
         "bound_name": scenario.detection_time_label,
+        "trail": 2 * trail_time(scenario),
+        "flash": flash_time(scenario),
         "ring": list(ring) if len(ring) > 1 else [],
         "neighbours": scenario.neighbours.tolist(),
         "equilibrium": scenario.equilibrium.tolist(),
@@ -159,7 +162,7 @@ def _targets(recording: Recording, kept: slice) -> dict[str, Any]:
 def _ground(recording: Recording, every: int, detail: Detail) -> dict[str, Any]:
     """Steps in which cells were last sensed, and since when a rogue can be in them unseen; series of age are exact."""
     task, found = recording.scenario.task, {}
-    stride = every * max(round(detail.ground_every / (task.step * every)), 1)
+    stride = every * max(round(detail.ground_every / every), 1)
     if task.grid is not None:
         cells = np.stack([thinned(each, detail.cells) for each in recording.sensed_at[::stride]])
         found["sensed"] = _pictures(cells, stride, len(recording))

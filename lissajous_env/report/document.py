@@ -45,5 +45,5 @@ def report(
 def _viewer(in_space: bool) -> str:
     """Make the page that plays episodes, without any."""
     libraries = ["uPlot", "three"] if in_space else ["uPlot"]
-    data = {"format": FORMAT, "theme": "@theme@", "episodes": [_EPISODES]}
+    data = {"format": FORMAT, "theme": "@theme@", "at": "@at@", "episodes": [_EPISODES]}
     return bundled("page.html", "main.js", data, {"title": "Replay"}, libraries)

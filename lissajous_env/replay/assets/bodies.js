@@ -38,7 +38,8 @@ export class Bodies {
       const place = places[i],
         colour = place.status === REMOVED ? colours.removed : robotColour(colours, i);
       if (this.isOutside(place)) {
-        this.paintArrow(place, i, colour, colours);
+        // Of a crowd, arrows all around would say nothing.
+        if (!this.stage.many || i === view.selected) this.paintArrow(place, i, colour, colours);
         continue;
       }
       context.save();
@@ -47,8 +48,35 @@ export class Bodies {
       if (place.status === REMOVED) this.paintRemoved(colour);
       else this.paintOne(place, colour, colours);
       context.restore();
-      if (!this.stage.many || i === view.selected) this.paintNumber(place, i, colour, colours);
     }
+    this.paintNumbers(places, order, view);
+  }
+
+  // Numbers in their robots where there is room, else beside them; of a crowd when one looks closely.
+  paintNumbers(places, order, { colours, selected }) {
+    const numbered = order
+      .filter((i) => !this.isOutside(places[i]) && (!this.stage.many || this.size > 9 || i === selected))
+      .map((i) => ({ i, ...places[i] }));
+    const inside = this.size > 12 && !this.shapes.length;
+    const beside = numbered.filter(({ status }) => !inside || status === REMOVED);
+    const at = this.stage.labels.place(beside, this.size, this.stage.width, this.stage.height);
+    beside.forEach(({ i }, k) => this.write(String(i), ...at[k], colours.ink, colours.card));
+    for (const { i, x, y, status } of numbered) {
+      if (inside && status !== REMOVED) this.write(String(i), x, y, colours.card, "", Math.min(0.9 * this.size, 16));
+    }
+  }
+
+  write(words, x, y, colour, around = "", size = 12) {
+    const { context } = this;
+    context.font = `600 ${size}px system-ui, sans-serif`;
+    context.textAlign = "center";
+    context.textBaseline = "middle";
+    context.lineWidth = 3.5;
+    context.lineJoin = "round";
+    context.strokeStyle = around;
+    if (around) context.strokeText(words, x, y);
+    context.fillStyle = colour;
+    context.fillText(words, x, y);
   }
 
   paintOne(place, colour, colours) {
@@ -85,28 +113,10 @@ export class Bodies {
     context.stroke();
   }
 
-  paintNumber(place, robot, colour, colours) {
-    const { context } = this,
-      inside = this.size > 12 && !this.shapes.length && place.status !== REMOVED;
-    const away = inside ? 0 : 0.78 * this.size + 7;
-    context.font = `600 ${inside ? Math.min(0.9 * this.size, 16) : 12}px system-ui, sans-serif`;
-    context.textAlign = "center";
-    context.textBaseline = "middle";
-    const x = Math.min(Math.max(place.x + away, 8), this.stage.width - 8);
-    const y = Math.min(Math.max(place.y - away, 9), this.stage.height - 9);
-    context.lineWidth = 3.5;
-    context.lineJoin = "round";
-    context.strokeStyle = inside ? faded(colour, 0) : colours.card;
-    context.strokeText(String(robot), x, y);
-    context.fillStyle = inside ? colours.card : colours.ink;
-    context.fillText(String(robot), x, y);
-  }
-
-  // Whether a robot does not stand whole in the picture.
+  // Whether a robot's middle is not in the picture.
   isOutside({ x, y }) {
-    const { width, height } = this.stage,
-      edge = 0.8 * this.size;
-    return !(x > edge && x < width - edge && y > edge && y < height - edge);
+    const { width, height } = this.stage;
+    return !(x > 0 && x < width && y > 0 && y < height);
   }
 
   // A robot that has left the picture: an arrow at its edge.
@@ -125,12 +135,7 @@ export class Bodies {
     context.lineTo(-4, -6);
     context.fill();
     context.restore();
-    this.paintNumber(
-      { x: x - 24 * Math.cos(way) - 11, y: y - 24 * Math.sin(way) + 11, status: REMOVED },
-      robot,
-      colour,
-      colours,
-    );
+    this.write(String(robot), x - 14 * Math.cos(way), y - 14 * Math.sin(way), colours.ink, colours.card);
   }
 }
 

@@ -74,8 +74,9 @@ export class Chart {
 
   options(made, colours) {
     const [low, high] = (this.shared && this.shared(this)) || this.range(colours);
-    const pad = 0.06 * (high - low || 1),
-      counted = made.series.some((series) => series.scale);
+    const pad = 0.06 * (high - low || 1);
+    this.span = [made.least === 0 && low >= 0 ? 0 : low - pad, high + pad];
+    const counted = made.series.some((series) => series.scale);
     const axis = {
       stroke: colours.muted,
       font: "11px system-ui, sans-serif",
@@ -83,7 +84,9 @@ export class Chart {
       grid: { stroke: colours.grid, width: 1 },
     };
     const plain = { ...axis, grid: { show: false } };
-    const right = { ...plain, scale: "count", side: 1, size: 26, gap: 4, space: 30, incrs: COUNTS };
+    // The 0 of this axis would stand beside the last time.
+    const values = (_, marks) => marks.map((value) => (value === 0 ? "" : mark(value)));
+    const right = { ...plain, scale: "count", side: 1, size: 26, gap: 4, space: 30, incrs: COUNTS, values };
     return {
       width: Math.max(this.box.clientWidth, 120),
       height: HEIGHT,
@@ -92,7 +95,7 @@ export class Chart {
       cursor: { show: false },
       scales: {
         x: { time: false, range: [0, Math.max(this.episode.duration, 1e-9)] },
-        y: { range: [made.least === 0 && low >= 0 ? 0 : low - pad, high + pad] },
+        y: { range: this.span },
         ...(counted ? { count: { range: (_, __, most) => [0, Math.max(most, 4) * 1.06] } } : {}),
       },
       axes: [
@@ -101,7 +104,7 @@ export class Chart {
         ...(counted ? [right] : []),
       ],
       series: [{}, ...made.series.map((series) => this.line(series, made.step))],
-      hooks: { draw: [(plot) => drawBounds(plot, made.bounds || [], colours)] },
+      hooks: { draw: [(plot) => drawBounds(plot, made.bounds || [])] },
     };
   }
 
@@ -162,29 +165,41 @@ export class Chart {
 
   // What the lines say now: of one line for each robot the largest, else each by its name.
   read(moment) {
-    const made = this.made;
+    const made = this.made,
+      bounds = this.boundsShown().map(([value, words, colour]) => entryOf(colour, `${words} ${number(value)}`, "dashed"));
     if (made.series.length > 3 && made.summary !== undefined) {
       const all = made.series.map((series) => Math.abs(series.values[moment] ?? 0));
-      this.reading.textContent = made.summary ? `${made.summary} ${number(Math.max(...all))}` : "";
+      const largest = made.summary ? [element("span", "", `${made.summary} ${number(Math.max(...all))}`)] : [];
+      this.reading.replaceChildren(...largest, ...bounds);
       return;
     }
-    this.reading.replaceChildren(
-      ...made.series.map((series) => {
-        const entry = element("span"),
-          sign = element("i"),
-          value = series.values[moment];
-        sign.style.background = series.colour;
-        entry.append(sign, `${series.label} ${value === null ? "–" : series.decimals === 0 ? value : number(value)}`);
-        return entry;
-      }),
-    );
+    const lines = made.series.map((series) => {
+      const value = series.values[moment];
+      const words = value === null ? "–" : series.decimals === 0 ? value : number(value);
+      return entryOf(series.colour, `${series.label} ${words}`);
+    });
+    this.reading.replaceChildren(...lines, ...bounds);
+  }
+
+  // The bounds that lie within the chart; their words stand above it, where they cover no line.
+  boundsShown() {
+    const [low, high] = this.span;
+    return (this.made.bounds || []).filter(([value]) => low <= value && value <= high);
   }
 }
 
-function drawBounds(plot, bounds, colours) {
+function entryOf(colour, words, kind = "") {
+  const entry = element("span"),
+    sign = element("i", kind);
+  sign.style.color = colour;
+  entry.append(sign, words);
+  return entry;
+}
+
+function drawBounds(plot, bounds) {
   const { ctx, bbox } = plot,
     ratio = globalThis.devicePixelRatio || 1;
-  for (const [value, words, colour] of bounds) {
+  for (const [value, , colour] of bounds) {
     const y = Math.round(plot.valToPos(value, "y", true));
     if (y < bbox.top - 1 || y > bbox.top + bbox.height) continue;
     ctx.save();
@@ -195,15 +210,6 @@ function drawBounds(plot, bounds, colours) {
     ctx.moveTo(bbox.left, y);
     ctx.lineTo(bbox.left + bbox.width, y);
     ctx.stroke();
-    ctx.font = `${10.5 * ratio}px system-ui, sans-serif`;
-    ctx.textAlign = "right";
-    const below = y - bbox.top < 14 * ratio,
-      wide = ctx.measureText(words).width;
-    const right = bbox.left + bbox.width - 3 * ratio;
-    ctx.fillStyle = faded(colours.card, 0.85);
-    ctx.fillRect(right - wide - 3 * ratio, y + (below ? 2 : -14) * ratio, wide + 6 * ratio, 12 * ratio);
-    ctx.fillStyle = colours.ink;
-    ctx.fillText(words, right, y + (below ? 12 : -4) * ratio);
     ctx.restore();
   }
 }

@@ -7,18 +7,22 @@ export function bindControls(page) {
   control("play").addEventListener("click", () => player.toggle());
   control("back").addEventListener("click", () => page.step(timeline.before(player.time)));
   control("next").addEventListener("click", () => page.step(timeline.after(player.time)));
+  addSpeeds(control("speed"), page.duration);
   control("speed").addEventListener("change", (event) => {
     player.speed = Number(event.target.value);
   });
   control("scrub").addEventListener("input", (event) => player.seek(Number(event.target.value)));
   control("theme").addEventListener("click", () => page.flip());
   control("help").addEventListener("click", () => showKeys(control("keys").hidden));
-  showKeys(matchMedia("(min-width: 1081px)").matches);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", (event) => {
     page.theme = event.matches ? "dark" : "light";
     page.paint();
   });
   bindTimeline(page);
+  bindLink(page);
+  for (const button of document.querySelectorAll("[data-look]")) {
+    button.addEventListener("click", () => LOOKS[button.dataset.look](page));
+  }
   const keys = keysOf(page);
   document.addEventListener("keydown", (event) => {
     const { target } = event;
@@ -32,9 +36,20 @@ export function bindControls(page) {
   });
 }
 
+const CLOSER = 1.5;
+const ASIDE = 0.12;
+// How the picture is zoomed and moved.
+const LOOKS = {
+  closer: (page) => page.steer((stage) => stage.zoomBy(CLOSER)),
+  farther: (page) => page.steer((stage) => stage.zoomBy(1 / CLOSER)),
+  whole: (page) => page.steer((stage) => stage.whole()),
+};
+
 function keysOf(page) {
   const { player, timeline } = page;
-  const by = (sign) => (far) => player.seek(player.time + sign * (far ? 1 : player.step));
+  const by = (sign) => (far) => player.seek(player.time + sign * (far ? 10 : 1) * player.step);
+  const aside = (right, down) => () =>
+    page.steer((stage) => stage.panBy(-right * ASIDE * stage.width, -down * ASIDE * stage.height));
   return {
     " ": () => player.toggle(),
     ArrowLeft: by(-1),
@@ -43,8 +58,17 @@ function keysOf(page) {
     End: () => player.seek(player.duration),
     "[": () => page.step(timeline.before(player.time)),
     "]": () => page.step(timeline.after(player.time)),
-    "+": () => pace(player, 1),
-    "-": () => pace(player, -1),
+    ">": () => pace(player, 1),
+    "<": () => pace(player, -1),
+    "+": () => LOOKS.closer(page),
+    "=": () => LOOKS.closer(page),
+    "-": () => LOOKS.farther(page),
+    v: () => LOOKS.whole(page),
+    w: aside(0, -1),
+    a: aside(-1, 0),
+    s: aside(0, 1),
+    d: aside(1, 0),
+    l: () => control("link").click(),
     t: () => page.flip(),
     g: () => page.nextLayer(),
     Escape: () => page.select(-1),
@@ -56,6 +80,28 @@ function pace(player, by) {
   const speeds = control("speed");
   speeds.selectedIndex = Math.min(Math.max(speeds.selectedIndex + by, 0), speeds.length - 1);
   player.speed = Number(speeds.value);
+}
+
+// Speeds in steps of about two or three, from an episode that takes a minute to one that takes some seconds.
+function addSpeeds(box, duration) {
+  const speeds = [0.1, 0.25, 0.5, 1, 2, 4, 8, 30];
+  while (duration / speeds[0] < 60) speeds.unshift(Number((speeds[0] / 4).toPrecision(1)));
+  while (duration / speeds.at(-1) > 10) speeds.push(Number((speeds.at(-1) * 4).toPrecision(1)));
+  for (const speed of speeds) box.append(new Option(`${speed}×`, String(speed), speed === 1, speed === 1));
+}
+
+// A button that copies a link to what is looked at; hidden where there is no address to link to.
+function bindLink(page) {
+  const button = control("link"),
+    words = button.textContent;
+  button.hidden = !page.link.isThere;
+  button.addEventListener("click", async () => {
+    button.textContent = (await page.link.copy()) ? "Copied" : "Not allowed";
+    setTimeout(() => {
+      button.textContent = words;
+    }, 1500);
+  });
+  addEventListener("hashchange", () => page.link.follow(location.hash));
 }
 
 function showKeys(shown) {
@@ -73,7 +119,7 @@ function bindTimeline(page) {
   };
   scrub.addEventListener("pointermove", (event) => {
     const found = timeline.nearest(...place(event));
-    scrub.title = found ? `${found.time.toFixed(1)} s: ${found.words}` : "";
+    scrub.title = found ? `${page.player.words(found.time)} s: ${found.words}` : "";
   });
   scrub.addEventListener("click", (event) => {
     const found = event.detail > 0 && timeline.nearest(...place(event));

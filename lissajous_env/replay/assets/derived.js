@@ -91,7 +91,7 @@ export function detections(episode) {
 // Terms of the reward of the steps up to each moment from the one before that are not always zero, and their sum: {used: [{name, values}], all}.
 export function stepRewards(episode) {
   const rows = episode.terms.map((values, k) => ({ name: episode.raw.reward.names[k], values }));
-  const used = rows.filter((row) => row.values.some((value) => Math.abs(value) > 1e-9));
+  const used = rows.filter((row) => row.values.some((value) => value !== 0));
   const all = Float64Array.from(episode.x, (_, f) => used.reduce((sum, row) => sum + row.values[f], 0));
   return { used, all };
 }

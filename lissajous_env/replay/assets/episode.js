@@ -2,6 +2,7 @@
 // Arrays of robots are series: robot i at moment f stands at [i * moments + f].
 
 import { reals, wholes } from "./unpacking.js";
+import { number } from "./words.js";
 
 export const WORKING = 0;
 export const STUCK = 1;
@@ -141,12 +142,12 @@ function eventsOf(episode) {
       if (status === WORKING || (f > 0 && status === episode.robots.status[i * moments + f - 1])) continue;
       let last = f;
       while (last + 1 < moments && episode.robots.status[i * moments + last + 1] === status) last += 1;
-      const words = status === STUCK ? `robot ${i} is stuck` : `robot ${i} is lost`;
+      const words = status === STUCK ? `robot ${i} has failed` : `robot ${i} has been removed`;
       events.push({ kind: "fault", time: f * step, until: last * step, robots: [i], words });
     }
   }
   for (const [i, j, first, last] of episode.raw.contacts) {
-    const words = `robots ${i} and ${j} touch`;
+    const words = `robots ${i} and ${j} collide`;
     events.push({ kind: "touch", time: first * step, until: last * step, robots: [i, j], words });
   }
   const { appears, found } = episode.raw.targets;
@@ -155,8 +156,8 @@ function eventsOf(episode) {
     const time = ((seen ? found[t] : appeared) * step) / every;
     const waited = seen ? ((found[t] - appeared) * step) / every : 0;
     const words = seen
-      ? `rogue ${t} seen after ${Math.max(waited, 0).toFixed(2)} s`
-      : `rogue ${t} enters; it is never seen`;
+      ? `target ${t} detected after ${number(Math.max(waited, 0))} s`
+      : `target ${t} enters; it is never detected`;
     events.push({
       kind: seen ? "detection" : "missed",
       time,

@@ -1,32 +1,58 @@
-// What lies on the ground: for how long cells were not sensed, or since when a rogue can be in them unseen.
+// What lies on the ground: for how long cells were not sensed, or for how long a target can be in them undetected.
 
 import { faded } from "./colours.js";
+import { quantile } from "./words.js";
 
 const RAMP = 64;
+const EVERY = 7;
+const USUAL = 0.95;
 
 export class Ground {
   constructor(episode) {
     this.episode = episode;
     this.canvas = document.createElement("canvas");
     this.shown = "";
+    this.scales = {};
+    for (const [layer, share] of [
+      ["unseen", 1.25],
+      ["idle", 2],
+    ]) {
+      this.scales[layer] = this.scaleOf(layer, share * episode.about.bound);
+    }
   }
 
   // The layers that the scenario keeps: [name, words].
   layers() {
     const found = [];
-    if (this.episode.ground.unseen) found.push(["unseen", "Rogue unseen"]);
+    if (this.episode.ground.unseen) found.push(["unseen", "Undetected time"]);
     if (this.episode.ground.sensed) found.push(["idle", "Idleness"]);
     return [...found, ["none", "Plain"]];
   }
 
-  // Age that is drawn in full [s].
-  full(layer) {
-    return (layer === "unseen" ? 1.25 : 2) * this.episode.about.bound;
+  kept(layer) {
+    return { unseen: this.episode.ground.unseen, idle: this.episode.ground.sensed }[layer] || null;
+  }
+
+  // The age that is drawn in full, and the longest [s]: a multiple of T_max, so that pictures of policies compare,
+  // unless most ages of the episode are beyond it or all far below.
+  scaleOf(layer, usual) {
+    const kept = this.kept(layer),
+      ages = [];
+    if (!kept) return { full: usual, most: 0 };
+    const pictures = kept.shape[2];
+    let most = 0;
+    for (let k = 0; k < kept.values.length; k++) {
+      const age = ((k % pictures) * kept.stride - kept.values[k]) * this.episode.raw.step;
+      if (kept.values[k] === kept.none || !(age > 0)) continue;
+      if (age > most) most = age;
+      if (k % EVERY === 0) ages.push(age);
+    }
+    return { full: most < usual / 2 ? most || usual : Math.max(usual, quantile(ages, USUAL)), most };
   }
 
   // A canvas of one pixel a cell at a moment, the highest row first; null where nothing is to be drawn.
   picture(layer, exact, colours) {
-    const kept = layer === "unseen" ? this.episode.ground.unseen : layer === "idle" ? this.episode.ground.sensed : null;
+    const kept = this.kept(layer);
     if (!kept) return null;
     const [rows, columns, pictures] = kept.shape;
     const step = exact * this.episode.raw.every;
@@ -41,7 +67,7 @@ export class Ground {
     const pixels = new Uint32Array(image.data.buffer);
     const ramp = rampOf(layer === "unseen" ? colours.unseen : colours.idle, layer === "unseen" ? 0.62 : 0.5);
     const now = index * kept.stride,
-      scale = (RAMP - 1) / (this.full(layer) / this.episode.raw.step);
+      scale = (RAMP - 1) / (this.scales[layer].full / this.episode.raw.step);
     for (let row = 0; row < rows; row++) {
       for (let column = 0; column < columns; column++) {
         const since = kept.values[(row * columns + column) * pictures + index];
@@ -53,6 +79,15 @@ export class Ground {
     }
     context.putImageData(image, 0, 0);
     return this.canvas;
+  }
+}
+
+// Pictures side by side have one scale of colours.
+export function shareScales(grounds) {
+  for (const layer of ["unseen", "idle"]) {
+    const scales = grounds.map((ground) => ground.scales[layer]);
+    const [full, most] = ["full", "most"].map((name) => Math.max(...scales.map((scale) => scale[name])));
+    for (const ground of grounds) ground.scales[layer] = { full, most };
   }
 }
 

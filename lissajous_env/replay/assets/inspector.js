@@ -4,7 +4,7 @@ import { robotColour } from "./colours.js";
 import { REMOVED, STUCK } from "./episode.js";
 import { decimals, element, number, rounded } from "./words.js";
 
-const STATUS = { 0: "works", [STUCK]: "stuck", [REMOVED]: "lost" };
+const STATUS = { 0: "works", [STUCK]: "failed", [REMOVED]: "removed" };
 const MOST_CHIPS = 40;
 const NOT_SCORED = ["episode", "seed"];
 
@@ -45,7 +45,7 @@ export class Inspector {
 
   // With no robot, how the whole episode was scored.
   invite() {
-    const words = "Pick a robot, here or on the picture: what it observes at this moment, by name, and what it does.";
+    const words = "Select a robot, here or in the picture, to see its observation and action at this moment.";
     const section = element("section", "rows"),
       body = element("table");
     for (const [name, value] of Object.entries(this.episode.raw.score)) {

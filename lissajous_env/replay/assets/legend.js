@@ -7,15 +7,20 @@ export function legendOf(episode, ground, layer) {
   const { targets } = episode.raw,
     entries = [];
   const kinds = new Set(episode.events.map((event) => event.kind));
-  if (targets.count > 0) entries.push(["rogue", "rogue"]);
-  if (targets.motion.includes(FLEEING)) entries.push(["flees", "one that flees"]);
-  if (kinds.has("missed")) entries.push(["missed", "never seen"]);
-  if (targets.count > 0) entries.push(["found", "just seen"]);
-  if (kinds.has("touch")) entries.push(["touch", "touch"]);
-  if (kinds.has("fault")) entries.push(["stuck", "stuck"]);
+  if (targets.count > 0) entries.push(["rogue", "target"]);
+  if (targets.motion.includes(FLEEING)) entries.push(["flees", "evading target"]);
+  if (kinds.has("missed")) entries.push(["missed", "never detected"]);
+  if (targets.count > 0) entries.push(["found", "just detected"]);
+  if (kinds.has("touch")) entries.push(["touch", "collision"]);
+  if (kinds.has("fault")) entries.push(["stuck", "failed"]);
   if (episode.losesMessages) entries.push(["lost", "message lost"]);
-  const full = `${Number(ground.full(layer).toPrecision(2))} s`;
-  if (layer === "unseen") entries.push(["ramp", `a rogue unseen for 0 – ${full}`]);
-  if (layer === "idle") entries.push(["ramp", `not sensed for 0 – ${full}`]);
+  const what = { unseen: "target here undetected for", idle: "not sensed for" }[layer];
+  if (what) entries.push(["ramp", `${what} ${span(ground.scales[layer])}`]);
   return entries;
+}
+
+// What the colours mean, and what is beyond the last of them.
+function span({ full, most }) {
+  const words = (value) => String(Number(value.toPrecision(2)));
+  return `0 – ${words(full)} s${most > 1.02 * full ? ` and more (longest ${words(most)} s)` : ""}`;
 }

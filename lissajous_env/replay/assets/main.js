@@ -9,7 +9,7 @@ async function begin() {
   const data = JSON.parse(document.getElementById("data").textContent);
   if (data.format !== FORMAT) throw new Error(`the data are no ${FORMAT}`);
   const episodes = await Promise.all(data.episodes.map(unpackedEpisode));
-  globalThis.replay = new Page(episodes, data.theme);
+  globalThis.replay = new Page(episodes, data.theme, data.at);
   document.body.dataset.ready = "true";
 }
 

@@ -1,10 +1,13 @@
 // The page: puts episodes, charts and player together, and keeps them at one moment.
 
+import { Camera } from "./camera.js";
 import { Chart } from "./chart.js";
 import { coloursOf } from "./colours.js";
 import { bindControls } from "./controls.js";
-import { gradientOf } from "./ground.js";
+import { bindGestures } from "./gestures.js";
+import { gradientOf, shareScales } from "./ground.js";
 import { Inspector } from "./inspector.js";
+import { Link } from "./link.js";
 import { Player } from "./player.js";
 import { chartsOf } from "./series.js";
 import { Space } from "./space.js";
@@ -15,9 +18,11 @@ import { element, number } from "./words.js";
 const byId = (name) => document.getElementById(name);
 
 export class Page {
-  // Of a theme that is not given, the one that the reader's system has.
-  constructor(episodes, theme) {
+  // Of a theme that is not given, the one that the reader's system has. `at` is given where the page stands in another
+  // one that keeps the address: its end, the moment and the robot to begin with.
+  constructor(episodes, theme, at) {
     this.episodes = episodes;
+    this.camera = new Camera();
     this.duration = Math.max(...episodes.map((episode) => episode.duration));
     this.theme = theme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
     this.selected = -1;
@@ -25,14 +30,17 @@ export class Page {
     this.timeline = new Timeline(byId("timeline"), episodes, this.duration);
     this.title();
     this.views = episodes.map((episode) => this.view(episode));
+    shareScales(this.views.map((view) => view.stage.ground));
     this.layer = this.views[0].stage.ground.layers()[0][0];
     this.charts = this.addCharts();
+    this.link = new Link(this, at !== undefined);
     bindControls(this);
     new ResizeObserver(() => this.resize()).observe(byId("episodes"));
     addEventListener("resize", () => this.resize());
     this.paint();
     this.select(-1);
     this.resize();
+    this.link.follow(at ?? location.hash);
     this.move();
   }
 
@@ -45,7 +53,7 @@ export class Page {
     const policies = second ? `${first.policy} against ${second.policy}` : first.policy;
     byId("name").textContent = policies ? `${first.scenario.name} · ${policies}` : first.scenario.name;
     byId("description").textContent = `${first.scenario.description} Seed ${first.seed}.`;
-    byId("length").textContent = ` / ${this.duration.toFixed(1)} s`;
+    byId("length").textContent = ` / ${this.player.words(this.duration)} s`;
     const scrub = byId("scrub");
     scrub.max = String(this.duration);
     scrub.step = String(this.episodes[0].step);
@@ -62,12 +70,13 @@ export class Page {
   view(episode) {
     const box = byId("episode").content.firstElementChild.cloneNode(true);
     const canvas = box.querySelector("canvas");
-    const stage = stageOf(canvas, episode);
+    const stage = stageOf(canvas, episode, this.camera);
     box.querySelector(".policy").textContent = this.named(episode);
     canvas.setAttribute(
       "aria-label",
       `${episode.count} robots in ${episode.about.name}, played by ${episode.raw.policy}`,
     );
+    if (stage instanceof Stage) bindGestures(canvas, stage, () => this.look());
     const inspector = new Inspector(box.querySelector(".inspector"), episode, (robot) => this.select(robot));
     canvas.addEventListener("click", (event) => {
       const frame = canvas.getBoundingClientRect();
@@ -101,11 +110,11 @@ export class Page {
       view[name] = value;
     };
     if (episode.raw.targets.count > 0) {
-      tile("seen", "seen");
+      tile("seen", "detected");
       tile("waited", "mean detection time");
     }
     tile("touched", "collisions");
-    if (episode.ground.ageWorst) tile("unseen", "unseen at worst");
+    if (episode.ground.ageWorst) tile("unseen", "worst-case undetected time");
   }
 
   addCharts() {
@@ -162,6 +171,18 @@ export class Page {
     this.lay(layers[(layers.indexOf(this.layer) + 1) % layers.length]);
   }
 
+  // Zoom and move the pictures: `act` is done to each, or once to those that share a camera.
+  steer(act) {
+    const stages = new Map(this.views.map(({ stage }) => [stage.camera, stage]));
+    for (const stage of stages.values()) act(stage);
+    this.look();
+  }
+
+  look() {
+    for (const { stage } of this.views) if (stage instanceof Stage) stage.look();
+    this.draw();
+  }
+
   select(robot) {
     this.selected = robot;
     for (const view of this.views) view.inspector.select(robot < view.episode.count ? robot : -1);
@@ -205,9 +226,9 @@ export class Page {
 
   resize() {
     const ratio = Math.min(globalThis.devicePixelRatio || 1, 2);
-    // With its head and foot, the picture fits above the player.
-    const room = Math.min(Math.max(globalThis.innerHeight - 330, 280), 640);
     shareExtents(this.views.map((view) => view.stage));
+    const room = this.room();
+    this.flow(room);
     for (const view of this.views) {
       const width = view.box.querySelector(".stage").clientWidth;
       const height = Math.min(view.stage.heightFor(width), room);
@@ -218,6 +239,25 @@ export class Page {
     this.timeline.draw(this.viewing.colours);
     for (const chart of this.charts) chart.resize();
     this.draw();
+  }
+
+  // Height that a picture can have so that it fits above the player, on wide screens with its head and foot [px].
+  room() {
+    const { canvas, box } = this.views[0],
+      above = canvas.getBoundingClientRect().top + globalThis.scrollY;
+    const below = box.querySelector(".stage-foot").offsetHeight,
+      player = document.querySelector(".transport").offsetHeight;
+    const phone = matchMedia("(max-width: 720px)").matches;
+    const room = globalThis.innerHeight - player - (phone ? 24 : above + below + 16);
+    return Math.min(Math.max(room, 280), 1100);
+  }
+
+  // Beside a picture that is higher than wide, the charts find room.
+  flow(room) {
+    const [{ stage }] = this.views,
+      share = stage.heightFor(1000) / 1000;
+    document.body.classList.toggle("tall", this.episodes.length === 1 && share > 1);
+    byId("episodes").parentElement.style.setProperty("--picture", `${Math.max(Math.round(room / share) + 14, 420)}px`);
   }
 
   draw() {
@@ -233,13 +273,14 @@ export class Page {
       view.inspector.move(time);
       this.count(view, time);
     }
-    byId("now").textContent = time.toFixed(1);
+    byId("now").textContent = this.player.words();
     byId("scrub").value = String(time);
-    byId("scrub").setAttribute("aria-valuetext", `${time.toFixed(1)} s`);
+    byId("scrub").setAttribute("aria-valuetext", `${this.player.words()} s`);
+    this.link.note();
     document.body.dataset.playing = String(playing);
     for (const name of ["title", "aria-label"]) byId("play").setAttribute(name, playing ? "Pause" : "Play");
     const event = this.timeline.latest(time),
-      words = event ? `${event.time.toFixed(1)} s: ${event.words}` : "";
+      words = event ? `${this.player.words(event.time)} s: ${event.words}` : "";
     if (byId("event").textContent !== words) byId("event").textContent = words;
   }
 
@@ -271,13 +312,13 @@ export class Page {
 }
 
 // Three dimensions where there are three and the browser can draw them; else from above.
-function stageOf(canvas, episode) {
+function stageOf(canvas, episode, camera) {
   if (episode.about.half[2] > 0 && globalThis.THREE) {
     try {
       return new Space(canvas, episode);
     } catch {
-      return new Stage(canvas, episode);
+      return new Stage(canvas, episode, camera);
     }
   }
-  return new Stage(canvas, episode);
+  return new Stage(canvas, episode, camera);
 }

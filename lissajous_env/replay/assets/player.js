@@ -6,6 +6,11 @@ export class Player {
     this.frames = [];
   }
 
+  // The time as it is written, as finely as steps differ [s].
+  words(time = this.time) {
+    return time.toFixed(Math.min(Math.max(Math.ceil(-Math.log10(this.step) - 1e-9), 0), 12));
+  }
+
   seek(time) {
     this.time = Math.min(Math.max(time, 0), this.duration);
     this.onMove(this);

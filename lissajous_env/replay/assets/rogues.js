@@ -1,9 +1,7 @@
-// The rogues on the picture: at large, just seen, and those that nobody sees until the end.
+// The rogues on the picture: at large, just detected, and those that are never detected.
 
 import { faded } from "./colours.js";
 import { FLEEING } from "./episode.js";
-
-const FLASH = 1;
 
 export class Rogues {
   constructor(stage) {
@@ -16,15 +14,16 @@ export class Rogues {
       { x, y } = episode.targets,
       raw = episode.raw.targets;
     const step = at.now * episode.raw.every,
-      second = FLASH / episode.raw.step;
-    const size = raw.count > 400 ? 1.8 : raw.count > 150 ? 2.6 : 3.8;
+      flash = episode.about.flash / episode.raw.step;
+    const closer = Math.min(Math.max(Math.sqrt(stage.camera.zoom), 1), 2),
+      size = closer * (raw.count > 400 ? 1.8 : raw.count > 150 ? 2.6 : 3.8);
     const groups = { plain: [], flees: [], missed: [], stays: [] };
     for (let t = 0; t < raw.count; t++) {
       if (raw.appears[t] > step) continue;
       const found = raw.found[t],
         place = [stage.px(episode.between(x, t, at)), stage.py(episode.between(y, t, at))];
       if (found >= 0 && found <= step) {
-        const age = (step - found) / second;
+        const age = (step - found) / flash;
         if (age < 1) this.paintFlash(place, age, size, colours);
         if (!episode.about.leave) groups.stays.push(place);
       } else {
@@ -48,7 +47,7 @@ export class Rogues {
     this.paintMissed(groups.missed, size, colours);
   }
 
-  // One that nobody sees until the end: a cross in a ring.
+  // One that is never detected: a cross in a ring.
   paintMissed(places, size, colours) {
     const { context } = this,
       arm = 0.62 * size;

@@ -15,7 +15,7 @@ export function chartsOf(episode) {
   const found = [];
   if (episode.about.ring.length > 1) found.push(phases(episode), distances(episode));
   if (episode.raw.targets.count > 0) found.push(seen(episode));
-  if (episode.ground.ageWorst) found.push(ages(episode, "A rogue can be unseen for", "ageWorst", "ageMean", "unseen"));
+  if (episode.ground.ageWorst) found.push(ages(episode, "Undetected time", "ageWorst", "ageMean", "unseen"));
   else if (episode.ground.idleWorst) found.push(ages(episode, "Idleness", "idleWorst", "idleMean", "idle"));
   return [...found, collisions(episode), rewards(episode)];
 }
@@ -57,8 +57,8 @@ function distances(episode) {
         pairs.map((pair) => pair.join("–")),
       ),
       bounds: [
-        [2 * sensing, "2 r_s: discs part", colours.stuck],
-        [2 * radius, "2 r: touch", colours.touch],
+        [2 * sensing, "2 r_s (discs part)", colours.stuck],
+        [2 * radius, "2 r (collision)", colours.touch],
       ],
       summary: "largest",
       least: 0,
@@ -70,13 +70,13 @@ function seen(episode) {
   return {
     id: "detections",
     title: "Detections",
-    unit: "rogues",
+    unit: "targets",
     kinds: [],
     compute: () => detections(episode),
     dress: (rows, colours) => ({
       series: [
         { label: "entered", values: rows.appeared, colour: colours.muted, dash: [4, 3], decimals: 0 },
-        { label: "seen", values: rows.detected, colour: colours.found, fill: true, decimals: 0 },
+        { label: "detected", values: rows.detected, colour: colours.found, fill: true, decimals: 0 },
       ],
       step: true,
       least: 0,
@@ -93,7 +93,7 @@ function ages(episode, title, worst, mean, colour) {
     compute: () => episode.ground,
     dress: (rows, colours) => ({
       series: [
-        { label: "worst", values: rows[worst], colour: colours[colour], fill: true },
+        { label: "worst case", values: rows[worst], colour: colours[colour], fill: true },
         { label: "mean", values: rows[mean], colour: colours.muted, dash: [4, 3] },
       ],
       bounds: [[episode.about.bound, episode.about.bound_name, colours.stuck]],
@@ -121,7 +121,7 @@ function collisions(episode) {
       if (!nearest) return { series: [count], least: 0 };
       return {
         series: [count, { label: "nearest two [m]", values: nearest, colour: colours.sensing }],
-        bounds: [[2 * episode.about.radius, "2 r: touch", colours.touch]],
+        bounds: [[2 * episode.about.radius, "2 r (collision)", colours.touch]],
         least: 0,
       };
     },

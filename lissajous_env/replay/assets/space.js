@@ -8,6 +8,7 @@ import { legendOf } from "./legend.js";
 import { trailOf } from "./stage.js";
 
 const THIN = 0.006;
+const FILLED = 0.96;
 
 export class Space {
   // Throws where the browser has no WebGL.
@@ -16,15 +17,17 @@ export class Space {
     Object.assign(this, { canvas, episode, ground: new Ground(episode), edges: edges(episode) });
     this.renderer = new T.WebGLRenderer({ canvas, antialias: true, alpha: true });
     this.scene = new T.Scene();
-    this.camera = new T.PerspectiveCamera(32, 2, 0.01, 1000);
+    this.reach = Math.hypot(...episode.about.half);
+    this.camera = new T.PerspectiveCamera(32, 2, 0.01 * this.reach, 100 * this.reach);
     this.camera.up.set(0, 0, 1);
-    const { half } = episode.about,
-      reach = Math.hypot(half[0], half[1]);
-    this.camera.position.set(-0.6 * reach, -2.35 * reach, 1.55 * reach + half[2]);
+    this.camera.position.set(0, -this.reach, this.reach);
     this.controls = new T.OrbitControls(this.camera, canvas);
     this.controls.target.set(0, 0, 0);
     this.controls.maxPolarAngle = 0.62 * Math.PI;
     this.controls.addEventListener("change", () => this.again());
+    this.controls.addEventListener("start", () => {
+      this.looked = true;
+    });
     this.scene.add(new T.AmbientLight("#ffffff", 1.6));
     const sun = new T.DirectionalLight("#ffffff", 1.8);
     sun.position.set(-1, -2, 4);
@@ -41,17 +44,58 @@ export class Space {
   }
 
   heightFor(width) {
-    return Math.round(Math.max(0.62 * width, 240));
+    return Math.round(Math.max(0.56 * width, 240));
   }
 
   resize(width, height, ratio) {
-    this.width = width;
+    Object.assign(this, { width, height });
     this.renderer.setPixelRatio(ratio);
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
-    // A narrow picture is as wide as the rectangle all the same.
-    this.camera.fov = width / height > 1.5 ? 32 : Math.min(32 * (1.5 / (width / height)) ** 0.8, 60);
     this.camera.updateProjectionMatrix();
+    if (!this.looked) this.whole();
+  }
+
+  // Look from in front and above, so near that the curve and its robots just fit.
+  whole() {
+    const T = this.T,
+      { half, radius } = this.episode.about;
+    const corners = [-1, 1].flatMap((x) =>
+      [-1, 1].flatMap((y) => [-1, 1].map((z) => [x, y, z].map((sign, axis) => sign * (half[axis] + radius)))),
+    );
+    let [near, far] = [1, 40];
+    for (let k = 0; k < 24; k++) {
+      const away = (near + far) / 2;
+      this.camera.position.set(-0.21, -0.82, 0.54).multiplyScalar(away * this.reach);
+      this.camera.lookAt(0, 0, 0);
+      this.camera.updateMatrixWorld();
+      const fits = corners.every((corner) => {
+        const { x, y } = new T.Vector3(...corner).project(this.camera);
+        return Math.max(Math.abs(x), Math.abs(y)) < FILLED;
+      });
+      [near, far] = fits ? [near, away] : [away, far];
+    }
+    this.controls.target.set(0, 0, 0);
+    this.controls.update();
+    this.looked = false;
+  }
+
+  zoomBy(factor) {
+    const { target } = this.controls;
+    this.camera.position.sub(target).divideScalar(factor).add(target);
+    this.looked = true;
+    this.controls.update();
+  }
+
+  // Move what is shown [px].
+  panBy(right, down) {
+    const { camera, controls, T } = this;
+    const metres = (2 * camera.position.distanceTo(controls.target) * Math.tan((camera.fov * Math.PI) / 360)) / this.height;
+    const way = new T.Vector3(-right * metres, down * metres, 0).applyQuaternion(camera.quaternion);
+    camera.position.add(way);
+    controls.target.add(way);
+    this.looked = true;
+    controls.update();
   }
 
   line(points, closed = false) {
@@ -72,7 +116,7 @@ export class Space {
       shape,
       new T.MeshBasicMaterial({ side: T.DoubleSide, transparent: true, opacity: 0.45, depthWrite: false }),
     );
-    this.plane.position.z = -0.004;
+    this.plane.position.z = -0.003 * this.reach;
     this.heat = new T.Mesh(
       shape,
       new T.MeshBasicMaterial({ transparent: true, side: T.DoubleSide, depthWrite: false }),
@@ -215,7 +259,7 @@ export class Space {
     robot.shell.visible = touches || stuck || i === view.selected;
     robot.shell.material.color.set(touches ? colours.touch : stuck ? colours.stuck : colours.ink);
     robot.shell.position.set(x, y, z);
-    robot.sensed.position.set(x, y, 0.003);
+    robot.sensed.position.set(x, y, 0.002 * this.reach);
     robot.sensed.visible = status === WORKING;
     robot.sign.position.set(x, y, z + 1.9 * episode.about.radius);
     this.stretch(robot.fall, [x, y, z, x, y, 0]);
@@ -243,7 +287,7 @@ export class Space {
     for (let t = 0; t < this.targets.count; t++) {
       const found = raw.targets.found[t],
         seen = found >= 0 && found <= step;
-      const age = seen ? (step - found) * raw.step : 0;
+      const age = seen ? ((step - found) * raw.step) / this.episode.about.flash : 0;
       const shown =
         t < raw.targets.count && raw.targets.appears[t] <= step && (!seen || age < 1 || !this.episode.about.leave);
       const size = !shown ? 0 : seen && this.episode.about.leave ? 1 + age * (1 - age) * 3 : 1;

@@ -5,25 +5,29 @@ import { faded, robotColour } from "./colours.js";
 import { edges } from "./derived.js";
 import { REMOVED, STUCK } from "./episode.js";
 import { Ground } from "./ground.js";
+import { Labels } from "./labels.js";
 import { legendOf } from "./legend.js";
 import { Rogues } from "./rogues.js";
+import { quantile } from "./words.js";
 
-const TRAIL = 3;
 const MOST_TRAIL = 300;
+const PAD = 12;
+const MOSTLY = 0.95;
 
 // Moments that a trail goes back.
 export function trailOf(episode) {
-  return Math.min(Math.round(TRAIL / episode.step), MOST_TRAIL);
+  return Math.min(Math.max(Math.round(episode.about.trail / episode.step), 2), MOST_TRAIL);
 }
 
 export class Stage {
-  constructor(canvas, episode) {
-    Object.assign(this, { canvas, episode, ground: new Ground(episode), edges: edges(episode) });
+  constructor(canvas, episode, camera) {
+    Object.assign(this, { canvas, episode, camera, ground: new Ground(episode), edges: edges(episode) });
     this.context = canvas.getContext("2d");
     this.base = document.createElement("canvas");
     this.floor = document.createElement("canvas");
     this.many = episode.count > 40;
     this.nearest = [];
+    this.labels = new Labels();
     this.extent = extentOf(episode);
   }
 
@@ -33,18 +37,43 @@ export class Stage {
   }
 
   resize(width, height, ratio) {
-    const { radius } = this.episode.about,
-      pad = 6;
     this.width = width;
     this.height = height;
     this.ratio = ratio;
     this.canvas.width = Math.round(width * ratio);
     this.canvas.height = Math.round(height * ratio);
-    this.scale = Math.min((width / 2 - pad) / this.extent[0], (height / 2 - pad) / this.extent[1]);
-    this.body = Math.max(this.scale * radius, this.many ? 3.4 : 6.5);
+    this.fit = Math.min((width / 2 - PAD) / this.extent[0], (height / 2 - PAD) / this.extent[1]);
+    this.look();
+  }
+
+  // The camera has moved.
+  look() {
+    this.body = Math.max(this.scale * this.episode.about.radius, this.many ? 3.4 : 6.5);
     this.bodies = new Bodies(this);
     this.rogues = new Rogues(this);
     this.painted = this.laid = "";
+    this.canvas.style.touchAction = this.camera.isWhole ? "pan-y" : "none";
+  }
+
+  // Pixels of a metre.
+  get scale() {
+    return this.fit * this.camera.zoom;
+  }
+
+  // Zoom around a place, or the middle of the picture [px].
+  zoomBy(factor, x = this.width / 2, y = this.height / 2) {
+    const { camera, scale } = this;
+    camera.zoomBy(factor, camera.x + (x - this.width / 2) / scale, camera.y - (y - this.height / 2) / scale, this.extent);
+  }
+
+  // Move what is shown with the pointer [px].
+  panBy(right, down) {
+    const { camera, scale } = this;
+    camera.moveTo(camera.x - right / scale, camera.y + down / scale, this.extent);
+  }
+
+  whole() {
+    this.camera.whole();
   }
 
   // What the picture shows: [sign, words].
@@ -53,10 +82,10 @@ export class Stage {
   }
 
   px(x) {
-    return this.width / 2 + this.scale * x;
+    return this.width / 2 + this.scale * (x - this.camera.x);
   }
   py(y) {
-    return this.height / 2 - this.scale * y;
+    return this.height / 2 - this.scale * (y - this.camera.y);
   }
 
   draw(time, view) {
@@ -222,14 +251,12 @@ export class Stage {
   }
 }
 
-// Half of what the picture shows [m]: the rectangle, and the robots wherever they went, unless that was far away.
+// Half of what the whole picture shows [m]: the rectangle, and where robots are most of the time, unless that is far.
 function extentOf(episode) {
-  const { half, radius } = episode.about,
-    around = 1.6 * radius;
+  const { half, radius } = episode.about;
   return [episode.robots.x, episode.robots.y].map((places, axis) => {
-    let reach = half[axis];
-    for (const place of places) reach = Math.max(reach, Math.abs(place));
-    return Math.min(reach, 1.25 * half[axis] + 2 * radius) + around;
+    const usual = quantile(places.map(Math.abs), MOSTLY);
+    return Math.max(half[axis], Math.min(usual, 1.12 * half[axis])) + 1.3 * radius;
   });
 }
 

@@ -3,17 +3,19 @@
 import { faded } from "./colours.js";
 
 const LANES = [
-  ["detection", "seen"],
+  ["detection", "detected"],
   ["missed", "missed"],
-  ["touch", "touches"],
+  ["touch", "collisions"],
   ["fault", "faults"],
 ];
-const LANE = 11;
+const LANE = 12;
 const NEAR = 7;
 
 export class Timeline {
   constructor(canvas, episodes, duration) {
     Object.assign(this, { canvas, episodes, duration });
+    // What is so close is at one time [s].
+    this.near = 0.01 * episodes[0].raw.step;
     this.lanes = LANES.filter(([kind]) =>
       episodes.some((episode) => episode.events.some((event) => event.kind === kind)),
     );
@@ -93,15 +95,16 @@ export class Timeline {
   }
 
   before(time) {
-    return this.all.findLast((event) => event.time < time - 1e-3) || null;
+    return this.all.findLast((event) => event.time < time - this.near) || null;
   }
   after(time) {
-    return this.all.find((event) => event.time > time + 1e-3) || null;
+    return this.all.find((event) => event.time > time + this.near) || null;
   }
 
-  // What was last before a time, within two seconds.
+  // What was last before a time, for twice as long as a detection shows.
   latest(time) {
-    return this.all.findLast((event) => event.time <= time + 1e-6 && time - event.time < 2) || null;
+    const { flash } = this.episodes[0].about;
+    return this.all.findLast((event) => event.time <= time + this.near && time - event.time < 2 * flash) || null;
   }
 }
 

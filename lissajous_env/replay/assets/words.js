@@ -4,6 +4,7 @@
 export function number(value) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
+  if (size > 1e-6 && size < 1e-2) return String(Number(value.toPrecision(2)));
   return size >= 1e5 ? value.toExponential(1) : decimals(value, size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3);
 }
 
@@ -19,7 +20,14 @@ export function rounded(value) {
 
 // A mark on an axis.
 export function mark(value) {
-  return Math.abs(value) >= 1e4 ? value.toExponential(0) : String(Math.round(value * 1e4) / 1e4);
+  return Math.abs(value) >= 1e4 ? value.toExponential(0) : String(Number(value.toPrecision(6)));
+}
+
+// The number below which a share of numbers lies, of many of them about.
+export function quantile(values, share) {
+  const every = Math.ceil(values.length / 100000);
+  const some = values.filter((_, k) => k % every === 0).sort((one, other) => one - other);
+  return some.length ? some[Math.min(Math.floor(share * some.length), some.length - 1)] : 0;
 }
 
 export function element(kind, name = "", words = "") {

@@ -1,7 +1,11 @@
 // Plays episodes: the replay page in a frame, with the data of one episode or of two on the same seed.
 
+import { copied } from "./link.js";
 import { currentTheme } from "./theme.js";
 import { element } from "./words.js";
+
+// The moment and the robot that a page can be at.
+const PLACE = /^t=[\d.]+(&robot=\d+)?$/;
 
 const part = (name) => document.getElementById(name);
 
@@ -13,20 +17,38 @@ export class Viewer {
     part("close").addEventListener("click", () => part("viewer").close());
     part("viewer").addEventListener("close", () => {
       part("frame").srcdoc = "";
+      this.address = "";
       history.replaceState(null, "", location.pathname + location.search);
     });
-    part("beside").addEventListener("change", (event) => this.play(this.shown, event.target.value));
+    part("beside").addEventListener("change", (event) => this.play(this.shown, event.target.value, this.at));
     addEventListener("hashchange", () => this.follow());
+    addEventListener("message", (event) => this.hear(event));
     this.follow();
   }
 
-  // An address that names a replay opens it.
+  // An address that names a replay opens it, at the moment and the robot that it names: #ID&t=12.3&robot=2.
   follow() {
-    const id = decodeURIComponent(location.hash.slice(1));
-    if (Object.hasOwn(this.entries, id) && id !== this.shown) this.open(id);
+    const [name, ...rest] = location.hash.slice(1).split("&"),
+      id = decodeURIComponent(name);
+    if (Object.hasOwn(this.entries, id) && location.hash !== this.address) this.open(id, rest.join("&"));
   }
 
-  open(id) {
+  // The page in the frame has gone to another moment or robot, or its link is copied.
+  hear(event) {
+    const { replay, copy } = event.data || {};
+    if (event.source !== part("frame").contentWindow || !PLACE.test(replay)) return;
+    this.remember(replay);
+    if (copy) copied(location.href);
+  }
+
+  // Keep the address at what is shown.
+  remember(at) {
+    this.at = at;
+    this.address = `#${encodeURIComponent(this.shown)}${at ? `&${at}` : ""}`;
+    history.replaceState(null, "", this.address);
+  }
+
+  open(id, at = "") {
     const entry = this.entries[id],
       others = Object.keys(this.entries).filter((other) => other !== id && this.entries[other].group === entry.group);
     part("viewer-title").textContent = entry.title;
@@ -41,12 +63,12 @@ export class Viewer {
     const partner = this.partner(id, others) || "";
     part("beside").value = partner;
     if (!part("viewer").open) part("viewer").showModal();
-    history.replaceState(null, "", `#${encodeURIComponent(id)}`);
-    this.play(id, partner);
+    this.play(id, partner, PLACE.test(at) ? at : "");
   }
 
-  play(id, beside) {
+  play(id, beside, at = "") {
     this.shown = id;
+    this.remember(at);
     const ids = beside ? [id, beside] : [id];
     part("viewer-note").textContent = ids
       .map((each) => this.entries[each].note)
@@ -54,7 +76,7 @@ export class Viewer {
       .join(" ");
     // What the page holds is JSON in which nothing can end a script; it is put in as it stands.
     const episodes = ids.map((each) => part(each).textContent).join(",");
-    const page = JSON.parse(part("viewer-page").textContent).replace("@theme@", currentTheme());
+    const page = JSON.parse(part("viewer-page").textContent).replace("@theme@", currentTheme()).replace("@at@", at);
     part("frame").srcdoc = page.replace("@episodes@", () => episodes);
   }
 }
