@@ -80,8 +80,8 @@ class TrainingReport:
         played = {"replay-policy": self._played(policy, f"{history.steps:,} steps")}
         if "replay-rival" in self._replays:
             played["replay-rival"] = self._replays["replay-rival"]
-        elif self._settings.rivals:
-            rival = self._settings.rivals[0]
+        elif self._settings.chosen_rivals:
+            rival = self._settings.chosen_rivals[0]
             made = baselines.make(rival, self._scenario, 1, self._settings.device)
             played["replay-rival"] = self._played(made, rival)
         self._replays = played

@@ -91,6 +91,18 @@ class History:
                 return point
         return None
 
+    def losses(self, rival: str) -> list[str]:
+        """Columns in which the best policy is worse than a rival, and by how much, in words."""
+        ours, theirs = (self.best or {}).get("scores", {}), self.rivals[rival]
+        found, here, there = [], ours.get("detection_time"), theirs["detection_time"]
+        if there is not None and (here is None or here > there):
+            by = "none" if here is None else f"{here:.2f} s, {here - there:.2f} s later"
+            found.append(f"detection time {by} than its {there:.2f} s")
+        here, there = ours.get("collisions") or 0.0, theirs["collisions"] or 0.0
+        if here > there + OFTEN:
+            found.append(f"collisions {here:.3g} an episode, {here - there:.2g} more")
+        return found
+
     def _rank(self, point: Mapping[str, Any]) -> tuple[bool, float]:
         return self._is_careful(point, self.rivals.values()), _or_least(point["return"])
 

@@ -101,6 +101,7 @@ class RllibTrainer(Trainer):
         # What an earlier process logged after its last checkpoint is taken back.
         log = self.folder.make_folder("tensorboard")
         with open_rows(log, history.steps) as self._writer:
+            self.display.begin("PPO")
             while history.steps < self.settings.steps:
                 began = time.monotonic()
                 result = self.algorithm.train()
@@ -132,10 +133,10 @@ class RllibTrainer(Trainer):
 
     def _go_on(self) -> None:
         _, card, text = checkpoint.read(self.settings.out)
-        self._check_same(card.settings)
+        self._check_same(card)
         self._state = checkpoint.read_state(self.settings.out, text)
         self._state_file = self.settings.out / text["files"]["state"]["name"]
-        self.history = History.read(text)
+        self.keep(History.read(text))
 
     def _load(self, state: dict[str, np.ndarray]) -> None:
         try:

@@ -48,7 +48,7 @@ class Sb3Trainer(Trainer):
         super().__init__(settings, console, folder)
         # Blocks of rows and of worlds have the threads: torch's own would wait for one another at each operation.
         torch.set_num_threads(1)
-        penalty = settings.residual_penalty if settings.base else 0.0
+        penalty = settings.residual_penalty if settings.chosen_base else 0.0
         self.env = RobotVecEnv(
             settings.make_cautious_scenario(),
             settings.worlds,
@@ -134,6 +134,8 @@ class Sb3Trainer(Trainer):
         if model._last_obs is None:
             model._last_obs = np.asarray(env.reset())
             model._last_episode_starts = np.ones(env.num_envs, dtype=bool)
+        if history.steps < settings.imitated_until:
+            self.display.begin(f"imitation of {settings.imitated}")
         while history.steps < settings.imitated_until:
             if self.due():
                 self.evaluate_and_save()
@@ -158,9 +160,9 @@ class Sb3Trainer(Trainer):
 
     def _go_on(self) -> None:
         _, card, text = checkpoint.read(self.settings.out)
-        self._check_same(card.settings)
+        self._check_same(card)
         arrays = checkpoint.read_state(self.settings.out, text)
-        self.history = History.read(text)
+        self.keep(History.read(text))
         try:
             self.env.load_state(arrays)
             if self.teacher is not None:
@@ -195,6 +197,8 @@ class _Watch(BaseCallback):
             trainer.evaluate_and_save()
             self._since = time.monotonic()
         trainer.stop_if_asked()
+        alone = trainer.history.steps < trainer.settings.imitated_until + trainer.settings.critic_steps
+        trainer.display.begin("critic alone" if alone else "PPO")
         self._set_noise()
         if self.model.use_sde:
             # The noise has been drawn before this moment: draw it anew, from what a run that goes on knows too.
