@@ -51,8 +51,9 @@ class TrainingSettings:
     the states that the student reaches; clone: in those that the teacher reaches."""
     steps: int = 100_000_000
     """Steps of a robot to train for, over all robots of all worlds."""
-    worlds: int = 512
-    """Worlds that are stepped together; each robot of each is one row."""
+    worlds: int | None = None
+    """Worlds that are stepped together; each robot of each is one row. By default 128 beside a base, which takes most of
+    the time, so that more is learned from fewer steps; else 512."""
     short: float = 0.0
     """Share of the worlds that begin anew after `short_time`: more is learned of how an episode begins."""
     short_time: float = 3.0
@@ -67,7 +68,7 @@ class TrainingSettings:
     """Classical policy that the network's output is added to; `none` lets the network act alone. By default that of
     `start`, else the paper's method where it can be made for the scenario and nothing is imitated: kuramoto-mpcc for
     cars (kuramoto-gvf on a curve of harmonics), kuramoto for points."""
-    residual: float = 0.3
+    residual: float = 0.5
     """What the network's output is multiplied with where there is a base."""
     residual_penalty: float = 0.0
     """Reward that a residual costs, per step and mean square of the output: it leaves the base only where that pays."""
@@ -121,8 +122,9 @@ class TrainingSettings:
     log_std_end: float | None = -1.2
     """The same at the end, where it is lower; it falls linearly, for what earns the most under much noise is not what
     does without. None lets it be learned."""
-    noise_steps: int = 1
-    """Steps for which a robot explores with one random function of its inputs (gSDE); 1 draws noise in each step."""
+    noise_steps: int | None = None
+    """Steps for which a robot explores with one random function of its inputs (gSDE); 1 draws noise in each step. By
+    default 30 beside a base, else 1; always 1 with ray."""
     caution: float = 3.0
     """What a collision costs while ppo learns, as a multiple of the scenario's `task.reward_collision`."""
     evaluate_every: int = 1_000_000
@@ -146,8 +148,9 @@ class TrainingSettings:
 
     def __post_init__(self) -> None:
         for name, most in _MOST.items():
-            self._require(name, getattr(self, name) >= 1, "must be at least 1")
-            self._require(name, getattr(self, name) <= most, f"must be at most {most:,}")
+            value = getattr(self, name)
+            self._require(name, value is None or value >= 1, "must be at least 1")
+            self._require(name, value is None or value <= most, f"must be at most {most:,}")
         self._require("seed", 0 <= self.seed < 2**11, "must be from 0 to 2047")
         self._require("layers", all(size >= 1 for size in self.layers), "must be sizes of at least 1")
         few = len(self.layers) <= 100 and all(size <= 65_536 for size in self.layers)
@@ -221,6 +224,16 @@ class TrainingSettings:
             return None, "a policy is imitated instead"
         return self.papers_method
 
+    @property
+    def num_worlds(self) -> int:
+        """Worlds that are stepped together."""
+        return self.worlds or (512 if self.chosen_base is None else 128)
+
+    @property
+    def chosen_noise_steps(self) -> int:
+        """Steps for which a robot explores with one random function of its inputs."""
+        return self.noise_steps or (1 if self.chosen_base is None or self.engine == "ray" else 30)
+
     @cached_property
     def chosen_rivals(self) -> tuple[str, ...]:
         """Policies that the evaluations are compared with."""
@@ -277,7 +290,8 @@ class TrainingSettings:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, as written into a checkpoint: those that change what is learned, and the number of steps."""
         kept = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        kept |= {"base": self.chosen_base or "none", "rivals": self.chosen_rivals}
+        kept |= {"base": self.chosen_base or "none", "rivals": self.chosen_rivals, "worlds": self.num_worlds}
+        kept |= {"noise_steps": self.chosen_noise_steps}
         plain = {name: list(value) if isinstance(value, tuple) else value for name, value in kept.items()}
         return plain | {"out": str(self.out), "overrides": dict(self.overrides)}
 

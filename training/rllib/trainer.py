@@ -42,7 +42,9 @@ def train(settings: TrainingSettings, console: Console | None = None) -> History
         raise ValueError(f"teacher of engine ray must be none, for it does not imitate, got {settings.teacher}")
     if settings.critic == "world":
         raise ValueError("critic of engine ray must be robot, got world")
-    for name, value in {"critic_steps": 0, "noise_steps": 1, "short": 0.0, "averaging": 0.0}.items():
+    if settings.chosen_noise_steps != 1:
+        raise ValueError(f"noise_steps of engine ray must be 1, got {settings.noise_steps}")
+    for name, value in {"critic_steps": 0, "short": 0.0, "averaging": 0.0}.items():
         if getattr(settings, name) != value:
             raise ValueError(f"{name} of engine ray must be {value}, got {getattr(settings, name)}")
     if settings.imitated is not None:

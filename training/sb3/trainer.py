@@ -51,7 +51,7 @@ class Sb3Trainer(Trainer):
         penalty = settings.residual_penalty if settings.chosen_base else 0.0
         self.env = RobotVecEnv(
             settings.make_cautious_scenario(),
-            settings.worlds,
+            settings.num_worlds,
             self.card,
             penalty,
             settings.device,
@@ -65,7 +65,7 @@ class Sb3Trainer(Trainer):
         self.average: dict[str, np.ndarray] | None = None
         self.teacher = None
         if settings.imitated is not None:
-            self.teacher = baselines.make(settings.imitated, self.scenario, settings.worlds, settings.device)
+            self.teacher = baselines.make(settings.imitated, self.scenario, settings.num_worlds, settings.device)
         if (settings.out / checkpoint.FILE).exists():
             self._go_on()
         elif (network := self._network_to_start_from()) is not None:
