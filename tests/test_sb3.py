@@ -206,7 +206,7 @@ def test_a_central_critic_sees_the_world():
 
 
 def test_a_policy_with_a_central_critic_acts_on_its_own_inputs(tmp_path):
-    settings = TrainingSettings(critic="world", layers=(8, 8), worlds=3, rollout=4, out=tmp_path)
+    settings = TrainingSettings(base="none", critic="world", layers=(8, 8), worlds=3, rollout=4, out=tmp_path)
     scenario = settings.make_scenario()
     card = Card.of(scenario)
     env = RobotVecEnv(scenario, 3, card, central=True)

@@ -5,6 +5,7 @@ time where an episode runs out of time, and picks minibatches by NumPy. With tho
 learn from them. What is learned is the same to rounding, for the same random numbers are drawn in the same order.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -129,6 +130,7 @@ class RobotPPO(PPO):
                 rollout_buffer.store(seen, actions, distribution.log_prob(actions), dones)
             after = env.step_rows(actions.cpu().numpy())
             rollout_buffer.reward(after.rewards)
+            cast(deque, self.ep_info_buffer).extend(after.episodes.values())
             self.num_timesteps += env.num_envs
             callback.update_locals(locals())
             if not callback.on_step():
