@@ -21,6 +21,9 @@ from training.rllib import state as kept
 from training.settings import TrainingSettings
 from training.trainer import Trainer
 
+_LEARNING = {"entropy": "entropy", "vf_explained_var": "explained_variance"}
+"""What RLlib calls what a history keeps of an update."""
+
 
 def train(settings: TrainingSettings, console: Console | None = None) -> History:
     """Train to the end, from the last checkpoint where `settings.out` has one.
@@ -131,6 +134,7 @@ class RllibTrainer(Trainer):
         losses = {name: float(learned[name]) for name in ("policy_loss", "vf_loss", "entropy") if name in learned}
         for folder, values in {"rollout": shown, "train": losses}.items():
             self.log({f"{folder}/{name}": value for name, value in values.items()})
+        self.history.learned({ours: learned[name] for name, ours in _LEARNING.items() if name in learned})
         self.display.update(shown)
 
     def _go_on(self) -> None:

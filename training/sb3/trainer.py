@@ -3,6 +3,7 @@
 import contextlib
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import cast
@@ -26,6 +27,9 @@ from training.sb3 import imitation, ppo
 from training.sb3.vec_env import RobotVecEnv
 from training.settings import TrainingSettings
 from training.trainer import Trainer
+
+_EPISODE = ("r", "l")
+"""What Stable-Baselines3 logs of an episode: return, and length [steps]."""
 
 
 def train(settings: TrainingSettings, console: Console | None = None) -> History:
@@ -93,6 +97,8 @@ class Sb3Trainer(Trainer):
         state |= prefixed("average", self.average or {})
         watched = [[row[column] for column in SCORES.values()] for row in self.env.scores]
         state["scores"] = np.array(watched).reshape(-1, len(SCORES))
+        ended = [[episode[name] for name in _EPISODE] for episode in self.model.ep_info_buffer or ()]
+        state["episodes"] = np.array(ended, dtype=float).reshape(-1, len(_EPISODE))
         checkpoint.save(self.folder, self.network(), self.card, state=state, notes=self.history.notes)
 
     def log(self, values: Mapping[str, float | None]) -> None:
@@ -110,6 +116,11 @@ class Sb3Trainer(Trainer):
             if value is not None:
                 self.model.logger.record(name, value)
         self.display.update(recent)
+
+    def keep_update(self) -> None:
+        """Keep what the model said of its latest update, for the report."""
+        told = self.model.told
+        self.history.learned(told | {"entropy": -told["entropy_loss"]})
 
     def _learn(self) -> None:
         with _logging_to(self.folder.make_folder("tensorboard"), self.history.steps) as logger:
@@ -170,6 +181,9 @@ class Sb3Trainer(Trainer):
             self.average = within("average", arrays) or None
             self.env.scores.extend(dict(zip(SCORES.values(), row, strict=True)) for row in arrays["scores"].tolist())
             ppo.load_model(self.model, arrays, self.history.steps, self.history.updates)
+            ended = [dict(zip(_EPISODE, row, strict=True)) for row in arrays["episodes"].tolist()]
+            most = self.model._stats_window_size
+            self.model.ep_info_buffer, self.model.ep_success_buffer = deque(ended, most), deque(maxlen=most)
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
             path = self.settings.out / text["files"]["state"]["name"]
             words = f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
@@ -190,6 +204,7 @@ class _Watch(BaseCallback):
         ppo.require_finite(self.model, trainer.settings, trainer.history.steps)
         if self.model._n_updates > trainer.history.updates:
             trainer.average_in()
+            trainer.keep_update()
             trainer.log({})
         trainer.history.updates = self.model._n_updates
         if trainer.due():
@@ -231,6 +246,7 @@ class _Watch(BaseCallback):
     def _on_training_end(self) -> None:
         self._count_time()
         self.trainer.average_in()
+        self.trainer.keep_update()
         self.trainer.history.updates = self.model._n_updates
 
     def _count_time(self) -> None:
