@@ -26,9 +26,9 @@ _TITLES = {
 }
 assert _TITLES.keys() == SCORES.keys()
 _LEARNING = {
-    "approx_kl": ("divergence (KL)", "of the policy from the one before the update: how far an update goes"),
-    "entropy": ("entropy [nat]", "of the exploration"),
-    "explained_variance": ("explained variance", "of the returns, by the critic: 1 is all of it, at 0 it knows nothing"),
+    "approx_kl": ("divergence (KL) [1/1000]", "of the policy from the one before the update", 1000),
+    "entropy": ("entropy [nat]", "of the exploration", 1),
+    "explained_variance": ("explained variance", "of the returns, by the critic; 1 is all of it", 1),
 }
 assert _LEARNING.keys() == set(LEARNING)
 
@@ -69,7 +69,8 @@ class TrainingReport:
             "format": FORMAT,
             "scores": [{"name": name, "title": title, "about": about} for name, (title, about) in _TITLES.items()],
             "curve": history.curve,
-            "learned": [{"name": name, "title": title, "about": about} for name, (title, about) in _LEARNING.items()],
+            "learned": [{"name": name, "title": title, "about": about, "times": times}
+                        for name, (title, about, times) in _LEARNING.items()],
             "learning": history.learning,
             "lost": {rival: worse for rival in history.rivals if (worse := history.losses(rival))},
             "stages": [b["steps"] for a, b in pairwise(history.curve) if a.get("stage") != b.get("stage")],

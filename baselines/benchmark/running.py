@@ -91,6 +91,7 @@ def plan(
     settings.check()
     own = {name: named(name) for name in settings.policies if is_ones_own(name)}
     own |= {name: as_factory(policy, name) for name, policy in (policies or {}).items()}
+    kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
     others = [name for name in settings.policies if name not in own]
     made = [
         make_scenario(each, **settings.overrides) for each in (settings.scenarios if scenarios is None else scenarios)
@@ -103,12 +104,15 @@ def plan(
         fitting = registry.names(scenario)
         chosen = [name for name in others if name in fitting] if others or own else _usual(fitting, scenario)
         cells += [Cell(scenario, name, named(name)) for name in chosen]
-        cells += [Cell(scenario, name, factory) for name, factory in own.items()]
+        kind, before = scenario.robot.kind, len(cells)
+        cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, kind)]
         if settings.clairvoyant and scenario.robot.kind in clairvoyant.KINDS:
             cells.append(Cell(scenario, clairvoyant.NAME, clairvoyant.Clairvoyant))
-        if not chosen and not own:
-            kind = f"robots of kind {scenario.robot.kind}"
-            raise ValueError(f"policies must hold one for {scenario.name}, which has {kind}; got {', '.join(others)}")
+        if not chosen and len(cells) == before and not (own and len(made) > 1):
+            kind, got = f"robots of kind {kind}", ", ".join((*others, *own))
+            raise ValueError(f"policies must hold one for {scenario.name}, which has {kind}; got {got}")
+    if not cells:
+        raise ValueError(f"policies must hold one for the scenarios, got {', '.join(own)}")
     if settings.against is not None and settings.against not in {cell.policy for cell in cells}:
         played = ", ".join(dict.fromkeys(cell.policy for cell in cells))
         raise ValueError(f"against must be a policy that is played ({played}), got {settings.against}")
@@ -120,6 +124,14 @@ def plan(
     else:
         as_device(settings.device)
     return cells
+
+
+def _kind_of(folder: str) -> str | None:
+    """Kind of robot that the policy in a folder drives; None where the folder does not say, which playing it tells."""
+    try:
+        return registry.home(folder).robot.kind
+    except ValueError:
+        return None
 
 
 def _usual(names: Iterable[str], scenario: Scenario) -> list[str]:

@@ -113,8 +113,8 @@ class History:
         ours, theirs = (self.best or {}).get("scores", {}), self.rivals[rival]
         found, here, there = [], ours.get("detection_time"), theirs["detection_time"]
         if there is not None and (here is None or here > there):
-            by = "none" if here is None else f"{here:.2f} s, {here - there:.2f} s later"
-            found.append(f"detection time {by} than its {there:.2f} s")
+            by = "none" if here is None else f"{here:.4g} s, {here - there:.2g} s more"
+            found.append(f"detection time {by} (of the rival: {there:.4g} s)")
         here, there = ours.get("collisions") or 0.0, theirs["collisions"] or 0.0
         if here > there + OFTEN:
             found.append(f"collisions {here:.3g} an episode, {here - there:.2g} more")

@@ -4,7 +4,7 @@ import contextlib
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from rich.console import Console
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 import baselines
@@ -32,8 +32,15 @@ _EPISODE = ("r", "l")
 """What Stable-Baselines3 logs of an episode: return, and length [steps]."""
 
 
-def train(settings: TrainingSettings, console: Console | None = None) -> History:
+def train(
+    settings: TrainingSettings, console: Console | None = None, writers: Sequence[KVWriter] = ()
+) -> History:
     """Train to the end, from the last checkpoint where `settings.out` has one.
+
+    Args:
+        settings: What is trained, how, and where it goes.
+        console: Where lines are printed.
+        writers: Where Stable-Baselines3's logger writes besides TensorBoard, such as Weights & Biases or MLflow.
 
     Raises:
         ValueError: a folder that holds files of others or the results of other settings, or is in use by another
@@ -42,14 +49,17 @@ def train(settings: TrainingSettings, console: Console | None = None) -> History
         KeyboardInterrupt: Ctrl-C; everything up to then is in the checkpoint.
     """
     with checkpoint.hold(settings.out) as folder:
-        return Sb3Trainer(settings, console or make_console(), folder).run()
+        return Sb3Trainer(settings, console or make_console(), folder, writers).run()
 
 
 class Sb3Trainer(Trainer):
     """A training by Stable-Baselines3: model and worlds, made anew or as the last checkpoint has them."""
 
-    def __init__(self, settings: TrainingSettings, console: Console, folder: Folder):
+    def __init__(
+        self, settings: TrainingSettings, console: Console, folder: Folder, writers: Sequence[KVWriter] = ()
+    ):
         super().__init__(settings, console, folder)
+        self._writers = writers
         # Blocks of rows and of worlds have the threads: torch's own would wait for one another at each operation.
         torch.set_num_threads(1)
         penalty = settings.residual_penalty if settings.chosen_base else 0.0
@@ -123,7 +133,7 @@ class Sb3Trainer(Trainer):
         self.history.learned(told | {"entropy": -told["entropy_loss"]})
 
     def _learn(self) -> None:
-        with _logging_to(self.folder.make_folder("tensorboard"), self.history.steps) as logger:
+        with _logging_to(self.folder.make_folder("tensorboard"), self.history.steps, self._writers) as logger:
             self.model.set_logger(logger)
             if self.teacher is not None:
                 self._imitate(self.teacher)
@@ -256,8 +266,8 @@ class _Watch(BaseCallback):
 
 
 @contextlib.contextmanager
-def _logging_to(folder: Path, steps: int) -> Iterator[Logger]:
-    """Log to TensorBoard; what an earlier process logged after its last checkpoint is taken back."""
+def _logging_to(folder: Path, steps: int, writers: Sequence[KVWriter]) -> Iterator[Logger]:
+    """Log to TensorBoard and to the writers; what an earlier process logged after its last checkpoint is taken back."""
     before = threading.excepthook
 
     def quiet(told: threading.ExceptHookArgs) -> None:
@@ -267,7 +277,7 @@ def _logging_to(folder: Path, steps: int) -> Iterator[Logger]:
 
     threading.excepthook = quiet
     try:
-        logger = Logger(str(folder), [_Rows(folder, steps)])
+        logger = Logger(str(folder), [_Rows(folder, steps), *writers])
         with contextlib.closing(logger):
             yield logger
     except OSError as error:

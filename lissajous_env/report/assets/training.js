@@ -69,9 +69,9 @@ function showLearning(training) {
   const told = training.learned.filter((each) => training.learning.some((point) => each.name in point));
   of("learning-part").hidden = told.length === 0;
   const steps = training.learning.map((point) => point.steps / 1e6);
-  const plots = told.map(({ name, title, about }) => {
+  const plots = told.map(({ name, title, about, times }) => {
     // A critic that has learned nothing can be off by any factor: how far says nothing.
-    const values = training.learning.map((point) => (name in point ? Math.max(point[name], lowest(name)) : null));
+    const values = training.learning.map((point) => (name in point ? times * Math.max(point[name], lowest(name)) : null));
     const axes = { x: { scale: scaleOf(steps), title: "steps of a robot [million]" }, y: { scale: scaleOf(values), title: "" } };
     return new Plot(title, about, axes, (plot) => plot.path(steps, values, { class: "curve c0" }), 200);
   });
