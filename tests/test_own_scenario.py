@@ -55,6 +55,12 @@ def trained(**changes):
     return lissajous_env.scenario("mine.toml", **changes.get("overrides", {})).resolve()
 
 
+def command(*arguments):
+    with pytest.raises(SystemExit) as ended:
+        cli.main([*map(str, arguments)])
+    assert ended.value.code == 0
+
+
 def test_a_folder_holds_the_scenario(here):
     # Oracle: the file, read again; the grid, which training leaves out, is there.
     wanted = trained()
@@ -67,14 +73,14 @@ def test_a_folder_holds_the_scenario(here):
 
 def test_every_command_plays_it(here, capsys):
     wanted = trained()
-    assert cli.main(["evaluate", "mine.toml", "run/best", "--episodes", "2", "--json"]) == 0
+    command("evaluate", "mine.toml", "run/best", "--episodes", 2, "--json")
     named = json.loads(capsys.readouterr().out)["episodes"]
     (here / "mine.toml").rename(here / "other.toml")
     # Without a scenario it is that of the folder.
-    assert cli.main(["evaluate", "run/best", "--episodes", "2", "--json"]) == 0
+    command("evaluate", "run/best", "--episodes", 2, "--json")
     assert json.loads(capsys.readouterr().out)["episodes"] == named
-    command = ["benchmark", "--scenarios", "other.toml", "--policies", "run/best", "kuramoto", "--episodes", "1"]
-    assert cli.main([*command, "--replays", "none", "--out", "results"]) == 0
+    two = ("--policies", "run/best", "kuramoto")
+    command("benchmark", "--scenarios", "other.toml", *two, "--episodes", 1, "--replays", "none", "--out", "results")
     publish(here / "run" / "best", "published", folder=here)
     text = checkpoint.read_text(here / "published")
     assert text["made_for"] == ["mine"]
@@ -84,8 +90,8 @@ def test_every_command_plays_it(here, capsys):
 def test_a_benchmark_leaves_out_scenarios_of_other_robots(here, capsys):
     # Story: a policy of points, on scenarios of points and of cars.
     trained()
-    command = ["benchmark", "--scenarios", "mine.toml", "rough", "--policies", "run/best", "--episodes", "1", "--json"]
-    assert cli.main([*command, "--replays", "none", "--out", "results", "--set", "task.duration=2"]) == 0
+    less = ("--episodes", 1, "--replays", "none", "--set", "task.duration=2", "--out", "results", "--json")
+    command("benchmark", "--scenarios", "mine.toml", "rough", "--policies", "run/best", *less)
     assert {row["scenario"] for row in json.loads(capsys.readouterr().out)["episodes"]} == {"mine"}
 
 

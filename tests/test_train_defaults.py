@@ -1,6 +1,10 @@
 """What a training chooses where nothing is said, what it prints, and how it compares with its rivals."""
 
 import io
+import re
+import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
@@ -8,6 +12,7 @@ from rich.console import Console
 pytest.importorskip("stable_baselines3")
 
 import lissajous_env
+from benchmarks import killing
 from tests.test_train import QUIET, SMALL
 from training.display import Display
 from training.learned.history import LEARNING, MOST_UPDATES, History
@@ -142,6 +147,32 @@ def test_updates_are_kept_and_thinned_out(tmp_path):
         history.learned({"entropy": 1.0, "approx_kl": float("nan")})
     assert MOST_UPDATES / 2 <= len(history.learning) <= MOST_UPDATES
     assert history.learning[0] == {"steps": 0, "entropy": 1.0}
+
+
+def test_the_writers_of_the_docs_receive_what_tensorboard_shows(tmp_path, monkeypatch):
+    # Oracle: TensorBoard's own file. Weights & Biases and MLflow are stood in for by lists.
+    text = (Path(__file__).parent.parent / "docs" / "train.md").read_text(encoding="utf-8")
+    (body,) = [block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "import wandb" in block]
+    told, ended = {"wandb": {}, "mlflow": {}}, []
+
+    def keep(name):
+        return lambda values, step: [told[name].setdefault((step, key), value) for key, value in values.items()]
+
+    ends = {"finish": lambda: ended.append("wandb")}, {"end_run": lambda: ended.append("mlflow")}
+    wandb = SimpleNamespace(init=lambda **_: None, log=keep("wandb"), **ends[0])
+    mlflow = SimpleNamespace(log_params=lambda _: None, log_metrics=keep("mlflow"), **ends[1])
+    monkeypatch.setitem(sys.modules, "wandb", wandb)
+    monkeypatch.setitem(sys.modules, "mlflow", mlflow)
+    names: dict = {"__name__": "my_run"}
+    exec(compile(body, "train.md", "exec"), names)
+    names["run"](**SMALL | {"out": tmp_path / "run", "teacher": "none", "steps": 2560})
+    rows = killing.tensorboard_rows(tmp_path / "run" / "tensorboard")
+    shown = {(step, name): value for name, points in rows.items() for step, value in points}
+    assert {"rollout/ep_rew_mean", "train/approx_kl", "evaluation/detection_time"} <= {name for _, name in shown}
+    for values in told.values():
+        assert shown.keys() <= values.keys()
+        assert all(values[key] == pytest.approx(value, rel=1e-5) for key, value in shown.items())
+    assert sorted(ended) == ["mlflow", "wandb"]
 
 
 @pytest.mark.parametrize("base", [None, "none"])
