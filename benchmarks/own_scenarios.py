@@ -56,9 +56,9 @@ def judged(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[str
     """Means of both, and the differences seed by seed with their intervals."""
     found = {}
     for name in COLUMNS:
-        pair = [np.array([np.nan if row[name] is None else row[name] for row in rows], float) for rows in (ours, theirs)]
+        pair = [np.array([row[name] for row in rows], dtype=float) for rows in (ours, theirs)]  # None is NaN
         means = {"policy": float(np.nanmean(pair[0])), "rival": float(np.nanmean(pair[1]))}
-        found[name] = means | asdict(paired(*pair, 1 if name == "detected_fraction" else -1))
+        found[name] = means | asdict(paired(pair[0], pair[1], 1 if name == "detected_fraction" else -1))
     return found
 
 

@@ -46,7 +46,7 @@ def here(tmp_path, monkeypatch):
 
 
 def settings(**changes):
-    small = {"scenario": "mine.toml", "overrides": {}, "steps": 640, "evaluate_every": 640, "teacher": "none"}
+    small: dict = {"scenario": "mine.toml", "overrides": {}, "steps": 640, "evaluate_every": 640, "teacher": "none"}
     return TrainingSettings(**SMALL | small | {"out": Path("run")} | changes)
 
 

@@ -112,7 +112,8 @@ def test_noise_falls_as_the_settings_say(tmp_path, monkeypatch):
 
     monkeypatch.setattr(_Watch, "_set_noise", recorded)
     small = {"worlds": 4, "rollout": 8, "batch_size": 160, "layers": (4,), "threads": 1, "rivals": (), "epochs": 1,
-             "evaluation_episodes": 1, "steps": 800, "imitation_steps": 160, "log_std": -1.0, "base": "none"}  # fmt: skip
+             "evaluation_episodes": 1, "steps": 800, "imitation_steps": 160, "log_std": -1.0,
+             "base": "none"}  # fmt: skip
     quiet = Console(quiet=True)
     train(TrainingSettings("failure", log_std_end=-2.0, out=tmp_path / "falls", **small), quiet)
     assert seen == pytest.approx([-1.0, -1.25, -1.5, -1.75])

@@ -59,8 +59,8 @@ def test_ppo_learns_a_two_line_problem(tmp_path):
     alone = {"robot.count": 1, "targets.count": 0, "targets.arrival_rate": 0.0, "faults.schedule": ()}
     effort = {"task.reward_effort": -1.0, "task.duration": 2.0}
     settings = TrainingSettings(
-        "failure", steps=60_000, worlds=64, rollout=20, batch_size=320, layers=(8,), base="none", teacher="none", log_std=-0.5,
-        learning_rate=1e-2, gamma=0.0, threads=1, rivals=(), evaluation_episodes=2, evaluate_every=60_000,
+        "failure", steps=60_000, worlds=64, rollout=20, batch_size=320, layers=(8,), base="none", teacher="none",
+        log_std=-0.5, learning_rate=1e-2, gamma=0.0, threads=1, rivals=(), evaluation_episodes=2, evaluate_every=60_000,
         out=tmp_path / "run", overrides=alone | effort,
     )  # fmt: skip
     first = dataclasses.replace(settings, steps=1280, out=tmp_path / "first", overrides=alone | effort)

@@ -22,7 +22,7 @@ class Display:
 
     def __init__(self, settings: TrainingSettings, console: Console, history: History):
         self._settings, self._console, self._history = settings, console, history
-        self._phase, self._latest = "", deque([], maxlen=_UPDATES + 1)
+        self._phase, self._latest = "", deque(maxlen=_UPDATES + 1)
         self.evaluation_seconds = 0.0
         """Time that the latest evaluation took [s]."""
         self._bar = bar(console, None, bars.TextColumn("{task.description}"), bars.TextColumn("{task.fields[words]}"))
@@ -105,7 +105,6 @@ class Display:
         after = timedelta(seconds=round(point["seconds"]))
         self.say(f"better than {escape(rival)} after {after}, {point['steps']:,} steps")
 
-
     def conclude(self) -> None:
         """Print how the best policy compares with each rival, and warn where it is worse."""
         history = self._history
@@ -123,8 +122,8 @@ class Display:
     def _advice(self) -> str:
         settings = self._settings
         if settings.chosen_base is None and settings.papers_method[0] is not None:
-            return f"--base {settings.papers_method[0]} trains a correction of the paper's method, which it begins with"
-        return "more --steps, another --seed or a smaller --residual may help; the rival is the better choice until then"
+            return f"--base {settings.papers_method[0]} trains a correction of the paper's method, with which it begins"
+        return "more --steps, another --seed or a smaller --residual may help; until then, use the rival"
 
 
 def _million(steps: float) -> str:

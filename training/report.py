@@ -69,8 +69,10 @@ class TrainingReport:
             "format": FORMAT,
             "scores": [{"name": name, "title": title, "about": about} for name, (title, about) in _TITLES.items()],
             "curve": history.curve,
-            "learned": [{"name": name, "title": title, "about": about, "times": times}
-                        for name, (title, about, times) in _LEARNING.items()],
+            "learned": [
+                {"name": name, "title": title, "about": about, "times": times}
+                for name, (title, about, times) in _LEARNING.items()
+            ],
             "learning": history.learning,
             "lost": {rival: worse for rival in history.rivals if (worse := history.losses(rival))},
             "stages": [b["steps"] for a, b in pairwise(history.curve) if a.get("stage") != b.get("stage")],

@@ -37,7 +37,7 @@ _MOST = {
 _POSITIVE = ("residual", "clip_range", "gradient_max", "short_time")
 _PAPERS_METHODS = {"car": ("kuramoto-mpcc", "kuramoto-gvf"), "curve": ("kuramoto",)}
 _TEACHERS = {"car": ("arc-mpcc", "arc-gvf"), "curve": ("kuramoto",)}
-"""By kind of robot, the first that can be made: contouring control follows Lissajous curves only, the vector field any."""
+"""By kind of robot; the first that can be made: contouring control follows Lissajous curves only, the field any."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class TrainingSettings:
     steps: int = 100_000_000
     """Steps of a robot to train for, over all robots of all worlds."""
     worlds: int | None = None
-    """Worlds that are stepped together; each robot of each is one row. By default 128 beside a base, which takes most of
-    the time, so that more is learned from fewer steps; else 512."""
+    """Worlds that are stepped together; each robot of each is one row. By default 128 beside a base, so that
+    more is learned from fewer steps, for it takes most of the time; else 512."""
     short: float = 0.0
     """Share of the worlds that begin anew after `short_time`: more is learned of how an episode begins."""
     short_time: float = 3.0

@@ -11,7 +11,6 @@ scenario and the base.
 
 import importlib
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,7 @@ _OPSET = 17
 """Version of the operators: one that runtimes of 2022 and later know."""
 
 
-def export_onnx(policy: Learned | str | os.PathLike, path: str | Path, scenario: Scenario | None = None) -> None:
+def export_onnx(policy: Learned | str | Path, path: str | Path, scenario: Scenario | None = None) -> None:
     """Write a learned policy as an ONNX file.
 
     Inputs are `observation` (rows, D), float32, D as `layout(scenario)` has it, and, where the policy has a base,

@@ -32,9 +32,7 @@ _EPISODE = ("r", "l")
 """What Stable-Baselines3 logs of an episode: return, and length [steps]."""
 
 
-def train(
-    settings: TrainingSettings, console: Console | None = None, writers: Sequence[KVWriter] = ()
-) -> History:
+def train(settings: TrainingSettings, console: Console | None = None, writers: Sequence[KVWriter] = ()) -> History:
     """Train to the end, from the last checkpoint where `settings.out` has one.
 
     Args:
@@ -55,9 +53,7 @@ def train(
 class Sb3Trainer(Trainer):
     """A training by Stable-Baselines3: model and worlds, made anew or as the last checkpoint has them."""
 
-    def __init__(
-        self, settings: TrainingSettings, console: Console, folder: Folder, writers: Sequence[KVWriter] = ()
-    ):
+    def __init__(self, settings: TrainingSettings, console: Console, folder: Folder, writers: Sequence[KVWriter] = ()):
         super().__init__(settings, console, folder)
         self._writers = writers
         # Blocks of rows and of worlds have the threads: torch's own would wait for one another at each operation.
