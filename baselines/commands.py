@@ -22,7 +22,7 @@ _ScenarioOrNone = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(meta
 _Names = Annotated[
     tuple[str, ...],
     tyro.conf.Positional,
-    tyro.conf.arg(metavar="SCENARIO [SCENARIO ...] POLICY", help_behavior_hint=""),
+    tyro.conf.arg(metavar="[SCENARIO ...] POLICY", help_behavior_hint=""),
 ]
 
 
@@ -71,7 +71,7 @@ def evaluate(
 
     Args:
         names: scenarios (names, .toml files, module:attribute); then the policy: a name, a checkpoint's folder, or
-            module:factory.
+            module:factory. A folder alone is played on the scenario that it was trained on.
         episodes: episodes on each scenario.
         seed: seed of episode 0; episode k has seed + k.
         batch: episodes that are played together; changes no result.
@@ -84,11 +84,13 @@ def evaluate(
     from baselines.benchmark.comparison import statistics as statistics_of
     from baselines.benchmark.comparison import with_derived
 
-    scenarios, policy = told_apart(names)
+    # A folder holds the scenario that its policy was trained on.
+    alone = len(names) == 1 and registry.is_folder(names[0])
+    scenarios, policy = ((), names[0]) if alone else told_apart(names)
     check_file(out, ".csv")
     changed = parse_overrides(overrides)
-    settings = Benchmark(scenarios, (policy,), episodes, seed, batch, device, overrides=changed)
-    cells = plan(settings)
+    settings = Benchmark(scenarios or (policy,), (policy,), episodes, seed, batch, device, overrides=changed)
+    cells = plan(settings, scenarios=[registry.home(policy)] if alone else None)
     rows: list[dict[str, Any]] = []
     numbers = list(range(episodes))
     with Progress([(cell, numbers) for cell in cells], progress_console(output)) as progress:

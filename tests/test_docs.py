@@ -40,7 +40,7 @@ SHELL = {
     page: [line for name, language, body in BLOCKS if (name, language) == (page, "") for line in body.splitlines()]
     for page in dict.fromkeys(name for name, *_ in BLOCKS)
 }
-OPTIONAL = {"benchmarl", "ray", "stable_baselines3", "torch", "torchrl"}
+OPTIONAL = {"benchmarl", "mlflow", "ray", "stable_baselines3", "torch", "torchrl", "wandb"}
 NEEDS = {"training.sb3": "stable_baselines3", "training.torchrl": "torchrl", "training.rllib": "ray"}
 SHORTER = {
     "benchmark": "--scenarios intruders --policies sweep laps --episodes 1",
@@ -80,8 +80,9 @@ def test_a_block_of_python_runs(page, body, tmp_path, monkeypatch, capsys):
             for needed in {name.split(".")[0], *(of for module, of in NEEDS.items() if name.startswith(module))}:
                 if needed in OPTIONAL:
                     pytest.importorskip(needed)
-    if "benchmarl" in body:
-        pytest.importorskip("benchmarl")
+    for library, word in {"benchmarl": "benchmarl", "onnx": "export_onnx"}.items():
+        if word in body:
+            pytest.importorskip(library)
     monkeypatch.chdir(tmp_path)
     exec(compile(body, page, "exec"), {"__name__": "__main__"})
     assert "print(" not in body or capsys.readouterr().out.strip()

@@ -45,7 +45,7 @@ ROWS = 5 * 2 * 4 * 8
 
 def settings(out, **changes):
     given = {
-        "scenario": "failure", "overrides": {"task.duration": 3.0}, "out": out, "engine": "ray", "teacher": "none",
+        "scenario": "failure", "overrides": {"task.duration": 3.0}, "out": out, "engine": "ray", "base": "none",
         "steps": 12 * ROWS, "worlds": 8, "workers": 2, "rollout": 8, "batch_size": 64, "epochs": 1, "layers": (16, 8),
         "evaluate_every": ROWS, "evaluation_episodes": 2, "rivals": (), "threads": 1,
     }  # fmt: skip

@@ -112,7 +112,8 @@ def test_noise_falls_as_the_settings_say(tmp_path, monkeypatch):
 
     monkeypatch.setattr(_Watch, "_set_noise", recorded)
     small = {"worlds": 4, "rollout": 8, "batch_size": 160, "layers": (4,), "threads": 1, "rivals": (), "epochs": 1,
-             "evaluation_episodes": 1, "steps": 800, "imitation_steps": 160, "log_std": -1.0}  # fmt: skip
+             "evaluation_episodes": 1, "steps": 800, "imitation_steps": 160, "log_std": -1.0,
+             "base": "none"}  # fmt: skip
     quiet = Console(quiet=True)
     train(TrainingSettings("failure", log_std_end=-2.0, out=tmp_path / "falls", **small), quiet)
     assert seen == pytest.approx([-1.0, -1.25, -1.5, -1.75])
@@ -128,8 +129,8 @@ def test_a_training_says_when_it_beat_its_rival(tmp_path, monkeypatch):
     # Story: two evaluations beat it, the first of them is told, once.
     out = io.StringIO()
     settings = TrainingSettings(
-        "failure", worlds=4, rollout=8, batch_size=160, layers=(4,), teacher="none", threads=1, epochs=1,
-        rivals=("still",), evaluation_episodes=1, evaluate_every=160, steps=480, out=tmp_path / "run",
+        "failure", worlds=4, rollout=8, batch_size=160, layers=(4,), base="none", teacher="none", threads=1,
+        epochs=1, rivals=("still",), evaluation_episodes=1, evaluate_every=160, steps=480, out=tmp_path / "run",
     )  # fmt: skip
     points = iter([9.5, 8.0, 7.0])
 

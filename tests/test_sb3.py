@@ -1,5 +1,7 @@
 """The batch as a VecEnv of Stable-Baselines3: rows are robots, and a time limit is not a death."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ from stable_baselines3.common.vec_env import VecCheckNan, VecEnv, VecMonitor, Ve
 from training.learned.card import Card
 from training.sb3 import RobotVecEnv
 from training.sb3.ppo import make_ppo, to_network
+from training.sb3.rollouts import RobotPPO
 from training.settings import TrainingSettings
 
 
@@ -206,7 +209,7 @@ def test_a_central_critic_sees_the_world():
 
 
 def test_a_policy_with_a_central_critic_acts_on_its_own_inputs(tmp_path):
-    settings = TrainingSettings(critic="world", layers=(8, 8), worlds=3, rollout=4, out=tmp_path)
+    settings = TrainingSettings(base="none", critic="world", layers=(8, 8), worlds=3, rollout=4, out=tmp_path)
     scenario = settings.make_scenario()
     card = Card.of(scenario)
     env = RobotVecEnv(scenario, 3, card, central=True)
@@ -289,3 +292,47 @@ def test_some_worlds_begin_anew_early():
         ]
         assert all(info["TimeLimit.truncated"] for info, done in zip(infos, dones, strict=True) if done)
     assert len(env.scores) == 4
+
+
+def test_episodes_are_reported_as_a_monitor_reports_them(tmp_path):
+    # Oracle: the library's own VecMonitor around a batch of the same seed; cars are removed where they collide.
+    changes = {"task.duration": 2.0, "task.on_collision": "remove", "robot.radius": 0.2, "formation.start": "random"}
+    scenario = lissajous_env.scenario("failure", **changes)
+    ours, theirs = (RobotVecEnv(scenario, 6, seed=1, staggered=True) for _ in range(2))
+    theirs = VecMonitor(theirs)
+    draw, ended, early = np.random.default_rng(0), 0, 0
+    rows = [ours.reset(), theirs.reset()]
+    assert (rows[0] == rows[1]).all()
+    for step in range(60):
+        if step == 7:
+            # What has been counted so far goes along.
+            again = RobotVecEnv(scenario, 6, seed=2, staggered=True)
+            again.load_state(ours.save_state())
+            ours = again
+        gone = ours._done.copy()
+        actions = draw.uniform(-1, 1, (ours.num_envs, 1))
+        *_, infos = ours.step(actions)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            *_, wanted = theirs.step(actions)
+        for k, (info, other) in enumerate(zip(infos, wanted, strict=True)):
+            # The monitor counts the steps after a robot was removed, too.
+            assert ("episode" in info) == ("episode" in other and not gone[k])
+            if "episode" in info:
+                assert info["episode"]["l"] == other["episode"]["l"]
+                assert info["episode"]["r"] == pytest.approx(other["episode"]["r"], abs=1e-5)
+                assert info["episode"]["t"] > 0
+                ended, early = ended + 1, early + (not info["TimeLimit.truncated"])
+    assert ended > 60
+    assert early > 0
+
+
+@pytest.mark.parametrize("algorithm", [PPO, RobotPPO])
+def test_the_mean_return_is_logged_without_a_wrapper(algorithm):
+    # Oracle: the mean of what the batch reported.
+    env = RobotVecEnv("failure", 2, seed=0, staggered=True)
+    model = algorithm("MlpPolicy", env, n_steps=32, batch_size=64, n_epochs=1, device="cpu")
+    model.learn(32 * env.num_envs)
+    assert len(model.ep_info_buffer) > 0
+    logged = model.logger.name_to_value["rollout/ep_rew_mean"]
+    assert logged == pytest.approx(np.mean([episode["r"] for episode in model.ep_info_buffer]))

@@ -37,6 +37,7 @@ SMALL = {
     "evaluation_episodes": 2,
     "layers": (8,),
     "threads": 1,
+    "base": "none",
     "rivals": (),
     "imitation_steps": 1920,
     "imitation_batch": 320,
@@ -58,8 +59,8 @@ def test_ppo_learns_a_two_line_problem(tmp_path):
     alone = {"robot.count": 1, "targets.count": 0, "targets.arrival_rate": 0.0, "faults.schedule": ()}
     effort = {"task.reward_effort": -1.0, "task.duration": 2.0}
     settings = TrainingSettings(
-        "failure", steps=60_000, worlds=64, rollout=20, batch_size=320, layers=(8,), teacher="none", log_std=-0.5,
-        learning_rate=1e-2, gamma=0.0, threads=1, rivals=(), evaluation_episodes=2, evaluate_every=60_000,
+        "failure", steps=60_000, worlds=64, rollout=20, batch_size=320, layers=(8,), base="none", teacher="none",
+        log_std=-0.5, learning_rate=1e-2, gamma=0.0, threads=1, rivals=(), evaluation_episodes=2, evaluate_every=60_000,
         out=tmp_path / "run", overrides=alone | effort,
     )  # fmt: skip
     first = dataclasses.replace(settings, steps=1280, out=tmp_path / "first", overrides=alone | effort)
@@ -301,7 +302,7 @@ def test_what_a_training_leaves(tmp_path):
         ({"scenario": "intruder"}, "scenario must be one of .*did you mean intruders"),
         ({"base": "swep"}, "did you mean sweep"),
         ({"base": "kuramoto"}, "must drive robots of kind car"),
-        ({"base": "sweep", "teacher": "sweep"}, "teacher must be none where there is a base, got 'sweep'"),
+        ({"base": "sweep", "teacher": "sweep"}, "teacher must be none beside a base, got 'sweep'"),
         ({"algorithm": "dagger", "teacher": "none"}, "teacher must be given for imitation alone, got 'none'"),
         ({"inputs": ("speeed",)}, "lacks speeed"),
         ({"overrides": {"task.stepp": 1}}, "did you mean step"),

@@ -54,7 +54,7 @@ def draw_curve(folder: str | Path, path: str | Path) -> None:
         if name != "return":
             axis.set_ylim(bottom=0)
     axes[0].legend(frameon=False, fontsize=8)
-    card = Card.from_dict(text["policy"], text["settings"])
+    card = Card.from_dict(text["policy"], text["settings"], text.get("scenario"))
     base = f" on top of {card.base}" if card.base else ""
     parts = f", {len(stages)} stages" if len(stages) > 1 else ""
     algorithm, seed = (card.settings.get(name, "?") for name in ("algorithm", "seed"))

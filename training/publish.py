@@ -43,8 +43,10 @@ def _publish(source: Path, made_for: tuple[str, ...], before: tuple[Path, ...], 
     made_for = made_for or (card.scenario,)
     scores = {}
     for each in made_for:
-        policy = Learned(network, card, named.scenario(each), len(HELD_OUT))
-        rows = evaluate(policy, each, HELD_OUT)
+        # The scenario that it was trained on is in its folder; it need not be registered.
+        scenario = checkpoint.home_scenario(card) if each == card.scenario else named.scenario(each)
+        policy = Learned(network, card, scenario, len(HELD_OUT))
+        rows = evaluate(policy, scenario, HELD_OUT)
         columns = ("detection_time_mean", "collisions", "recovery_time", "return_mean")
         scores[each] = {column: _rounded(summarize([row[column] for row in rows])) for column in columns}
         print(each, scores[each])

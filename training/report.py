@@ -11,7 +11,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.replay.contents import BRIEF, contents
 from lissajous_env.report import report
 from lissajous_env.storage.folder import Folder
-from training.learned.history import SCORES, History
+from training.learned.history import LEARNING, SCORES, History
 from training.settings import TrainingSettings
 
 NAME = "report.html"
@@ -25,6 +25,12 @@ _TITLES = {
     "detected_fraction": ("detected", "share of the rogues"),
 }
 assert _TITLES.keys() == SCORES.keys()
+_LEARNING = {
+    "approx_kl": ("divergence (KL) [1/1000]", "of the policy from the one before the update", 1000),
+    "entropy": ("entropy [nat]", "of the exploration", 1),
+    "explained_variance": ("explained variance", "of the returns, by the critic; 1 is all of it", 1),
+}
+assert _LEARNING.keys() == set(LEARNING)
 
 
 class TrainingReport:
@@ -63,6 +69,12 @@ class TrainingReport:
             "format": FORMAT,
             "scores": [{"name": name, "title": title, "about": about} for name, (title, about) in _TITLES.items()],
             "curve": history.curve,
+            "learned": [
+                {"name": name, "title": title, "about": about, "times": times}
+                for name, (title, about, times) in _LEARNING.items()
+            ],
+            "learning": history.learning,
+            "lost": {rival: worse for rival in history.rivals if (worse := history.losses(rival))},
             "stages": [b["steps"] for a, b in pairwise(history.curve) if a.get("stage") != b.get("stage")],
             "rivals": [{"name": name, **{score: of[score] for score in SCORES}} for name, of in history.rivals.items()],
             "best": history.best["counters"]["steps"] if history.best else None,
@@ -80,8 +92,8 @@ class TrainingReport:
         played = {"replay-policy": self._played(policy, f"{history.steps:,} steps")}
         if "replay-rival" in self._replays:
             played["replay-rival"] = self._replays["replay-rival"]
-        elif self._settings.rivals:
-            rival = self._settings.rivals[0]
+        elif self._settings.chosen_rivals:
+            rival = self._settings.chosen_rivals[0]
             made = baselines.make(rival, self._scenario, 1, self._settings.device)
             played["replay-rival"] = self._played(made, rival)
         self._replays = played

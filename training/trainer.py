@@ -3,6 +3,7 @@
 import contextlib
 import signal
 import threading
+import time
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -31,14 +32,20 @@ class Trainer:
         self.settings, self.console, self.folder = settings, console, folder
         self.scenario = settings.make_scenario()
         self.card = Card.of(
-            self.scenario,
+            settings.make_home_scenario(),
             settings.inputs,
-            base=settings.base,
-            residual=settings.residual if settings.base else 1.0,
+            base=settings.chosen_base,
+            residual=settings.residual if settings.chosen_base else 1.0,
             settings=settings.to_dict(),
         )
-        self.history, self.stopping = History(), False
+        self.stopping = False
+        self.keep(History())
         self.report = TrainingReport(folder, settings, self.scenario, FIRST_EVALUATION_SEED)
+
+    def keep(self, history: History) -> None:
+        """Go on with a history."""
+        self.history = history
+        self.display = Display(self.settings, self.console, history)
 
     def network(self) -> Network:
         """Copy the policy that has been learned so far."""
@@ -62,11 +69,13 @@ class Trainer:
         if history.steps >= settings.steps:
             self.console.print(f"{settings.out} is trained: {history.steps:,} steps of {settings.steps:,}")
             self._draw_curve()
+            self.display.conclude()
             return history
         self._meet_rivals()
-        with Display(settings, self.console, history) as self.display, self._stopping_gently():
+        with self.display, self._stopping_gently():
             self._learn()
         self._draw_curve()
+        self.display.conclude()
         return history
 
     def due(self) -> bool:
@@ -87,7 +96,7 @@ class Trainer:
         alone = Learned(network, self.card, self.scenario, 1, settings.device)
         self.report.write(history, alone, last=history.steps >= settings.steps)
         self.display.evaluated(point)
-        for rival in settings.rivals:
+        for rival in settings.chosen_rivals:
             if history.first_better(rival) is point:
                 self.display.beaten(rival, point)
 
@@ -100,23 +109,31 @@ class Trainer:
             )
 
     def _meet_rivals(self) -> None:
-        for name in self.settings.rivals:
+        for name in self.settings.chosen_rivals:
             if name not in self.history.rivals:
                 episodes = self.settings.evaluation_episodes
                 rival = baselines.make(name, self.scenario, episodes, self.settings.device)
                 self.history.rivals[name] = self._evaluated(rival)
 
     def _evaluated(self, policy: Any) -> dict[str, float | None]:
+        began = time.monotonic()
         seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + self.settings.evaluation_episodes)
-        return summarize_scores(evaluate(policy, self.scenario, seeds, self.settings.device))
+        scores = summarize_scores(evaluate(policy, self.scenario, seeds, self.settings.device))
+        self.display.evaluation_seconds = time.monotonic() - began
+        return scores
 
     def _draw_curve(self) -> None:
         with self.folder.replacing("curve.png") as path:
             draw_curve(self.settings.out, path)
 
-    def _check_same(self, stored: Mapping[str, Any]) -> None:
-        """Raise ValueError where a training with other settings is in the folder."""
-        if differences := self.settings.differences(stored):
+    def _check_same(self, stored: Card) -> None:
+        """Raise ValueError where a training with other settings or on another scenario is in the folder."""
+        differences = self.settings.differences(stored.settings)
+        there, here = stored.home or {}, self.card.home or {}
+        for part in here:
+            if not differences and there.get(part) != here[part]:
+                differences.append(f"{part} of the scenario = {there.get(part)} there, {here[part]} here")
+        if differences:
             raise ValueError(
                 f"out must be a folder that is empty or holds a training of the same settings, "
                 f"got {self.settings.out}: {'; '.join(differences)}"

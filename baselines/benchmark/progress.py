@@ -18,11 +18,12 @@ class Clock(bars.ProgressColumn):
     """Time gone and time left, in words; what is left is said once there is something to judge by."""
 
     def render(self, task: bars.Task) -> Text:
-        """Words for a task; its field `before` is what was completed before it began."""
-        gone = task.elapsed or 0.0
-        done = task.completed - task.fields.get("before", 0)
+        """Words for a task; its field `left` says what is left where the pace so far does not tell."""
+        gone, done, left = task.elapsed or 0.0, task.completed, task.fields.get("left")
         words = in_words(gone)
-        if task.total and done > 0 and gone > _FIRST and not task.finished:
+        if left is not None:
+            words += f", {left}" if left else ""
+        elif task.total and done > 0 and gone > _FIRST and not task.finished:
             words += f", {in_words(gone / done * (task.total - task.completed))} left"
         return Text(words, style="cyan", no_wrap=True)
 

@@ -14,7 +14,8 @@ from baselines.benchmark import detections
 from baselines.benchmark.rows import numbers_of, short, what_is_wrong
 from baselines.benchmark.types import Batch, Benchmark, Cell
 from lissajous_env.console.terminal import plain
-from lissajous_env.parameters.scenario import PARTS, Scenario, digest_of
+from lissajous_env.parameters.plain_scenario import scenario_of
+from lissajous_env.parameters.scenario import Scenario, digest_of
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
 
@@ -91,11 +92,7 @@ def scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:
     made = {}
     for name, fields in held["scenarios"].items():
         try:
-            # JSON has no infinity: it is kept as a word.
-            parts: dict[str, Any] = {
-                part: kind(**{f: _number(v) for f, v in fields[part].items()}) for part, kind in PARTS.items()
-            }
-            made[name] = Scenario(name=fields["name"], description=fields["description"], **parts)
+            made[name] = scenario_of(fields)
             # What a scenario brings is told apart by what stands here; it is not imported.
             digest = digest_of(made[name].to_dict() | {"extensions": fields["extensions"]})
         except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
@@ -205,12 +202,6 @@ def read_settings(path: Path) -> dict[str, Any]:
 
 def _damaged(path: Path, why: str) -> ValueError:
     return ValueError(f"{path} is damaged: {why}; {_ADVICE}")
-
-
-def _number(value: Any) -> Any:
-    if isinstance(value, (list, tuple)):
-        return tuple(map(_number, value))
-    return float(value) if value in ("inf", "-inf") else value
 
 
 def _key(row: Mapping[str, Any]) -> tuple[str, str, int]:

@@ -101,6 +101,7 @@ def plan(
     own = {name: named(name) for name in settings.policies if is_ones_own(name)}
     own |= {name: as_factory(policy, name) for name, policy in (policies or {}).items()}
     everything = settings.policies == (ALL,)
+    kinds = {name: _kind_of(name) for name in own if registry.is_folder(name)}
     others = [name for name in settings.policies if name not in own and not everything]
     unnamed = not (own or others)
     made = [
@@ -117,12 +118,15 @@ def plan(
         else:
             chosen = [name for name in others if name in fitting]
         cells += [Cell(scenario, name, named(name)) for name in chosen]
-        cells += [Cell(scenario, name, factory) for name, factory in own.items()]
-        if (settings.clairvoyant or (unnamed and not everything)) and scenario.robot.kind in clairvoyant.KINDS:
+        kind, before = scenario.robot.kind, len(cells)
+        cells += [Cell(scenario, name, of) for name, of in own.items() if kinds.get(name) in (None, kind)]
+        if (settings.clairvoyant or (unnamed and not everything)) and kind in clairvoyant.KINDS:
             cells.append(Cell(scenario, clairvoyant.NAME, clairvoyant.Clairvoyant))
-        if not chosen and not own:
-            kind = f"robots of kind {scenario.robot.kind}"
-            raise ValueError(f"policies must hold one for {scenario.name}, which has {kind}; got {', '.join(others)}")
+        if not chosen and len(cells) == before and not (own and len(made) > 1):
+            kind, got = f"robots of kind {kind}", ", ".join((*others, *own))
+            raise ValueError(f"policies must hold one for {scenario.name}, which has {kind}; got {got}")
+    if not cells:
+        raise ValueError(f"policies must hold one for the scenarios, got {', '.join(own)}")
     if settings.against is not None and settings.against not in {cell.policy for cell in cells}:
         played = ", ".join(dict.fromkeys(cell.policy for cell in cells))
         raise ValueError(f"against must be a policy that is played ({played}), got {settings.against}")
@@ -134,6 +138,14 @@ def plan(
     else:
         as_device(settings.device)
     return cells
+
+
+def _kind_of(folder: str) -> str | None:
+    """Kind of robot that the policy in a folder drives; None where the folder does not say, which playing it tells."""
+    try:
+        return registry.home(folder).robot.kind
+    except ValueError:
+        return None
 
 
 def _usual(names: Sequence[str], scenario: Scenario) -> list[str]:

@@ -33,6 +33,7 @@ _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_the
 _REGISTER = "register", "register_policy", "register_coordinator"
 """Names of the functions that add policies."""
 _opener: Callable[..., Policy] | None = None
+_home: Callable[..., Scenario] | None = None
 
 
 def register(
@@ -116,10 +117,25 @@ def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy]
     _WRAPPERS[suffix] = kind, wrapper, about
 
 
-def register_opener(opener: Callable[..., Policy]) -> None:
-    """Let `make` take a folder for a name: `opener(folder, scenario, num_worlds, device)` makes the policy in it."""
-    global _opener
-    _opener = opener
+def register_opener(opener: Callable[..., Policy], home: Callable[..., Scenario]) -> None:
+    """Let `make` take a folder for a name.
+
+    Args:
+        opener: `opener(folder, scenario, num_worlds, device)` makes the policy in it.
+        home: `home(folder)` is the scenario that it was made for.
+    """
+    global _opener, _home
+    _opener, _home = opener, home
+
+
+def home(folder: str) -> Scenario:
+    """Return the scenario that the policy in a folder was made for.
+
+    Raises:
+        ValueError: there is no policy in it, or its scenario cannot be made.
+    """
+    assert _home is not None
+    return _home(folder)
 
 
 def describe(name: str) -> dict[str, Any]:

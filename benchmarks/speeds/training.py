@@ -42,6 +42,8 @@ def rate(side: str, checkout: Path, kind: str, seed: int, quick: bool) -> float:
     with tempfile.TemporaryDirectory() as folder:
         options = ["--scenario", SCENARIO, "--seed", str(seed), "--out", folder, "--evaluation-episodes", "1",
                    "--rivals", *KINDS[kind], *(QUICK if quick else [])]  # fmt: skip
+        if checkout == ROOT and kind != "whole":
+            options += ["--base", "none"]  # another version may have no such default
         start = ["-c", _LIBRARY] if side == LIBRARY else ["-m", "lissajous_env", "train"]
         path = os.pathsep.join(map(str, (checkout, declared(checkout, Path(folder)))))
         subprocess.run([sys.executable, *start, *options], check=True, cwd=folder, stdout=subprocess.DEVNULL,
@@ -117,8 +119,8 @@ def environment(steps: int) -> tuple[float, float]:
 
     RobotVecEnv._step = timed(RobotVecEnv._step)
     with tempfile.TemporaryDirectory() as folder:
-        settings = TrainingSettings(SCENARIO, steps=steps, teacher="none", rivals=(), evaluate_every=10 * steps,
-                         evaluation_episodes=1, out=Path(folder))  # fmt: skip
+        settings = TrainingSettings(SCENARIO, steps=steps, base="none", teacher="none", rivals=(), out=Path(folder),
+                                    evaluate_every=10 * steps, evaluation_episodes=1)  # fmt: skip
         history = train(settings, Console(quiet=True))
     return history.steps / history.seconds, in_env[0] / history.seconds
 

@@ -10,6 +10,7 @@ import numpy as np
 from baselines.policies import registry
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
+from lissajous_env.console.terminal import plain
 from lissajous_env.world.observation import layout
 
 LARGEST_RESIDUAL = 2.0
@@ -41,6 +42,9 @@ class Card:
     """What the network's output, clipped to [-1, 1], is multiplied with before it is added to the base's action."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """How it was trained."""
+    home: Mapping[str, Any] | None = None
+    """The scenario that it was trained on as plain values, as `Scenario.to_dict` returns them with every derived field
+    filled in; None: the registered one of that name."""
 
     def __post_init__(self) -> None:
         for name in ("scenario", "kind"):
@@ -59,16 +63,20 @@ class Card:
         require("settings", isinstance(self.settings, Mapping), "must be an object", self.settings)
         overrides = self.settings.get("overrides", {})
         require("overrides", isinstance(overrides, Mapping), "must be an object", overrides)
+        require("scenario", self.home is None or isinstance(self.home, Mapping), "must be an object", self.home)
 
     @classmethod
     def of(cls, scenario: str | Scenario, inputs: tuple[str, ...] = (), **more: Any) -> "Card":
         """Make the card of a policy for a scenario that reads `inputs`; by default the whole observation."""
         scenario = make_scenario(scenario)
         names = inputs or layout(scenario).names
-        return cls(scenario.name, scenario.robot.kind, tuple(names), scenario.action_size, **more)
+        home = plain(scenario.resolve().to_dict())
+        return cls(scenario.name, scenario.robot.kind, tuple(names), scenario.action_size, home=home, **more)
 
     @classmethod
-    def from_dict(cls, policy: Mapping[str, Any], settings: Mapping[str, Any]) -> "Card":
+    def from_dict(
+        cls, policy: Mapping[str, Any], settings: Mapping[str, Any], home: Mapping[str, Any] | None = None
+    ) -> "Card":
         """Make the card that `to_dict` wrote.
 
         Raises:
@@ -80,10 +88,10 @@ class Card:
         values: dict[str, Any] = {name: policy[name] for name in names}
         if isinstance(values["inputs"], list):
             values["inputs"] = tuple(values["inputs"])
-        return cls(**values, settings=settings)
+        return cls(**values, settings=settings, home=home)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values of all but the settings."""
+        """Plain values of all but the settings and the scenario."""
         return {name: getattr(self, name) for name in ("scenario", "kind", "inputs", "action_size", "base", "residual")}
 
     @property

@@ -10,6 +10,7 @@ import hashlib
 import json
 import platform
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -22,6 +23,8 @@ from safetensors.numpy import save as to_safetensors
 
 from lissajous_env import Scenario
 from lissajous_env.parameters import named
+from lissajous_env.parameters.extensions import Extension, load_extension
+from lissajous_env.parameters.plain_scenario import scenario_of
 from lissajous_env.storage.files import read_bytes, read_json
 from lissajous_env.storage.folder import Folder
 from training.learned.card import Card, require
@@ -80,6 +83,7 @@ def save(
             "format": FORMAT,
             "policy": card.to_dict() | {"activation": network.activation},
             "settings": dict(card.settings),
+            **({} if card.home is None else {"scenario": card.home}),
             "versions": _versions(),
             "files": files,
             **(notes or {}),
@@ -129,7 +133,7 @@ def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
     text = read_text(folder)
     path = Path(folder) / FILE
     with _naming(path):
-        card = Card.from_dict(text["policy"], text["settings"])
+        card = Card.from_dict(text["policy"], text["settings"], text.get("scenario"))
     weights = Path(folder) / text["files"]["weights"]["name"]
     arrays = _read(Path(folder), text["files"]["weights"])
     with _naming(weights):
@@ -184,13 +188,17 @@ def to_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def home_scenario(card: Card) -> Scenario:
-    """Make the scenario that a policy was trained on, with the overrides it was trained with.
+    """Make the scenario that a policy was trained on, from the values that its folder holds.
 
-    What a card names is looked up and never loaded: a folder may come from anyone.
+    A folder may come from anyone, so none makes a module be imported: an extension that the scenario brings is taken
+    from its module where the program has imported that already.
 
     Raises:
-        ValueError: a scenario that is not registered, overrides that it does not have, or what would be imported.
+        ValueError: values that make no scenario, an extension whose module has not been imported, or, where the folder
+            holds the scenario's name alone, one that is not registered or overrides that it does not have.
     """
+    if card.home is not None:
+        return scenario_of(card.home, [_brought(each, card) for each in card.home.get("extensions") or ()])
     if "extensions" in card.overrides:
         rule = f"must be given with the extensions that the policy was trained with, {card.overrides['extensions']}"
         raise ValueError(f"scenario {rule}: none is imported because a folder says so")
@@ -198,6 +206,19 @@ def home_scenario(card: Card) -> Scenario:
         return named.scenario(named.registered_scenario(card.scenario), **card.overrides)
     except TypeError as error:
         raise ValueError(f"overrides must be fields of {card.scenario}, got {dict(card.overrides)}") from error
+
+
+def _brought(entry: Any, card: Card) -> Extension:
+    """Return an extension that the program has imported already."""
+    place = entry.get("place") if isinstance(entry, Mapping) else None
+    require("place of an extension", isinstance(place, str), "must be module:name", place)
+    module = str(place).partition(":")[0]
+    if module not in sys.modules:
+        raise ValueError(
+            f"scenario {card.scenario} brings {place}: import {module} before the policy is loaded, or give the "
+            "scenario; no module is imported because a folder names it"
+        )
+    return load_extension(str(place))
 
 
 def _publish(folder: Folder, text: dict[str, Any], best: dict[str, Any]) -> None:

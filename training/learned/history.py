@@ -16,6 +16,12 @@ SCORES = {
 }
 """What an evaluation says, each a number or None where there was none; and the column of a score row that it is of."""
 
+LEARNING = ("approx_kl", "entropy", "explained_variance")
+"""What is kept of updates: divergence of the policy from the one before, its entropy [nat], and the share of the
+variance of the returns that the critic explains."""
+MOST_UPDATES = 400
+"""Updates that are kept, spread over the training: a curve needs no more."""
+
 OFTEN = 0.02
 """Collisions an episode by which a policy may exceed a rival's and still be as careful."""
 
@@ -44,6 +50,8 @@ class History:
     """Time that it took, evaluations left out [s]."""
     curve: list[dict[str, Any]] = field(default_factory=list)
     """Evaluations, in order: steps, seconds, detection_time [s], collisions, return, detected_fraction."""
+    learning: list[dict[str, float]] = field(default_factory=list)
+    """What the learner said of its updates: `steps`, and those of `LEARNING` that it knows; at most `MOST_UPDATES`."""
     rivals: dict[str, dict[str, Any]] = field(default_factory=dict)
     """The same of the policies that it is compared with."""
     best: dict[str, Any] | None = None
@@ -56,6 +64,7 @@ class History:
         return cls(
             **{name: counters.get(name, 0) for name in ("steps", "updates", "seconds")},
             curve=text.get("curve") or [],
+            learning=text.get("learning") or [],
             rivals=text.get("rivals") or {},
             best=text.get("best"),
         )
@@ -69,8 +78,16 @@ class History:
     def notes(self) -> dict[str, Any]:
         """What a checkpoint says about it."""
         scores = self.curve[-1] if self.curve else None
-        more = {"curve": self.curve, "rivals": self.rivals, "best": self.best}
+        more = {"curve": self.curve, "learning": self.learning, "rivals": self.rivals, "best": self.best}
         return {"counters": self.counters, "scores": scores, **more}
+
+    def learned(self, told: Mapping[str, float]) -> None:
+        """Keep what the learner said of its latest updates; of many updates every second one is left out."""
+        kept = {name: float(told[name]) for name in LEARNING if name in told and math.isfinite(told[name])}
+        if kept:
+            self.learning.append({"steps": self.steps} | kept)
+        if len(self.learning) > MOST_UPDATES:
+            del self.learning[1::2]
 
     def add(self, point: dict[str, Any]) -> bool:
         """Add an evaluation to the curve; whether it is the best so far.
@@ -90,6 +107,18 @@ class History:
             if None not in (ours, theirs) and ours < theirs and self._is_careful(point, [self.rivals[rival]]):
                 return point
         return None
+
+    def losses(self, rival: str) -> list[str]:
+        """Columns in which the best policy is worse than a rival, and by how much, in words."""
+        ours, theirs = (self.best or {}).get("scores", {}), self.rivals[rival]
+        found, here, there = [], ours.get("detection_time"), theirs["detection_time"]
+        if there is not None and (here is None or here > there):
+            by = "none" if here is None else f"{here:.4g} s, {here - there:.2g} s more"
+            found.append(f"detection time {by} (of the rival: {there:.4g} s)")
+        here, there = ours.get("collisions") or 0.0, theirs["collisions"] or 0.0
+        if here > there + OFTEN:
+            found.append(f"collisions {here:.3g} an episode, {here - there:.2g} more")
+        return found
 
     def _rank(self, point: Mapping[str, Any]) -> tuple[bool, float]:
         return self._is_careful(point, self.rivals.values()), _or_least(point["return"])
@@ -111,6 +140,11 @@ def check_notes(text: Mapping[str, Any]) -> None:
     for k, point in enumerate(curve or ()):
         _check_point(f"point {k} of the curve", point)
     require("rivals", rivals is None or isinstance(rivals, dict), "must be an object", rivals)
+    learning = text.get("learning")
+    require("learning", learning is None or isinstance(learning, list), "must be a list", learning)
+    for point in learning or ():
+        numbers = isinstance(point, dict) and all(type(value) in (int, float) for value in point.values())
+        require("learning", numbers and "steps" in point, "must hold numbers by name, with steps", point)
     for name, scores in (rivals or {}).items():
         _check_scores(f"rival {name[:40]}", scores)
     if best is not None:

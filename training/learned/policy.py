@@ -77,6 +77,15 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
     return policy
 
 
+def home(name: str | Path) -> Scenario:
+    """Make the scenario that a shipped policy, or the one in a folder, was trained on.
+
+    Raises:
+        ValueError: no such name or folder, a damaged checkpoint, or a scenario that cannot be made.
+    """
+    return checkpoint.home_scenario(checkpoint.read(find(name))[1])
+
+
 def find(name: str | Path) -> Path:
     """Folder of a shipped policy, or of a checkpoint: the folder itself.
 
@@ -99,7 +108,7 @@ def register_shipped() -> None:
 
     Weights are read when a policy is made.
     """
-    baselines.register_opener(load)
+    baselines.register_opener(load, home)
     for name in names():
         text = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
         policy, scenario = text["policy"], text["policy"]["scenario"]

@@ -92,7 +92,7 @@ def make_ppo(
         start: Network to start from.
         iteration: Where a training goes on; its worlds are others than those that it began with.
     """
-    worlds = -(-settings.worlds // settings.workers)
+    worlds = -(-settings.num_worlds // settings.workers)
     rows = settings.workers * worlds * settings.rollout
     last = max(settings.steps // scenario.num_robots, 1)
     model = {

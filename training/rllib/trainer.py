@@ -21,6 +21,9 @@ from training.rllib import state as kept
 from training.settings import TrainingSettings
 from training.trainer import Trainer
 
+_LEARNING = {"entropy": "entropy", "vf_explained_var": "explained_variance"}
+"""What RLlib calls what a history keeps of an update."""
+
 
 def train(settings: TrainingSettings, console: Console | None = None) -> History:
     """Train to the end, from the last checkpoint where `settings.out` has one.
@@ -42,7 +45,9 @@ def train(settings: TrainingSettings, console: Console | None = None) -> History
         raise ValueError(f"teacher of engine ray must be none, for it does not imitate, got {settings.teacher}")
     if settings.critic == "world":
         raise ValueError("critic of engine ray must be robot, got world")
-    for name, value in {"critic_steps": 0, "noise_steps": 1, "short": 0.0, "averaging": 0.0}.items():
+    if settings.chosen_noise_steps != 1:
+        raise ValueError(f"noise_steps of engine ray must be 1, got {settings.noise_steps}")
+    for name, value in {"critic_steps": 0, "short": 0.0, "averaging": 0.0}.items():
         if getattr(settings, name) != value:
             raise ValueError(f"{name} of engine ray must be {value}, got {getattr(settings, name)}")
     if settings.imitated is not None:
@@ -101,6 +106,7 @@ class RllibTrainer(Trainer):
         # What an earlier process logged after its last checkpoint is taken back.
         log = self.folder.make_folder("tensorboard")
         with open_rows(log, history.steps) as self._writer:
+            self.display.begin("PPO")
             while history.steps < self.settings.steps:
                 began = time.monotonic()
                 result = self.algorithm.train()
@@ -128,14 +134,15 @@ class RllibTrainer(Trainer):
         losses = {name: float(learned[name]) for name in ("policy_loss", "vf_loss", "entropy") if name in learned}
         for folder, values in {"rollout": shown, "train": losses}.items():
             self.log({f"{folder}/{name}": value for name, value in values.items()})
+        self.history.learned({ours: learned[name] for name, ours in _LEARNING.items() if name in learned})
         self.display.update(shown)
 
     def _go_on(self) -> None:
         _, card, text = checkpoint.read(self.settings.out)
-        self._check_same(card.settings)
+        self._check_same(card)
         self._state = checkpoint.read_state(self.settings.out, text)
         self._state_file = self.settings.out / text["files"]["state"]["name"]
-        self.history = History.read(text)
+        self.keep(History.read(text))
 
     def _load(self, state: dict[str, np.ndarray]) -> None:
         try:

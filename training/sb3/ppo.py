@@ -38,8 +38,8 @@ def make_ppo(settings: TrainingSettings, env: RobotVecEnv, card: Card) -> RobotP
         ent_coef=settings.entropy,
         vf_coef=settings.value_weight,
         max_grad_norm=settings.gradient_max,
-        use_sde=settings.noise_steps > 1,
-        sde_sample_freq=settings.noise_steps,
+        use_sde=settings.chosen_noise_steps > 1,
+        sde_sample_freq=settings.chosen_noise_steps,
         policy_kwargs={
             "net_arch": list(settings.layers),
             "activation_fn": {"relu": partial(nn.ReLU, inplace=True), "tanh": nn.Tanh}[settings.activation],

@@ -5,6 +5,7 @@ time where an episode runs out of time, and picks minibatches by NumPy. With tho
 learn from them. What is learned is the same to rounding, for the same random numbers are drawn in the same order.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -104,6 +105,8 @@ class RobotPPO(PPO):
     def __init__(self, policy: str | type[ActorCriticPolicy], env: RobotVecEnv, threads: int = 1, **more: Any):
         super().__init__(policy, env, rollout_buffer_class=Rollouts, **more)
         self.blocks = Blocks(self.policy, threads)
+        self.told: dict[str, float] = {}
+        """Means of the latest update, under the library's names."""
 
     def collect_rollouts(
         self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
@@ -129,6 +132,7 @@ class RobotPPO(PPO):
                 rollout_buffer.store(seen, actions, distribution.log_prob(actions), dones)
             after = env.step_rows(actions.cpu().numpy())
             rollout_buffer.reward(after.rewards)
+            cast(deque, self.ep_info_buffer).extend(after.episodes.values())
             self.num_timesteps += env.num_envs
             callback.update_locals(locals())
             if not callback.on_step():
@@ -182,10 +186,11 @@ class RobotPPO(PPO):
     def _record(self, told: torch.Tensor) -> None:
         """Log the means over the updates, under the library's names."""
         names = ("loss", "policy_gradient_loss", "value_loss", "entropy_loss", "clip_fraction", "approx_kl")
-        for name, value in zip(names, told.mean(0).tolist(), strict=True):
+        self.told = dict(zip(names, told.mean(0).tolist(), strict=True))
+        self.told["explained_variance"] = cast(Rollouts, self.rollout_buffer).explained
+        self.told["std"] = self.policy.log_std.exp().mean().item()
+        for name, value in self.told.items():
             self.logger.record(f"train/{name}", value)
-        self.logger.record("train/explained_variance", cast(Rollouts, self.rollout_buffer).explained)
-        self.logger.record("train/std", self.policy.log_std.exp().mean().item())
 
     def _as_tensor(self, rows: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(rows).to(self.device)

@@ -3,7 +3,8 @@
 import contextlib
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -11,7 +12,7 @@ import numpy as np
 import torch
 from rich.console import Console
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 import baselines
@@ -27,9 +28,17 @@ from training.sb3.vec_env import RobotVecEnv
 from training.settings import TrainingSettings
 from training.trainer import Trainer
 
+_EPISODE = ("r", "l")
+"""What Stable-Baselines3 logs of an episode: return, and length [steps]."""
 
-def train(settings: TrainingSettings, console: Console | None = None) -> History:
+
+def train(settings: TrainingSettings, console: Console | None = None, writers: Sequence[KVWriter] = ()) -> History:
     """Train to the end, from the last checkpoint where `settings.out` has one.
+
+    Args:
+        settings: What is trained, how, and where it goes.
+        console: Where lines are printed.
+        writers: Where Stable-Baselines3's logger writes besides TensorBoard, such as Weights & Biases or MLflow.
 
     Raises:
         ValueError: a folder that holds files of others or the results of other settings, or is in use by another
@@ -38,20 +47,21 @@ def train(settings: TrainingSettings, console: Console | None = None) -> History
         KeyboardInterrupt: Ctrl-C; everything up to then is in the checkpoint.
     """
     with checkpoint.hold(settings.out) as folder:
-        return Sb3Trainer(settings, console or make_console(), folder).run()
+        return Sb3Trainer(settings, console or make_console(), folder, writers).run()
 
 
 class Sb3Trainer(Trainer):
     """A training by Stable-Baselines3: model and worlds, made anew or as the last checkpoint has them."""
 
-    def __init__(self, settings: TrainingSettings, console: Console, folder: Folder):
+    def __init__(self, settings: TrainingSettings, console: Console, folder: Folder, writers: Sequence[KVWriter] = ()):
         super().__init__(settings, console, folder)
+        self._writers = writers
         # Blocks of rows and of worlds have the threads: torch's own would wait for one another at each operation.
         torch.set_num_threads(1)
-        penalty = settings.residual_penalty if settings.base else 0.0
+        penalty = settings.residual_penalty if settings.chosen_base else 0.0
         self.env = RobotVecEnv(
             settings.make_cautious_scenario(),
-            settings.worlds,
+            settings.num_worlds,
             self.card,
             penalty,
             settings.device,
@@ -65,7 +75,7 @@ class Sb3Trainer(Trainer):
         self.average: dict[str, np.ndarray] | None = None
         self.teacher = None
         if settings.imitated is not None:
-            self.teacher = baselines.make(settings.imitated, self.scenario, settings.worlds, settings.device)
+            self.teacher = baselines.make(settings.imitated, self.scenario, settings.num_worlds, settings.device)
         if (settings.out / checkpoint.FILE).exists():
             self._go_on()
         elif (network := self._network_to_start_from()) is not None:
@@ -93,6 +103,8 @@ class Sb3Trainer(Trainer):
         state |= prefixed("average", self.average or {})
         watched = [[row[column] for column in SCORES.values()] for row in self.env.scores]
         state["scores"] = np.array(watched).reshape(-1, len(SCORES))
+        ended = [[episode[name] for name in _EPISODE] for episode in self.model.ep_info_buffer or ()]
+        state["episodes"] = np.array(ended, dtype=float).reshape(-1, len(_EPISODE))
         checkpoint.save(self.folder, self.network(), self.card, state=state, notes=self.history.notes)
 
     def log(self, values: Mapping[str, float | None]) -> None:
@@ -111,8 +123,13 @@ class Sb3Trainer(Trainer):
                 self.model.logger.record(name, value)
         self.display.update(recent)
 
+    def keep_update(self) -> None:
+        """Keep what the model said of its latest update, for the report."""
+        told = self.model.told
+        self.history.learned(told | {"entropy": -told["entropy_loss"]})
+
     def _learn(self) -> None:
-        with _logging_to(self.folder.make_folder("tensorboard"), self.history.steps) as logger:
+        with _logging_to(self.folder.make_folder("tensorboard"), self.history.steps, self._writers) as logger:
             self.model.set_logger(logger)
             if self.teacher is not None:
                 self._imitate(self.teacher)
@@ -134,6 +151,8 @@ class Sb3Trainer(Trainer):
         if model._last_obs is None:
             model._last_obs = np.asarray(env.reset())
             model._last_episode_starts = np.ones(env.num_envs, dtype=bool)
+        if history.steps < settings.imitated_until:
+            self.display.begin(f"imitation of {settings.imitated}")
         while history.steps < settings.imitated_until:
             if self.due():
                 self.evaluate_and_save()
@@ -158,9 +177,9 @@ class Sb3Trainer(Trainer):
 
     def _go_on(self) -> None:
         _, card, text = checkpoint.read(self.settings.out)
-        self._check_same(card.settings)
+        self._check_same(card)
         arrays = checkpoint.read_state(self.settings.out, text)
-        self.history = History.read(text)
+        self.keep(History.read(text))
         try:
             self.env.load_state(arrays)
             if self.teacher is not None:
@@ -168,6 +187,9 @@ class Sb3Trainer(Trainer):
             self.average = within("average", arrays) or None
             self.env.scores.extend(dict(zip(SCORES.values(), row, strict=True)) for row in arrays["scores"].tolist())
             ppo.load_model(self.model, arrays, self.history.steps, self.history.updates)
+            ended = [dict(zip(_EPISODE, row, strict=True)) for row in arrays["episodes"].tolist()]
+            most = self.model._stats_window_size
+            self.model.ep_info_buffer, self.model.ep_success_buffer = deque(ended, most), deque(maxlen=most)
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
             path = self.settings.out / text["files"]["state"]["name"]
             words = f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
@@ -188,6 +210,7 @@ class _Watch(BaseCallback):
         ppo.require_finite(self.model, trainer.settings, trainer.history.steps)
         if self.model._n_updates > trainer.history.updates:
             trainer.average_in()
+            trainer.keep_update()
             trainer.log({})
         trainer.history.updates = self.model._n_updates
         if trainer.due():
@@ -195,6 +218,8 @@ class _Watch(BaseCallback):
             trainer.evaluate_and_save()
             self._since = time.monotonic()
         trainer.stop_if_asked()
+        alone = trainer.history.steps < trainer.settings.imitated_until + trainer.settings.critic_steps
+        trainer.display.begin("critic alone" if alone else "PPO")
         self._set_noise()
         if self.model.use_sde:
             # The noise has been drawn before this moment: draw it anew, from what a run that goes on knows too.
@@ -227,6 +252,7 @@ class _Watch(BaseCallback):
     def _on_training_end(self) -> None:
         self._count_time()
         self.trainer.average_in()
+        self.trainer.keep_update()
         self.trainer.history.updates = self.model._n_updates
 
     def _count_time(self) -> None:
@@ -236,8 +262,8 @@ class _Watch(BaseCallback):
 
 
 @contextlib.contextmanager
-def _logging_to(folder: Path, steps: int) -> Iterator[Logger]:
-    """Log to TensorBoard; what an earlier process logged after its last checkpoint is taken back."""
+def _logging_to(folder: Path, steps: int, writers: Sequence[KVWriter]) -> Iterator[Logger]:
+    """Log to TensorBoard and to the writers; what an earlier process logged after its last checkpoint is taken back."""
     before = threading.excepthook
 
     def quiet(told: threading.ExceptHookArgs) -> None:
@@ -247,7 +273,7 @@ def _logging_to(folder: Path, steps: int) -> Iterator[Logger]:
 
     threading.excepthook = quiet
     try:
-        logger = Logger(str(folder), [_Rows(folder, steps)])
+        logger = Logger(str(folder), [_Rows(folder, steps), *writers])
         with contextlib.closing(logger):
             yield logger
     except OSError as error:

@@ -1,5 +1,6 @@
 """The batch of worlds as a `VecEnv` of Stable-Baselines3: one row for each robot of each world."""
 
+import time
 from collections import deque
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -33,6 +34,9 @@ class Step(NamedTuple):
     """(W N,) whether it ended for want of time."""
     last: np.ndarray
     """(D, inputs) rows of those whose episode ended, in their order, before it began anew."""
+    episodes: dict[int, dict[str, float]]
+    """Return `r`, length `l` [steps] and time `t` since the batch was made [s] of the episodes that ended, by row. A
+    robot that was removed before has none at the end of its world's: its own ended then."""
 
 
 class RobotVecEnv(VecEnv):
@@ -90,10 +94,13 @@ class RobotVecEnv(VecEnv):
         spread = np.arange(num_worlds) * _GOLDEN % 1.0 if staggered else np.ones(num_worlds)
         self._first_end = np.ceil(np.maximum(spread, 1 / steps) * self._last_step).astype(np.int64)
         self._end = self._first_end.copy()
+        self._began = time.monotonic()
+        rows = num_worlds * self.simulation.num_robots
+        self._returns, self._lengths = np.zeros(rows), np.zeros(rows, dtype=np.int64)
         more = np.full(0 if self._view is None else self._view.size, np.inf, dtype=np.float32)
         low, high = np.concatenate([self._wiring.low, -more]), np.concatenate([self._wiring.high, more])
         actions = gymnasium.spaces.Box(-1.0, 1.0, (self.scenario.action_size,), np.float32)
-        super().__init__(num_worlds * self.simulation.num_robots, gymnasium.spaces.Box(low, high), actions)
+        super().__init__(rows, gymnasium.spaces.Box(low, high), actions)
 
     def reset(self) -> np.ndarray:
         """Begin an episode in every world; returns the rows (W N, inputs)."""
@@ -107,13 +114,15 @@ class RobotVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         self._done = np.zeros(self.num_envs, dtype=bool)
+        self._returns[:], self._lengths[:] = 0.0, 0
         self._end = self._first_end.copy()
         self._wiring.reset()
         return self._rows(self._wiring.read(self.simulation.observation.numpy()))
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy everything that changes while the worlds go on, by name."""
-        return prefixed("world", self.simulation.save_state()) | self._wiring.save_state() | {"end": self._end}
+        own = {"end": self._end, "returns": self._returns, "lengths": self._lengths}
+        return prefixed("world", self.simulation.save_state()) | self._wiring.save_state() | own
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
         """Go on from what `save_state` returned."""
@@ -121,6 +130,7 @@ class RobotVecEnv(VecEnv):
         self._seeded = True
         self._done = self.simulation.terminated.numpy().astype(bool).reshape(-1)
         self._end = saved["end"].copy()
+        self._returns, self._lengths = saved["returns"].copy(), saved["lengths"].copy()
         self._wiring.load_state(saved)
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -143,11 +153,13 @@ class RobotVecEnv(VecEnv):
         self._actions = clipped.reshape(worlds, robots, size)
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Take the step: rows, rewards, dones, infos."""
+        """Take the step: rows, rewards, dones, infos; where an episode ended, with what `Monitor` writes of it."""
         step = self._step()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for k, last in zip(np.flatnonzero(step.dones), step.last, strict=True):
             infos[k] = {"terminal_observation": last, "TimeLimit.truncated": bool(step.truncated[k])}
+        for k, episode in step.episodes.items():
+            infos[k]["episode"] = episode
         return step.rows, step.rewards, step.dones, infos
 
     def step_rows(self, actions: np.ndarray) -> Step:
@@ -165,6 +177,7 @@ class RobotVecEnv(VecEnv):
         dones = ended & ~self._done | np.repeat(over, simulation.num_robots)
         # The base's action is the one of the step before: of a last observation only its value is asked for.
         last = self._rows(wiring.rows(simulation.observation.numpy()), dones)
+        episodes = self._finished(rewards, dones)
         if over.any():
             self.scores.extend(simulation.score(simulation.over))
             simulation.reset(over)
@@ -173,7 +186,17 @@ class RobotVecEnv(VecEnv):
             ended = simulation.terminated.numpy().astype(bool).reshape(-1)
         self._done = ended
         rows = self._rows(wiring.read(simulation.observation.numpy()))
-        return Step(rows, rewards, dones, dones & ~terminated, last)
+        return Step(rows, rewards, dones, dones & ~terminated, last, episodes)
+
+    def _finished(self, rewards: np.ndarray, dones: np.ndarray) -> dict[int, dict[str, float]]:
+        """Count a step, and return what is said of the episodes that ended with it."""
+        self._returns += rewards
+        self._lengths += 1
+        at = round(time.monotonic() - self._began, 6)
+        ended = np.flatnonzero(dones & ~self._done)
+        found = {int(k): {"r": float(self._returns[k]), "l": int(self._lengths[k]), "t": at} for k in ended}
+        self._returns[dones], self._lengths[dones] = 0.0, 0
+        return found
 
     def _rows(self, rows: np.ndarray, chosen: np.ndarray | None = None) -> np.ndarray:
         """(W N, inputs) copy of the rows (W, N, ...), with what a central critic sees; or of those chosen (W N,)."""

@@ -22,6 +22,8 @@ function begin() {
   if (latest !== undefined) of("play").title = training.replays[latest].title;
   of("play").addEventListener("click", () => viewer.open(latest));
   of("curve").append(pictures(...training.scores.map((score) => curve(training, score))));
+  showLosses(training);
+  showLearning(training);
   fillEvaluations(training);
   made(training);
   globalThis.training = { training, viewer };
@@ -55,6 +57,29 @@ function curve(training, score) {
       dot.append(svg("title", {}, `${number(value)} after ${number(steps[k])} million steps`));
     });
   });
+}
+
+function showLosses(training) {
+  const lost = Object.entries(training.lost).map(([rival, worse]) => `${rival}: ${worse.join("; ")}`);
+  of("lost").hidden = lost.length === 0;
+  of("lost").append(element("b", "", "The best policy loses to "), lost.join(" · "));
+}
+
+function showLearning(training) {
+  const told = training.learned.filter((each) => training.learning.some((point) => each.name in point));
+  of("learning-part").hidden = told.length === 0;
+  const steps = training.learning.map((point) => point.steps / 1e6);
+  const plots = told.map(({ name, title, about, times }) => {
+    // A critic that has learned nothing can be off by any factor: how far says nothing.
+    const values = training.learning.map((point) => (name in point ? times * Math.max(point[name], lowest(name)) : null));
+    const axes = { x: { scale: scaleOf(steps), title: "steps of a robot [million]" }, y: { scale: scaleOf(values), title: "" } };
+    return new Plot(title, about, axes, (plot) => plot.path(steps, values, { class: "curve c0" }), 200);
+  });
+  of("learning").append(pictures(...plots));
+}
+
+function lowest(name) {
+  return name === "explained_variance" ? -0.5 : -Infinity;
 }
 
 function fillEvaluations(training) {

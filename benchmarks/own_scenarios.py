@@ -1,0 +1,120 @@
+"""The defaults of `lissajous train` on scenarios that are not shipped, against the paper's method on each.
+
+`python benchmarks/own_scenarios.py` trains each of `benchmarks/own_scenarios/*.toml` for some seeds, and plays the best
+checkpoint and the rival on the same held-out seeds. FOLDER holds a folder for each training, the rows of its episodes,
+and `own_scenarios.json`, which is written anew after each training. Killed and called again it goes on. Options that
+this script does not know are those of `lissajous train`.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import figures
+import numpy as np
+
+import baselines
+import lissajous_env
+import training
+from baselines.benchmark.statistics import paired
+from baselines.benchmark.tables import between, number
+from lissajous_env.console.terminal import plain
+from lissajous_env.storage.files import read_json, write_atomically
+from training.learned import checkpoint
+
+SCENARIOS = sorted((Path(__file__).parent / "own_scenarios").glob("*.toml"))
+RIVALS = {"car": "kuramoto-mpcc", "curve": "kuramoto"}
+HELD_OUT = range(10_000, 10_128)
+COLUMNS = ("detection_time_mean", "collisions", "detected_fraction")
+KEPT = ("seed", *COLUMNS)
+
+
+def rows_of(path: Path, policy: Any, scenario: Path) -> list[dict[str, Any]]:
+    """Rows of the held-out episodes of a policy that `policy()` makes; kept in a file, and read from there again."""
+    if not path.exists():
+        played = lissajous_env.evaluate(policy(), lissajous_env.scenario(scenario), HELD_OUT)
+        write_atomically(path, json.dumps(plain([{name: row[name] for name in KEPT} for row in played])) + "\n")
+    return read_json(path)
+
+
+def trained(out: Path, scenario: Path, seed: int, steps: int, more: Sequence[str]) -> Path:
+    """Train by the command, as far as it has not been done; returns the folder."""
+    folder = out / f"{scenario.stem}-{seed}"
+    command = [sys.executable, "-m", "lissajous_env", "train", "--scenario", str(scenario), "--steps", str(steps),
+               "--seed", str(seed), "--out", str(folder), *more]  # fmt: skip
+    subprocess.run(command, check=True)
+    return folder
+
+
+def judged(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Means of both, and the differences seed by seed with their intervals."""
+    found = {}
+    for name in COLUMNS:
+        pair = [np.array([row[name] for row in rows], dtype=float) for rows in (ours, theirs)]  # None is NaN
+        means = {"policy": float(np.nanmean(pair[0])), "rival": float(np.nanmean(pair[1]))}
+        found[name] = means | asdict(paired(pair[0], pair[1], 1 if name == "detected_fraction" else -1))
+    return found
+
+
+def as_table(results: Sequence[dict[str, Any]]) -> figures.Table:
+    """A row for each training: detection and collisions of both, and on which share of the seeds it is faster."""
+    rows = []
+    for each in results:
+        time_of, collisions = each["columns"]["detection_time_mean"], each["columns"]["collisions"]
+        share = between(time_of["better_low"], time_of["better_high"], times=100)
+        rows.append([
+            each["scenario"], str(each["seed"]), f"`{each['rival']}`",
+            number(time_of["policy"]), number(time_of["rival"]), f"{100 * time_of['better']:.0f} % ({share})",
+            number(collisions["policy"]), number(collisions["rival"]), f"{each['minutes']:.0f}",
+        ])  # fmt: skip
+    titles = ["scenario", "seed", "rival", "detection [s]", "rival's [s]", "faster", "collisions", "rival's", "min"]
+    return {"columns": titles, "rows": rows}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenarios", nargs="+", default=[path.stem for path in SCENARIOS])
+    parser.add_argument("--seeds", type=int, default=3, help="trainings of each scenario: seeds 0, 1 ...")
+    parser.add_argument("--steps", type=int, default=5_000_000)
+    parser.add_argument("--out", type=Path, default=Path("results/own_scenarios"))
+    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
+    options, more = parser.parse_known_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    results = []
+    for seed in range(options.seeds):
+        for scenario in (path for path in SCENARIOS if path.stem in options.scenarios):
+            began = time.monotonic()
+            made = lissajous_env.scenario(scenario)
+            folder, rival = trained(options.out, scenario, seed, options.steps, more), RIVALS[made.robot.kind]
+            text = checkpoint.read_text(folder / "best")
+            best, done = text["scores"]["steps"], checkpoint.read_text(folder)["counters"]
+            ours = rows_of(
+                options.out / f"{folder.name}-{done['steps']}.json",
+                lambda folder=folder: training.load(folder / "best", num_worlds=len(HELD_OUT)),
+                scenario,
+            )
+            theirs = rows_of(
+                options.out / f"{scenario.stem}-{rival}.json",
+                lambda made=made, rival=rival: baselines.make(rival, made, len(HELD_OUT)),
+                scenario,
+            )
+            results.append({
+                "scenario": scenario.stem, "seed": seed, "rival": rival, "steps": done["steps"], "best_after": best,
+                "minutes": done["seconds"] / 60, "columns": judged(ours, theirs),
+            })  # fmt: skip
+            text = {"episodes": len(HELD_OUT), "options": more, "trainings": plain(results)}
+            write_atomically(options.out / "own_scenarios.json", json.dumps(text, indent=1) + "\n")
+            print(f"{folder.name}: {(time.monotonic() - began) / 60:.1f} min", flush=True)
+            figures.show(f"{len(HELD_OUT)} held-out episodes", as_table(results))
+    if options.store:
+        figures.store({"own-scenarios": as_table(results)})
+
+
+if __name__ == "__main__":
+    main()
