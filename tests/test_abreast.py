@@ -45,6 +45,7 @@ def played(path, folder):
         return dict(kept)
 
 
+@pytest.mark.long
 def test_one_by_one_they_do_the_same_to_the_last_bit(tmp_path):
     # Oracle: a copy of the package whose kernels take one robot or target at a time, as they do on a GPU. Worlds of
     # five robots fill no block of sixteen, so blocks hold parts of worlds, and the last one is not full.

@@ -40,6 +40,13 @@ def everything(tmp_path_factory):
     return out, reproduce(("all",), out=out)
 
 
+def test_a_part_alone_has_rows_and_its_picture(tmp_path):
+    claims = reproduce(("fig2", "lemmas"), out=tmp_path)
+    assert [claim.part for claim in claims if claim.agrees is False] == []
+    assert {claim.part for claim in claims} == {"fig2", "lemmas"}
+    assert {path.stem for path in tmp_path.glob("*.png")} == {"fig2"}
+
+
 def numbers(words):
     return [float(found[0].replace(",", "")) for found in NUMBER.finditer(words)]
 
@@ -48,6 +55,7 @@ def rows(everything, part):
     return {claim.claim: claim for claim in everything[1] if claim.part == part}
 
 
+@pytest.mark.long
 def test_every_part_has_rows_and_its_picture(everything):
     out, claims = everything
     assert list(dict.fromkeys(claim.part for claim in claims)) == list(PARTS)
@@ -55,6 +63,7 @@ def test_every_part_has_rows_and_its_picture(everything):
     assert {path.stem for path in out.glob("*.png")} == set(PARTS) - WITHOUT_PICTURE
 
 
+@pytest.mark.long
 def test_pictures_are_not_blank(everything):
     for path in everything[0].glob("*.png"):
         grey = image.imread(path)[..., :3].mean(axis=-1)
@@ -66,6 +75,7 @@ def test_pictures_are_not_blank(everything):
         assert len(np.unique(grey.round(2))) > 20, path
 
 
+@pytest.mark.long
 def test_every_row_agrees_or_says_why(everything):
     for claim in everything[1]:
         assert all((claim.claim, claim.paper, claim.ours, claim.tolerance)), claim
@@ -73,6 +83,7 @@ def test_every_row_agrees_or_says_why(everything):
     assert {claim.part for claim in everything[1] if claim.agrees is False} == DISAGREES
 
 
+@pytest.mark.long
 def test_the_numbers_of_the_paper(everything):
     # Oracle: numbers that the paper prints, and those of an independent simulation (56 %, 4.6 to 4.8 s).
     fig3, fig9 = rows(everything, "fig3"), rows(everything, "fig9")
@@ -87,6 +98,7 @@ def test_the_numbers_of_the_paper(everything):
         assert row.numbers["low"] < paper == row.numbers["paper"] < row.numbers["high"]
 
 
+@pytest.mark.long
 def test_the_stories_of_the_paper(everything):
     # Oracle: float64 NumPy, simulated independently: recovery within 1.3 to 2.5 s, N = 10 with p = 3 leaves.
     (recovery,) = (row for name, row in rows(everything, "fig6").items() if name.startswith("(a) Kuramoto"))
@@ -99,6 +111,7 @@ def test_the_stories_of_the_paper(everything):
     assert shares.numbers["p = 3 [%]"] == pytest.approx(86, abs=8)
 
 
+@pytest.mark.long
 def test_the_window_of_the_gain(everything):
     # Oracle: collisions in 60 s of an earlier measurement on other code, 16 seeds: few from 0.9 to 1.25 alone.
     (row,) = (row.numbers for name, row in rows(everything, "window").items() if name.startswith("the same"))
@@ -109,6 +122,7 @@ def test_the_window_of_the_gain(everything):
     assert 1.25 <= row["high"] < 1.5
 
 
+@pytest.mark.long
 def test_table_and_page_hold_the_same_rows(everything):
     out, claims = everything
     with open(out / "table.csv", encoding="utf-8", newline="") as file:
@@ -121,6 +135,7 @@ def test_table_and_page_hold_the_same_rows(everything):
     assert {path.name for path in out.iterdir() if path.name.startswith(".")} <= {LIST}
 
 
+@pytest.mark.long
 def test_words_say_the_numbers(everything):
     # Oracle: every claim of one number or of a count, put into words again.
     for claim in everything[1]:
@@ -226,6 +241,7 @@ def test_the_examples_of_the_page_say_what_happens():
     assert done.failed == 0
 
 
+@pytest.mark.long
 def test_the_stored_figures_are_those_of_today(everything):
     # Oracle: the simulation of this moment. What cars do depends on the last digits of the machine, its words do not.
     stored, fresh = figures.load(), figures.of_claims(everything[1])

@@ -67,7 +67,7 @@ assert len(lissajous_env.evaluate(baselines.make("{policy}", made, 2), made, see
     ("files", "lines", "program"),
     [
         ({"baselines/policies/half.py": POLICY}, {}, evaluated("half")),
-        (
+        pytest.param(
             {"lissajous_env/world/robots/post.py": ROBOT},
             {
                 "lissajous_env/world/robots/table.py": [
@@ -76,6 +76,7 @@ assert len(lissajous_env.evaluate(baselines.make("{policy}", made, 2), made, see
                 ]
             },
             evaluated("still", "post"),
+            marks=pytest.mark.long,
         ),
         (
             {},
