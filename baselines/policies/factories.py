@@ -8,6 +8,7 @@ from typing import Any, cast
 from baselines.policies import registry
 from lissajous_env import scenarios
 from lissajous_env.episodes.evaluation import ActingPolicy, OfFunction
+from lissajous_env.identity import parts_of
 from lissajous_env.parameters import named as named_scenarios
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import import_attribute
@@ -88,6 +89,13 @@ def named(name: str) -> Factory:
     if is_imported(name):
         return as_factory(import_attribute(name, "policy must be module:factory"), name)
     return functools.partial(_registered, name, registry.sent(name))
+
+
+def parts(factory: Factory) -> dict[str, str]:
+    """Name the parts of a policy's factory that tell it from another one: `lissajous_env.identity.parts_of`."""
+    if isinstance(factory, functools.partial) and factory.func is _registered:
+        return registry.parts(factory.args[0])
+    return parts_of(factory)
 
 
 def is_imported(name: str) -> bool:

@@ -12,10 +12,7 @@ A scenario names them in `extensions`: as the object itself, as `module:name`, o
 takes what it needs by the names of its parameters, and `value_out` for its result.
 """
 
-import contextlib
 import dataclasses
-import hashlib
-import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -23,6 +20,7 @@ from typing import Any
 
 import warp as wp
 
+from lissajous_env.identity import parts_of
 from lissajous_env.plugins import import_attribute
 from lissajous_env.wording import nearest, shown
 
@@ -58,12 +56,9 @@ class Extension:
         return (function.__doc__ or "").strip().partition("\n")[0]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values that tell it from another one: its settings, and a hash of its source."""
+        """Plain values that tell it from another one: its settings, and the parts of its function."""
         plain = {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name != "run"}
-        function = self.run.func if isinstance(self.run, wp.Kernel) else self.run
-        with contextlib.suppress(OSError, TypeError):  # there is no source of what was typed at a prompt
-            plain["source"] = hashlib.sha256(inspect.getsource(function).encode()).hexdigest()[:16]
-        return {"kind": self.kind, **plain}
+        return {"kind": self.kind, **plain, "parts": parts_of(self.run)}
 
     @property
     def settings(self) -> dict[str, Any]:

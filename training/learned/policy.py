@@ -108,7 +108,7 @@ def register_shipped() -> None:
 
     Weights are read when a policy is made.
     """
-    baselines.register_opener(load, home)
+    baselines.register_opener(load, home, checkpoint.parts)
     for name in names():
         text = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
         policy, scenario = text["policy"], text["policy"]["scenario"]

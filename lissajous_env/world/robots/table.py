@@ -39,6 +39,11 @@ def model_of(kind: str) -> RobotModel:
     return _MODELS[kind]
 
 
+def is_shipped(kind: str) -> bool:
+    """Whether a model is one of ours."""
+    return _MODELS.get(kind) in (CAR, POINT)
+
+
 def robot_kinds() -> tuple[str, ...]:
     """Names of the models."""
     return tuple(_MODELS)
