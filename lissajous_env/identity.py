@@ -1,8 +1,8 @@
 """What tells one piece of code from another: which modules it is in, and which values it was made with.
 
-Results that belong together are played by the same code. Names do not tell: the source of a module changes, and so does
-what a function has captured. `parts_of` names the parts, each with its value where that is short, or with a digest; they
-are the same in every process.
+Results that belong together are played by the same code. Names do not tell: the source of a module changes, and so do
+values that a function has captured. `parts_of` names the parts, each with its value where that is short, or with a
+digest; they are the same in every process.
 """
 
 import dataclasses
@@ -148,7 +148,9 @@ def _source(made: Any, functions: Iterable[types.FunctionType]) -> str:
 
 
 def _instructions(code: types.CodeType) -> tuple:
-    constants = [_instructions(each) if isinstance(each, types.CodeType) else _text(each, ()) for each in code.co_consts]
+    constants = [
+        _instructions(each) if isinstance(each, types.CodeType) else _text(each, ()) for each in code.co_consts
+    ]
     return code.co_code, constants, code.co_names, code.co_varnames
 
 
@@ -185,7 +187,9 @@ def _captured(function: types.FunctionType) -> dict[str, Any]:
             found[name] = None
     names = function.__code__.co_varnames[: function.__code__.co_argcount]
     defaults = function.__defaults__ or ()
-    return found | dict(zip(names[len(names) - len(defaults) :], defaults, strict=True)) | (function.__kwdefaults__ or {})
+    return (
+        found | dict(zip(names[len(names) - len(defaults) :], defaults, strict=True)) | (function.__kwdefaults__ or {})
+    )
 
 
 def _state(value: Any) -> dict[str, Any]:

@@ -182,10 +182,12 @@ def _play(packed: bytes, numbers: list[int], versions: dict[str, str]) -> Batch 
     cell, settings, sources = ray.cloudpickle.loads(packed)
     if (here := _sources(cell)) != sources:
         differing = [name for name in sorted(sources | here) if sources.get(name) != here.get(name)]
-        raise ValueError(f"every node must have the same {', '.join(differing)}; {ray.util.get_node_ip_address()} has not")
+        raise ValueError(
+            f"every node must have the same {', '.join(differing)}; {ray.util.get_node_ip_address()} has not"
+        )
     try:
         return next(play(cell, settings, numbers, lambda _: None))
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         # As words: the error itself may be of a class that the driver cannot load.
         return failure_of(cell, error)
 

@@ -62,7 +62,7 @@ def _played(
         def begin(cell: Cell) -> None:
             shown.update(task, description=f"{cell.scenario.name} {cell.policy}")
 
-        def fail(cell: Cell, error: Exception) -> None:
+        def fail(cell: Cell, error: BaseException) -> None:
             failed.append(f"{cell.policy} on {cell.scenario.name}: {where_raised(error)}")
 
         for key, episode in make(rounds, cells, rows, references, device, hurried, begin, fail):

@@ -12,7 +12,7 @@ from lissajous_env.identity import parts_of
 from lissajous_env.parameters import named as named_scenarios
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import import_attribute
-from lissajous_env.wording import shown
+from lissajous_env.wording import few_of, shown
 
 Factory = Callable[[Scenario, int, Any], ActingPolicy]
 """Makes a policy: `factory(scenario, num_worlds, device)`."""
@@ -43,9 +43,9 @@ def told_apart(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
             "(nor is it a policy: a name that `lissajous policies` lists, a checkpoint's folder, or module:factory)"
         )
     if len(policies) > 1:
-        raise ValueError(f"policy must be one alone, got {', '.join(policies)}")
+        raise ValueError(f"policy must be one alone, got {few_of(policies)}")
     if not policies and not unknown:
-        raise ValueError(f"policy must be given beside the scenario, got {', '.join(names)}")
+        raise ValueError(f"policy must be given beside the scenario, got {few_of(names)}")
     if not asked:
         raise ValueError(
             f"scenario must be given beside the policy, one that `lissajous scenarios` lists; got {shown(names[0])}"

@@ -13,7 +13,7 @@ from lissajous_env import scenario as make_scenario
 from lissajous_env.identity import parts_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import EntryPoints
-from lissajous_env.wording import nearest, shown
+from lissajous_env.wording import few_of, nearest, shown
 from lissajous_env.world.robots.table import robot_kinds
 from lissajous_env.world.selection import whole_number
 
@@ -83,7 +83,7 @@ def _added(
     made_by = factory.func if isinstance(factory, partial) else factory
     kind = getattr(made_by, "kind", None) if kind is None else kind
     if kind not in (None, *robot_kinds()):
-        raise ValueError(f"kind of {name} must be one of {', '.join(robot_kinds())}, or None, got {shown(kind)}")
+        raise ValueError(f"kind of {name} must be one of {few_of(robot_kinds(), kind)}, or None, got {shown(kind)}")
     if not callable(factory):
         raise ValueError(f"factory of {name} must be callable, got {shown(factory)}")
     about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")

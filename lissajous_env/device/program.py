@@ -27,6 +27,7 @@ from lissajous_env.device.devices import as_device
 from lissajous_env.device.kernel_cache import OURS
 from lissajous_env.device.stacks import require_room
 from lissajous_env.device.work import SHARES, Call, Work
+from lissajous_env.wording import few_of
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN = "world", "robot", "target", "row", "field row", "bin"
 
@@ -141,7 +142,9 @@ class Program:
                     [self._task(group, *share) for share in self._shares(parts)]
                     for parts, group in _grouped(run, split.parts)
                 ]
-                self._calls.append(Work(groups, device, split.threads).lead if device.is_cpu else _Graph(groups, device))
+                self._calls.append(
+                    Work(groups, device, split.threads).lead if device.is_cpu else _Graph(groups, device)
+                )
             else:
                 self._calls += [stage.run for stage in run]
 
@@ -177,8 +180,8 @@ class Program:
         placed = {"first": low, "lanes": lanes, "part": part, "begin": begin, "end": end}
         values = {**self._values, **stage.own, **placed}
         if unknown := [name for name in names if name not in values]:
-            there = ", ".join(sorted(values))
-            raise ValueError(f"parameters of stage {stage.name} must be of {there}; got {', '.join(unknown)}")
+            there = few_of(sorted(values), unknown[0])
+            raise ValueError(f"parameters of stage {stage.name} must be of {there}; got {few_of(unknown)}")
         inputs = [values[name] for name in names]
         return wp.launch(stage.run, dim=dim, inputs=inputs, device=self._device, record_cmd=True)
 

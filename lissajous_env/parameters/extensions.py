@@ -22,7 +22,7 @@ import warp as wp
 
 from lissajous_env.identity import parts_of
 from lissajous_env.plugins import import_attribute
-from lissajous_env.wording import nearest, shown
+from lissajous_env.wording import few_of, nearest, shown
 
 REDUCTIONS = ("mean", "sum", "max", "min", "last")
 
@@ -188,9 +188,12 @@ def as_extensions(given: Any) -> tuple[Extension, ...]:
             raise ValueError(f"extensions must be objects or module:name, got {shown(one)}")
     names = [one.name for one in made]
     if len(set(names)) < len(names):
-        raise ValueError(f"extensions must have names of their own, got {', '.join(names)}")
+        raise ValueError(f"extensions must have names of their own, got {few_of(names)}")
+    entries = [entry for one in made if isinstance(one, ObservationEntry) for entry in one.entries]
+    if twice := sorted({entry for entry in entries if entries.count(entry) > 1}):
+        raise ValueError(f"entries of the observation must have names of their own, got {few_of(twice)} twice")
     if sum(isinstance(one, TargetMotion) for one in made) > 1:
-        raise ValueError(f"extensions must hold one motion of targets at most, got {', '.join(names)}")
+        raise ValueError(f"extensions must hold one motion of targets at most, got {few_of(names)}")
     return made
 
 
