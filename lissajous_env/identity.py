@@ -5,9 +5,12 @@ values that a function has captured. `parts_of` names the parts, each with its v
 digest; they are the same in every process.
 """
 
+import ast
+import contextlib
 import dataclasses
 import functools
 import hashlib
+import importlib.util
 import inspect
 import sys
 import sysconfig
@@ -107,18 +110,41 @@ def _code(made: Any, parts: dict[str, str], at: str) -> dict[str, Any]:
 
 
 def _sources(module: types.ModuleType) -> dict[str, Any]:
-    """Digests of the sources of a module, and of those that it uses and that are not installed."""
-    found, waiting = {}, [module]
+    """Digests of the sources of a module, and of those that it imports and that are not installed."""
+    found, waiting = {}, [(module.__name__, str(module.__file__))]
     while waiting:
-        each = waiting.pop()
-        name, file = each.__name__, getattr(each, "__file__", None)
-        if MODULE + name in found or not file:
+        name, file = waiting.pop()
+        if MODULE + name in found or not Path(file).is_file():
             continue
-        found[MODULE + name] = _digest(Path(file).read_bytes()) if Path(file).is_file() else "missing"
-        used = [v if isinstance(v, types.ModuleType) else sys.modules.get(_module_of(v))
-                for v in list(vars(each).values())]  # fmt: skip
-        waiting += [one for one in used if one is not None and _is_own(one.__name__)]
+        source = Path(file).read_bytes()
+        found[MODULE + name] = _digest(source)
+        waiting += [(each, file) for each in _imports(source, name) if (file := _own_file(each))]
     return dict(sorted(found.items()))
+
+
+def _imports(source: bytes, module: str) -> set[str]:
+    """Names of the modules that a module may import."""
+    try:
+        nodes = list(ast.walk(ast.parse(source)))
+    except (SyntaxError, ValueError):  # no source of Python
+        return set()
+    names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom):
+            base = module.split(".")[: -node.level] if node.level else []
+            origin = ".".join([*base, *(node.module or "").split(".")]).strip(".")
+            names |= {origin, *(f"{origin}.{alias.name}" for alias in node.names)}
+    return names
+
+
+def _own_file(module: str) -> str:
+    """File of a module of the user, by its name; "" for another one."""
+    top = module.partition(".")[0]
+    with contextlib.suppress(Exception):  # there is none, or it cannot be found without running it
+        there = importlib.util.find_spec(top)
+        if top not in OURS and there is not None and there.has_location and not _is_in_libraries(str(there.origin)):
+            return str(getattr(importlib.util.find_spec(module), "origin", ""))
+    return ""
 
 
 def _is_own(module: str) -> bool:
@@ -131,7 +157,11 @@ def _is_installed(module: types.ModuleType) -> bool:
     if module.__name__ == "__main__":
         return False
     file = getattr(module, "__file__", None)
-    return not file or any(Path(file).is_relative_to(folder) for folder in _installed())
+    return not file or _is_in_libraries(file)
+
+
+def _is_in_libraries(file: str) -> bool:
+    return any(Path(file).is_relative_to(folder) for folder in _installed())
 
 
 @functools.cache

@@ -1,5 +1,6 @@
 """Policies by what a person gives for one: a name, a folder, `module:factory`, or an object of Python."""
 
+import contextlib
 import functools
 import inspect
 from collections.abc import Callable, Sequence
@@ -63,6 +64,8 @@ def as_factory(policy: Any, name: str) -> Factory:
     """
     if not isinstance(policy, type) and _acts(policy):
         made_already = cast(ActingPolicy, policy)
+        with contextlib.suppress(Exception):  # which is told when it is played
+            made_already.reset()  # what it remembers of earlier episodes does not make it another policy
         return lambda *_: made_already
     if not callable(policy):
         raise ValueError(
