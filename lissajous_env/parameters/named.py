@@ -17,12 +17,8 @@ from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.parameters.scenario_file import SUFFIX, read_scenario_file
 from lissajous_env.parameters.shipped import SHIPPED
 from lissajous_env.plugins import EntryPoints, import_attribute
-<<<<<<< HEAD
 from lissajous_env.theory.assumptions import AssumptionWarning, violations
 from lissajous_env.wording import nearest, shown, where_raised
-=======
-from lissajous_env.wording import few_of, nearest, shown, where_raised
->>>>>>> 20d901f (Exits, names, models and folders that cannot be are refused by name, before any work)
 
 _SHIPPED = {each.name: each for each in SHIPPED}
 _REGISTERED: dict[str, Scenario] = {}
@@ -112,7 +108,6 @@ def registered_scenario(name: Any) -> Scenario:
             _BROUGHT.load()
         if made := _SHIPPED.get(name) or _REGISTERED.get(name):
             return made
-<<<<<<< HEAD
     raise unknown_scenario(name)
 
 
@@ -137,10 +132,6 @@ def bring_scenario(name: str) -> None:
 def meant_here(name: Any) -> list[str]:
     """What a user may mean by a name that no scenario has: files beside it, scenarios of modules that are here."""
     return [*here.beside(name, SUFFIX), *(each for each, _ in here.registered_here("register_scenario"))]
-=======
-    words = f"scenario must be one of {few_of(scenarios(), name)}, got {shown(name)}{nearest(name, scenarios())}"
-    raise ValueError("; ".join([words, *_BROUGHT.broken]))
->>>>>>> 20d901f (Exits, names, models and folders that cannot be are refused by name, before any work)
 
 
 def is_scenario_file(name: Any) -> bool:
