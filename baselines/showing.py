@@ -16,7 +16,7 @@ from lissajous_env.console.terminal import AS_USUAL, CommandError, Output, Speec
 from lissajous_env.here import beside
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import nearest, where_raised
+from lissajous_env.wording import few_of, nearest, where_raised
 
 if TYPE_CHECKING:
     from lissajous_env.episodes.recording import Recording
@@ -136,7 +136,7 @@ def _played(settings: Benchmark, output: Output, scenario: Scenario | None = Non
     from lissajous_env.episodes.recording import record
 
     if len(settings.scenarios) > 1:
-        raise ValueError(f"scenario must be one alone, got {', '.join(settings.scenarios)}")
+        raise ValueError(f"scenario must be one alone, got {few_of(settings.scenarios)}")
     (cell,) = plan(settings, scenarios=None if scenario is None else [scenario])
     with Progress([(cell, [0])], progress_console(output)) as progress:
         progress.begin(cell)
@@ -169,5 +169,5 @@ def naming(cell: Cell) -> Iterator[None]:
     """Say which policy it was that failed, and where."""
     try:
         yield
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise CommandError(f"{cell.policy} failed on {cell.scenario.name}: {where_raised(error)}") from error

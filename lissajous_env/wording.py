@@ -19,6 +19,10 @@ _INSTALLED = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "p
 """Folders of Python's own and of installed modules."""
 
 
+_MOST_NAMES, _FEW = 30, 6
+"""Names that are listed in full; of more, so many."""
+
+
 def shown(value: Any) -> str:
     """Return what a value looks like, in one line and not too long: arrays fill pages."""
     try:
@@ -39,6 +43,15 @@ def nearest(word: Any, words: Iterable[str]) -> str:
     likeness = [difflib.SequenceMatcher(None, each, given).ratio() for each in alike]
     alike = [each for each, like in zip(alike, likeness, strict=True) if like > likeness[0] - _AS_GOOD]
     return f"; did you mean {' or '.join([*begun, *alike][:3])}?" if begun or alike else ""
+
+
+def few_of(names: Iterable[Any], word: Any = "") -> str:
+    """Put names into a line: all of them where they are few, else those nearest to a word, and how many more."""
+    known = list(dict.fromkeys(map(str, names)))
+    if len(known) <= _MOST_NAMES:
+        return ", ".join(known)
+    near = difflib.get_close_matches(str(word)[:_LONGEST], known, n=_FEW, cutoff=0.0)
+    return f"{', '.join(near)} and {len(known) - len(near):,} more"
 
 
 def where_raised(error: BaseException) -> str:

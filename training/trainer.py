@@ -10,8 +10,11 @@ from typing import Any
 from rich.console import Console
 
 import baselines
-from lissajous_env import evaluate
+from baselines.policies import registry
+from lissajous_env import Scenario, evaluate
+from lissajous_env.identity import parts_of
 from lissajous_env.storage.folder import Folder
+from lissajous_env.world.robots.table import is_shipped, model_of
 from training.display import Display
 from training.learned import checkpoint
 from training.learned.card import Card
@@ -25,6 +28,15 @@ from training.settings import TrainingSettings
 FIRST_EVALUATION_SEED = 20_000
 
 
+def _code_of(settings: TrainingSettings, scenario: Scenario) -> dict[str, str]:
+    """Name what tells the code that a training uses from other code of the same names; the scenario has its own."""
+    names = dict.fromkeys(name for name in (settings.chosen_base, settings.imitated) if name)
+    found = {f"{part} of {name}": each for name in names for part, each in registry.parts(name).items()}
+    kind = scenario.robot.kind
+    model = {} if is_shipped(kind) else parts_of(model_of(kind))
+    return found | {f"{part} of robots of kind {kind}": each for part, each in model.items()}
+
+
 class Trainer:
     """One training in the folder that it holds. A subclass says what learns: `network`, `save`, `log` and `_learn`."""
 
@@ -36,7 +48,7 @@ class Trainer:
             settings.inputs,
             base=settings.chosen_base,
             residual=settings.residual if settings.chosen_base else 1.0,
-            settings=settings.to_dict(),
+            settings=settings.to_dict() | {"code": _code_of(settings, self.scenario)},
         )
         self.stopping = False
         self.keep(History())
@@ -133,6 +145,8 @@ class Trainer:
         for part in here:
             if not differences and there.get(part) != here[part]:
                 differences.append(f"{part} of the scenario = {there.get(part)} there, {here[part]} here")
+        code = self.card.settings["code"], stored.settings.get("code") or {}
+        differences += [f"{part} has changed" for part in code[0] if code[0][part] != code[1].get(part)]
         if differences:
             raise ValueError(
                 f"out must be a folder that is empty or holds a training of the same settings, "

@@ -19,8 +19,10 @@ from baselines.benchmark.playing import failure_of, play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.rows import what_is_wrong
 from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
+from baselines.policies.factories import parts
 from lissajous_env.console.terminal import plain
 from lissajous_env.extras import missing
+from lissajous_env.identity import MODULE
 from lissajous_env.wording import shown
 from lissajous_env.world.score import brought_columns
 
@@ -177,17 +179,28 @@ def _play(packed: bytes, numbers: list[int], versions: dict[str, str]) -> Batch 
     here = {name: version(name) for name in versions}
     if here != versions:
         raise ValueError(f"every node must have {versions}, got {here} on {ray.util.get_node_ip_address()}")
-    cell, settings = ray.cloudpickle.loads(packed)
+    cell, settings, sources = ray.cloudpickle.loads(packed)
+    if (here := _sources(cell)) != sources:
+        differing = [name for name in sorted(sources | here) if sources.get(name) != here.get(name)]
+        raise ValueError(
+            f"every node must have the same {', '.join(differing)}; {ray.util.get_node_ip_address()} has not"
+        )
     try:
         return next(play(cell, settings, numbers, lambda _: None))
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         # As words: the error itself may be of a class that the driver cannot load.
         return failure_of(cell, error)
 
 
+def _sources(cell: Cell) -> dict[str, str]:
+    """What a node imports to play a cell, as digests: modules of the policy, and the scenario with what it brings."""
+    modules = {name: each for name, each in parts(cell.factory).items() if name.startswith(MODULE)}
+    return modules | {f"scenario {cell.scenario.name}": cell.scenario.digest()}
+
+
 def _packed(ray: Any, cell: Cell, settings: Benchmark) -> bytes:
     try:
-        return ray.cloudpickle.dumps((cell, settings))
+        return ray.cloudpickle.dumps((cell, settings, _sources(cell)))
     except Exception as error:
         raise ValueError(
             f"policy {cell.policy} cannot be sent to another process ({_one_line(error)}); "

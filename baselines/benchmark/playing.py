@@ -42,6 +42,6 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[
         yield Batch(rows, detections_of(played[0], rows))
 
 
-def failure_of(cell: Cell, error: Exception) -> Failure:
+def failure_of(cell: Cell, error: BaseException) -> Failure:
     """Put an error that a policy raised into words."""
     return Failure(cell.scenario.name, cell.policy, where_raised(error), "".join(traceback.format_exception(error)))

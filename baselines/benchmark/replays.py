@@ -79,7 +79,7 @@ def make(
     device: Any,
     hurried: bool,
     on_begin: Callable[[Cell], None],
-    on_failure: Callable[[Cell, Exception], None],
+    on_failure: Callable[[Cell, BaseException], None],
 ) -> Iterator[tuple[Key, Played]]:
     """Play episodes again, round after round, and yield each; before them, the same seeds of their reference.
 
@@ -105,7 +105,7 @@ def make(
             on_begin(cell)
             try:
                 recordings = record_together(cell, seeds, device)
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 on_failure(cell, error)
                 continue
             for recording in recordings:

@@ -62,7 +62,7 @@ def _played(
         def begin(cell: Cell) -> None:
             shown.update(task, description=f"{cell.scenario.name} {cell.policy}")
 
-        def fail(cell: Cell, error: Exception) -> None:
+        def fail(cell: Cell, error: BaseException) -> None:
             failed.append(f"{cell.policy} on {cell.scenario.name}: {where_raised(error)}")
 
         for key, episode in make(rounds, cells, rows, references, device, hurried, begin, fail):
@@ -72,13 +72,14 @@ def _played(
 
 
 def _playable(outcome: Outcome) -> dict[tuple[str, str], Cell]:
-    """Cells of this call, and those of earlier calls whose policy and scenario are known by their names."""
+    """Cells of this call, and those of earlier calls whose policy and scenario are known by name and unchanged."""
     cells = {(cell.scenario.name, cell.policy): cell for cell in outcome.cells}
     for name, policies in outcome.held["policies"].items():
         scenario = outcome.held_scenarios[name]
         for policy in policies:
             whole = scenario.digest() == outcome.held["digests"][name]  # nothing that it brings is missing
-            if (name, policy) not in cells and whole and policy in registry.names(scenario):
+            known = (name, policy) not in cells and whole and policy in registry.names(scenario)
+            if known and registry.parts(policy) == outcome.held["played"][policy]:
                 cells[name, policy] = Cell(scenario, policy, named(policy))
     failed = {(each.scenario, each.policy) for each in outcome.failures}
     return {place: cell for place, cell in cells.items() if place not in failed}

@@ -13,14 +13,17 @@ from typing import Any
 from baselines.benchmark import detections
 from baselines.benchmark.rows import numbers_of, short, what_is_wrong
 from baselines.benchmark.types import Batch, Benchmark, Cell
+from baselines.policies.factories import parts
 from lissajous_env.console.terminal import plain
+from lissajous_env.identity import parts_of
 from lissajous_env.parameters.plain_scenario import scenario_of
 from lissajous_env.parameters.scenario import Scenario, digest_of
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
+from lissajous_env.world.robots.table import is_shipped, model_of
 
 _ENTRIES = {"policies": dict, "episodes": int, "seed": int, "device": str, "versions": dict, "digests": dict,
-            "scenarios": dict}  # fmt: skip
+            "scenarios": dict, "played": dict}  # fmt: skip
 """What settings.json holds."""
 
 
@@ -48,9 +51,12 @@ def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) ->
         return now
     there = read_settings(path)
     both = [name for name in now["scenarios"] if name in there["scenarios"]]
+    played = [name for name in now["played"] if name in there["played"]]
     fixed = ("seed", "device", "versions")
     then, wanted = (
-        {name: of[name] for name in fixed} | {"scenarios": {name: of["scenarios"][name] for name in both}}
+        {name: of[name] for name in fixed}
+        | {"scenarios": {name: of["scenarios"][name] for name in both}}
+        | {"played": {name: of["played"][name] for name in played}}
         for of in (there, now)
     )
     if differing := _differences(then, wanted):
@@ -62,6 +68,7 @@ def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) ->
         "episodes": max(there["episodes"], now["episodes"]),
         **{name: there[name] for name in fixed},
         "digests": now["digests"] | there["digests"],
+        "played": now["played"] | there["played"],
         "scenarios": there["scenarios"] | {n: of for n, of in now["scenarios"].items() if n not in both},
     }
     if held != there:
@@ -80,7 +87,15 @@ def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
         "versions": {name: version(name) for name in ("lissajous-env", "warp-lang")},
         "digests": {name: scenario.digest() for name, scenario in scenarios.items()},
         "scenarios": {name: scenario.to_dict() for name, scenario in scenarios.items()},
+        "played": _played(cells),
     })  # fmt: skip
+
+
+def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
+    """What tells the code that is played from another of the same name: policies, and models of robots not of ours."""
+    kinds = {cell.scenario.robot.kind for cell in cells}
+    models = {f"robots of kind {kind}": parts_of(model_of(kind)) for kind in sorted(kinds) if not is_shipped(kind)}
+    return {cell.policy: parts(cell.factory) for cell in cells} | models
 
 
 def scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:
@@ -195,6 +210,10 @@ def read_settings(path: Path) -> dict[str, Any]:
     for name, of, kind in zip(("policies", "digests", "scenarios"), entries, (list, str, dict), strict=True):
         if set(there[name]) != set(there["policies"]) or not all(type(entry) is kind for entry in of):
             raise _damaged(path, f"{name} is {short(there[name])}")
+    words = [word for parts in there["played"].values() for word in (parts.values() if type(parts) is dict else [None])]
+    policies = {policy for of in there["policies"].values() for policy in of}
+    if policies - set(there["played"]) or not all(isinstance(word, str) for word in words):
+        raise _damaged(path, f"played is {short(there['played'])}")
     if not all(isinstance(word, str) for policies in there["policies"].values() for word in policies):
         raise _damaged(path, f"policies is {short(there['policies'])}")
     return there
@@ -212,7 +231,8 @@ def _differences(there: Any, now: Any, name: str = "") -> list[tuple[str, str, s
     """Entries that differ, as (dotted name, there, now); a scenario's words do not count."""
     if isinstance(there, dict) and isinstance(now, dict):
         names = [*there, *(key for key in now if key not in there)]
-        inside = [(there.get(key, "-"), now.get(key, "-"), key) for key in names if key != "description"]
+        names = [key for key in names if key != "description" or "played." in name or name.endswith(".parts")]
+        inside = [(there.get(key, "-"), now.get(key, "-"), key) for key in names]
         return [found for a, b, key in inside for found in _differences(a, b, f"{name}.{key}".lstrip("."))]
     alike = isinstance(there, list) and isinstance(now, list) and len(there) == len(now)
     if alike and all(isinstance(each, dict) for each in (*there, *now)):
@@ -229,4 +249,7 @@ def _refusal(folder: Path, differing: list[tuple[str, str, str]]) -> str:
     rows = [("", "there", "now"), *differing]
     widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
     table = "\n".join(f"  {a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows)
-    return f"{folder} holds results of other settings; take another --out or the same settings\n{table}"
+    of_code = all(name.startswith("played.") or ".parts." in name for name, *_ in differing)
+    what = "of other code under the same name" if of_code else "of other settings"
+    advice = "undo the change" if of_code else "the same settings"
+    return f"{folder} holds results {what}; take another --out or {advice}\n{table}"

@@ -23,6 +23,7 @@ from lissajous_env.device.devices import as_device
 from lissajous_env.episodes.evaluation import ActingPolicy
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.folder import Folder
+from lissajous_env.wording import few_of
 
 ALL = "all"
 """Word that names every policy."""
@@ -123,15 +124,15 @@ def plan(
         if (settings.clairvoyant or (unnamed and not everything)) and kind in clairvoyant.KINDS:
             cells.append(Cell(scenario, clairvoyant.NAME, clairvoyant.Clairvoyant))
         if not chosen and len(cells) == before and not (own and len(made) > 1):
-            kind, got = f"robots of kind {kind}", ", ".join((*others, *own))
+            kind, got = f"robots of kind {kind}", few_of((*others, *own))
             raise ValueError(f"policies must hold one for {scenario.name}, which has {kind}; got {got}")
     if not cells:
-        raise ValueError(f"policies must hold one for the scenarios, got {', '.join(own)}")
+        raise ValueError(f"policies must hold one for the scenarios, got {few_of(own)}")
     if settings.against is not None and settings.against not in {cell.policy for cell in cells}:
-        played = ", ".join(dict.fromkeys(cell.policy for cell in cells))
+        played = few_of((cell.policy for cell in cells), settings.against)
         raise ValueError(f"against must be a policy that is played ({played}), got {settings.against}")
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
-        raise ValueError(f"scenarios must differ in name, got {', '.join(scenario.name for scenario in made)}")
+        raise ValueError(f"scenarios must differ in name, got {few_of(scenario.name for scenario in made)}")
     replays.check(settings.replays, cells, range(settings.seed, settings.seed + settings.episodes))
     if settings.engine == "ray":
         cluster.check(settings.device, settings.address)
@@ -185,7 +186,7 @@ def _play_here(
         while True:
             try:
                 batch = next(batches, None)
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 failures.append(failure_of(cell, error))
                 progress.end("failed")
                 break

@@ -10,6 +10,7 @@ import tyro
 from baselines.benchmark import standard
 from baselines.policies.factories import Factory
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import few_of
 
 _MOST_EPISODES = 1_000_000
 _MOST_WORLDS = 65_536
@@ -64,7 +65,7 @@ class Benchmark:
             raise ValueError(f"seed must be from 0 to 2147483647, that of the last episode too, got {self.seed}")
         for name in ("scenarios", "policies"):
             if len(set(getattr(self, name))) < len(getattr(self, name)):
-                raise ValueError(f"{name} must name each one once, got {', '.join(getattr(self, name))}")
+                raise ValueError(f"{name} must name each one once, got {few_of(getattr(self, name))}")
         if not self.scenarios:
             raise ValueError("scenarios must name at least one")
         if self.engine not in ("local", "ray"):

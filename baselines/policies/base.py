@@ -16,7 +16,7 @@ from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown
+from lissajous_env.wording import few_of, shown
 from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import whole_number, world_mask
 
@@ -125,7 +125,7 @@ class Policy(Copyable):
             raise ValueError(f"policy must be for one world to take observations by agent, got {self.num_worlds}")
         agents = [f"robot_{i}" for i in range(self.num_robots)]
         if unknown := [str(agent) for agent in rows if agent not in agents]:
-            raise ValueError(f"observation must be of the agents {', '.join(agents)}, got {', '.join(unknown)}")
+            raise ValueError(f"observation must be of the agents {few_of(agents, unknown[0])}, got {few_of(unknown)}")
         together = np.zeros(self.observation_shape, dtype=np.float32)
         for agent, row in rows.items():
             values = _numbers(f"observation of {agent}", row)

@@ -1,5 +1,6 @@
 """Policies by what a person gives for one: a name, a folder, `module:factory`, or an object of Python."""
 
+import contextlib
 import functools
 import inspect
 from collections.abc import Callable, Sequence
@@ -8,10 +9,11 @@ from typing import Any, cast
 from baselines.policies import registry
 from lissajous_env import scenarios
 from lissajous_env.episodes.evaluation import ActingPolicy, OfFunction
+from lissajous_env.identity import parts_of
 from lissajous_env.parameters import named as named_scenarios
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import import_attribute
-from lissajous_env.wording import shown
+from lissajous_env.wording import few_of, shown
 
 Factory = Callable[[Scenario, int, Any], ActingPolicy]
 """Makes a policy: `factory(scenario, num_worlds, device)`."""
@@ -42,9 +44,9 @@ def told_apart(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
             "(nor is it a policy: a name that `lissajous policies` lists, a checkpoint's folder, or module:factory)"
         )
     if len(policies) > 1:
-        raise ValueError(f"policy must be one alone, got {', '.join(policies)}")
+        raise ValueError(f"policy must be one alone, got {few_of(policies)}")
     if not policies and not unknown:
-        raise ValueError(f"policy must be given beside the scenario, got {', '.join(names)}")
+        raise ValueError(f"policy must be given beside the scenario, got {few_of(names)}")
     if not asked:
         raise ValueError(
             f"scenario must be given beside the policy, one that `lissajous scenarios` lists; got {shown(names[0])}"
@@ -62,6 +64,8 @@ def as_factory(policy: Any, name: str) -> Factory:
     """
     if not isinstance(policy, type) and _acts(policy):
         made_already = cast(ActingPolicy, policy)
+        with contextlib.suppress(Exception):  # which is told when it is played
+            made_already.reset()  # what it remembers of earlier episodes does not make it another policy
         return lambda *_: made_already
     if not callable(policy):
         raise ValueError(
@@ -88,6 +92,13 @@ def named(name: str) -> Factory:
     if is_imported(name):
         return as_factory(import_attribute(name, "policy must be module:factory"), name)
     return functools.partial(_registered, name, registry.sent(name))
+
+
+def parts(factory: Factory) -> dict[str, str]:
+    """Name the parts of a policy's factory that tell it from another one: `lissajous_env.identity.parts_of`."""
+    if isinstance(factory, functools.partial) and factory.func is _registered:
+        return registry.parts(factory.args[0])
+    return parts_of(factory)
 
 
 def is_imported(name: str) -> bool:

@@ -10,9 +10,10 @@ from typing import Any
 from baselines.policies.base import Policy
 from lissajous_env import here
 from lissajous_env import scenario as make_scenario
+from lissajous_env.identity import parts_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import EntryPoints
-from lissajous_env.wording import nearest, shown
+from lissajous_env.wording import few_of, nearest, shown
 from lissajous_env.world.robots.table import robot_kinds
 from lissajous_env.world.selection import whole_number
 
@@ -34,6 +35,7 @@ _REGISTER = "register", "register_policy", "register_coordinator"
 """Names of the functions that add policies."""
 _opener: Callable[..., Policy] | None = None
 _home: Callable[..., Scenario] | None = None
+_parts_of_folder: Callable[[str], dict[str, str]] = dict
 
 
 def register(
@@ -81,7 +83,7 @@ def _added(
     made_by = factory.func if isinstance(factory, partial) else factory
     kind = getattr(made_by, "kind", None) if kind is None else kind
     if kind not in (None, *robot_kinds()):
-        raise ValueError(f"kind of {name} must be one of {', '.join(robot_kinds())}, or None, got {shown(kind)}")
+        raise ValueError(f"kind of {name} must be one of {few_of(robot_kinds(), kind)}, or None, got {shown(kind)}")
     if not callable(factory):
         raise ValueError(f"factory of {name} must be callable, got {shown(factory)}")
     about = about or ("" if isinstance(factory, partial) else factory.__doc__ or "")
@@ -117,15 +119,18 @@ def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy]
     _WRAPPERS[suffix] = kind, wrapper, about
 
 
-def register_opener(opener: Callable[..., Policy], home: Callable[..., Scenario]) -> None:
+def register_opener(
+    opener: Callable[..., Policy], home: Callable[..., Scenario], parts: Callable[[str], dict[str, str]]
+) -> None:
     """Let `make` take a folder for a name.
 
     Args:
         opener: `opener(folder, scenario, num_worlds, device)` makes the policy in it.
         home: `home(folder)` is the scenario that it was made for.
+        parts: `parts(folder)` names the parts of the policy, as `parts` does.
     """
-    global _opener, _home
-    _opener, _home = opener, home
+    global _opener, _home, _parts_of_folder
+    _opener, _home, _parts_of_folder = opener, home, parts
 
 
 def home(folder: str) -> Scenario:
@@ -165,6 +170,15 @@ def bring(name: str) -> None:
 def meant_here(name: str) -> list[str]:
     """What a user may mean by a name that no policy has: checkpoints beside it, policies of modules that are here."""
     return [*here.folders_beside(name, "checkpoint.json"), *(each for each, _ in here.registered_here(*_REGISTER))]
+
+
+def parts(name: str) -> dict[str, str]:
+    """Name the parts that tell a policy from another one of the same name: `lissajous_env.identity.parts_of`."""
+    if is_folder(name):
+        return _parts_of_folder(name)
+    plain, suffix = unwrapped(name)
+    wrapper = parts_of(_WRAPPERS[suffix][1]) if suffix else {}
+    return parts_of(_registry()[plain].factory) | {f"{suffix} {part}": each for part, each in wrapper.items()}
 
 
 def is_folder(name: str) -> bool:

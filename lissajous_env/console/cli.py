@@ -25,7 +25,7 @@ from lissajous_env import siblings
 from lissajous_env.console.terminal import CommandError, complain, make_console
 from lissajous_env.device import kernel_cache
 from lissajous_env.theory.assumptions import AssumptionWarning
-from lissajous_env.wording import nearest, shown
+from lissajous_env.wording import few_of, nearest, shown, where_raised
 
 GROUP = "lissajous_env.commands"
 FAILED = 1
@@ -60,7 +60,7 @@ def _ended(arguments: list[str]) -> int:
     try:
         with _short_warnings():
             return _dispatch(arguments)
-    except SystemExit as ended:  # help was asked for, or Rich found nobody reading
+    except SystemExit as ended:  # help was asked for, or nobody reads
         return ended.code if isinstance(ended.code, int) else 0
     except ValueError as error:
         return _said(BAD_INPUT, error, str(error))
@@ -96,7 +96,7 @@ def _dispatch(arguments: list[str]) -> int:
         print(f"lissajous-env {version('lissajous-env')}")
         return 0
     if name not in known:
-        raise ValueError(f"command must be one of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
+        raise ValueError(f"command must be one of {few_of(known, name)}, got {shown(name)}{nearest(name, known)}")
     with contextlib.suppress(OSError):  # the folder was removed
         siblings.look_first_in(os.getcwd())
     try:
@@ -110,7 +110,12 @@ def _dispatch(arguments: list[str]) -> int:
     else:
         _print_assumptions_in_words()
     given, named = _bound(function, f"lissajous {name}", arguments[1:])
-    result = function(*given, **named)
+    try:
+        result = function(*given, **named)
+    except SystemExit as ended:
+        if isinstance(ended.__context__, BrokenPipeError):  # Rich found nobody reading
+            raise
+        raise CommandError(f"{name} was ended from within: {where_raised(ended)}") from ended
     return result if isinstance(result, int) else 0
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.work import Work
+from lissajous_env.wording import few_of
 
 _AS_MADE = (
     types.FunctionType, types.BuiltinFunctionType, types.MethodType, types.ModuleType, type, functools.partial, Work
@@ -51,7 +52,7 @@ class Copyable:
             if got != f"shape {wanted.shape} of {wanted.dtype}":
                 raise ValueError(f"saved state must hold {name} of shape {wanted.shape} of {wanted.dtype}, got {got}")
         if unknown := sorted(saved.keys() - own.keys()):
-            raise ValueError(f"saved state must hold what {type(self).__name__} keeps alone, got {', '.join(unknown)}")
+            raise ValueError(f"saved state must hold what {type(self).__name__} keeps alone, got {few_of(unknown)}")
         for name, array in own.items():
             if _is_warp_array(array):
                 array.assign(saved[name])

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import threading
 from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device import kernel_cache
+from lissajous_env.device.turns import Turn
 from lissajous_env.wording import shown
 
 
@@ -107,14 +107,14 @@ def is_torch(value: Any) -> bool:
     return type(value).__module__.partition(".")[0] == "torch"
 
 
-_compiling = threading.RLock()
+_compiling = Turn("the compiler")
 """Held while kernels are compiled or loaded, of which Warp does not bear two at once, or standard error is silent."""
 
 
 @contextlib.contextmanager
 def compile_quietly() -> Iterator[None]:
     """Keep Warp from printing its banner and a line for each module, and other threads from loading any meanwhile."""
-    with _compiling:
+    with _compiling.lock:
         level = wp.config.log_level
         wp.config.log_level = max(level, wp.LOG_ERROR)
         try:
@@ -124,7 +124,7 @@ def compile_quietly() -> Iterator[None]:
 
 
 def _start() -> None:
-    with _compiling:
+    with _compiling.lock:
         _started()
 
 

@@ -12,7 +12,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -51,20 +51,32 @@ def _watch() -> None:
         if key in loaded or not module.name.startswith(OURS):
             return load(module, device, *args, **kwargs)
         block = args[0] if args else kwargs.get("block_dim")
-        name = module.get_module_identifier(block)
-        _prepare(name)
-        try:
-            executable = load(module, device, *args, **kwargs)
-        except Exception:
-            # What was compiled by an earlier version has no checksum: try once more from the source.
-            if not _forget(_folder(name)):
-                raise
-            executable = load(module, device, *args, **kwargs)
+        with _small_frames():
+            name = module.get_module_identifier(block)
+            _prepare(name)
+            try:
+                executable = load(module, device, *args, **kwargs)
+            except Exception:
+                # What was compiled by an earlier version has no checksum: try once more from the source.
+                if not _forget(_folder(name)):
+                    raise
+                executable = load(module, device, *args, **kwargs)
         _note_sums(_folder(name))
         loaded.add(key)
         return executable
 
     wp.Module.load = watched  # type: ignore
+
+
+@contextlib.contextmanager
+def _small_frames() -> Iterator[None]:
+    """Compile kernels that leave out the 256 KiB of stack which Warp keeps for tiles, which ours do not use."""
+    before = wp.config.enable_tiles_in_stack_memory
+    wp.config.enable_tiles_in_stack_memory = None  # where the processor can do without
+    try:
+        yield
+    finally:
+        wp.config.enable_tiles_in_stack_memory = before
 
 
 def _prepare(name: str) -> None:

@@ -24,7 +24,10 @@ import warp as wp
 
 from lissajous_env.device.abreast import width_on
 from lissajous_env.device.devices import as_device
+from lissajous_env.device.kernel_cache import OURS
+from lissajous_env.device.stacks import require_room
 from lissajous_env.device.work import SHARES, Call, Work
+from lissajous_env.wording import few_of
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN = "world", "robot", "target", "row", "field row", "bin"
 
@@ -131,14 +134,17 @@ class Program:
         self._values, self._sizes, self._device = values, sizes, device
         edges = np.linspace(0, num_worlds, split.blocks + 1).astype(int).tolist()
         self._blocks = list(pairwise(edges))
-        self._calls: list[Callable[[], None]] = []
+        own = [stage for stage in self.stages if stage.is_kernel and not stage.run.module.name.startswith(OURS)]
+        self._calls: list[Callable[[], None]] = [require_room] if own and device.is_cpu else []
         for is_kernel, run in groupby(self.stages, key=lambda stage: stage.is_kernel):
             if is_kernel:
                 groups = [
                     [self._task(group, *share) for share in self._shares(parts)]
                     for parts, group in _grouped(run, split.parts)
                 ]
-                self._calls.append(Work(groups, device, split.threads) if device.is_cpu else _Graph(groups, device))
+                self._calls.append(
+                    Work(groups, device, split.threads).lead if device.is_cpu else _Graph(groups, device)
+                )
             else:
                 self._calls += [stage.run for stage in run]
 
@@ -174,8 +180,8 @@ class Program:
         placed = {"first": low, "lanes": lanes, "part": part, "begin": begin, "end": end}
         values = {**self._values, **stage.own, **placed}
         if unknown := [name for name in names if name not in values]:
-            there = ", ".join(sorted(values))
-            raise ValueError(f"parameters of stage {stage.name} must be of {there}; got {', '.join(unknown)}")
+            there = few_of(sorted(values), unknown[0])
+            raise ValueError(f"parameters of stage {stage.name} must be of {there}; got {few_of(unknown)}")
         inputs = [values[name] for name in names]
         return wp.launch(stage.run, dim=dim, inputs=inputs, device=self._device, record_cmd=True)
 

@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from lissajous_env.device.stacks import LEAST
+from lissajous_env.device.turns import Turn, in_turn
 from lissajous_env.device.work_kernel import APART, Plan, take_part
 
 SHARES = 4
@@ -71,12 +73,11 @@ class Work:
     """
 
     def __init__(self, groups: Sequence[Sequence[Sequence[Any]]], device: Any, threads: int = 1):
-        self._device = device
+        self._device, self.turn = device, Turn("a launch of kernels")
         tasks = [task for group in groups for task in group]
         self.launches = list(chain.from_iterable(tasks))
         if device.is_cpu:
             self._calls = [Call(launch) for launch in self.launches]
-            self._leading = threading.Lock()
             self._bind([*map(len, tasks)], [*map(len, groups)], min(threads, max(map(len, groups))))
 
     def _bind(self, lengths: Sequence[int], sizes: Sequence[int], members: int) -> None:
@@ -98,13 +99,17 @@ class Work:
             for member in range(members)
         ]
 
+    @in_turn
     def __call__(self) -> None:
         """Do all of it."""
+        self.lead()
+
+    def lead(self) -> None:
+        """Do all of it, where nobody else can at the same time: the simulation has a turn of its own."""
         if self._device.is_cpu and not self._device.is_capturing:
-            with self._leading:
-                for helper in _helpers(len(self._parts) - 1):
-                    helper.wake(self)
-                self._parts[0]()
+            for helper in _helpers(len(self._parts) - 1):
+                helper.wake(self)
+            self._parts[0]()
         else:
             for launch in self.launches:
                 launch.launch()
@@ -152,7 +157,11 @@ class _Helper:
         self._asleep = threading.Lock()
         self._asleep.acquire()
         self._work: Work | None = None
-        threading.Thread(target=self._run, name="lissajous", daemon=True).start()
+        before = threading.stack_size(max(threading.stack_size(), 2 * LEAST))
+        try:
+            threading.Thread(target=self._run, name="lissajous", daemon=True).start()
+        finally:
+            threading.stack_size(before)
 
     def wake(self, work: Work) -> None:
         """Let it help, if not now then when it has done what it is doing."""
@@ -170,15 +179,19 @@ class _Helper:
             del work  # which would live until the next
 
 
-@cache
+_started: list[_Helper] = []
+
+
 def _helpers(count: int) -> list[_Helper]:
     """The first helpers."""
-    return [*_helpers(count - 1), _Helper(count)] if count else []
+    while len(_started) < count:
+        _started.append(_Helper(len(_started) + 1))
+    return _started[:count]
 
 
 if hasattr(os, "register_at_fork"):
     # Threads do not survive a fork.
-    os.register_at_fork(after_in_child=_helpers.cache_clear)
+    os.register_at_fork(after_in_child=_started.clear)
 
 
 @cache

@@ -12,10 +12,7 @@ A scenario names them in `extensions`: as the object itself, as `module:name`, o
 takes what it needs by the names of its parameters, and `value_out` for its result.
 """
 
-import contextlib
 import dataclasses
-import hashlib
-import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -23,8 +20,9 @@ from typing import Any
 
 import warp as wp
 
+from lissajous_env.identity import parts_of
 from lissajous_env.plugins import import_attribute
-from lissajous_env.wording import nearest, shown
+from lissajous_env.wording import few_of, nearest, shown
 
 REDUCTIONS = ("mean", "sum", "max", "min", "last")
 
@@ -58,12 +56,9 @@ class Extension:
         return (function.__doc__ or "").strip().partition("\n")[0]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values that tell it from another one: its settings, and a hash of its source."""
+        """Plain values that tell it from another one: its settings, and the parts of its function."""
         plain = {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name != "run"}
-        function = self.run.func if isinstance(self.run, wp.Kernel) else self.run
-        with contextlib.suppress(OSError, TypeError):  # there is no source of what was typed at a prompt
-            plain["source"] = hashlib.sha256(inspect.getsource(function).encode()).hexdigest()[:16]
-        return {"kind": self.kind, **plain}
+        return {"kind": self.kind, **plain, "parts": parts_of(self.run)}
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -193,9 +188,12 @@ def as_extensions(given: Any) -> tuple[Extension, ...]:
             raise ValueError(f"extensions must be objects or module:name, got {shown(one)}")
     names = [one.name for one in made]
     if len(set(names)) < len(names):
-        raise ValueError(f"extensions must have names of their own, got {', '.join(names)}")
+        raise ValueError(f"extensions must have names of their own, got {few_of(names)}")
+    entries = [entry for one in made if isinstance(one, ObservationEntry) for entry in one.entries]
+    if twice := sorted({entry for entry in entries if entries.count(entry) > 1}):
+        raise ValueError(f"entries of the observation must have names of their own, got {few_of(twice)} twice")
     if sum(isinstance(one, TargetMotion) for one in made) > 1:
-        raise ValueError(f"extensions must hold one motion of targets at most, got {', '.join(names)}")
+        raise ValueError(f"extensions must hold one motion of targets at most, got {few_of(names)}")
     return made
 
 

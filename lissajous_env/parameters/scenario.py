@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from lissajous_env.device.turns import with_own_locks
 from lissajous_env.parameters.extensions import Extension, as_extensions
 from lissajous_env.parameters.parts import (
     MOST_TARGETS,
@@ -36,6 +37,7 @@ __all__ = ["PARTS", "Curve", "Faults", "Formation", "Noise", "Robot", "Scenario"
 PARTS = {part.__name__.lower(): part for part in (Curve, Formation, Robot, Sensing, Targets, Faults, Noise, Task)}
 
 
+@with_own_locks
 @dataclass(frozen=True)
 class Scenario:
     """Everything that is fixed during an episode. The parts are checked on their own, then together here."""

@@ -113,9 +113,15 @@ def check_writable_file(path: str | Path, name: str = "out") -> None:
         ValueError: a folder of that name, no folder to put it in, or one that cannot be written to.
     """
     path = Path(path)
-    if path.is_dir():
+    try:
+        with contextlib.suppress(FileNotFoundError):
+            os.lstat(path)  # a name that is too long is none that is missing
+        is_folder, has_home = path.is_dir(), path.absolute().parent.is_dir()
+    except OSError as error:
+        raise ValueError(f"{name} must be a file that can be written, got {_short(path)}: {error.strerror}") from None
+    if is_folder:
         raise ValueError(f"{name} must be a file, got the folder {path}")
-    if not path.absolute().parent.is_dir():
+    if not has_home:
         raise ValueError(f"{name} must be in a folder that is there, got {path}")
     # Rights alone do not tell: a folder may be on a disk that is full or for reading only.
     tried = _temporary(path)
@@ -124,6 +130,11 @@ def check_writable_file(path: str | Path, name: str = "out") -> None:
         tried.unlink()
     except OSError as error:
         raise ValueError(f"{name} must be in a folder that can be written to, got {path}: {error.strerror}") from None
+
+
+def _short(path: Path) -> str:
+    text = str(path)
+    return text if len(text) <= 200 else f"{text[:100]}...{text[-60:]}"
 
 
 def write_atomically(path: str | Path, data: str | bytes) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 
 from lissajous_env.storage.files import moved_into_place, open_plainly, sync_folder, write_into
 from lissajous_env.storage.journal import Journal
+from lissajous_env.wording import shown
 
 if os.name == "nt":
     import msvcrt
@@ -21,6 +22,8 @@ else:
 LIST = ".lissajous.jsonl"
 """Name of the list of what was written."""
 _BEGINS = b'{"lissajous": '
+_LONGEST_NAME = 64
+"""Letters that a name in a folder may have, and those of a folder in it."""
 _LOCK_AT = 1 << 30
 """Byte that is locked where a file is locked by ranges: far behind the text, which others may go on reading."""
 
@@ -50,10 +53,13 @@ class Folder:
             self._check_list(list_path)
             self._list = _LockedJournal(list_path, self.path)
         except OSError as error:
-            raise ValueError(f"out must be a folder that can be written to, got {path}: {error.strerror}") from error
+            raise ValueError(
+                f"out must be a folder that can be written to, got {shown(str(path))}: {error.strerror}"
+            ) from error
         try:
             self._token = self._read_list()
             self._check(writes)
+            self._check_room_for_names()
             self._list.append([{"process": os.getpid()}])
             self._remove_leftovers()
         except BaseException:
@@ -138,6 +144,19 @@ class Folder:
             if path.is_symlink() or path.is_dir() != name.endswith("/") or not (path.is_dir() or path.is_file()):
                 kind = "link" if path.is_symlink() else "folder" if path.is_dir() else "file"
                 raise ValueError(f"{path} must be a {'folder' if name.endswith('/') else 'file'}, got a {kind}")
+
+    def _check_room_for_names(self) -> None:
+        """Refuse a folder in which nothing can be made, before any work is done for it."""
+        tried = self.path / f".lissajous-{self._token}{'-' * _LONGEST_NAME}"
+        try:
+            os.close(os.open(tried, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+            tried.unlink()
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _unwritable(self, error: OSError) -> ValueError:
+        words = f"got {shown(str(self.path))}: {error.strerror}"
+        return ValueError(f"out must be a folder that can be written to, {words}")
 
     def _path(self, name: str) -> Path:
         """Where a name is; in a folder of ours that is no link."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from lissajous_env.device.turns import with_own_locks
 from lissajous_env.parameters.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.theory.assumptions import SLACK
@@ -18,6 +19,7 @@ to a share of 0.09 (spacing below 1.25 of (8), no collision), and lose it from 0
 """
 
 
+@with_own_locks
 @dataclass(frozen=True)
 class Candidate:
     """One design: a curve with a + b = N, its formation, and what they require of bodies, sensors and speeds."""

@@ -10,7 +10,7 @@ import warp as wp
 from lissajous_env.device.program import ROBOT, TARGET, WORLD, Stage
 from lissajous_env.parameters.extensions import Extension, ObservationEntry, RewardTerm, ScoreColumn, TargetMotion
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.wording import shown
+from lissajous_env.wording import shown, where_raised
 from lissajous_env.world.extension_kernels import keep_column, take_entries, take_places, take_term
 from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import TERMS
@@ -91,7 +91,11 @@ class Extended:
         short = shape[:-1] if isinstance(each, ObservationEntry) and each.size == 1 else shape
 
         def call() -> None:
-            result = np.asarray(each.run(self._view))
+            try:
+                result = np.asarray(each.run(self._view))
+            except SystemExit as error:  # which would end the process without a word
+                where = where_raised(error)
+                raise RuntimeError(f"{each.kind} {each.name} must return numbers, got {where}") from error
             if result.dtype.kind not in "fiub" or result.shape not in (shape, short):
                 got = f"{result.dtype} of shape {result.shape}" if result.ndim else shown(result)
                 raise ValueError(f"{each.kind} {each.name} must return numbers of shape {short}, got {got}")
@@ -108,8 +112,9 @@ def _check_names(scenario: Scenario) -> None:
     entries = layout(replace(scenario, extensions=())).names
     taken = {RewardTerm: TERMS, ScoreColumn: COLUMNS, ObservationEntry: entries}
     for each in scenario.extensions:
-        if each.name in taken.get(type(each), ()):
-            raise ValueError(f"name of an extension must be new, got {each.name}")
+        names = each.entries if isinstance(each, ObservationEntry) else (each.name,)
+        if ours := [name for name in names if name in taken.get(type(each), ())]:
+            raise ValueError(f"name of an extension must be new, got {ours[0]}")
 
 
 def _among(stages: Sequence[Stage], after: Mapping[str, Sequence[Stage]]) -> list[Stage]:

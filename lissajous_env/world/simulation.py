@@ -8,6 +8,7 @@ import warp as wp
 
 from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in, cores
 from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, Program, split_of
+from lissajous_env.device.turns import Turn, in_turn
 from lissajous_env.parameters import named
 from lissajous_env.parameters.checks import is_whole
 from lissajous_env.parameters.extensions import RewardTerm
@@ -93,6 +94,7 @@ class Simulation:
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.device = as_device(device)
         self.threads = threads or cores()
+        self.turn = Turn("the simulation")
         self.layout: Layout = layout(self.scenario)
         brought = [each.name for each in self.scenario.extensions if isinstance(each, RewardTerm)]
         self.reward_term_names = (*TERMS, *brought)
@@ -116,6 +118,7 @@ class Simulation:
         """(W, N, A) numbers in [-1, 1]: A = 1, the phase rate, or A = 2, steering and throttle."""
         return self.num_worlds, self.num_robots, self.scenario.action_size
 
+    @in_turn
     def reset(self, worlds: Any = None, seeds: Any = None) -> wp.array:
         """Begin a new episode in some worlds; the others are left as they are.
 
@@ -151,10 +154,19 @@ class Simulation:
         Raises:
             ValueError: the action has another shape, or does not hold real numbers.
         """
-        self._take(action)
-        self._step()
+        turn = self.turn
+        with turn.lock:
+            if turn.taken:
+                raise turn.refusal()
+            turn.taken = True
+            try:
+                self._take(action)
+                self._step()
+            finally:
+                turn.taken = False
         return self.observation, self.reward, self.terminated, self.truncated
 
+    @in_turn
     def advance(self) -> None:
         """Take a control step with the actions that stand in `action`, where whoever calls has written them."""
         self._step()
@@ -287,6 +299,7 @@ class Simulation:
         """Copy everything that changes during an episode to the host, by name."""
         return {name: array.numpy().copy() for name, array in self._groups().items()}
 
+    @in_turn
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
         """Go on from what `save_state` returned, in a simulation of the same scenario and number of worlds.
 

@@ -171,6 +171,17 @@ def read_text(folder: str | Path) -> dict[str, Any]:
     return text
 
 
+def parts(folder: str | Path) -> dict[str, str]:
+    """Name the parts that tell a policy from another one of the same folder: its card and its weights, as digests.
+
+    Raises:
+        ValueError: there is no checkpoint, or it is damaged.
+    """
+    text = read_text(folder)
+    card = hashlib.sha256(json.dumps(text["policy"], sort_keys=True).encode()).hexdigest()[:16]
+    return {"policy of the checkpoint": card, "weights of the checkpoint": text["files"]["weights"]["sha256"][:16]}
+
+
 def read_state(folder: str | Path, text: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """Read the arrays that training goes on from; `text` is what `read` returned.
 

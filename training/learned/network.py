@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from lissajous_env.wording import few_of
+
 ACTIVATIONS = ("relu", "tanh")
 
 
@@ -92,7 +94,7 @@ class Network:
             weights = tuple(arrays[f"policy.{k}.weight"] for k in range(count))
             biases = tuple(arrays[f"policy.{k}.bias"] for k in range(count))
         except KeyError as error:
-            raise ValueError(f"weights must hold {error.args[0]}, got {', '.join(sorted(arrays))}") from None
+            raise ValueError(f"weights must hold {error.args[0]}, got {few_of(sorted(arrays))}") from None
         return cls(weights, biases, activation)
 
 

@@ -11,6 +11,7 @@ import warp as wp
 import baselines
 from baselines.policies.base import Policy
 from lissajous_env import Scenario
+from lissajous_env.wording import few_of
 from training.learned import checkpoint
 from training.learned.card import Card
 from training.learned.forward import Forward
@@ -98,7 +99,7 @@ def find(name: str | Path) -> Path:
     if (Path(name) / checkpoint.FILE).is_file():
         return Path(name)
     raise ValueError(
-        f"policy must be one of {', '.join(names()) or 'none shipped'}, or a folder that holds {checkpoint.FILE}, "
+        f"policy must be one of {few_of(names(), name) or 'none shipped'}, or a folder that holds {checkpoint.FILE}, "
         f"got {str(name)!r}"
     )
 
@@ -108,7 +109,7 @@ def register_shipped() -> None:
 
     Weights are read when a policy is made.
     """
-    baselines.register_opener(load, home)
+    baselines.register_opener(load, home, checkpoint.parts)
     for name in names():
         text = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
         policy, scenario = text["policy"], text["policy"]["scenario"]

@@ -8,6 +8,7 @@ is learned does not depend on how many threads there are.
 
 import copy
 import math
+import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -41,7 +42,11 @@ class Blocks:
         self.parameters = list(policy.parameters())
         self._block = BLOCK if policy.device.type == "cpu" else None
         self._workers = [_own(policy) for _ in range(threads if self._block else 1)]
+        self._begin_pool()
+
+    def _begin_pool(self) -> None:
         self._pool = ThreadPoolExecutor(max(len(self._workers) - 1, 1), thread_name_prefix="lissajous")
+        self._process = os.getpid()
 
     def differentiate(self, loss: Loss, tensors: Sequence[torch.Tensor], chosen: torch.Tensor) -> torch.Tensor:
         """Put the gradient of the loss over the chosen rows into the parameters that learn, and return its numbers."""
@@ -78,6 +83,8 @@ class Blocks:
             for k in range(first, len(blocks), threads):
                 found[k] = work(self._workers[first], blocks[k])
 
+        if self._process != os.getpid():  # threads do not survive a fork
+            self._begin_pool()
         waiting = [self._pool.submit(run, first) for first in range(1, threads)]
         run(0)
         for future in waiting:

@@ -1,0 +1,45 @@
+"""Stacks of threads: each kernel that Warp compiles by itself takes 256 KiB of them for tiles.
+
+Ours do without (`lissajous_env.device.kernel_cache`) and run on any stack; kernels of a user may need them.
+"""
+
+import ctypes
+import sys
+import threading
+
+LEAST = 384 << 10
+"""Stack of a thread that runs a user's kernels [bytes]: the tiles, and what Python takes."""
+
+
+def require_room() -> None:
+    """Refuse a thread whose stack is too small for kernels of a user.
+
+    Raises:
+        RuntimeError: it is.
+    """
+    if not hasattr(_checked, "enough"):
+        size = _size()
+        if size is not None and size < LEAST:
+            raise RuntimeError(
+                f"a thread must have a stack of at least {LEAST >> 10} KiB for kernels of a scenario's own, got "
+                f"{size >> 10} KiB; threading.stack_size({LEAST}) sets it for threads that are started afterwards"
+            )
+        _checked.enough = True
+
+
+_checked = threading.local()
+
+
+def _size() -> int | None:
+    """Size of the current thread's stack [bytes]; None where the system does not tell."""
+    if not sys.platform.startswith("linux"):
+        return None
+    system = ctypes.CDLL(None)
+    system.pthread_self.restype = ctypes.c_ulong
+    attributes = ctypes.create_string_buffer(256)
+    address, size = ctypes.c_void_p(), ctypes.c_size_t()
+    if system.pthread_getattr_np(ctypes.c_ulong(system.pthread_self()), attributes) != 0:
+        return None
+    system.pthread_attr_getstack(attributes, ctypes.byref(address), ctypes.byref(size))
+    system.pthread_attr_destroy(attributes)
+    return size.value

@@ -1,0 +1,133 @@
+"""Turns: what one thread does at a time, and what a fork of the process waits for.
+
+A thread waits for its turn until the one before is done. A thread that has the turn already would wait for itself, as
+where a signal handler steps the simulation that it has interrupted; it gets an error instead.
+
+Threads do not survive a fork. So a fork waits until nobody has a turn: what the child inherits is whole, and nothing in
+it waits for a thread that is not there. What is still held when the fork's patience ends is left half done in the
+child; it is refused there.
+"""
+
+import functools
+import itertools
+import os
+import threading
+import time
+import weakref
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+_Class = TypeVar("_Class", bound=type)
+_Method = TypeVar("_Method", bound=Callable[..., Any])
+
+_PATIENCE = 10.0
+"""Longest time for which a fork waits for the turns of other threads [s]."""
+_ROUND = 0.5
+"""Time after which it lets go of those that it has, lest who it waits for waits for one of them [s]."""
+
+
+class Turn:
+    """A turn that one thread has at a time.
+
+    Args:
+        owner: What takes turns, for messages.
+
+    Attributes:
+        lock: Held by the thread whose turn it is.
+        taken: Whether what the turn is for has begun and not ended.
+        lost: Whether it was begun by a thread of the parent process, so that it never ends in this one.
+    """
+
+    def __init__(self, owner: str):
+        self.owner, self.lock, self.taken, self.lost = owner, threading.RLock(), False, False
+        _TURNS[next(_NUMBERS)] = self
+
+    def refusal(self) -> RuntimeError:
+        """The error of a turn that cannot begin."""
+        if self.lost:
+            words = "was at work in another thread when this process was forked; it is half done, so make another one"
+        else:
+            words = "is at work in this thread; what runs meanwhile, a signal handler or an extension, must not call it"
+        return RuntimeError(f"{self.owner} {words}")
+
+
+_NUMBERS = itertools.count()
+_TURNS: "weakref.WeakValueDictionary[int, Turn]" = weakref.WeakValueDictionary()
+"""All that there are, in the order in which they were made."""
+
+
+def in_turn(method: _Method) -> _Method:
+    """Let one thread at a time be in those methods of an object that are decorated so; the object has a `turn`.
+
+    Raises:
+        RuntimeError: the thread is in one of them already.
+    """
+
+    @functools.wraps(method)
+    def waiting(self: Any, *args: Any, **named: Any) -> Any:
+        turn = self.turn
+        with turn.lock:
+            if turn.taken:
+                raise turn.refusal()
+            turn.taken = True
+            try:
+                return method(self, *args, **named)
+            finally:
+                turn.taken = False
+
+    return waiting  # type: ignore[return-value]
+
+
+def with_own_locks(cls: _Class) -> _Class:
+    """Let a child have locks of its own for the cached properties of a class; before Python 3.12 each has one."""
+
+    def renew() -> None:
+        for each in vars(cls).values():
+            if isinstance(each, functools.cached_property) and hasattr(each, "lock"):
+                each.lock = threading.RLock()  # type: ignore[attr-defined]
+
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=renew)
+    return cls
+
+
+_forking = threading.RLock()
+_held: list[list[Turn]] = []
+"""Turns that forks under way hold: more than one where a signal handler forks while a fork waits."""
+
+
+def _all() -> list[Turn]:
+    # One call of C: other threads make turns meanwhile.
+    return [turn for reference in _TURNS.valuerefs() if (turn := reference()) is not None]
+
+
+def _take_all() -> None:
+    """Wait until no other thread has a turn, and take them all."""
+    _forking.acquire()
+    until = time.monotonic() + _PATIENCE
+    while True:
+        # What is used inside a turn is mostly made after it: in this order who has one seldom waits for us.
+        turns = _all()
+        end = min(time.monotonic() + _ROUND, until)
+        held = [turn for turn in turns if turn.lock.acquire(timeout=max(end - time.monotonic(), 0.0))]
+        if len(held) == len(turns) or time.monotonic() >= until:
+            _held.append(held)
+            return
+        for turn in held:
+            turn.lock.release()
+
+
+def _give_back() -> None:
+    for turn in _held.pop():
+        turn.lock.release()
+    _forking.release()
+
+
+def _give_back_in_child() -> None:
+    for turn in set(_all()).difference(_held[-1]):
+        turn.lock, turn.taken, turn.lost = threading.RLock(), True, True
+    _give_back()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_take_all, after_in_parent=_give_back, after_in_child=_give_back_in_child)

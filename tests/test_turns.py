@@ -1,0 +1,316 @@
+"""Forks under threads, calls inside calls, and threads with small stacks: nothing hangs, and nothing is half done."""
+
+import os
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+
+import lissajous_env
+
+forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+
+BEGIN = """
+import os, signal, sys, threading, time
+import numpy as np
+import lissajous_env
+import baselines
+
+def zeros(simulation):
+    return np.zeros(simulation.action_shape, dtype=np.float32)
+
+def ended(child, seconds=30):
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return status
+        time.sleep(0.005)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return "hangs"
+"""
+
+
+def run(code, *arguments):
+    """What a process prints that runs some code; None where it does not end."""
+    program = BEGIN + textwrap.dedent(code)
+    done = subprocess.run(
+        [sys.executable, "-c", program, *map(str, arguments)], capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr[-2000:] or done.returncode
+    return done.stdout.strip()
+
+
+@forks
+@pytest.mark.parametrize(
+    "busy",
+    [
+        "simulation.step(zeros(simulation))",
+        "lissajous_env.Simulation('experiment')",
+        "policy.act(observation)",
+        "lissajous_env.scenario('experiment', **{'robot.radius': 0.05 + 1e-6 * next(number)}).resolve()",
+    ],
+)
+def test_a_child_forked_while_another_thread_is_busy(busy):
+    # Oracle: the exit status of each child, which has to end. It steps, makes and acts itself.
+    code = f"""
+    import itertools
+    number = itertools.count()
+    simulation = lissajous_env.Simulation("experiment", 64, threads=2)
+    policy, observation = baselines.make("kuramoto-mpcc", "experiment", 64), simulation.observation
+    simulation.step(policy.act(observation).numpy())
+
+    def go_on():
+        while not stopping:
+            {busy}
+
+    stopping = False
+    threads = [threading.Thread(target=go_on) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    statuses = []
+    for _ in range(8):
+        time.sleep(0.02)
+        if (child := os.fork()) == 0:
+            for _ in range(3):
+                simulation.step(policy.act(observation).numpy())
+            lissajous_env.Simulation(lissajous_env.scenario("experiment", **{{"robot.radius": 0.06}}))
+            os._exit(0)
+        statuses.append(ended(child))
+        if "hangs" in statuses:
+            break
+    stopping = True
+    for thread in threads:
+        thread.join()
+    print(set(statuses))
+    """
+    assert run(code) == "{0}"
+
+
+@forks
+def test_what_a_child_inherits_is_whole():
+    # Oracle: the same number of steps in a simulation of the child's own, bit for bit.
+    code = """
+    long = lissajous_env.scenario("rough", **{"task.duration": 1e4, "targets.arrival_rate": 0.0})
+    simulation = lissajous_env.Simulation(long, 200, threads=2)
+    stopping = False
+
+    def go_on():
+        while not stopping:
+            simulation.step(zeros(simulation))
+
+    thread = threading.Thread(target=go_on)
+    thread.start()
+    statuses = []
+    for _ in range(2):
+        time.sleep(0.03)
+        if (child := os.fork()) == 0:
+            other = lissajous_env.Simulation(long, 200, threads=1)
+            for _ in range(int(simulation.clock.step.numpy()[0])):
+                other.step(zeros(other))
+            mine, its = simulation.save_state(), other.save_state()
+            os._exit(0 if all(mine[name].tobytes() == its[name].tobytes() for name in mine) else 1)
+        statuses.append(ended(child, 120))
+    stopping = True
+    thread.join()
+    print(statuses)
+    """
+    assert run(code) == "[0, 0]"
+
+
+@forks
+def test_what_is_still_at_work_when_patience_ends_is_refused_in_the_child():
+    # Oracle: the words of the child's error; another simulation works there, and the same one in the parent.
+    code = """
+    from lissajous_env.device import turns
+    turns._PATIENCE = 0.2
+    entered, leave = threading.Event(), threading.Event()
+
+    @lissajous_env.reward_term()
+    def waits(world):
+        if entered.is_set() is False:
+            entered.set()
+            leave.wait()
+        return np.zeros(world.robots.speed.shape)
+
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[waits]))
+    thread = threading.Thread(target=lambda: simulation.step(zeros(simulation)))
+    thread.start()
+    entered.wait()
+    if (child := os.fork()) == 0:
+        lissajous_env.Simulation("experiment").step(zeros(simulation))
+        try:
+            simulation.step(zeros(simulation))
+        except RuntimeError as error:
+            print(error, flush=True)
+            os._exit(0)
+        os._exit(1)
+    print(ended(child))
+    leave.set()
+    thread.join()
+    simulation.step(zeros(simulation))
+    """
+    said = run(code).splitlines()
+    words = "the simulation was at work in another thread when this process was forked"
+    assert said == [f"{words}; it is half done, so make another one", "0"]
+
+
+@forks
+def test_an_extension_may_fork():
+    # Oracle: exit status; parent and child both finish the step that they are in.
+    code = """
+    children = []
+
+    @lissajous_env.reward_term()
+    def forks(world):
+        if not children:
+            children.append(os.fork())
+        return np.zeros(world.robots.speed.shape)
+
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[forks]))
+    for _ in range(3):
+        simulation.step(zeros(simulation))
+    taken = int(simulation.clock.step.numpy()[0])
+    if children[0] == 0:
+        os._exit(0 if taken == 3 else 1)
+    print(taken, ended(children[0]))
+    """
+    assert run(code) == "3 0"
+
+
+def test_a_signal_handler_that_steps_what_is_being_stepped():
+    # Oracle: it ends, each refusal says so, and the simulation has taken as many steps as were not refused.
+    code = """
+    simulation = lissajous_env.Simulation("rough", 300)
+    refused, taken = [], [0]
+
+    def step(*_):
+        try:
+            simulation.step(zeros(simulation))
+            taken[0] += 1
+        except RuntimeError as error:
+            refused.append(str(error))
+
+    signal.signal(signal.SIGALRM, step)
+    signal.setitimer(signal.ITIMER_REAL, 0.002, 0.002)
+    for _ in range(150):
+        step()
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    print(len(refused) > 0, set(refused), int(simulation.clock.step.numpy()[0]) == min(taken[0], 600))
+    """
+    words = "the simulation is at work in this thread; what runs meanwhile, a signal handler or an extension, must not "
+    assert run(code) == f"True {{'{words}call it'}} True"
+
+
+@pytest.mark.parametrize("call", ["step", "advance", "reset", "load_state"])
+def test_an_extension_that_calls_its_own_simulation_is_refused(call):
+    # Oracle: the error; afterwards the simulation works as before.
+    inside = []
+
+    @lissajous_env.reward_term()
+    def nosy(world):
+        if inside:
+            arguments = {"step": [np.zeros(simulation.action_shape)], "load_state": [inside[0]]}.get(call, [])
+            getattr(simulation, call)(*arguments)
+        return np.zeros(world.robots.speed.shape)
+
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[nosy]))
+    action = np.zeros(simulation.action_shape, dtype=np.float32)
+    inside.append(simulation.save_state())
+    with pytest.raises(RuntimeError, match="the simulation is at work in this thread"):
+        simulation.step(action)
+    inside.clear()
+    simulation.reset()
+    simulation.step(action)
+    assert simulation.clock.step.numpy()[0] == 1
+
+
+def test_a_thread_with_a_small_stack_makes_and_steps():
+    # Oracle: it ends; a stack that is too small ends the process.
+    code = """
+    def work():
+        simulation = lissajous_env.Simulation("intruders", 40, threads=3)
+        policy = baselines.make("kuramoto-mpcc-safe", "intruders", 40)
+        for _ in range(3):
+            simulation.step(policy.act(simulation.observation).numpy())
+        print(int(simulation.clock.step.numpy()[0]))
+
+    threading.stack_size(128 << 10)
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    """
+    assert run(code) == "3"
+
+
+def test_a_users_kernel_on_a_small_stack_is_refused(tmp_path):
+    # Oracle: the error's words, and that a thread with a larger stack goes on.
+    (tmp_path / "mine.py").write_text(
+        textwrap.dedent("""
+        import lissajous_env, warp as wp
+        from lissajous_env.world.state import Robots
+
+        @lissajous_env.reward_term()
+        @wp.kernel
+        def fast(first: int, lanes: int, robots: Robots, value_out: wp.array2d(dtype=float)):
+            tid, lane = wp.tid()
+            for i in range(lane, value_out.shape[1], lanes):
+                value_out[first + tid, i] = robots.speed[first + tid, i]
+        """)
+    )
+    code = """
+    sys.path.insert(0, sys.argv[1])
+    import mine
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[mine.fast]))
+
+    def step():
+        try:
+            simulation.step(zeros(simulation))
+            print("taken")
+        except RuntimeError as error:
+            print(error)
+
+    for size in (256, 512):
+        threading.stack_size(size << 10)
+        thread = threading.Thread(target=step)
+        thread.start()
+        thread.join()
+    """
+    first, second = run(code, tmp_path).splitlines()
+    assert "must have a stack of at least 384 KiB" in first
+    assert "got 256 KiB; threading.stack_size(393216)" in first
+    assert second == "taken"
+
+
+def test_helpers_of_many_threads_do_not_recurse():
+    # Oracle: their number, under a limit of recursion that is lower.
+    code = """
+    from lissajous_env.device import work
+    sys.setrecursionlimit(100)
+    print(len(work._helpers(150)), len(set(work._helpers(150))))
+    """
+    assert run(code) == "150 150"
+
+
+def test_two_threads_that_step_one_simulation_take_turns():
+    # Oracle: as many steps as both have taken.
+    simulation = lissajous_env.Simulation("experiment", 8)
+    code = """
+    simulation = lissajous_env.Simulation("experiment", 8)
+
+    def go_on():
+        for _ in range(100):
+            simulation.step(zeros(simulation))
+
+    threads = [threading.Thread(target=go_on) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    print(int(simulation.clock.step.numpy()[0]))
+    """
+    assert simulation.scenario.task.steps >= 300
+    assert run(code) == "300"
