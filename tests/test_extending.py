@@ -154,14 +154,12 @@ def test_a_scenario_is_the_same_by_every_door(given, here):
 
 def test_a_file_lists_extensions_with_their_settings(here):
     # Oracle: the same scenario made in Python, and the reward, which is the term at five times its weight.
-    import my_extras
-
     made = lissajous_env.scenario("walls.toml")
     fastest, near_wall = made.extensions
-    assert (fastest, near_wall.weight) == (my_extras.fastest, -0.5)
+    assert (fastest, near_wall.weight) == (brought("my_extras:fastest"), -0.5)
     assert pickle.loads(pickle.dumps(made)) == made
     plain = lissajous_env.scenario("experiment", extensions="my_extras:near_wall", **{"task.duration": 5.0})
-    assert my_extras.near_wall.weight == plain.extensions[0].weight == -0.1
+    assert brought("my_extras:near_wall").weight == plain.extensions[0].weight == -0.1
     env, other = lissajous_env.parallel_env("walls.toml"), lissajous_env.parallel_env(plain)
     env.reset(seed=3), other.reset(seed=3)
     actions = {agent: np.array([0.1, 0.9], np.float32) for agent in env.agents}

@@ -74,7 +74,7 @@ class Rows:
     @cached_property
     def age(self) -> np.ndarray:
         """(W, N, 2) time since a neighbour's message was sent [s]."""
-        return self._of("neighbour", "age") * self.scenario.message_age_unit
+        return self._of("neighbour", "age") * self.scenario.time_unit
 
     @cached_property
     def lead(self) -> np.ndarray:
