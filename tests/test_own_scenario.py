@@ -11,6 +11,7 @@ pytest.importorskip("stable_baselines3")
 import lissajous_env
 import training
 from lissajous_env.console import cli
+from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.plain_scenario import scenario_of
 from tests.test_train import QUIET, SMALL
 from training.learned import checkpoint
@@ -47,7 +48,8 @@ def here(tmp_path, monkeypatch):
 
 def settings(**changes):
     small: dict = {"scenario": "mine.toml", "overrides": {}, "steps": 640, "evaluate_every": 640, "teacher": "none"}
-    return TrainingSettings(**SMALL | small | {"out": Path("run")} | changes)
+    given: dict = SMALL | small | {"out": Path("run")} | changes
+    return TrainingSettings(**given)
 
 
 def trained(**changes):
@@ -139,7 +141,7 @@ def test_a_damaged_scenario_is_refused(here, part, value, words):
 @pytest.mark.parametrize("name", lissajous_env.scenarios())
 def test_plain_values_make_the_scenario(name):
     made = lissajous_env.scenario(name).resolve()
-    text = json.dumps(training.learned.card.plain(made.to_dict()), allow_nan=False)
+    text = json.dumps(plain(made.to_dict()), allow_nan=False)
     assert scenario_of(json.loads(text)) == made
     with pytest.raises(ValueError, match="scenario must hold curve, got name"):
         scenario_of({"name": name})
