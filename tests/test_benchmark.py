@@ -20,6 +20,7 @@ import baselines
 import lissajous_env
 from baselines.benchmark import playing, tables
 from baselines.benchmark.comparison import statistics
+from baselines.benchmark.measures import MEASURES
 from baselines.benchmark.rows import NUMBER_COLUMNS
 from baselines.benchmark.running import measure, run
 from baselines.benchmark.types import Benchmark
@@ -305,7 +306,7 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
     def shown(columns):
         console = Console(width=columns, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
         of = statistics(played)["failure"]
-        left_out = tables.print_policies(console, Text("title"), of, tables.SHOWN)
+        left_out = tables.print_policies(console, Text("title"), of, MEASURES)
         left_out += tables.print_scores(console, "runs/x[/b]", "failure", of["runs/x[/b]"])
         return console.export_text(), left_out
 
@@ -356,7 +357,7 @@ def test_table_marks_the_best_and_shows_missing_numbers_as_a_dash():
         *rows("c", [9.0] * 2, [math.nan] * 2),
     ]
     console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    shown = [each for each in tables.SHOWN if each.column in ("detection_time_mean", "recovery_time")]
+    shown = [each for each in MEASURES if each.column in ("detection_time_mean", "recovery_time")]
     tables.print_policies(console, Text("title"), statistics(played)["failure"], shown)
     text = [line.split() for line in console.export_text().splitlines()]
     assert ["a", "2*", "3"] in text  # 3 s is faster, but in one episode of two alone

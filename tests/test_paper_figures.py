@@ -90,6 +90,17 @@ def test_every_figure_of_a_folder_is_drawn_and_the_same_again(folder, tmp_path, 
     assert [path.read_bytes() for path in again] == [path.read_bytes() for path in written]
 
 
+def test_few_episodes_of_one_policy_without_any_bound_are_drawn(tmp_path):
+    # Story: half a second of episodes, whose guarantee shows no bound anywhere, with nobody to compare with.
+    made = [lissajous_env.scenario(name, **{"task.duration": 0.5}) for name in ("evaders", "intruders")]
+    settings = Benchmark(policies=("sweep",), episodes=1, out=tmp_path / "results", replays=("none",))
+    run(settings, scenarios=made, console=QUIET)
+    written = figures(tmp_path / "results", "png")
+    assert [path.name for path in written if "distribution" not in path.name] == [
+        "table.tex", "profiles-car.png", "aggregates-car.png",
+    ]  # fmt: skip
+
+
 def test_figures_are_as_wide_as_two_columns_and_no_font_is_of_type_3(folder, tmp_path):
     # Oracle: 7.16 inch, as IEEE asks for; journals refuse fonts of type 3.
     for path in figures(folder, "png", tmp_path / "png")[1:]:

@@ -71,11 +71,13 @@ class Group:
 
     @property
     def columns(self) -> list[str]:
-        """Columns of `COMPARED` with a number of every policy on every scenario."""
-        finite = lambda column: all(  # noqa: E731
-            (~np.isnan(scores)).any() for of in self.scores.values() for scores in of[column]
-        )
-        return [column for column in COMPARED if finite(column)]
+        """Columns of `COMPARED` with a number of every policy on every scenario, and not all of them infinite."""
+        every = {column: [scores for of in self.scores.values() for scores in of[column]] for column in COMPARED}
+        return [
+            column
+            for column, of in every.items()
+            if all((~np.isnan(scores)).any() for scores in of) and any(np.isfinite(scores).any() for scores in of)
+        ]
 
 
 def groups_of(rows: Rows, scenarios: Mapping[str, Scenario], against: str | None = None) -> list[Group]:
@@ -169,7 +171,7 @@ def _profiles(group: Group, looks: Mapping[str, Any]) -> Figure:
         at = np.sort(np.concatenate([at, np.linspace(low, min(10, high), _VALUES)])) if column == "collisions" else at
         for policy, of in group.scores.items():
             share, below, above = performance_profile(of[column], at, COMPARED[column])
-            line = _line(policy, looks) | {"markevery": (len(at) // 8, len(at) // 4)}
+            line: dict[str, Any] = _line(policy, looks) | {"markevery": (len(at) // 8, len(at) // 4)}
             axes.plot(at, share, label=shown_name(policy), **line)
             axes.fill_between(at, below, above, color=looks[policy].colour, alpha=0.15, lw=0)
         axes.set_ylim(-0.02, 1.03)
