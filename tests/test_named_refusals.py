@@ -1,0 +1,193 @@
+"""What cannot be is refused by its name, before any work: names, models of robots, exits, long lists, --out."""
+
+import dataclasses
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+from lissajous_env.parameters import named
+from lissajous_env.storage.files import check_writable_file
+from lissajous_env.storage.folder import Folder
+from lissajous_env.wording import few_of
+from lissajous_env.world.robots import table
+from lissajous_env.world.robots.point import POINT
+
+
+def command(folder, *arguments):
+    environment = os.environ | {"PYTHONPATH": str(Path(lissajous_env.__file__).parents[1])}
+    words = [sys.executable, "-m", "lissajous_env", *map(str, arguments)]
+    return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+
+
+def entry(name, size):
+    def values(world):
+        return np.zeros((*world.robots.speed.shape, size))
+
+    values.__name__ = name
+    return lissajous_env.observation_entry(size)(values)
+
+
+def test_entries_of_the_observation_have_names_of_their_own():
+    # Oracle: the message; names that differ make a layout in which each is there once.
+    with pytest.raises(ValueError, match=r"entries of the observation must have names of their own, got a_0 twice"):
+        lissajous_env.scenario("ideal", extensions=[entry("a", 2), entry("a_0", 1)])
+    env = lissajous_env.parallel_env(lissajous_env.scenario("ideal", extensions=[entry("a", 2), entry("a_2", 1)]))
+    assert env is not None
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"name": ""}, "name of a robot model must be of letters, digits, _ and -, got ''"),
+        ({"name": " car"}, "name of a robot model must be"),
+        ({"name": "a\nb"}, "name of a robot model must be"),
+        ({"name": 3}, "name of a robot model must be"),
+        ({"table": ((math.nan,),)}, "table of robot model mine must hold rows of 1 numbers from -1 to 1, got (nan,)"),
+        ({"table": ((-1.0,), (math.inf,))}, "table of robot model mine must hold rows"),
+        ({"table": ((2.0,),)}, "table of robot model mine must hold rows"),
+        ({"table": (("1",),)}, "table of robot model mine must hold rows"),
+        ({"rest": (math.nan,)}, "rest of robot model mine must hold rows of 1 numbers"),
+        ({"rest": (0.0, 0.0)}, "rest of robot model mine must hold rows of 1 numbers"),
+        ({"actions": ("",)}, "robot model mine must have an action of at least one component, each with a name"),
+        ({"actions": ("a", "a"), "table": ((0.0, 0.0),)}, "robot model mine must have an action of at least one"),
+    ],
+)
+def test_a_model_of_robots_that_cannot_be_one(monkeypatch, changed, words):
+    # Oracle: the message, and that the table of models is as before.
+    monkeypatch.setattr(table, "_MODELS", dict(table._MODELS))
+    before = table.robot_kinds()
+    with pytest.raises(ValueError, match="robot model") as error:
+        lissajous_env.register_robot_model(dataclasses.replace(POINT, **{"name": "mine"} | changed))
+    assert words in str(error.value)
+    assert table.robot_kinds() == before
+
+
+def test_an_extension_that_exits_is_an_error():
+    # Oracle: the message of both places in which it is called.
+    @lissajous_env.reward_term()
+    def leaves(world):
+        sys.exit(7)
+
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("ideal", extensions=[leaves]))
+    with pytest.raises(RuntimeError, match=r"reward term leaves must return numbers, got SystemExit: 7"):
+        simulation.step(np.zeros(simulation.action_shape))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "ideal", "kuramoto", "--out", "a.npz", "--set", "extensions=mine:leaves"], "reward term leaves"),
+        (["evaluate", "ideal", "mine:act", "--episodes", "1"], "mine:act failed on ideal: SystemExit: 7"),
+        (["evaluate", "ideal", "mine:Leaves", "--episodes", "1"], "mine:Leaves failed on ideal: SystemExit: 3"),
+        (
+            ["benchmark", "--scenarios", "ideal", "--policies", "mine:act", "--episodes", "1"],
+            "mine:act on ideal failed",
+        ),
+    ],
+)
+def test_an_exit_within_ends_a_command_with_words(tmp_path, arguments, words):
+    # Oracle: exit code 1 and one line that names who left.
+    (tmp_path / "mine.py").write_text(
+        "import sys, lissajous_env\n"
+        "@lissajous_env.reward_term()\n"
+        "def leaves(world): sys.exit(7)\n"
+        "def act(observation): sys.exit(7)\n"
+        "class Leaves:\n"
+        "    def __init__(self, scenario, num_worlds, device): sys.exit(3)\n"
+    )
+    done = command(tmp_path, *arguments, "--quiet")
+    assert done.returncode == 1
+    assert words in done.stderr.splitlines()[-1]
+
+
+def test_lists_of_names_are_short(monkeypatch):
+    # Oracle: the length of the message, and that what was meant is in it.
+    many = [f"name-{k}" for k in range(10_000)]
+    assert few_of(many[:30]) == ", ".join(many[:30])
+    words = few_of(many, "name-4711x")
+    assert "name-4711" in words
+    assert words.endswith("and 9,994 more")
+    assert len(words) < 200
+    made = lissajous_env.scenario("ideal")
+    monkeypatch.setattr(named, "_REGISTERED", {name: dataclasses.replace(made, name=name) for name in many})
+    with pytest.raises(ValueError, match="scenario must be") as error:
+        lissajous_env.scenario("name-4711x")
+    assert "name-4711" in str(error.value)
+    assert len(str(error.value)) < 1000
+
+
+def test_a_list_of_policies_is_short(monkeypatch):
+    # Oracle: the length of the messages.
+    from baselines.policies import registry
+
+    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._registry()))
+    for k in range(3_000):
+        baselines.register(f"name-{k}", kind="car", factory=baselines.Policy)
+    for name, scenario in (("name-471x", "experiment"), ("name-471", "ideal")):
+        with pytest.raises(ValueError, match="policy") as error:
+            baselines.make(name, scenario)
+        assert len(str(error.value)) < 1000
+
+
+LONG = "x" * 300
+DEEP = "/".join(["y" * 200] * 21)
+NEAR = "/".join(["y" * 200] * 19)
+
+
+@pytest.mark.parametrize("place", [LONG, DEEP, "file/inside", "/proc/out", "/dev/null/out", "gone/out"])
+def test_a_file_that_cannot_be_written_is_refused_at_once(tmp_path, monkeypatch, place):
+    # Oracle: a ValueError with the name, and nothing is left.
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("mine")
+    with pytest.raises(ValueError, match="out must be"):
+        check_writable_file(f"{place}.csv")
+    assert os.listdir() == ["file"]
+
+
+@pytest.mark.parametrize("place", [LONG, DEEP, "file", "file/inside", "/proc/out", "/dev/null", "/dev/null/out"])
+def test_a_folder_that_cannot_be_written_is_refused_at_once(tmp_path, monkeypatch, place):
+    # Oracle: as above.
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("mine")
+    with pytest.raises(ValueError, match="out must be a folder that can be written to") as error:
+        Folder(place)
+    assert len(str(error.value)) < 400
+    assert os.listdir() in (["file"], sorted([DEEP.split("/")[0], "file"]), sorted(["file", DEEP.split("/")[0]])[::-1])
+
+
+def test_a_folder_in_which_a_longer_name_has_no_room_is_refused_at_once(tmp_path, monkeypatch):
+    # Oracle: the limit of a path; the list of what was written fits into it, what is written later does not.
+    monkeypatch.chdir(tmp_path)
+    longest = os.pathconf("/", "PC_PATH_MAX") - 1
+    left = longest - len(str(tmp_path)) - len("/.lissajous.jsonl") - 2
+    parts = ["y" * 200] * (left // 201)
+    place = tmp_path.joinpath(*parts, "z" * max(left - 201 * len(parts) - 2, 1))
+    with pytest.raises(ValueError, match="File name too long"):
+        Folder(place)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["evaluate", "ideal", "kuramoto", "--episodes", "1", "--out", f"{LONG}.csv"],
+        ["run", "ideal", "kuramoto", "--out", f"{LONG}.html"],
+        ["replay", "ideal", "kuramoto", "--out", f"{LONG}.gif"],
+        ["benchmark", "--scenarios", "ideal", "--policies", "kuramoto", "--episodes", "1", "--out", LONG],
+        ["reproduce", "lemmas", "--out", LONG],
+        ["guarantee", "ideal", "--out", LONG],
+    ],
+)
+def test_every_command_refuses_an_out_that_is_too_long(tmp_path, arguments):
+    # Oracle: exit code 2, one line, nothing there.
+    done = command(tmp_path, *arguments)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "File name too long" in done.stderr
+    assert os.listdir(tmp_path) == []
