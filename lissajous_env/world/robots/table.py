@@ -39,6 +39,11 @@ def model_of(kind: str) -> RobotModel:
     return _MODELS[kind]
 
 
+def is_ours(model: RobotModel) -> bool:
+    """Whether a model is part of the package, and needs no check of what it does."""
+    return model in (CAR, POINT)
+
+
 def robot_kinds() -> tuple[str, ...]:
     """Names of the models."""
     return tuple(_MODELS)
