@@ -27,13 +27,13 @@ from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robo
 
 wp.set_module_options(OPTIONS)
 
-_BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
+BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
 
 
 @wp.func
 def entries(entry: int, word: int, row: int, rows: int, columns: int) -> wp.uint32:
     """Bits of the cells of a word in which rogues are introduced."""
-    if entry != _BOUNDARY or row == 0 or row == rows - 1:
+    if entry != BOUNDARY or row == 0 or row == rows - 1:
         return half_of(run_of_bits(word / 2, 0, columns - 1), word)
     ends = run_of_bits(word / 2, 0, 0) | run_of_bits(word / 2, columns - 1, columns - 1)
     return half_of(ends, word)
@@ -80,7 +80,7 @@ def clear_cells(
                 start = along(robots.track, w, i, float(tick) / float(hops.ticks))
             mark_disc(w, end, lane, lanes, curve, hops.radius, hops.columns, contamination.sensed)
             # On a short way the disc passes over no more than what it covers at its ends, but for a sliver.
-            if hops.swept == 1 and wp.length_sq(end - start) > hops.radius * cell:
+            if wp.length_sq(end - start) > hops.radius * cell:
                 pieces = robots.track.shape[2] - 1
                 for piece in range(1, pieces + 1):
                     end = along(robots.track, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks))
@@ -109,14 +109,20 @@ def reset_labels(
             contamination.swept[w, word, row] = wp.uint64(0)
         for word in range(contamination.settled.shape[2]):
             contamination.settled[w, row, word] = wp.uint32(0)
+        contamination.row_oldest[w, row] = NEVER
+        contamination.row_ages[w, row] = wp.int64(0)
+    for line in range(lane, contamination.there.shape[1], lanes):
+        row = line - MARGIN
+        for place in range(contamination.there.shape[2]):
             there = wp.uint32(0)
-            if target.count > 0:
-                there = entries(target.entry, word, row, rows, hops.columns)
+            is_inside = row >= 0 and row < rows and place > 0 and place < contamination.there.shape[2] - 1
+            if is_inside and target.count > 0:
+                there = entries(target.entry, place - 1, row, rows, hops.columns)
             for k in range(hops.ring):
-                contamination.there[w, row + MARGIN, word + 1, k] = there
-        for column in range(hops.columns):
-            for k in range(hops.ring):
-                contamination.labels[w, k, row + MARGIN, column + MARGIN] = 0
+                contamination.there[w, line, place, k] = there
+        for k in range(hops.ring):
+            for column in range(contamination.labels.shape[3]):
+                contamination.labels[w, k, line, column] = 0
     if lane == 0:
         contamination.oldest[w] = wp.where(target.count > 0, 0, NEVER)
 
