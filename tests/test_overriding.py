@@ -49,7 +49,7 @@ def test_the_same_number_keeps_the_formation_and_what_is_given_stays():
     ("experiment", {"robot.count": 3}, "faults.schedule", "()"),
     ("redundant", {"curve.a": 3, "curve.b": 2, "robot.count": 5}, "faults.schedule", "()"),
     ("knot", {"robot.kind": "car"}, "curve.half_depth", "0.0"),
-    ("intruders", {"robot.throttle_min": 5.0}, "robot.throttle_max", "0.25"),
+    ("intruders", {"robot.throttle_min": 5.0}, "robot.throttle_max", "None"),
 ])  # fmt: skip
 def test_a_field_of_the_scenario_that_no_longer_fits_says_where_it_came_from(name, overrides, field, default):
     words = f"^{field} must .*; it comes from the scenario {name}: change it too, {field}="

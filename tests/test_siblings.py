@@ -114,7 +114,9 @@ def test_commands_in_such_a_folder(start, tmp_path):
     warned = [line for line in ended.stderr.splitlines() if line.startswith("warning: ")]
     assert len(warned) == 2
     assert all(f"of lissajous-env ({ROOT}" in line for line in warned)
-    assert "learned-rough" in run(tmp_path, *start, "policies", "--quiet", "--json").stdout
+    quiet = run(tmp_path, *start, "policies", "--quiet", "--json")
+    assert "learned-rough" in quiet.stdout
+    assert quiet.stderr == ""
     listed = run(tmp_path, *start, "--help").stdout
     assert "Compare policies on scenarios" in listed, "what a command does stands in its source, in our package"
 

@@ -24,7 +24,6 @@ import tyro
 from lissajous_env import siblings
 from lissajous_env.console.terminal import CommandError, complain, make_console
 from lissajous_env.device import kernel_cache
-from lissajous_env.theory.assumptions import AssumptionWarning
 from lissajous_env.wording import few_of, nearest, shown, where_raised
 
 GROUP = "lissajous_env.commands"
@@ -97,18 +96,16 @@ def _dispatch(arguments: list[str]) -> int:
         return 0
     if name not in known:
         raise ValueError(f"command must be one of {few_of(known, name)}, got {shown(name)}{nearest(name, known)}")
+    quiet = "--quiet" in arguments
+    kernel_cache.listener = None if quiet else complain
+    if quiet:
+        warnings.simplefilter("ignore")  # what libraries say of their own accord
     with contextlib.suppress(OSError):  # the folder was removed
         siblings.look_first_in(os.getcwd())
     try:
         function = siblings.load_entry_point(known[name])
     except Exception as error:
         raise CommandError(f"the command {name} cannot be loaded: {type(error).__name__}: {error}") from error
-    quiet = "--quiet" in arguments
-    kernel_cache.listener = None if quiet else complain
-    if quiet:
-        warnings.simplefilter("ignore")  # what libraries say of their own accord
-    else:
-        _print_assumptions_in_words()
     given, named = _bound(function, f"lissajous {name}", arguments[1:])
     try:
         result = function(*given, **named)
@@ -117,19 +114,6 @@ def _dispatch(arguments: list[str]) -> int:
             raise
         raise CommandError(f"{name} was ended from within: {where_raised(ended)}") from ended
     return result if isinstance(result, int) else 0
-
-
-def _print_assumptions_in_words() -> None:
-    """Print a warning of violated assumptions as a line of the command, without a place in the code."""
-    show = warnings.showwarning
-
-    def shown(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
-        if issubclass(category, AssumptionWarning):
-            complain(f"warning: {message}")
-        else:
-            show(message, category, *place, **more)
-
-    warnings.showwarning = shown
 
 
 def _bound(function: Callable[..., Any], program: str, arguments: list[str]) -> tuple[tuple, dict[str, Any]]:

@@ -125,8 +125,13 @@ def bring_scenario(name: str) -> None:
     Raises:
         ValueError: the module cannot be imported.
     """
-    if name not in scenarios():
+    if not _is_known(name):
         here.load_module_of(name, "scenario", "register_scenario")
+
+
+def _is_known(name: str) -> bool:
+    # What packages bring is loaded last, for names that are in neither.
+    return name in _SHIPPED or name in _REGISTERED or name in scenarios()
 
 
 def meant_here(name: Any) -> list[str]:
@@ -173,7 +178,7 @@ def _found(name: Any) -> Scenario:
         return _imported(given)
     if isinstance(given, str):
         bring_scenario(given)
-        if given not in scenarios():
+        if not _is_known(given):
             raise unknown_scenario(given, meant_here(given))
     return registered_scenario(given)
 
