@@ -17,6 +17,8 @@ from lissajous_env.parameters.scenario import PARTS, Scenario
 
 FIELDS = [(part, field) for part, kind in PARTS.items() for field in dataclasses.fields(kind)]
 BASES = ("experiment", "intruders", "rough", "failure", "knot", "perturbation")
+CROWD = {"curve.a": 51, "curve.b": 50, "sensing.radius": 0.4, "formation.phase_rate": 0.02, "targets.count": 60}
+"""A hundred robots: `swarm`, small enough for moments."""
 _MAY_BE_NAN = {
     "detected_fraction", "detection_time_mean", "detection_time_p95", "detection_time_max", "detected_within_bound",
     "min_separation", "coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "recovery_time",
@@ -198,7 +200,9 @@ def _refused_untouched(simulation: Any, call: Any, what: str) -> str | None:
 
 
 def any_scenario(draw: np.random.Generator) -> Scenario:
-    """A scenario with a few fields inside their ranges that runs in moments."""
+    """A scenario with a few fields inside their ranges that runs in moments; a third are of many robots, with bins."""
+    if draw.random() < 1 / 3:
+        return any_crowd(draw)
     while True:
         picked = draw.choice(len(FIELDS), draw.integers(1, 6), replace=False)
         overrides = {f"{FIELDS[k][0]}.{FIELDS[k][1].name}": within_range(draw, FIELDS[k][1]) for k in picked}
@@ -209,6 +213,20 @@ def any_scenario(draw: np.random.Generator) -> Scenario:
             continue
         if scenario.num_robots * (math.prod(scenario.task.grid or (0,)) + scenario.target_capacity) < 1e5:
             return scenario
+
+
+def any_crowd(draw: np.random.Generator) -> Scenario:
+    """A scenario of a hundred robots, many of which collide."""
+    overrides = CROWD | {
+        "robot.radius": float(draw.uniform(0.05, 0.25)), "formation.phase_rate": float(10 ** draw.uniform(-4, -1)),
+        "sensing.radius": float(draw.uniform(0.1, 1.0)), "targets.fleeing": float(draw.uniform(0, 1)),
+        "targets.wandering": 0.0, "targets.arrival_rate": float(draw.choice([0.0, 20.0])),
+        "targets.entry": str(draw.choice(["inside", "boundary", "unseen"])),
+        "task.on_collision": str(draw.choice(["count", "stop", "remove"])),
+        "task.boundary": str(draw.choice(["open", "wall", "remove"])),
+        "faults.rate": float(draw.choice([0.0, 0.3])), "task.duration": 3.0,
+    }  # fmt: skip
+    return lissajous_env.scenario("swarm", **overrides)
 
 
 def batch_law(draw: np.random.Generator) -> str | None:
@@ -226,6 +244,38 @@ def batch_law(draw: np.random.Generator) -> str | None:
                 return f"{name} of world {k} of {worlds} differs in {scenario}"
     if str(alone.score()) != str(batch.score([k])):
         return f"the score of world {k} of {worlds} differs in {scenario}"
+    return None
+
+
+def history_law(draw: np.random.Generator) -> str | None:
+    """A world is the same after any other episode, any content of its memory, and a state that was loaded."""
+    scenario, seed = any_scenario(draw), int(draw.integers(1000))
+    fresh, used = (lissajous_env.Simulation(scenario, 1) for _ in range(2))
+    shape = fresh.action_shape
+
+    def play(simulation: lissajous_env.Simulation, seed: int | None, actions: np.ndarray) -> list[bytes]:
+        if seed is not None:
+            simulation.reset(seeds=[seed])
+        shown = [simulation.observation.numpy().tobytes()]
+        for action in actions:
+            simulation.step(action[None])
+            shown += [getattr(simulation, name).numpy().tobytes() for name in ("observation", "reward_terms")]
+        return [*shown, str(simulation.score()).encode()]
+
+    actions = draw.uniform(-1.3, 1.3, (12, *shape[1:])).astype(np.float32)
+    play(used, seed, actions[: int(draw.integers(12))])
+    if draw.random() < 0.5:
+        for array in used._groups().values():
+            content = array.numpy()
+            content[...] = np.array(draw.choice([-1, 1, 77_777])).astype(content.dtype)
+    expected = play(fresh, seed, actions)
+    if play(used, seed, actions) != expected:
+        return f"seed {seed} differs after another episode in {scenario}"
+    play(fresh, seed, actions[:5])
+    play(used, seed + 1, actions[: int(draw.integers(5, 8))])
+    used.load_state(fresh.save_state())
+    if play(used, None, actions[5:]) != play(fresh, None, actions[5:]):
+        return f"seed {seed} goes on otherwise where its state was loaded, in {scenario}"
     return None
 
 
@@ -280,6 +330,7 @@ ATTACKS = [
     Attack("what is no action", "refused, nothing has moved", 60, actions),
     Attack("what are no worlds or seeds", "refused, nothing has moved", 60, resets),
     Attack("a world alone and in a batch", "the same, bit for bit", 60, batch_law),
+    Attack("a world with a past", "the same, bit for bit", 60, history_law),
     Attack("an independent model of the world", "the same score", 40, independent_reference),
     Attack("sums beyond 32 bits", "exact", 30, overflow),
 ]

@@ -82,7 +82,7 @@ class Snapshot:
             found_at=of_world(targets.found_at, world),
             found_early=of_world(targets.found_early, world),
             sensed_at=sensed_at,
-            contact=np.argwhere(of_world(simulation.tally.contact, world) * np.outer(there, there)),
+            contact=np.argwhere((of_world(simulation.tally.contact, world) > 0) & np.outer(there, there)),
             collisions=int(of_world(simulation.tally.collisions, world)),
         )
 

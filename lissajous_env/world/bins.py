@@ -71,8 +71,6 @@ class Bins:
     """(W,) robots that stand in every list."""
     is_everywhere: wp.array2d(dtype=wp.int32)
     """(W, N) 1 for these."""
-    compared_at: wp.array3d(dtype=wp.int32)
-    """(W, N, N) above the diagonal, step in which two robots were last compared."""
     first_seen: wp.array3d(dtype=wp.int32)
     """(W, P, K) place in `seen` of the first target in sight of each bin, or -1."""
     seen: wp.array2d(dtype=wp.vec4)
@@ -269,7 +267,6 @@ def bins_of(scenario: Scenario, speed: float, num_worlds: int, parts: int, devic
     filled.first, filled.entry = array(bins), array(filled.room + n + 1, dtype=wp.vec2i)
     filled.begun = array(parts, bins) if parts > 1 else filled.first.reshape((num_worlds, 1, bins))
     filled.used, filled.everywhere, filled.is_everywhere = array(parts), array(), array(n)
-    filled.compared_at = array(n, n)
     filled.first_seen, filled.seen_used = array(parts, bins), array(parts)
     filled.seen = array(scenario.target_capacity, dtype=wp.vec4)
     entries = max(scenario.sensing.robots_seen, scenario.sensing.targets_seen)

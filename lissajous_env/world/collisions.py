@@ -24,6 +24,7 @@ def compare_pair(
     w: int,
     i: int,
     j: int,
+    now: int,
     part: int,
     touch: float,
     beyond: float,
@@ -35,7 +36,8 @@ def compare_pair(
     """Let two robots collide that come within `touch`, or part; returns their least squared distance [m^2].
 
     Robots of one of `places` overlap by design and are not compared: `Scenario.places`.
-    Stretches of the step in which they are farther apart than `beyond` [m] are passed over; 1e30 where all are.
+    Stretches of the step in which they are farther apart than `beyond` [m] are passed over; 1e30 where all are. A pair
+    that is compared more than once in the same step is counted once.
     """
     least = float(1.0e30)
     if places[i] == places[j]:
@@ -49,21 +51,31 @@ def compare_pair(
             least = wp.min(least, closest_approach(before, after))
         before = after
     if least < touch * touch:
-        wp.atomic_add(counted.contact_steps, w, part, wp.int64(1))
-        if tally.contact[w, i, j] == 0:
-            tally.contact[w, i, j] = 1
-            wp.atomic_add(counted.collisions, w, part, wp.int64(1))
-            wp.atomic_add(counted.met, w, part, i, 1)
-            wp.atomic_add(counted.met, w, part, j, 1)
+        met_at = tally.contact[w, i, j]
+        tally.contact[w, i, j] = now
+        if wp.abs(met_at) != now:
+            wp.atomic_add(counted.contact_steps, w, part, wp.int64(1))
+            if met_at <= 0:
+                wp.atomic_add(counted.collisions, w, part, wp.int64(1))
+                wp.atomic_add(counted.met, w, part, i, 1)
+                wp.atomic_add(counted.met, w, part, j, 1)
     if wp.dot(before, before) > PARTED * PARTED * touch * touch:
-        tally.contact[w, i, j] = 0
+        part_pair(w, i, j, tally)
     return least
+
+
+@wp.func
+def part_pair(w: int, i: int, j: int, tally: Tally):
+    """End the contact of two robots; when they last met stays known."""
+    if tally.contact[w, i, j] > 0:
+        tally.contact[w, i, j] = -tally.contact[w, i, j]
 
 
 @wp.func
 def compare_with_all(
     w: int,
     i: int,
+    now: int,
     part: int,
     touch: float,
     beyond: float,
@@ -80,9 +92,9 @@ def compare_with_all(
     for j in range(i + 1, robots.status.shape[1]):
         away = robots.track[w, i, last] - robots.track[w, j, last]
         if wp.length_sq(away) > apart * apart:
-            tally.contact[w, i, j] = 0
+            part_pair(w, i, j, tally)
         elif robots.status[w, j] != REMOVED:
-            nearest = wp.min(nearest, compare_pair(w, i, j, part, touch, beyond, places, robots, tally, counted))
+            nearest = wp.min(nearest, compare_pair(w, i, j, now, part, touch, beyond, places, robots, tally, counted))
     return nearest
 
 
@@ -105,6 +117,7 @@ def find_collisions(
     w = first + tid
     if clock.active[w] == 0:
         return
+    now = clock.step[w]
     touch = 2.0 * robot.radius
     # A pair this far apart cannot touch, nor be the nearest of the episode.
     beyond = wp.max(tally.min_separation[w], PARTED * touch)
@@ -112,7 +125,9 @@ def find_collisions(
     way = longest_way(w, robots)
     for i in range(begin + lane, end, lanes):
         if robots.status[w, i] != REMOVED:
-            nearest = wp.min(nearest, compare_with_all(w, i, part, touch, beyond, way, places, robots, tally, counted))
+            nearest = wp.min(
+                nearest, compare_with_all(w, i, now, part, touch, beyond, way, places, robots, tally, counted)
+            )
     if nearest < 1.0e30:
         wp.atomic_min(counted.min_separation, w, part, wp.sqrt(nearest))
 

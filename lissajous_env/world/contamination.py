@@ -109,14 +109,20 @@ def reset_labels(
             contamination.swept[w, word, row] = wp.uint64(0)
         for word in range(contamination.settled.shape[2]):
             contamination.settled[w, row, word] = wp.uint32(0)
+        contamination.row_oldest[w, row] = NEVER
+        contamination.row_ages[w, row] = wp.int64(0)
+    for line in range(lane, contamination.there.shape[1], lanes):
+        row = line - MARGIN
+        for place in range(contamination.there.shape[2]):
             there = wp.uint32(0)
-            if target.count > 0:
-                there = entries(target.entry, word, row, rows, hops.columns)
+            is_inside = row >= 0 and row < rows and place > 0 and place < contamination.there.shape[2] - 1
+            if is_inside and target.count > 0:
+                there = entries(target.entry, place - 1, row, rows, hops.columns)
             for k in range(hops.ring):
-                contamination.there[w, row + MARGIN, word + 1, k] = there
-        for column in range(hops.columns):
-            for k in range(hops.ring):
-                contamination.labels[w, k, row + MARGIN, column + MARGIN] = 0
+                contamination.there[w, line, place, k] = there
+        for k in range(hops.ring):
+            for column in range(contamination.labels.shape[3]):
+                contamination.labels[w, k, line, column] = 0
     if lane == 0:
         contamination.oldest[w] = wp.where(target.count > 0, 0, NEVER)
 

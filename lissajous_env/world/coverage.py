@@ -31,6 +31,7 @@ def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
         for word in range(cells.sensed.shape[1]):
             cells.sensed[w, word, row] = wp.uint64(0)
             cells.in_discs[w, word, row] = wp.uint64(0)
+            cells.coming[w, word, row] = wp.uint64(0)
             for i in range(cells.sensed_by.shape[1]):
                 cells.sensed_by[w, i, word, row] = wp.uint64(0)
         cells.idle_squares[w, row] = wp.int64(0)

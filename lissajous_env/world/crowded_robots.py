@@ -31,8 +31,8 @@ def compare_with_listed(
     w: int,
     i: int,
     k: int,
-    part: int,
     now: int,
+    part: int,
     touch: float,
     beyond: float,
     places: wp.array(dtype=int),
@@ -41,14 +41,13 @@ def compare_with_listed(
     tally: Tally,
     counted: Counted,
 ) -> float:
-    """`compare_pair` with the robots after this one that are in the list of bin k, each once in a step."""
+    """`compare_pair` with the robots after this one that are in the list of bin k; some are in several lists."""
     nearest = float(1.0e30)
     entry = bins.entry[w, bins.first[w, k]]
     while entry[0] >= 0:
         j = entry[0]
-        if j > i and bins.compared_at[w, i, j] != now:
-            bins.compared_at[w, i, j] = now
-            nearest = wp.min(nearest, compare_pair(w, i, j, part, touch, beyond, places, robots, tally, counted))
+        if j > i:
+            nearest = wp.min(nearest, compare_pair(w, i, j, now, part, touch, beyond, places, robots, tally, counted))
         entry = bins.entry[w, entry[1]]
     return nearest
 
@@ -85,7 +84,7 @@ def find_listed_collisions(
     for i in range(begin + lane, end, lanes):
         if robots.status[w, i] != REMOVED:
             if ask_all or bins.is_everywhere[w, i] == 1:
-                least = compare_with_all(w, i, part, touch, beyond, way, places, robots, tally, counted)
+                least = compare_with_all(w, i, now, part, touch, beyond, way, places, robots, tally, counted)
                 nearest = wp.min(nearest, least)
             else:
                 # Whoever comes within reach of a place on its way is in the list of that place's bin.
@@ -95,7 +94,7 @@ def find_listed_collisions(
                     for column in range(columns[0], columns[1] + 1):
                         k = row * bins.columns + column
                         least = compare_with_listed(
-                            w, i, k, part, now, touch, beyond, places, robots, bins, tally, counted
+                            w, i, k, now, part, touch, beyond, places, robots, bins, tally, counted
                         )
                         nearest = wp.min(nearest, least)
     if nearest < 1.0e30:

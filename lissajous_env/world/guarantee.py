@@ -16,7 +16,9 @@ def reset_guarantee(first: int, clock: Clock, contamination: Contamination):
     if clock.active[w] == 0:
         return
     contamination.cleared_at[w] = NEVER
+    contamination.age[w] = 0
     contamination.age_max[w] = 0
+    contamination.eased[w] = 0.0
     contamination.mean_age[w] = 0.0
     contamination.mean_age_sum[w] = wp.float64(0.0)
     contamination.failed[w] = 0

@@ -197,7 +197,7 @@ class Simulation:
         delay = round(scenario.noise.message_delay / scenario.task.step)
         hops = scenario.spreading
         labels = hops.ring, hops.rows + 2 * int(MARGIN), across(hops.columns)
-        large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 8, 2 * n * n * 4]
+        large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 8, n * n * 4]
         check_room([*large, n * (delay + 1) * 16, 2 * n * self.layout.size * 4], w, self.device)
         each, robot = (w,), (w, n)
         self.clock = allocate(Clock, {}, each, self.device)

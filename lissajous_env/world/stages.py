@@ -64,7 +64,7 @@ def step_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
 
 def reset_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
     """What happens at the beginning of an episode."""
-    follows, many = scenario.task.contamination is not None, has_bins(scenario)
+    many = has_bins(scenario)
     return [
         Stage("clock", reset_clock, WORLD),
         Stage("losses", reset_losses, WORLD),
@@ -80,8 +80,8 @@ def reset_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
         *_target_stages(scenario, "detection", many, parts),
         Stage("cells", reset_cells, ROW),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
-        Stage("labels", reset_labels, FIELD_ROW, when=follows),
-        Stage("unseen", reset_guarantee, WORLD, when=follows),
+        Stage("labels", reset_labels, FIELD_ROW),
+        Stage("unseen", reset_guarantee, WORLD),
         *_contamination_stages(scenario, [scenario.spreading.ticks - 1]),
         Stage("boundary", watch_boundary, ROBOT),
         Stage("deviations", find_deviations, ROBOT),

@@ -223,7 +223,7 @@ class Tally:
     """Sums over the episode, from which the score is made."""
 
     contact: wp.array3d(dtype=wp.int32)
-    """(W, N, N) 1 above the diagonal while a pair has collided and not yet parted."""
+    """(W, N, N) above the diagonal, latest step in which a pair touched, times -1 once it has parted; 0 for never."""
     collisions: wp.array(dtype=wp.int64)
     """(W,) collisions."""
     contact_steps: wp.array(dtype=wp.int64)
@@ -309,8 +309,6 @@ def counted_in(latest: Latest, tally: Tally, parts: int) -> Counted:
             setattr(filled, name, whole.reshape((w, 1, *rest)))
         else:
             setattr(filled, name, wp.zeros((w, parts, *rest), dtype=whole.dtype, device=whole.device))
-    if parts > 1:
-        filled.min_separation.fill_(1.0e30)
     return filled
 
 

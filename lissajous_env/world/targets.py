@@ -71,6 +71,7 @@ def reset_targets(
         if target.entry == _BOUNDARY:
             place = boundary_point(curve, wp.randf(draw))
         targets.position[w, t] = place
+        targets.before[w, t] = place
         targets.heading[w, t] = 6.2831853 * wp.randf(draw)
         share = wp.randf(draw)
         motion = int(STILL)

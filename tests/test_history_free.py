@@ -1,0 +1,147 @@
+"""A world depends on its seed and actions alone: never on what its memory held, nor on what was played there before."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+import lissajous_env
+from lissajous_env.device import program
+from lissajous_env.world.bins import has_bins
+from lissajous_env.world.constants import constants_of
+
+CROWD = {"curve.a": 51, "curve.b": 50, "robot.radius": 0.15, "sensing.radius": 0.4, "formation.phase_rate": 0.02}
+CROWD |= {"targets.count": 60, "task.duration": 3.0}
+ENTERING = {"targets.arrival_rate": 20.0, "targets.entry": "unseen", "targets.fleeing": 0.5, "targets.wandering": 0.5}
+SHORT = {"task.duration": 3.0}
+CASES = {
+    "cars": ("experiment", SHORT),
+    "evading targets and contamination": ("evaders", {**SHORT, "task.contamination": (36, 16)}),
+    "contamination, several ticks in a step": ("evaders", {**SHORT, "targets.speed_limit": 2.0}),
+    "contamination, several steps in a tick": (
+        "experiment", {**SHORT, "task.contamination": (36, 16), "targets.arrival_rate": 3.0},
+    ),
+    "noise, faults and late messages": ("rough-lost", {**SHORT, "faults.rate": 0.5, "noise.message_delay": 0.3}),
+    "stopped by collisions": ("rough", {**SHORT, "task.on_collision": "stop", "robot.radius": 0.3}),
+    "removed by the edge": ("intruders", {**SHORT, "task.boundary": "remove"}),
+    "in space": ("knot", SHORT),
+    "bins": ("swarm", CROWD),
+    "bins, targets enter and flee": ("swarm", {**CROWD, **ENTERING}),
+    "bins, removed by collisions": ("swarm", {**CROWD, "task.on_collision": "remove", "faults.rate": 0.3}),
+}  # fmt: skip
+POISONS = {"nan": (np.nan, 77_777), "large": (1e30, -1), "negative": (-3.7, 2**30 + 5)}
+
+
+@lissajous_env.reward_term(weight=0.5)
+def speedy(world):
+    """Robots' speed."""
+    return world.robots.speed
+
+
+@lissajous_env.score_column(reduce="max")
+def farthest(world):
+    """Largest x."""
+    return world.robots.position[..., 0].max(axis=1)
+
+
+@lissajous_env.observation_entry(size=2)
+def ahead(world):
+    """Cosine and sine of the heading."""
+    return np.stack([np.cos(world.robots.heading), np.sin(world.robots.heading)], axis=-1)
+
+
+def made(case, worlds=2, threads=1, **more):
+    name, overrides = CASES[case]
+    scenario = lissajous_env.scenario(name, extensions=[speedy, farthest, ahead], **overrides, **more)
+    assert has_bins(scenario.resolve()) == case.startswith("bins")
+    return lissajous_env.Simulation(scenario, worlds, seed=5, threads=threads)
+
+
+def arrays_in(values):
+    """Warp arrays of a mapping, and of the structs in it."""
+    for value in values.values():
+        if isinstance(value, wp.array):
+            yield value
+        elif hasattr(value, "_cls"):
+            yield from arrays_in({name: getattr(value, name) for name in value._cls.vars})
+
+
+def state_of(simulation):
+    """Every array that kernels write: all that they are given, but what is made of the scenario alone."""
+    constants = constants_of(simulation.scenario, simulation.device)
+    for each in (simulation._reset, simulation._step):
+        yield from arrays_in({name: value for name, value in each._values.items() if name not in constants})
+        for stage in each.stages:
+            yield from arrays_in(stage.own)
+
+
+def poison(simulation, floating, whole):
+    for array in state_of(simulation):
+        content = array.numpy()
+        if content.dtype.kind == "f":
+            content[...] = floating
+        elif content.dtype.kind == "b":
+            content[...] = True
+        else:
+            content[...] = np.array(whole).astype(content.dtype)
+
+
+def play(simulation, seeds, steps=30):
+    """Everything that an episode shows: observations, rewards and ends of each step, then score and state."""
+    simulation.reset(seeds=seeds)
+    shown = [simulation.observation.numpy().copy()]
+    rng = np.random.default_rng(2)
+    for _ in range(steps):
+        simulation.step(rng.uniform(-1, 1, simulation.action_shape).astype(np.float32))
+        shown += [each.numpy().copy() for each in (simulation.observation, simulation.reward_terms)]
+        shown += [simulation.terminated.numpy().copy(), simulation.truncated.numpy().copy()]
+    return shown, str(simulation.score()), simulation.save_state()
+
+
+def assert_same(got, expected):
+    for step, (mine, other) in enumerate(zip(got[0], expected[0], strict=True)):
+        assert np.array_equal(mine, other, equal_nan=True), f"array {step}"
+    assert got[1] == expected[1]
+    different = [name for name, array in got[2].items() if array.tobytes() != expected[2][name].tobytes()]
+    assert set(different) <= {"final_observation"}, "these rows are of the episode before"
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("case", CASES)
+def test_what_memory_held_before_a_reset_changes_nothing(case, threads, monkeypatch):
+    # Oracle: a simulation that was never used. With three threads, even so small a world is split among them.
+    monkeypatch.setattr(program, "_SHARE", 1)
+    seeds = [8, 9] if threads == 1 else [8]
+    expected = play(made(case, len(seeds), threads), seeds)
+    for floating, whole in POISONS.values():
+        used = made(case, len(seeds), threads)
+        poison(used, floating, whole)
+        assert_same(play(used, seeds), expected)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_an_episode_is_the_same_whatever_was_played_before(case):
+    # Oracle: a simulation that was never used.
+    expected = play(made(case), [8, 9])
+    used = made(case)
+    for seeds in ([1, 2], [8, 9]):
+        play(used, seeds, steps=17)
+    assert_same(play(used, [8, 9]), expected)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_loaded_state_goes_on_the_same_in_a_simulation_with_another_history(case):
+    # Oracle: the simulation whose state was saved, going on. The other one is a step ahead in another episode.
+    first, second = made(case), made(case)
+    play(first, [8, 9], steps=11)
+    play(second, [9, 8], steps=12)
+    second.load_state(first.save_state())
+    rng = np.random.default_rng(6)
+    for _ in range(15):
+        action = rng.uniform(-1, 1, first.action_shape).astype(np.float32)
+        for each in (first, second):
+            each.step(action)
+        assert first.observation.numpy().tobytes() == second.observation.numpy().tobytes()
+        assert first.reward_terms.numpy().tobytes() == second.reward_terms.numpy().tobytes()
+    assert str(first.score()) == str(second.score())
+    states = first.save_state(), second.save_state()
+    assert [name for name in states[0] if states[0][name].tobytes() != states[1][name].tobytes()] == []
