@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass
 
 from lissajous_env.parameters.parts import Curve, Task
+from lissajous_env.parameters.reaches import Reaches, reaches_of
 
 SHARES = 255
 """Into how many a tick is divided."""
@@ -22,8 +23,7 @@ HOPS = ((1, 0), (0, 1), (1, 1), (2, 1), (1, 2))
 _SHORTEST, _TICKS_MAX = 0.99, 32
 """Ticks that the shortest hop takes at least where a tick is several steps, or close to it; most ticks of a step."""
 _STRETCH_MAX = 1.5
-SHRINK, QUICKEN = 1.0, 1.05
-"""What keeps the figure on the safe side: by how many cells a sensor is shrunk, by what a rogue is made faster."""
+_STILL = Reaches(1, 0.0, (), ())
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Spreading:
     columns: int
     rows: int
     radius: float
-    """Radius within which the centre of a cell is sensed [m]."""
+    """Radius of the robots' sensors [m]."""
     ticks: int
     """Ticks in a control step."""
     period: int
@@ -42,11 +42,13 @@ class Spreading:
     """Whole ticks that each of `HOPS` takes; empty where rogues stand still."""
     shares: tuple[int, ...]
     """What it takes beyond them, in `SHARES` of a tick."""
+    reaches: Reaches = _STILL
+    """What takes the place of hops for `task.conservative`."""
 
     @property
     def ring(self) -> int:
         """Ticks for which labels are kept."""
-        return max(self.delays, default=0) + 2
+        return max(self.reaches.lags, default=max(self.delays, default=0) + 1) + 1
 
 
 def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Spreading:
@@ -69,14 +71,16 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
     if max(sides) > _STRETCH_MAX * shortest:
         rule = f"must make cells whose sides differ by {_STRETCH_MAX} times at most"
         raise ValueError(f"task.contamination {rule}, got {columns} x {rows} of {sides[0]:.3g} m x {sides[1]:.3g} m")
-    radius -= SHRINK * max(sides) if task.conservative else 0.0
-    moved = speed * task.step * (QUICKEN if task.conservative else 1.0)
-    if moved * task.steps < shortest:  # no rogue leaves its cell
-        return Spreading(columns, rows, radius, 1, 1, (), ())
+    moved = speed * task.step
     ticks = math.ceil(moved / shortest)
     if ticks > _TICKS_MAX:
         rule = f"must make cells of at least 1/{_TICKS_MAX} of what a rogue moves in a step, {moved:.3g} m"
         raise ValueError(f"task.contamination {rule}, got {columns} x {rows} of {shortest:.3g} m")
+    if task.conservative:
+        reaches = reaches_of(sides, moved, task.steps)
+        return Spreading(columns, rows, radius, 1, reaches.period, (), (), reaches)
+    if moved * task.steps < shortest:  # no rogue leaves its cell
+        return Spreading(columns, rows, radius, 1, 1, (), ())
     period = max(int(shortest / moved / _SHORTEST), 1)
     takes = [max(math.hypot(i * sides[0], j * sides[1]) / moved * ticks / period, 1.0) for i, j in HOPS]
     delays = tuple(int(time) for time in takes)

@@ -9,6 +9,7 @@ from lissajous_env.device import part_structs
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.conservative import as_reach
 from lissajous_env.world.distance import table_of
 from lissajous_env.world.faults import removal_steps, schedule_steps
 from lissajous_env.world.labels import as_hops
@@ -39,7 +40,8 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "distances": table_of(scenario.curve, model.keeps_to_curve, device),
         "equilibrium": wp.array(scenario.equilibrium, dtype=wp.float64, device=device),
         "neighbours": wp.array(scenario.neighbours, dtype=wp.int32, device=device, ndim=2),
-        "hops": as_hops(scenario.spreading, not task.conservative, device),
+        "hops": as_hops(scenario.spreading, device),
+        "reach": as_reach(scenario.spreading.reaches, device),
         "places": wp.array(scenario.places, dtype=wp.int32, device=device),
         "displaced": wp.array(displaced, dtype=wp.float32, device=device),
         "removals": wp.array(removal_steps(scenario.faults, n, task.step), dtype=wp.int32, device=device),

@@ -27,13 +27,13 @@ from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robo
 
 wp.set_module_options(OPTIONS)
 
-_BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
+BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
 
 
 @wp.func
 def entries(entry: int, word: int, row: int, rows: int, columns: int) -> wp.uint32:
     """Bits of the cells of a word in which rogues are introduced."""
-    if entry != _BOUNDARY or row == 0 or row == rows - 1:
+    if entry != BOUNDARY or row == 0 or row == rows - 1:
         return half_of(run_of_bits(word / 2, 0, columns - 1), word)
     ends = run_of_bits(word / 2, 0, 0) | run_of_bits(word / 2, columns - 1, columns - 1)
     return half_of(ends, word)
@@ -80,7 +80,7 @@ def clear_cells(
                 start = along(robots.track, w, i, float(tick) / float(hops.ticks))
             mark_disc(w, end, lane, lanes, curve, hops.radius, hops.columns, contamination.sensed)
             # On a short way the disc passes over no more than what it covers at its ends, but for a sliver.
-            if hops.swept == 1 and wp.length_sq(end - start) > hops.radius * cell:
+            if wp.length_sq(end - start) > hops.radius * cell:
                 pieces = robots.track.shape[2] - 1
                 for piece in range(1, pieces + 1):
                     end = along(robots.track, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks))

@@ -3,6 +3,7 @@
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.part_structs import TargetStruct, TaskStruct
 from lissajous_env.world.labels import Hops
 from lissajous_env.world.state import NEVER, WORKING, Clock, Contamination, Robots
 
@@ -27,7 +28,15 @@ def reset_guarantee(first: int, clock: Clock, contamination: Contamination):
 
 
 @wp.kernel
-def keep_guarantee(first: int, hops: Hops, clock: Clock, robots: Robots, contamination: Contamination):
+def keep_guarantee(
+    first: int,
+    target: TargetStruct,
+    task: TaskStruct,
+    hops: Hops,
+    clock: Clock,
+    robots: Robots,
+    contamination: Contamination,
+):
     """Keep how long a rogue can have gone unseen: t - min e, its largest and its mean over the cells."""
     w = first + wp.tid()
     if clock.active[w] == 0:
@@ -40,6 +49,12 @@ def keep_guarantee(first: int, hops: Hops, clock: Clock, robots: Robots, contami
         ages += contamination.row_ages[w, row]
     age = wp.where(oldest == NEVER, 0, now - oldest)
     mean_age = float(ages) / float(contamination.row_oldest.shape[1] * hops.columns)
+    if task.conservative == 1 and now > 0:
+        # Who was unseen a step ago, or came since then, may have been so until the very end of this step.
+        latest = wp.where(target.arrival_rate > 0.0, now - 1, NEVER)
+        before = wp.min(contamination.oldest[w], latest)
+        if before != NEVER:
+            contamination.age_max[w] = wp.max(contamination.age_max[w], now - before)
     contamination.oldest[w] = oldest
     contamination.cleared_at[w] = wp.where(oldest == NEVER, wp.min(contamination.cleared_at[w], now), NEVER)
     contamination.age[w] = age

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.world.labels import MARGIN
+from lissajous_env.world.labels import MARGIN, NONE
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NEVER
 
@@ -19,6 +19,10 @@ def introduced_at(simulation: Simulation, world: int = 0) -> np.ndarray:
     if simulation.scenario.task.contamination is None:
         return np.full((1, 1), int(NEVER), dtype=np.int32)
     slot = int(simulation.clock.step.numpy()[world]) * hops.ticks // hops.period % hops.ring
+    if simulation.scenario.task.conservative:
+        labels = _of_world(simulation.contamination.labels, world)[slot]
+        labels = labels[margin : margin + hops.rows, margin : margin + hops.columns]
+        return np.where(labels < int(NONE), labels >> 8, int(NEVER)).astype(np.int32)
     inside, columns = slice(margin, hops.rows + margin), np.arange(hops.columns)
     words = _of_world(simulation.contamination.there, world)[inside, 1:-1, slot]
     there = words[:, columns // 32] >> (columns % 32).astype(np.uint32) & 1

@@ -35,18 +35,15 @@ class Hops:
     ticks: int
     period: int
     ring: int
-    swept: int
-    """1 where what discs pass over between two ticks is sensed, 0 where what they cover at the ticks alone is."""
     delays: wp.array(dtype=wp.int32)
     shares: wp.array(dtype=wp.int32)
 
 
-def as_hops(spreading: Spreading, swept: bool, device: Any) -> Hops:
+def as_hops(spreading: Spreading, device: Any) -> Hops:
     """Copy hops to a device."""
     hops = Hops()
     for name in ("columns", "radius", "ticks", "period", "ring"):
         setattr(hops, name, getattr(spreading, name))
-    hops.swept = int(swept)
     hops.delays = wp.array(spreading.delays, dtype=wp.int32, device=device)
     hops.shares = wp.array(spreading.shares, dtype=wp.int32, device=device)
     return hops

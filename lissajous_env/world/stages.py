@@ -14,6 +14,7 @@ from lissajous_env.world.boundary import watch_boundary
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
 from lissajous_env.world.collisions import find_collisions, take_consequences
 from lissajous_env.world.commands import take_commands
+from lissajous_env.world.conservative import bound_labels, reset_bounds
 from lissajous_env.world.contamination import clear_cells, reset_labels, spread
 from lissajous_env.world.coverage import cover, reset_cells
 from lissajous_env.world.crowded_robots import find_listed_collisions, observe_listed
@@ -81,6 +82,7 @@ def reset_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
         Stage("cells", reset_cells, ROW),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
         Stage("labels", reset_labels, FIELD_ROW),
+        Stage("bounds", reset_bounds, FIELD_ROW, when=scenario.task.conservative),
         Stage("unseen", reset_guarantee, WORLD),
         *_contamination_stages(scenario, [scenario.spreading.ticks - 1]),
         Stage("boundary", watch_boundary, ROBOT),
@@ -116,6 +118,8 @@ def _contamination_stages(scenario: Scenario, ticks: Iterable[int]) -> list[Stag
     """What is done in each tick of a step, then the time that a rogue can have gone unseen."""
     if scenario.task.contamination is None:
         return []
+    if scenario.task.conservative:
+        return [Stage("contamination", bound_labels, FIELD_ROW), Stage("guarantee", keep_guarantee, WORLD)]
     stages = []
     for tick in ticks:
         count, own = f" {tick + 1}" if scenario.spreading.ticks > 1 else "", {"tick": tick}

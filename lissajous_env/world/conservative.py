@@ -1,0 +1,227 @@
+"""Contamination on the safe side, for `task.conservative`: no rogue is ever unseen for longer than it says.
+
+A label L[n, c] is a lower bound: every rogue that is somewhere in cell c at the end of step n, and that no working
+robot has sensed until then, was introduced at the end of step L[n, c] or later. Proof, by induction over steps; a rogue
+goes any way at no more than the speed limit v, and D(c, c') is the least distance between two points of two cells.
+
+* At the start, rogues that are present have label 0 wherever rogues are introduced, and 0 is when they came.
+* A tick is P steps. A rogue that is in c' at the end of tick n, and was there k ticks ago, was in a cell c with
+  D(c, c') <= k P v dt. It has gone unseen until then, so L[n - k, c] holds for it. So the least L[n - k, c] of these
+  cells is a bound, for each k: the largest bound is one.
+* A rogue that came since then was introduced in a cell where rogues are introduced, at most k P v dt away. To be
+  introduced in tick n - k counts as having been there from that tick on: all that follows allows it to be where it is.
+  Rogues that came later came at the end of step (n - k + 1) P - 1 or later, which enters the bound of the lag k of
+  cells that are so near.
+* In the steps s = 1 ... P - 1 between two ticks, labels stay with the cell in which a rogue was in the tick before. It
+  is within s v dt of that cell, so where a disc covers the cell and as much around it, it has been sensed, and there is
+  no rogue left to be bounded. With s = 0 that is: where a disc covers the whole cell. A rogue that comes between two
+  ticks counts, as above, from the tick before, with the step before its introduction as its label.
+* Sensing at other times than at the ends of steps is left out, so is what several discs cover together: a label
+  becomes older by either, never younger.
+
+A rogue that is unseen at the end of step n may be sensed any time later in step n + 1: the age that is kept as the
+longest is that at the end of that step (`lissajous_env.world.guarantee`).
+
+The labels are those of `Contamination.labels`, times 256 as there.
+"""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.part_structs import TargetStruct
+from lissajous_env.parameters.reaches import Reaches
+from lissajous_env.world.contamination import BOUNDARY
+from lissajous_env.world.labels import MARGIN, NONE, Hops
+from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
+
+wp.set_module_options(OPTIONS)
+
+_ROUNDING = wp.constant(1e-6)
+"""By what share of all lengths a disc is made smaller, for numbers of 32 bits."""
+
+
+@wp.struct
+class Reach:
+    """`lissajous_env.parameters.reaches.Reaches` as kernels see it."""
+
+    period: int
+    moved: float
+    """[m]."""
+    lags: wp.array(dtype=wp.int32)
+    widths: wp.array2d(dtype=wp.int32)
+    """(lags, rows up or down), -1 beyond the last of a lag."""
+
+
+def as_reach(reaches: Reaches, device: Any) -> Reach:
+    """Copy reaches to a device."""
+    reach = Reach()
+    reach.period, reach.moved = reaches.period, reaches.moved
+    reach.lags = wp.array(reaches.lags, dtype=wp.int32, device=device)
+    widths = np.full((len(reaches.lags), max(map(len, reaches.widths), default=0)), -1, dtype=np.int32)
+    for row, each in zip(widths, reaches.widths, strict=True):
+        row[: len(each)] = each
+    reach.widths = wp.array(widths, dtype=wp.int32, device=device, ndim=2)
+    return reach
+
+
+@wp.func
+def is_near_entry(row: int, column: int, up: int, aside: int, rows: int, columns: int, target: TargetStruct) -> bool:
+    """Whether a rogue comes here that is introduced at most so many rows and columns away."""
+    if target.arrival_rate == 0.0:
+        return False
+    if target.entry != BOUNDARY:
+        return True
+    return row <= up or row >= rows - 1 - up or column <= aside or column >= columns - 1 - aside
+
+
+@wp.func
+def least_label(
+    w: int,
+    slot: int,
+    row: int,
+    column: int,
+    rows: int,
+    columns: int,
+    lag: int,
+    enough: int,
+    reach: Reach,
+    contamination: Contamination,
+) -> int:
+    """Least label among the cells that a lag reaches, or any that is not above `enough`."""
+    least = int(NONE)
+    most = reach.widths.shape[1]
+    for k in range(2 * most - 1):  # this row, one below, one above, two below ...
+        up = (k + 1) / 2
+        width = reach.widths[lag, up]
+        other = wp.where(k % 2 == 1, row - up, row + up)
+        if width >= 0 and other >= 0 and other < rows:
+            for near in range(wp.max(column - width, 0), wp.min(column + width, columns - 1) + 1):
+                least = wp.min(least, contamination.labels[w, slot, other + MARGIN, near + MARGIN])
+            if least <= enough:
+                return least
+    return least
+
+
+@wp.func
+def bound(
+    w: int,
+    tick: int,
+    row: int,
+    column: int,
+    rows: int,
+    columns: int,
+    ring: int,
+    target: TargetStruct,
+    reach: Reach,
+    contamination: Contamination,
+) -> int:
+    """Label of a cell at a tick: the largest of the bounds of all lags."""
+    label = int(-1)
+    for k in range(reach.lags.shape[0]):
+        lag = reach.lags[k]
+        since = int(NONE)  # of rogues that were introduced in the meantime
+        up = int(0)
+        while up < reach.widths.shape[1] - 1 and reach.widths[k, wp.min(up + 1, reach.widths.shape[1] - 1)] >= 0:
+            up += 1
+        if is_near_entry(row, column, up, reach.widths[k, 0], rows, columns, target):
+            since = wp.max((tick - lag + 1) * reach.period - 1, 0) * 256
+        if label < NONE and since > label:
+            slot = (tick - lag + ring) % ring
+            least = least_label(w, slot, row, column, rows, columns, k, label, reach, contamination)
+            label = wp.max(label, wp.min(least, since))
+    return label
+
+
+@wp.func
+def forget_covered(
+    w: int,
+    slot: int,
+    row: int,
+    rows: int,
+    grown: float,
+    curve: CurveStruct,
+    hops: Hops,
+    robots: Robots,
+    contamination: Contamination,
+):
+    """Forget who was in the cells of a row that a disc covers, and `grown` [m] around them."""
+    height = 2.0 * curve.half_height / float(rows)
+    scale = float(hops.columns) / (2.0 * curve.half_width)
+    bottom = float(row) * height - curve.half_height
+    for i in range(robots.sensor.shape[1]):
+        place = robots.sensor[w, i]
+        if place[0] < 0.5 * NOWHERE:
+            size = curve.half_width + curve.half_height + hops.radius + wp.abs(place[0]) + wp.abs(place[1])
+            radius = hops.radius - grown - _ROUNDING * size
+            far = wp.max(wp.abs(bottom - place[1]), wp.abs(bottom + height - place[1]))
+            if far < radius:
+                half = wp.sqrt(radius * radius - far * far)
+                first = wp.ceil((place[0] - half + curve.half_width) * scale)
+                after = wp.floor((place[0] + half + curve.half_width) * scale)
+                # Clamped before they are whole numbers: a far place or a wide disc lies beyond all of these.
+                begin = int(wp.clamp(first, 0.0, float(hops.columns)))
+                end = int(wp.clamp(after, 0.0, float(hops.columns)))
+                for column in range(begin, end):
+                    contamination.labels[w, slot, row + MARGIN, column + MARGIN] = NONE
+
+
+@wp.kernel
+def reset_bounds(first: int, lanes: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination):
+    """Let rogues that are present from the start be wherever they are introduced."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    rows = contamination.row_ages.shape[1]
+    for row in range(lane, rows, lanes):
+        for column in range(hops.columns):
+            is_edge = row == 0 or row == rows - 1 or column == 0 or column == hops.columns - 1
+            there = target.count > 0 and (is_edge or target.entry != BOUNDARY)
+            for k in range(hops.ring):
+                contamination.labels[w, k, row + MARGIN, column + MARGIN] = wp.where(there, 0, NONE)
+
+
+@wp.kernel
+def bound_labels(
+    first: int,
+    lanes: int,
+    curve: CurveStruct,
+    target: TargetStruct,
+    hops: Hops,
+    reach: Reach,
+    clock: Clock,
+    robots: Robots,
+    contamination: Contamination,
+):
+    """Let rogues be wherever they can have come to, but where a disc covers all of it."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    now = clock.step[w]
+    tick = now / reach.period
+    since = now - tick * reach.period
+    slot = tick % hops.ring
+    rows = contamination.row_ages.shape[1]
+    for row in range(lane, rows, lanes):
+        for column in range(hops.columns):
+            if now > 0 and since == 0:
+                label = bound(w, tick, row, column, rows, hops.columns, hops.ring, target, reach, contamination)
+                contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
+            elif now > 0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
+                label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
+                contamination.labels[w, slot, row + MARGIN, column + MARGIN] = wp.min(label, (now - 1) * 256)
+        forget_covered(w, slot, row, rows, float(since) * reach.moved, curve, hops, robots, contamination)
+        oldest = int(NEVER)
+        ages = wp.int64(0)
+        for column in range(hops.columns):
+            label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]
+            if label < NONE:
+                oldest = wp.min(oldest, label / 256)
+                ages += wp.int64(now - label / 256)
+        contamination.row_oldest[w, row] = oldest
+        contamination.row_ages[w, row] = ages
