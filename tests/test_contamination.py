@@ -162,7 +162,7 @@ def test_a_rogue_that_knows_the_future_never_beats_the_conservative_figure():
             _, ages, sensors = played(policy, 1, slices=2, **setting)
             _, safe, _ = played(policy, 1, **setting, **{"task.conservative": True})
             known = Field(sensors, HALF, radius, speed, 0.1, finer=4).run()
-            assert (known <= safe + 1).all(), policy  # the age is a whole number of steps
+            assert (known <= safe).all(), policy
             shares.append(known.max() / ages.max())
     assert np.median(shares) > 0.9
     assert min(shares) > 0.7
@@ -207,7 +207,7 @@ def test_no_target_of_the_world_is_unseen_for_longer_than_the_figure():
     for seed in range(3):
         simulation, _, _ = played("open-loop-mpcc", seed, **setting)
         row = simulation.score()[0]
-        assert row["detection_time_max"] <= row["guaranteed_detection_time"] + 0.1 + 1e-9
+        assert row["detection_time_max"] <= row["guaranteed_detection_time"] + 1e-9
 
 
 def test_worlds_are_the_same_in_any_batch():

@@ -356,8 +356,9 @@ class Task(Checked):
     """Columns and rows of the grid on which is followed where a rogue may be that was never seen, for the guaranteed
     detection time; None leaves it out. Places are known to about half a cell: halve the cells to halve the error."""
     conservative: bool = flag(False)
-    """Whether that error is on the safe side: sensors are a cell smaller, rogues 5 % faster than they are, and what is
-    sensed between two control steps does not count, so that no rogue is unseen for longer than the figure."""
+    """Whether that error is on the safe side: a rogue may be anywhere in its cell and go any way at the speed limit,
+    and a sensor clears a cell only where it covers all of it at the end of a step. No rogue is unseen for longer than
+    the figure; `lissajous_env.world.conservative` has the proof. Smaller cells bring it closer to the plain figure."""
     on_collision: str = choice("count", "count", "stop", "remove")
     """What a collision does to the two robots: nothing but count, stops them for good, or removes (terminates) them."""
     boundary: str = choice("open", "open", "wall", "remove")
