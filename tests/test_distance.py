@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 from reference_motion import curve_tree
+from scipy.spatial import cKDTree
 
 import baselines
 import lissajous_env
@@ -109,3 +110,57 @@ def test_points_of_the_curve_are_on_it():
     (row,) = simulation.score()
     assert row["lateral_error_mean"] == row["lateral_error_max"] == 0
     assert row["tracking_error_max"] < 1e-4
+
+
+def harmonics(count, decay, size, rng, flat=1.0):
+    """Rows of a random closed curve that stays within `size` [m] of the middle."""
+    rows = rng.normal(size=(count, 4)) / np.arange(1, count + 1)[:, None] ** decay * [1, 1, flat, flat]
+    return tuple(map(tuple, (rows * size / np.abs(rows).sum(axis=0).reshape(2, 2).sum(axis=1).max()).tolist()))
+
+
+RANDOM = {
+    "circle": (1, 1.0, 1.0, 1.0), "flat": (1, 1.0, 1.0, 0.05), "small": (3, 2.0, 1e-3, 1.0),
+    "large": (3, 2.0, 0.9, 1.0), "aside": (6, 1.0, 0.02, 1.0), "tangled": (12, 1.0, 0.1, 1.0), "fine": (40, 2.0, 0.5, 1.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("half", [1e-3, 1e4])
+@pytest.mark.parametrize("case", RANDOM)
+def test_the_distance_from_a_curve_of_harmonics_is_that_of_brute_force(case, half):
+    # Oracle: the nearest of a hundred thousand points of a lap. A curve may be far smaller than its rectangle.
+    count, decay, size, flat = RANDOM[case]
+    rng = np.random.default_rng(len(case))
+    curve = Curve(half, half, harmonics=harmonics(count, decay, size * half, rng, flat))
+    scenario = lissajous_env.scenario("experiment", curve=curve, **{"robot.count": 5, "sensing.radius": 1.0})
+    points = curve_point(curve, np.linspace(0, 2 * np.pi, 100_001))
+    tree, extent = cKDTree(points), np.ptp(points, axis=0).max() / 2
+    beside = points[rng.integers(len(points), size=2000)]
+    beside = beside + extent * rng.normal(size=(2000, 2)) * 10 ** rng.uniform(-5, -1, (2000, 1))
+    around = points.mean(axis=0) + extent * rng.uniform(-3, 3, (2000, 2))
+    anywhere = half * rng.uniform(-1.2, 1.2, (1000, 2))
+    for places in (beside, around, anywhere):
+        places = places.astype(np.float32)
+        exact = tree.query(places.astype(float))[0]
+        error = np.abs(by_table(scenario, places) - exact) / np.maximum(exact, extent)
+        assert np.median(error) < 2e-5
+        assert np.quantile(error, 0.98) < 2e-3
+        assert error.max() < 2e-2
+
+
+def test_a_car_on_a_small_curve_has_no_lateral_error():
+    # Story: the rectangle is a hundred times as large as the curve.
+    radius = 0.02
+    curve = Curve(2.0, 2.0, harmonics=((radius, 0, 0, radius),))
+    scenario = lissajous_env.scenario("experiment", curve=curve, **{"robot.count": 5, "sensing.radius": 1.0})
+    turn = np.linspace(0, 2 * np.pi, 50)
+    for away in (0.0, 1e-4, 0.01, 1.0):
+        places = (radius + away) * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        assert by_table(scenario, places) == pytest.approx(away, abs=1e-6)
+
+
+@pytest.mark.parametrize("rows", [((1.9, 0, 0, 0.5),), ((0.5, 0, 0, 0.9),), ((1.0, 0, 0, 0.5), (1.0, 0, 0, 0.1))])
+def test_a_curve_that_leaves_its_rectangle_is_refused_by_name(rows):
+    with pytest.raises(
+        ValueError, match=r"curve.harmonics must stay in the rectangle, 1.8 m x 0.8 m to each side, got"
+    ):
+        lissajous_env.scenario("experiment", curve=Curve(harmonics=rows), **{"robot.count": 5, "sensing.radius": 0.6})

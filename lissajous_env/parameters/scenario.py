@@ -36,6 +36,9 @@ __all__ = ["PARTS", "Curve", "Faults", "Formation", "Noise", "Robot", "Scenario"
 
 PARTS = {part.__name__.lower(): part for part in (Curve, Formation, Robot, Sensing, Targets, Faults, Noise, Task)}
 
+_OUTSIDE = 1.002
+"""By what factor a curve of harmonics may be larger than its rectangle: `Curve.through` is right to a thousandth."""
+
 
 @with_own_locks
 @dataclass(frozen=True)
@@ -63,6 +66,7 @@ class Scenario:
             if not isinstance(getattr(self, name), str):
                 raise ValueError(f"{name} must be text, got {getattr(self, name)!r}")
         object.__setattr__(self, "extensions", as_extensions(self.extensions))
+        self._check_harmonics()
         self._check_robots()
         self._check_times()
         model_of(self.robot.kind).check(self.curve, self.formation, self.robot, self.noise, self.task)
@@ -70,6 +74,17 @@ class Scenario:
         if self.target_capacity > MOST_TARGETS:
             rule = f"must bring at most {MOST_TARGETS} targets an episode, with those of the start and six deviations"
             raise ValueError(f"targets.arrival_rate {rule} [1/s], got {self.targets.arrival_rate}")
+
+    def _check_harmonics(self) -> None:
+        if not self.curve.harmonics:
+            return
+        gamma = np.linspace(0, 2 * np.pi, 32 * len(self.curve.harmonics) + 64, endpoint=False)
+        extent = np.abs(closed_forms.curve_point(self.curve, gamma)).max(axis=0)
+        if (extent > _OUTSIDE * np.array([self.curve.half_width, self.curve.half_height])).any():
+            rule = (
+                f"must stay in the rectangle, {self.curve.half_width:g} m x {self.curve.half_height:g} m to each side"
+            )
+            raise ValueError(f"curve.harmonics {rule}, got a curve that reaches {extent[0]:.6g} m x {extent[1]:.6g} m")
 
     def _check_robots(self) -> None:
         if self.curve.harmonics:
