@@ -25,6 +25,8 @@ from lissajous_env.plugins import import_attribute
 from lissajous_env.wording import few_of, nearest, shown
 
 REDUCTIONS = ("mean", "sum", "max", "min", "last")
+LARGEST = 1e30
+"""Largest number that an extension may bring, its weight included: sums of some of them are finite in 32 bits."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,12 @@ class RewardTerm(Extension):
     weight: float = 1.0
     """What the numbers are multiplied by."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (isinstance(self.weight, (int, float)) and abs(self.weight) <= LARGEST):
+            rule = f"must be a number from -{LARGEST:g} to {LARGEST:g}"
+            raise ValueError(f"weight of {self.name} {rule}, got {shown(self.weight)}")
+
 
 @dataclass(frozen=True)
 class ScoreColumn(Extension):
@@ -106,6 +114,10 @@ class ObservationEntry(Extension):
         super().__post_init__()
         if not 1 <= self.size <= 1024:
             raise ValueError(f"size of {self.name} must be from 1 to 1024, got {shown(self.size)}")
+        for name, value in (("low", self.low), ("high", self.high)):
+            if not (isinstance(value, (int, float)) and abs(value) <= LARGEST):
+                rule = f"must be a number from -{LARGEST:g} to {LARGEST:g}"
+                raise ValueError(f"{name} of {self.name} {rule}, got {shown(value)}")
         if not self.low < self.high:
             raise ValueError(f"high of {self.name} must be above low = {self.low}, got {shown(self.high)}")
 

@@ -174,12 +174,15 @@ class Scenario:
                 table[robot] = ring[place - 1], ring[(place + 1) % n]
             elif n == 2:
                 table[robot, 0] = ring[1 - place]
+        table.flags.writeable = False
         return table
 
     @cached_property
     def equilibrium(self) -> np.ndarray:
         """(N,) phases of the equilibrium (2) with theta_0 = 0 [rad]."""
-        return closed_forms.equilibrium_phases(self.num_robots, self.p, self.ring)
+        phases = closed_forms.equilibrium_phases(self.num_robots, self.p, self.ring)
+        phases.flags.writeable = False
+        return phases
 
     @cached_property
     def places(self) -> tuple[int, ...]:

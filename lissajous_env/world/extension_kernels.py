@@ -4,10 +4,19 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.parameters.extensions import LARGEST
 from lissajous_env.world.state import GONE, HIDDEN, Clock, Latest, Targets
 from lissajous_env.world.targets import CUSTOM
 
 wp.set_module_options(OPTIONS)
+
+_LARGEST = wp.constant(LARGEST)
+
+
+@wp.func
+def or_zero(value: float) -> float:
+    """Return the value, or 0 where it is not finite or larger than allowed: a GPU is not waited for to refuse it."""
+    return wp.where(wp.abs(value) <= _LARGEST, value, 0.0)
 
 
 @wp.kernel
@@ -20,7 +29,7 @@ def take_term(
     if clock.active[w] == 0:
         return
     for i in range(lane, value.shape[1], lanes):
-        latest.terms[w, i, term] = weight * value[w, i]
+        latest.terms[w, i, term] = or_zero(weight * value[w, i])
 
 
 @wp.kernel
@@ -41,7 +50,7 @@ def take_entries(
         return
     for i in range(lane, value.shape[1], lanes):
         for k in range(value.shape[2]):
-            observation_out[w, i, start + k] = wp.clamp(value[w, i, k], low, high)
+            observation_out[w, i, start + k] = wp.clamp(or_zero(value[w, i, k]), low, high)
 
 
 @wp.kernel
@@ -56,10 +65,11 @@ def keep_column(first: int, value: wp.array(dtype=wp.float64), clock: Clock, kep
         kept_out[w, 2] = wp.float64(wp.inf)
         kept_out[w, 3] = wp.float64(wp.nan)
     else:
-        kept_out[w, 0] += value[w]
-        kept_out[w, 1] = wp.max(kept_out[w, 1], value[w])
-        kept_out[w, 2] = wp.min(kept_out[w, 2], value[w])
-        kept_out[w, 3] = value[w]
+        latest = wp.where(wp.abs(value[w]) <= wp.float64(_LARGEST), value[w], wp.float64(0.0))
+        kept_out[w, 0] += latest
+        kept_out[w, 1] = wp.max(kept_out[w, 1], latest)
+        kept_out[w, 2] = wp.min(kept_out[w, 2], latest)
+        kept_out[w, 3] = latest
 
 
 @wp.kernel

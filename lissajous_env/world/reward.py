@@ -66,7 +66,7 @@ def give_reward(
             latest.terms[w, i, 7] = part * eased
             reward = detection + part * (waiting + idleness + formation + eased) + collision + effort + outside
             for term in range(_TERMS, count):
-                latest.terms[w, i, term] = part * latest.terms[w, i, term]
+                latest.terms[w, i, term] = wp.where(part > 0.0, latest.terms[w, i, term], 0.0)
                 reward += latest.terms[w, i, term]
             latest.reward[w, i] = reward
             tally.returns[w, i] += wp.float64(reward)

@@ -1,14 +1,29 @@
 """The state of a batch of worlds as NumPy arrays, for what is written in Python."""
 
 from collections.abc import Mapping
-from types import SimpleNamespace
-from typing import Any
+from typing import Any, NoReturn
+
+import numpy as np
 
 from lissajous_env.parameters.scenario import Scenario
 
 
-class WorldView:
-    """What a function of an extension is given: arrays over worlds, robots and targets, to be read.
+def read_only(array: np.ndarray) -> np.ndarray:
+    """Return a view of an array through which nothing can be written."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+class _Fixed:
+    """Something whose attributes are set once, when it is made."""
+
+    def __setattr__(self, name: str, value: Any) -> NoReturn:
+        raise ValueError(f"{name} is read-only, and so are all arrays of a world")
+
+
+class WorldView(_Fixed):
+    """What a function of an extension is given: read-only arrays over worlds, robots and targets.
 
     Attributes:
         scenario: The scenario, with every field filled in.
@@ -17,30 +32,32 @@ class WorldView:
         observation: (W, N, D).
 
     On the CPU they are the simulation's own memory, in which everything is of this very step. On a GPU they are copied
-    when they are asked for.
+    when they are asked for. To change one, take a copy: `world.targets.position.copy()`.
     """
 
     def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: Any):
-        self.scenario = scenario
-        self._observation = observation
-        for name, struct in structs.items():
-            setattr(self, name, _Arrays(struct) if not observation.device.is_cpu else _views(struct))
+        kind = _Views if observation.device.is_cpu else _Copies
+        self.__dict__.update({"scenario": scenario, "_observation": observation})
+        self.__dict__.update({name: kind(struct) for name, struct in structs.items()})
 
     @property
     def observation(self) -> Any:
         """(W, N, D) rows of the robots."""
-        return self._observation.numpy()
+        return read_only(self._observation.numpy())
 
 
-class _Arrays:
+class _Views(_Fixed):
+    """Arrays of a struct on a CPU."""
+
+    def __init__(self, struct: Any):
+        self.__dict__.update({name: read_only(getattr(struct, name).numpy()) for name in struct._cls.vars})
+
+
+class _Copies(_Fixed):
     """Arrays of a struct on a GPU, copied when they are asked for."""
 
     def __init__(self, struct: Any):
-        self._struct = struct
+        self.__dict__["_struct"] = struct
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._struct, name).numpy()
-
-
-def _views(struct: Any) -> SimpleNamespace:
-    return SimpleNamespace(**{name: getattr(struct, name).numpy() for name in struct._cls.vars})
+        return read_only(getattr(self._struct, name).numpy())

@@ -8,6 +8,7 @@ import warp as wp
 from baselines.policies.rows import Rows
 from lissajous_env.device.devices import copy_in
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.view import read_only
 
 
 class NumpyCoordinator:
@@ -44,7 +45,7 @@ class NumpyCoordinator:
         Raises:
             ValueError: `rates` returned another shape, no numbers, or a number that is not finite.
         """
-        rates, name = self.rates(Rows(observation.numpy(), self.scenario)), type(self).__name__
+        rates, name = self.rates(Rows(read_only(observation.numpy()), self.scenario)), type(self).__name__
         copy_in(f"rates of {name}", rates, self.phase_rate)
         finite = np.isfinite(np.asarray(rates))
         if not finite.all():

@@ -1,0 +1,229 @@
+"""What an extension is given cannot be written to, and what it brings is finite or refused by name."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+import baselines
+import lissajous_env
+from lissajous_env.device.part_structs import TaskStruct
+from lissajous_env.world.state import Clock, Robots
+
+SHORT = {"task.duration": 2.0}
+KINDS = {
+    "reward term": (lissajous_env.reward_term(), (2, 5)),
+    "score column": (lissajous_env.score_column(), (2,)),
+    "observation entry": (lissajous_env.observation_entry(), (2, 5)),
+    "target motion": (lissajous_env.target_motion, None),
+}
+MOVED = {"targets.custom": 1.0, "targets.wandering": 0.0, "targets.speed_limit": 5.0}
+
+
+def write_into_view(world):
+    world.robots.position[..., 0] += 0.01
+
+
+def write_by_function(world):
+    np.add(world.targets.position, 1.0, out=world.targets.position)
+
+
+def write_observation(world):
+    world.observation[:] = 0
+
+
+def write_sum(world):
+    world.tally.returns += 1.0
+
+
+def set_array(world):
+    world.robots.position = world.robots.position + 1
+
+
+def set_struct(world):
+    world.robots = None
+
+
+def write_scenario(world):
+    world.scenario.equilibrium[0] = 1.0
+
+
+WRITES = (write_into_view, write_by_function, write_observation, write_sum, set_array, set_struct, write_scenario)
+
+
+def stepped(extension, worlds=2, steps=3, **overrides):
+    scenario = lissajous_env.scenario("experiment", extensions=[extension], **{**SHORT, **overrides})
+    simulation = lissajous_env.Simulation(scenario, worlds)
+    for _ in range(steps):
+        simulation.step(np.full(simulation.action_shape, 0.3, dtype=np.float32))
+    return simulation
+
+
+@pytest.mark.parametrize("write", WRITES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_extension_writes_to_the_world(kind, write):
+    decorate, shape = KINDS[kind]
+
+    def meddles(world):
+        write(world)
+        return world.targets.position if shape is None else np.zeros(shape)
+
+    overrides = MOVED if shape is None else {}
+    with pytest.raises(ValueError, match=f"{kind} meddles must not write to the world, whose arrays are read-only"):
+        stepped(decorate(meddles), **overrides)
+
+
+def test_a_world_that_an_extension_tried_to_write_to_has_not_moved():
+    # Oracle: the same world without it.
+    @lissajous_env.score_column()
+    def meddles(world):
+        for write in WRITES:
+            with pytest.raises(ValueError, match="read-only"):
+                write(world)
+        return np.zeros(2)
+
+    plain = lissajous_env.Simulation(lissajous_env.scenario("experiment", **SHORT), 2)
+    for _ in range(3):
+        plain.step(np.full(plain.action_shape, 0.3, dtype=np.float32))
+    assert stepped(meddles).robots.position.numpy().tobytes() == plain.robots.position.numpy().tobytes()
+
+
+def test_what_an_extension_reads_is_of_this_step_and_may_be_copied():
+    kept = []
+
+    @lissajous_env.score_column()
+    def keeps(world):
+        changed = world.robots.position.copy()
+        changed += 1.0
+        kept.append(world.clock.step.copy())
+        return changed[:, 0, 0]
+
+    stepped(keeps)
+    assert [steps.tolist() for steps in kept] == [[1, 1], [2, 2], [3, 3]]
+
+
+def test_a_policy_of_a_function_and_a_coordinator_cannot_change_what_the_world_shows():
+    scenario = lissajous_env.scenario("experiment", **SHORT)
+    simulation = lissajous_env.Simulation(scenario)
+    before = simulation.observation.numpy().copy()
+
+    class Meddler(baselines.NumpyCoordinator):
+        def rates(self, rows):
+            rows.values[:] = 0.0
+            return np.full((self.num_worlds, self.scenario.num_robots), self.natural_rate)
+
+    with pytest.raises(ValueError, match="read-only"):
+        baselines.with_tracker(Meddler, "mpcc")(scenario).act(simulation.observation)
+    assert (simulation.observation.numpy() == before).all()
+
+
+# What is not finite.
+
+
+@pytest.mark.parametrize("weight", [np.nan, np.inf, -np.inf, 1e300, -2e30])
+def test_a_weight_must_be_finite(weight):
+    with pytest.raises(ValueError, match=r"weight of ones must be a number from -1e\+30 to 1e\+30, got"):
+
+        @lissajous_env.reward_term(weight=weight)
+        def ones(world):
+            return np.ones((2, 5))
+
+
+@pytest.mark.parametrize(("low", "high"), [(-np.inf, 1.0), (0.0, np.inf), (np.nan, 1.0), (0.0, 1e300)])
+def test_ends_of_a_range_must_be_finite(low, high):
+    with pytest.raises(ValueError, match="of ones must be a number from"):
+
+        @lissajous_env.observation_entry(low=low, high=high)
+        def ones(world):
+            return np.ones((2, 5))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1e39, 2e30])
+@pytest.mark.parametrize("kind", KINDS)
+def test_numbers_that_are_not_finite_in_32_bits_are_refused_with_name_robot_and_world(kind, value):
+    decorate, shape = KINDS[kind]
+
+    def wild(world):
+        numbers = world.targets.position.astype(float) if shape is None else np.zeros(shape)
+        numbers[1, ...] = np.where(np.arange(numbers[1].size).reshape(numbers[1].shape) == 3, value, 0)
+        if numbers.ndim == 1:
+            numbers[1] = value
+        return numbers
+
+    where = {"score column": "world 1", "target motion": "target_1 in world 1"}.get(kind, "robot_3 in world 1")
+    with pytest.raises(ValueError, match=f"{kind} wild must return finite numbers of at most .* for {where}"):
+        stepped(decorate(wild), **(MOVED if shape is None else {}))
+
+
+def test_a_weight_and_numbers_that_are_finite_alone_are_refused_together():
+    @lissajous_env.reward_term(weight=1e20)
+    def large(world):
+        return np.where(np.arange(5) == 2, -1e20, 0.0) * np.ones((2, 1))
+
+    with pytest.raises(ValueError, match=r"reward term large .* weight included, got -1e\+20 for robot_2 in world 0"):
+        stepped(large)
+
+
+def test_rewards_of_the_largest_numbers_are_finite():
+    terms = []
+    for name in ("one", "two", "three"):
+
+        def most(world):
+            return np.full((2, 5), 1e30)
+
+        most.__name__ = name
+        terms.append(lissajous_env.reward_term()(most))
+    scenario = lissajous_env.scenario("experiment", extensions=terms, **SHORT)
+    simulation = lissajous_env.Simulation(scenario, 2)
+    for _ in range(20):
+        simulation.step(np.zeros(simulation.action_shape, dtype=np.float32))
+    assert np.isfinite(simulation.reward.numpy()).all()
+    assert np.isfinite([row["return_mean"] for row in simulation.score()]).all()
+
+
+@wp.kernel
+def wild_kernel(first: int, lanes: int, clock: Clock, robots: Robots, value_out: wp.array2d(dtype=float)):
+    """0, and no number from the second step on."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 1:
+        for i in range(lane, value_out.shape[1], lanes):
+            value_out[w, i] = wp.where(clock.step[w] > 1 and i == 4, wp.nan, 0.0)
+
+
+@wp.kernel
+def wild_move(first: int, lanes: int, task: TaskStruct, clock: Clock, robots: Robots):
+    """Move one robot nowhere in the second step."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 1 and clock.step[w] == 2 and lane == 0:
+        robots.heading[w, 1] = wp.inf
+
+
+def test_kernels_that_bring_what_is_not_finite_are_refused():
+    with pytest.raises(
+        ValueError, match=r"reward term wild_kernel must return finite .* got nan for robot_4 in world 0"
+    ):
+        stepped(lissajous_env.reward_term()(wild_kernel))
+    model = lissajous_env.RobotModel("wild", ("go",), ((0.0,),), wild_move, lambda *parts: 1.0)
+    lissajous_env.register_robot_model(model)
+    scenario = lissajous_env.scenario("experiment", **SHORT, **{"robot.kind": "wild"})
+    simulation = lissajous_env.Simulation(scenario)
+    simulation.step(np.zeros(simulation.action_shape))
+    with pytest.raises(ValueError, match="robot model wild must move robots to a finite heading, got inf for robot_1"):
+        simulation.step(np.zeros(simulation.action_shape))
+
+
+def test_a_removed_robot_gets_no_term_of_a_kernel_whatever_that_brings():
+    # Story: what a GPU does, where nobody waits for a check: numbers that are not finite count as 0.
+    scenario = lissajous_env.scenario(
+        "experiment", extensions=[lissajous_env.reward_term()(wild_kernel)], **{"faults.removed": ((4, 0.1),)}, **SHORT
+    )
+    simulation = lissajous_env.Simulation(scenario)
+    kept = [stage for stage in simulation.stages.stages if stage.name != "wild_kernel checked"]
+    assert len(kept) == len(simulation.stages.stages) - 1
+    program = type(simulation.stages)
+    settings = simulation.stages._values, simulation.stages._sizes, 1, simulation.device, simulation.split
+    simulation._step = program(kept, *settings)
+    for _ in range(5):
+        simulation.step(np.zeros(simulation.action_shape))
+        assert np.isfinite(simulation.reward.numpy()).all()
