@@ -324,6 +324,52 @@ def overflow(draw: np.random.Generator) -> str | None:
     return None
 
 
+def extensions(draw: np.random.Generator) -> str | None:
+    """Bring numbers of any size, and write to what is given: refused by name, or all that a step returns is finite."""
+    weight, value = (float(draw.choice([-1, 1]) * 10 ** draw.uniform(-45, 45)) for _ in range(2))
+    value = float(draw.choice([value, value, math.nan, math.inf]))
+    meddles = draw.random() < 0.3
+    part, others = ("robots", "position heading speed phase"), ("targets", "position heading in_sight")
+    name, fields = part if draw.random() < 0.5 else others
+    field = str(draw.choice(fields.split()))
+
+    def wild(world: Any) -> Any:
+        if meddles:
+            getattr(getattr(world, name), field)[...] = 0
+        return np.where(draw.random((1, 5)) < 0.2, value, 1.0)
+
+    seen: list[str | None] = []
+
+    def play() -> None:
+        kinds = [lissajous_env.reward_term(weight), lissajous_env.observation_entry()]
+        brought = kinds[draw.integers(len(kinds))](wild)
+        simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[brought]))
+        for _ in range(5):
+            simulation.step(draw.uniform(-1, 1, simulation.action_shape))
+            seen.append(out_of_range(simulation))
+        if meddles:
+            seen.append("what was written was taken")
+
+    refused = held_back(play)
+    words = refused or next((each for each in seen if each), None)
+    return None if words is None else f"{value} times {weight}, meddles with {name}.{field} is {meddles}: {words}"
+
+
+def conservative(draw: np.random.Generator) -> str | None:
+    """A rogue in a gap of a formation that moves as a whole, against the conservative figure."""
+    sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+    import test_conservative
+
+    lissajous_env.register_robot_model(test_conservative.CONVOY)
+    angle, columns = float(draw.uniform(0, 2 * np.pi)), int(draw.integers(20, 90))
+    grid, step = (columns, round(columns * draw.uniform(0.7, 1.0))), float(draw.choice([0.02, 0.05, 0.1, 0.3]))
+    gap = float(10 ** draw.uniform(-3, 0)) * 2 * test_conservative.HALF / columns
+    unseen, figure = test_conservative.unseen_behind_a_convoy(angle, step, grid, gap)
+    if figure >= unseen - 1e-9:
+        return None
+    return f"{unseen:.2f} s unseen, the figure is {figure:.2f} s, at {angle} rad, steps of {step} s, on {grid}"
+
+
 ATTACKS = [
     Attack("any value in any field", "runs clean, or a ValueError of a line", 400, fields),
     Attack("classical policies in any scenario", "actions are finite", 60, policies),
@@ -332,5 +378,7 @@ ATTACKS = [
     Attack("a world alone and in a batch", "the same, bit for bit", 60, batch_law),
     Attack("a world with a past", "the same, bit for bit", 60, history_law),
     Attack("an independent model of the world", "the same score", 40, independent_reference),
+    Attack("hostile extensions", "refused by name, or all is finite and nothing has moved", 150, extensions),
+    Attack("rogues in a moving gap", "unseen for no longer than the conservative figure", 30, conservative),
     Attack("sums beyond 32 bits", "exact", 30, overflow),
 ]

@@ -51,7 +51,7 @@ class Extended:
         """Stages of a step, by the stage of ours that they follow."""
         self._after_reset: dict[str, list[Stage]] = {}
         model = model_of(scenario.robot.kind)
-        if self.device.is_cpu and not is_shipped(self.scenario.robot.kind):
+        if self.device.is_cpu and not is_shipped(model.name):
             robots = structs["robots"]
             self._after["motion"] = [Stage("motion checked", lambda: _check_motion(model, robots))]
         shape, term, entry = observation.shape, len(TERMS), observation.shape[2]
