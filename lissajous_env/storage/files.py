@@ -114,7 +114,7 @@ def check_writable_file(path: str | Path, name: str = "out") -> None:
     """
     path = Path(path)
     try:
-        with contextlib.suppress(FileNotFoundError):
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError):
             os.lstat(path)  # a name that is too long is none that is missing
         is_folder, has_home = path.is_dir(), path.absolute().parent.is_dir()
     except OSError as error:
