@@ -76,7 +76,7 @@ def test_scenarios_lists_each_one(width):
     for name in lissajous_env.scenarios():
         scenario = lissajous_env.scenario(name).resolve()
         # Oracle: (8), by hand. What the sensors of these do not guarantee is printed as no bound.
-        short = name in ("intruders", "evaders", "evaders-failure")
+        short = name in ("intruders", "intruders-inside", "evaders", "evaders-failure")
         bound = "-" if short else f"{scenario.detection_time_bound:.3g}"
         (line,) = re.findall(rf"^{name} +\d.*$", ended.stdout, re.MULTILINE)
         assert {str(scenario.num_robots), scenario.robot.kind, bound} <= set(line.split())
@@ -142,7 +142,7 @@ def test_an_unknown_scenario_is_one_clear_line_and_exit_code_2(tmp_path):
         (["design", "--speed-max", "1", "--sensor-radius", "1e-300"], "sensor_radius must be from 1e-06 to 1e+06 [m]"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--speed", "1e-9"], "speed must be from 0.01 to 1000, got 1e-09"),
         (["replay", "nowhere.npz", "--out", "x.gif", "--fps", "nan"], "fps must be from 0.1 to 50, got nan"),
-        (["run", "failure", "kuramoto", "--out", "film.mov"], "must end in .html or .gif"),
+        (["run", "failure", "kuramoto", "--out", "film.mov"], "must end in .html or .mp4 or .gif"),
         (["replay", "nowhere.npz"], "nowhere.npz"),
     ],
 )
