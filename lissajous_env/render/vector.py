@@ -15,8 +15,8 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import View
 from lissajous_env.render.snapshot import Snapshot, thinned
-from lissajous_env.render.targets import FLASH
 from lissajous_env.render.team import Team
+from lissajous_env.render.times import flash_time
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
@@ -124,7 +124,7 @@ def _draw_targets(axes: Axes, scenario: Scenario, seen: Snapshot) -> None:
     dots: dict[str, Any] = {"ls": "", "ms": size, "zorder": 7, "rasterized": scenario.target_capacity > 5000}
     found = seen.found
     if scenario.targets.leave:
-        found = found & (seen.step - seen.found_at < FLASH / scenario.task.step)
+        found = found & (seen.step - seen.found_at < flash_time(scenario) / scenario.task.step)
     axes.plot(*places[found].T, marker="o", mfc="none", mec=_colour(palette.FOUND), mew=0.8, **dots)
     axes.plot(*places[seen.present & ~flees].T, marker="o", color=_colour(palette.TARGET), mew=0, **dots)
     axes.plot(*places[seen.present & flees].T, marker="o", mfc="white", mec=_colour(palette.TARGET), mew=0.7, **dots)
