@@ -19,7 +19,7 @@ KINDS = {
     "points": {"scenario": "failure"},
     "discrete": {"discrete_actions": True},
     "removing": CRASHING,
-    "two points": {"scenario": "failure", "robot.count": 2, "formation.p": 0, "faults.schedule": (), **CRASHING},
+    "two points": {"scenario": "failure", "robot.count": 2, "formation.p": 1, "faults.schedule": (), **CRASHING},
 }
 EVERY_KIND = pytest.mark.parametrize("kind", KINDS)
 # Of a Gymnasium environment made without its registry.

@@ -277,7 +277,7 @@ def test_every_scenario_runs_within_its_bounds(name):
 
 def test_an_episode_in_which_all_robots_are_removed_ends_with_their_collision():
     # Story: two points meet, are removed, and the world stops in that very step, not in the next.
-    overrides = {"robot.count": 2, "formation.p": 0, "formation.start": "random", "faults.schedule": ()}
+    overrides = {"robot.count": 2, "formation.p": 1, "formation.start": "random", "faults.schedule": ()}
     scenario = lissajous_env.scenario("failure", **overrides, **{"task.on_collision": "remove", "robot.radius": 0.1})
     simulation = lissajous_env.Simulation(scenario, 8)
     opposite = np.broadcast_to(np.array([[-1.0], [1.0]]), simulation.action_shape)

@@ -24,7 +24,7 @@ KINDS = {
     "discrete points": {"scenario": "failure", "discrete_actions": True},
     "with state": {"state": True},
     "removing": CRASHING,
-    "all removed": {"scenario": "failure", "robot.count": 2, "formation.p": 0, "faults.schedule": (), **CRASHING},
+    "all removed": {"scenario": "failure", "robot.count": 2, "formation.p": 1, "faults.schedule": (), **CRASHING},
 }
 EVERY_KIND = pytest.mark.parametrize("kind", KINDS)
 DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.skipif(not wp.is_cuda_available(), reason="needs CUDA"))]
