@@ -64,7 +64,7 @@ def test_the_world_drives_a_car_by_it():
     scenario = lissajous_env.scenario("experiment", **calm)
     made = scenario.robot
     held = (made.drag * 1.0 + made.offset) / made.drive
-    action = 2 * (held - made.throttle_min) / (made.throttle_max - made.throttle_min) - 1
+    action = 2 * (held - made.throttle_min) / (made.full_throttle - made.throttle_min) - 1
     simulation = lissajous_env.Simulation(scenario)
     for _ in range(100):
         simulation.step(np.full(simulation.action_shape, [0.0, action], dtype=np.float32))

@@ -276,7 +276,7 @@ def test_the_scenario_comes_first_and_any_other_order_is_understood(order, capsy
 
 
 def test_help_names_the_scenario_first(capsys):
-    for command, usage in (("run", "SCENARIO POLICY"), ("evaluate", "SCENARIO [SCENARIO ...] POLICY")):
+    for command, usage in (("run", "SCENARIO POLICY"), ("evaluate", "[SCENARIO ...] POLICY")):
         assert usage in called(capsys, command, "--help")[1]
 
 

@@ -70,7 +70,7 @@ def test_a_step_is_its_launches_one_after_the_other(name):
         together.step(action)
         apart.action.assign(action)
         for call in apart.stages._calls:
-            for launch in call.launches:
+            for launch in call.__self__.launches:
                 launch.launch()
     assert same_state(together, apart) == []
 

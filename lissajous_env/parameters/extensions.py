@@ -199,8 +199,8 @@ def as_extensions(given: Any) -> tuple[Extension, ...]:
         if not isinstance(one, Extension):
             raise ValueError(f"extensions must be objects or module:name, got {shown(one)}")
     names = [one.name for one in made]
-    if len(set(names)) < len(names):
-        raise ValueError(f"extensions must have names of their own, got {few_of(names)}")
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"extensions must have names of their own, got {few_of(twice)} twice")
     entries = [entry for one in made if isinstance(one, ObservationEntry) for entry in one.entries]
     if twice := sorted({entry for entry in entries if entries.count(entry) > 1}):
         raise ValueError(f"entries of the observation must have names of their own, got {few_of(twice)} twice")
