@@ -43,7 +43,8 @@ class Extended:
     """
 
     def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: wp.array):
-        self.scenario, self.device = scenario, observation.device
+        self.scenario = scenario
+        self.device: Any = observation.device
         _check_names(scenario)
         self.kept: dict[str, wp.array] = {}
         self._view = WorldView(scenario, structs, observation)

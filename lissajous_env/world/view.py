@@ -35,6 +35,9 @@ class WorldView(_Fixed):
     when they are asked for. To change one, take a copy: `world.targets.position.copy()`.
     """
 
+    scenario: Scenario
+    _observation: Any
+
     def __init__(self, scenario: Scenario, structs: Mapping[str, Any], observation: Any):
         kind = _Views if observation.device.is_cpu else _Copies
         self.__dict__.update({"scenario": scenario, "_observation": observation})
