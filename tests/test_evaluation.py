@@ -1,6 +1,7 @@
 """Evaluation: a policy whose actions are no actions is stopped by name, wherever policies are played."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest

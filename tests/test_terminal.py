@@ -134,16 +134,18 @@ def test_time_in_words(seconds, words):
 def test_time_left_is_said_once_there_is_something_to_judge_by():
     clock, now = Clock(), 0.0
     bars = rich.progress.Progress(get_time=lambda: now)
-    bars.add_task("", total=200, completed=100, before=100)
+    bars.add_task("", total=100)
     (task,) = bars.tasks
     now = 1.0
-    bars.update(task.id, completed=101)
+    bars.update(task.id, completed=1)
     assert clock.render(task).plain == "1 s"
     now = 40.0
-    bars.update(task.id, completed=110)
-    # Ten took 40 s, so the other ninety take 360 s; what was there before took none of them.
+    bars.update(task.id, completed=10)
+    # Ten took 40 s, so the other ninety take 360 s, unless the task itself says what is left.
     assert clock.render(task).plain == "40 s, 6 min left"
-    bars.update(task.id, completed=200)
+    bars.update(task.id, left="2 h left")
+    assert clock.render(task).plain == "40 s, 2 h left"
+    bars.update(task.id, left=None, completed=100)
     assert clock.render(task).plain == "40 s"
 
 

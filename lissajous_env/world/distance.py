@@ -10,7 +10,7 @@ narrow that the table would grow beyond its limit, it is below the size of a cel
 
 A curve of harmonics has another table, of grids around the curve itself, wherever it lies in its rectangle: each cell
 holds the parameters of the few points of the curve that are nearest to places in it, and from each of these Newton's
-steps lead to the nearest point. On random curves the error is at most a thousandth of the curve's extent.
+steps lead to the nearest point. On rough random curves the error is at most a hundredth of the curve's extent.
 """
 
 from functools import lru_cache

@@ -1,7 +1,7 @@
 """The simulation: a batch of worlds of one scenario, stepped together on one device."""
 
 import math
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import warp as wp
@@ -87,10 +87,8 @@ class Simulation:
             raise ValueError(f"threads must be a whole number of at least 1 or None, got {shown(threads)}")
         if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
             raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
-        made = scenario
-        if overrides or not isinstance(scenario, Scenario):
-            made = named.scenario(scenario, **overrides)
-        self.scenario = made.resolve()
+        plain = isinstance(scenario, Scenario) and not overrides  # internal variants pass here without a warning
+        self.scenario = (cast(Scenario, scenario) if plain else named.scenario(scenario, **overrides)).resolve()
         self.num_worlds = whole_number("num_worlds", num_worlds)
         self.device = as_device(device)
         self.threads = threads or cores()
