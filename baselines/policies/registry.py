@@ -35,7 +35,7 @@ _REGISTER = "register", "register_policy", "register_coordinator"
 """Names of the functions that add policies."""
 _opener: Callable[..., Policy] | None = None
 _home: Callable[..., Scenario] | None = None
-_parts_of_folder: Callable[[str], dict[str, str]] = lambda folder: {}
+_parts_of_folder: Callable[..., dict[str, str]] = dict
 
 
 def register(
