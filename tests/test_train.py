@@ -328,3 +328,27 @@ def test_rows_of_a_process_are_read_after_those_of_the_one_before(tmp_path):
     before = before.rename(tmp_path / before.name.replace(f".{os.getpid()}.", ".999999999."))
     open_rows(tmp_path, 3).close()
     assert min(tmp_path.iterdir()) == before
+
+
+def test_a_training_goes_on_with_the_code_that_it_began_with(tmp_path, monkeypatch):
+    # Oracle: the same teacher made anew goes on; one that has captured another value is refused by name.
+    from baselines.policies import registry
+
+    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._registry()))
+
+    def teach(share):
+        def make(scenario, num_worlds, device):
+            made = registry.make("still", scenario, num_worlds, device)
+            made.share = share
+            return made
+
+        registry._REGISTRY.pop("my-teacher", None)
+        registry.register("my-teacher", kind="car", factory=make)
+
+    teach(0.1)
+    train(small(tmp_path, teacher="my-teacher", steps=1280), QUIET)
+    teach(0.1)
+    train(small(tmp_path, teacher="my-teacher", steps=2560), QUIET)
+    teach(0.2)
+    with pytest.raises(ValueError, match="share of my-teacher has changed"):
+        train(small(tmp_path, teacher="my-teacher", steps=3840), QUIET)

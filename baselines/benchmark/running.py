@@ -41,7 +41,7 @@ def run(
         settings: What to play.
         policies: Policies of your own by name, each a `factory(scenario, num_worlds, device)` or a policy that was made
             for the one scenario. They are played on every scenario, beside those that `settings.policies` names.
-            Only their names are kept with the results.
+            Their names are kept with the results, and what tells their code from other code: `lissajous_env.identity`.
         scenarios: Scenarios instead of the named ones.
         console: Where to print; `Console(quiet=True)` prints nothing.
 

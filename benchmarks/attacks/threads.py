@@ -13,7 +13,7 @@ import lissajous_env
 from attacks import Attack
 from attacks.terminal import pick
 
-_SECONDS = 120
+_SECONDS = 400
 _BEGIN = """
 import os, signal, sys, threading, time
 import numpy as np
@@ -26,7 +26,7 @@ _FORKS = """
 simulation = lissajous_env.Simulation({scenario!r}, {worlds}, threads={threads})
 policy = baselines.make({policy!r}, {scenario!r}, {worlds})
 actions = policy.act(simulation.observation).numpy()
-stopping, hangs = False, 0
+stopping, statuses = False, []
 
 def go_on():
     while not stopping:
@@ -44,7 +44,7 @@ for each in others:
     each.start()
 for _ in range(5):
     time.sleep({pause})
-    forked, until, status = child(), time.monotonic() + 15, None
+    forked, until, status = child(), time.monotonic() + 60, None
     while status is None and time.monotonic() < until:
         done, status = os.waitpid(forked, os.WNOHANG)
         if not done:
@@ -53,11 +53,11 @@ for _ in range(5):
     if status is None:
         os.kill(forked, signal.SIGKILL)
         os.waitpid(forked, 0)
-    hangs += status != 0
+    statuses.append("hangs" if status is None else status)
 stopping = True
 for each in others:
     each.join()
-print("held" if hangs == 0 else f"{{hangs}} of 5 children hang or fail")
+print("held" if set(statuses) == {{0}} else statuses)
 """
 _STACK = """
 def work():
