@@ -37,7 +37,7 @@ class _Fixed:
         return np.full(self._shape, np.sum(self.share if self.weights is None else self.weights), dtype=np.float32)
 
 
-def _closure(share: float) -> Any:
+def _closure(share: Any) -> Any:
     return lambda scenario, num_worlds, device: _Fixed(scenario, num_worlds, device, share)
 
 
