@@ -171,7 +171,8 @@ def test_a_policy_of_two_stages_is_published_with_one_curve(tmp_path):
     ]
     assert [point["stage"] for point in text["curve"]] == [1] * len(curves[0]) + [2] * len(curves[1])
     assert (text["command"], text["made_for"]) == ("how", ["failure"])
-    rows = lissajous_env.evaluate(training.load(two.out, "failure", 64), "failure", range(10_000, 10_064))
+    policy = training.load(two.out, num_worlds=64)  # on the scenario that the folder holds
+    rows = lissajous_env.evaluate(policy, policy.scenario, range(10_000, 10_064))
     found = text["held_out_scores"]["failure"]["collisions"]["mean"]
     assert found == pytest.approx(np.mean([row["collisions"] for row in rows]), abs=1e-4)
     assert not list((tmp_path / "shipped").glob("state*"))
