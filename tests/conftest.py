@@ -1,4 +1,4 @@
-"""Settings of every test: no window is opened, none is waited for, and what is drawn at random is drawn again."""
+"""Settings of every test: no window, no waiting, random numbers that repeat, and registries of its own."""
 
 import os
 import random
@@ -7,6 +7,11 @@ import sys
 
 import numpy as np
 import pytest
+
+import baselines
+from baselines.policies import registry
+from lissajous_env.parameters import named
+from lissajous_env.world.robots import table
 
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 os.environ["MPLBACKEND"] = "Agg"
@@ -19,6 +24,14 @@ def _same_draws():
     np.random.seed(0)
     if "torch" in sys.modules:
         sys.modules["torch"].manual_seed(0)
+
+
+@pytest.fixture(autouse=True)
+def _own_registries(monkeypatch):
+    # What one test registers, another must not see.
+    baselines.names()
+    for module, name in ((registry, "_REGISTRY"), (registry, "_WRAPPERS"), (table, "_MODELS"), (named, "_REGISTERED")):
+        monkeypatch.setattr(module, name, dict(getattr(module, name)))
 
 
 @pytest.fixture

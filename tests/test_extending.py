@@ -59,10 +59,7 @@ def home(tmp_path_factory):
 def here(home, monkeypatch):
     """This process in that folder; what is registered meanwhile is forgotten."""
     monkeypatch.chdir(home)
-    baselines.names()
-    monkeypatch.setattr(named, "_REGISTERED", dict(named._REGISTERED))
     monkeypatch.setattr(named, "register_ids", lambda name: None)  # Gymnasium forgets none
-    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield home
     for name in [name for name in sys.modules if name.startswith("my_")]:

@@ -237,8 +237,7 @@ def slide(first: int, lanes: int, command: wp.array3d(dtype=float), clock: Clock
 
 
 @pytest.fixture
-def slider(monkeypatch):
-    monkeypatch.setattr(table, "_MODELS", dict(table._MODELS))
+def slider():
     rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     model = lissajous_env.RobotModel("slider", ("x", "y", "none"), rows, slide, lambda *parts: 2.0)
     return lissajous_env.register_robot_model(model)

@@ -6,7 +6,6 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.policies import registry
 from lissajous_env import here
 from lissajous_env.console import cli
 from lissajous_env.parameters import named
@@ -49,10 +48,7 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "unwanted.py").write_text("open('unwanted', 'w')\nregister = 'my-still'\n")
     (tmp_path / "hall.toml").write_text("base = 'failure'\n[task]\nduration = 0.5\n")
     monkeypatch.chdir(tmp_path)
-    baselines.names()
-    monkeypatch.setattr(named, "_REGISTERED", dict(named._REGISTERED))
     monkeypatch.setattr(named, "register_ids", lambda name: None)
-    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield tmp_path
     for name in sources:

@@ -228,7 +228,6 @@ def test_the_parts_are_the_same_in_every_process(tmp_path):
 
 def test_a_registered_policy_and_its_filter_are_told_by_their_code(monkeypatch):
     # Oracle: the names that a person looks for.
-    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._registry()))
     baselines.register("constant", kind="car", factory=captured(0.1))
     one = registry.parts("constant-safe")
     monkeypatch.setattr(registry, "_REGISTRY", {k: v for k, v in registry._REGISTRY.items() if k != "constant"})
@@ -244,7 +243,6 @@ def test_a_registered_policy_and_its_filter_are_told_by_their_code(monkeypatch):
 
 def test_a_folder_holds_one_version_of_a_model_of_robots(tmp_path, monkeypatch):
     # Oracle: a model of the same name with other numbers is refused.
-    monkeypatch.setattr(table, "_MODELS", dict(table._MODELS))
     settings = Benchmark(("failure",), (), 1, batch=1, out=tmp_path, replays=("none",))
     still = {"still": lambda observation: np.zeros((*observation.shape[:2], 1), dtype=np.float32)}
     for rows, refused in ((((-1.0,), (1.0,)), False), (((-0.5,), (1.0,)), True)):

@@ -15,9 +15,6 @@ from training.learned.policy import register_shipped
 
 @pytest.fixture(autouse=True)
 def _own_registry(monkeypatch):
-    baselines.names()
-    for name in ("_REGISTRY", "_WRAPPERS"):
-        monkeypatch.setattr(registry, name, dict(getattr(registry, name)))
     monkeypatch.setattr(registry._BROUGHT, "broken", [])
 
 

@@ -335,8 +335,6 @@ def test_a_training_goes_on_with_the_code_that_it_began_with(tmp_path, monkeypat
     # Oracle: the same teacher made anew goes on; one that has captured another value is refused by name.
     from baselines.policies import registry
 
-    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._registry()))
-
     def teach(share):
         def make(scenario, num_worlds, device):
             made = registry.make("still", scenario, num_worlds, device)
