@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -177,7 +176,7 @@ def test_a_killed_driver_is_gone_on_from_by_the_other_engine(whole, tmp_path):
     process.send_signal(signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
     assert 4 <= len(numbered(out)) < 36
-    run(small(out, episodes=12), {"slow": Quick}, console=QUIET)
+    run(small(out, episodes=12), {"slow": Slow}, console=QUIET)
     assert len(numbered(out)) == 36
     assert (out / "episodes.csv").read_bytes() == (whole / "episodes.csv").read_bytes()
 
@@ -343,16 +342,3 @@ def test_the_bar_shows_the_cells_in_order_though_batches_end_in_any():
         ("begin", "second"), ("end", "failed"),
         ("begin", "third"), *steps, ("finished", 1), ("end", ""),
     ]  # fmt: skip
-
-
-def test_one_node_and_two_are_measured_as_the_page_shows_them(monkeypatch):
-    # Oracle: the table that the page shows. Each side starts a cluster of its own.
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
-    import figures
-    from speeds import Options, cluster
-
-    (table,) = cluster.tables(Options(rounds=1, worlds=1, threads=1, quick=True)).values()
-    stored = figures.load()["cluster"]
-    assert table["columns"] == stored["columns"]
-    assert [row[0] for row in table["rows"]] == [row[0] for row in stored["rows"]]
-    assert all(float(row[2]) > 0 for row in table["rows"])

@@ -3,6 +3,7 @@
 A folder can grow: by scenarios, policies and episodes. What is there already stays as it is, so all else must agree.
 """
 
+import contextlib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,13 +30,15 @@ _ENTRIES = {"policies": dict, "episodes": int, "seed": int, "device": str, "vers
 
 NAMES = ("settings.json", "episodes.jsonl", detections.NAME)
 """Files that are kept."""
+_ROBOTS = "robots of kind "
 _ADVICE = "take another --out, or delete the folder"
 
 
 def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
     """Write the settings beside the results and return them, those of earlier calls among them.
 
-    Other scenarios and policies are added to what is there, and so are more episodes; all else must agree.
+    Other scenarios and policies are added to what is there, and so are more episodes; all else must agree. The code of
+    a policy may change as long as the folder has no episode of it, so a policy that failed can be mended.
 
     Raises:
         ValueError: the folder holds results of other settings (the message shows where they differ), or is damaged.
@@ -51,7 +54,8 @@ def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) ->
         return now
     there = read_settings(path)
     both = [name for name in now["scenarios"] if name in there["scenarios"]]
-    played = [name for name in now["played"] if name in there["played"]]
+    begun = _begun(folder)
+    played = [name for name in now["played"] if name in there["played"] and (name in begun or name.startswith(_ROBOTS))]
     fixed = ("seed", "device", "versions")
     then, wanted = (
         {name: of[name] for name in fixed}
@@ -68,7 +72,7 @@ def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) ->
         "episodes": max(there["episodes"], now["episodes"]),
         **{name: there[name] for name in fixed},
         "digests": now["digests"] | there["digests"],
-        "played": now["played"] | there["played"],
+        "played": there["played"] | {name: of for name, of in now["played"].items() if name not in played},
         "scenarios": there["scenarios"] | {n: of for n, of in now["scenarios"].items() if n not in both},
     }
     if held != there:
@@ -91,10 +95,16 @@ def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
     })  # fmt: skip
 
 
+def _begun(folder: Folder) -> set[str]:
+    """Return the names of the policies of which the folder holds episodes."""
+    with contextlib.closing(folder.journal("episodes.jsonl")) as journal:
+        return {str(row.get("policy")) for row in journal.entries}
+
+
 def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
-    """What tells the code that is played from another of the same name: policies, and models of robots not of ours."""
+    """Return digests of the code of each policy, and of each model of robots that is not ours."""
     kinds = {cell.scenario.robot.kind for cell in cells}
-    models = {f"robots of kind {kind}": parts_of(model_of(kind)) for kind in sorted(kinds) if not is_shipped(kind)}
+    models = {_ROBOTS + kind: parts_of(model_of(kind)) for kind in sorted(kinds) if not is_shipped(kind)}
     return {cell.policy: parts(cell.factory) for cell in cells} | models
 
 

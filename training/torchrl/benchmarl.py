@@ -134,6 +134,7 @@ class LissajousTask(Task):
     EXPERIMENT = None
     EXPERIMENT_PRINTED = None
     INTRUDERS = None
+    INTRUDERS_INSIDE = None
     EVADERS = None
     EVADERS_FAILURE = None
     ROUGH = None
