@@ -1,7 +1,7 @@
 """The defaults of `lissajous train` on scenarios that are not shipped, against the paper's method on each.
 
 `python benchmarks/own_scenarios.py` trains each of `benchmarks/own_scenarios/*.toml` for some seeds, and plays the best
-checkpoint and the rival on the same held-out seeds. FOLDER holds a folder for each training, the rows of its episodes,
+checkpoint and the rival on the same held-out seeds; a policy for cars is played with the collision filter. FOLDER holds a folder for each training, the rows of its episodes,
 and `own_scenarios.json`, which is written anew after each training. Killed and called again it goes on. Options that
 this script does not know are those of `lissajous train`.
 """
@@ -21,7 +21,6 @@ import numpy as np
 
 import baselines
 import lissajous_env
-import training
 from baselines.benchmark.statistics import paired
 from baselines.benchmark.tables import between, number
 from lissajous_env.console.terminal import plain
@@ -30,6 +29,7 @@ from training.learned import checkpoint
 
 SCENARIOS = sorted((Path(__file__).parent / "own_scenarios").glob("*.toml"))
 RIVALS = {"car": "kuramoto-mpcc", "curve": "kuramoto"}
+SUFFIX = {"car": "-safe", "curve": ""}
 HELD_OUT = range(10_000, 10_128)
 COLUMNS = ("detection_time_mean", "collisions", "detected_fraction")
 KEPT = ("seed", *COLUMNS)
@@ -81,7 +81,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenarios", nargs="+", default=[path.stem for path in SCENARIOS])
     parser.add_argument("--seeds", type=int, default=3, help="trainings of each scenario: seeds 0, 1 ...")
-    parser.add_argument("--steps", type=int, default=5_000_000)
+    parser.add_argument("--steps", type=int, default=2_000_000)
     parser.add_argument("--out", type=Path, default=Path("results/own_scenarios"))
     parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options, more = parser.parse_known_args()
@@ -96,7 +96,9 @@ def main() -> None:
             best, done = text["scores"]["steps"], checkpoint.read_text(folder)["counters"]
             ours = rows_of(
                 options.out / f"{folder.name}-{done['steps']}.json",
-                lambda folder=folder: training.load(folder / "best", num_worlds=len(HELD_OUT)),
+                lambda made=made, name=f"{folder}/best{SUFFIX[made.robot.kind]}": baselines.make(
+                    name, made, len(HELD_OUT)
+                ),
                 scenario,
             )
             theirs = rows_of(

@@ -158,6 +158,20 @@ def test_the_commands_take_a_folder_for_a_name(tmp_path):
         baselines.make(str(tmp_path / "nothing"), "rough")
 
 
+def test_a_folder_with_the_suffix_of_a_wrapper_is_its_policy_wrapped():
+    # Oracle: the shipped policy of that folder, which has a wrapped one of its own.
+    folder = training.learned.policy.find("learned-rough")
+    made = lissajous_env.scenario("rough", **{"task.duration": 5.0})
+    ours, same = (
+        lissajous_env.evaluate(baselines.make(name, made, 4), made, range(4))
+        for name in (f"{folder}-safe", "learned-rough-safe")
+    )
+    without_name = [[repr(row | {"policy": ""}) for row in rows] for rows in (ours, same)]  # NaN equals no NaN
+    assert without_name[0] == without_name[1]
+    assert ours[0]["policy"] == f"{folder}-safe"
+    assert baselines.policies.registry.home(f"{folder}-safe") == lissajous_env.scenario("rough")
+
+
 @pytest.mark.parametrize("name", ["learned-nothing", "", "/nowhere/at/all"])
 def test_an_unknown_name_is_refused_with_what_there_is(name):
     with pytest.raises(ValueError, match=r"policy must be one of learned-.*, or a folder that holds checkpoint.json"):

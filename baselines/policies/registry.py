@@ -140,7 +140,7 @@ def home(folder: str) -> Scenario:
         ValueError: there is no policy in it, or its scenario cannot be made.
     """
     assert _home is not None
-    return _home(folder)
+    return _home(_folder_of(folder)[0])
 
 
 def describe(name: str) -> dict[str, Any]:
@@ -174,17 +174,29 @@ def meant_here(name: str) -> list[str]:
 
 def parts(name: str) -> dict[str, str]:
     """Name the parts that tell a policy from another one of the same name: `lissajous_env.identity.parts_of`."""
-    if is_folder(name):
-        return _parts_of_folder(name)
-    plain, suffix = unwrapped(name)
+    folder, suffix = _folder_of(name) if is_folder(name) else ("", unwrapped(name)[1])
+    inside = _parts_of_folder(folder) if folder else parts_of(_registry()[unwrapped(name)[0]].factory)
     wrapper = parts_of(_WRAPPERS[suffix][1]) if suffix else {}
-    return parts_of(_registry()[plain].factory) | {f"{suffix} {part}": each for part, each in wrapper.items()}
+    return inside | {f"{suffix} {part}": each for part, each in wrapper.items()}
 
 
 def is_folder(name: str) -> bool:
-    """Whether a name is none of the registry's, but a folder that a policy may be in."""
+    """Return whether a name is that of a folder that a policy may be in, with or without the suffix of a wrapper."""
+    return name not in _kinds() and _opener is not None and _is_directory(_folder_of(name)[0])
+
+
+def _folder_of(name: str) -> tuple[str, str]:
+    """Return the folder that a name stands for, and the suffix of what wraps the policy in it ("" for nothing)."""
+    for suffix in _WRAPPERS:
+        plain = str(name).removesuffix(suffix)
+        if plain != str(name) and not _is_directory(name) and _is_directory(plain):
+            return plain, suffix
+    return name, ""
+
+
+def _is_directory(name: str) -> bool:
     try:
-        return name not in _kinds() and _opener is not None and Path(name).is_dir()
+        return Path(name).is_dir()
     except OSError:  # no name of a file can be as long
         return False
 
@@ -259,9 +271,18 @@ def _parted(name: str) -> tuple[str, str]:
 def _build(name: str, scenario: Scenario, num_worlds: int, device: Any) -> Policy:
     plain, suffix = unwrapped(name)
     policy = _registry()[plain].factory(scenario, num_worlds, device)
-    if suffix:
-        policy.name = plain
-        policy = _WRAPPERS[suffix][1](policy)
+    policy.name = plain
+    return _wrapped(policy, suffix, name)
+
+
+def _wrapped(policy: Policy, suffix: str, name: str) -> Policy:
+    """Return a policy under a name; one with the suffix of a wrapper is wrapped."""
+    if not suffix:
+        return policy
+    kind, wrapper, _ = _WRAPPERS[suffix]
+    if policy.kind not in (None, kind):
+        raise ValueError(f"policy must drive robots of kind {kind} to be wrapped by {suffix}, got {name}")
+    policy = wrapper(policy)
     policy.name = name
     return policy
 
@@ -275,7 +296,7 @@ def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
 
 
 def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
-    """Make a policy by name, or of the folder of a checkpoint.
+    """Make a policy by name, or of the folder of a checkpoint; a suffix such as `-safe` wraps either.
 
     Raises:
         ValueError: an unknown name (the message offers the nearest), a policy that does not fit the scenario, a number
@@ -286,7 +307,8 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
         raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
     made = make_scenario(scenario)
     if _opener is not None and is_folder(name):
-        return _opener(name, made, num_worlds, device)
+        folder, suffix = _folder_of(name)
+        return _wrapped(_opener(folder, made, num_worlds, device), suffix, str(name))
     check(name, made)
     return _build(name, made, num_worlds, device)
 
