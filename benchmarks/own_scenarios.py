@@ -1,9 +1,10 @@
 """The defaults of `lissajous train` on scenarios that are not shipped, against the paper's method on each.
 
 `python benchmarks/own_scenarios.py` trains each of `benchmarks/own_scenarios/*.toml` for some seeds, and plays the best
-checkpoint and the rival on the same held-out seeds; a policy for cars is played with the collision filter. FOLDER holds a folder for each training, the rows of its episodes,
-and `own_scenarios.json`, which is written anew after each training. Killed and called again it goes on. Options that
-this script does not know are those of `lissajous train`.
+checkpoint and the rival on the same held-out seeds; a policy for cars is played with the collision filter. FOLDER holds
+a folder for each training, the rows of its episodes, and `own_scenarios.json`, which is written anew after each
+training. Killed and called again, the command goes on. Options that this script does not know are those of
+`lissajous train`.
 """
 
 import argparse

@@ -1,5 +1,6 @@
 """Learned policies: the same interface as the classical ones, and nothing seen but the observation."""
 
+import subprocess
 import sys
 
 import numpy as np
@@ -207,3 +208,10 @@ def test_a_residual_that_is_no_number_is_refused(residual):
 def test_a_network_that_does_not_fit_its_card_is_refused():
     with pytest.raises(ValueError, match="network must map 42 inputs to 2 components of an action, got 41 to 2"):
         Learned(make_network((41, 2)), Card.of(lissajous_env.scenario("intruders")), "intruders")
+
+
+def test_a_folder_is_opened_by_a_program_that_imports_baselines_alone():
+    folder = training.learned.policy.find("learned-rough")
+    program = f"import baselines; print(baselines.make({str(folder)!r} + '-safe', 'rough').name)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == f"{folder}-safe"

@@ -139,6 +139,7 @@ def home(folder: str) -> Scenario:
     Raises:
         ValueError: there is no policy in it, or its scenario cannot be made.
     """
+    _BROUGHT.load()
     assert _home is not None
     return _home(_folder_of(folder)[0])
 
@@ -306,7 +307,8 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
     if not isinstance(name, (str, os.PathLike)):
         raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
     made = make_scenario(scenario)
-    if _opener is not None and is_folder(name):
+    if is_folder(name):
+        assert _opener is not None
         folder, suffix = _folder_of(name)
         return _wrapped(_opener(folder, made, num_worlds, device), suffix, str(name))
     check(name, made)
