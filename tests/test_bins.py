@@ -24,7 +24,7 @@ CASES = {
     "large discs": ("intruders", {"targets.count": 200, "targets.leave": False, "sensing.radius": 2.0}),
     "large bodies": ("swarm", {"sensing.radius": 0.1, "robot.radius": 0.2, "targets.count": 500}),
     "far apart": ("swarm", {"sensing.radius": 1e-3, "robot.radius": 1e-3, "curve.a": 5, "curve.b": 4}),
-    "too fast for lists": ("swarm", {"curve.a": 501, "curve.b": 500, "targets.count": 500}),
+    "too fast for lists": ("swarm", {"robot.count": 301, "curve.a": 501, "curve.b": 500, "targets.count": 500}),
     "crowd": ("swarm", {**DENSE, "targets.count": 1000, "targets.fleeing": 0.5, "targets.wandering": 0.5}),
     "unseen, in a crowd": ("swarm", {**DENSE, "targets.count": 0, "targets.arrival_rate": 50.0,
                                      "targets.entry": "unseen", "task.duration": 2.0}),

@@ -224,7 +224,7 @@ def test_ctrl_c_ends_with_130_and_says_how_to_go_on(tmp_path):
     assert episodes.read_text().endswith("\n")
 
 
-def test_run_and_replay_make_files_and_need_no_display(tmp_path):
+def test_run_and_replay_make_files_and_need_no_display(tmp_path, capsys):
     headless = {name: value for name, value in os.environ.items() if "DISPLAY" not in name and "SDL" not in name}
     command = [sys.executable, "-m", "lissajous_env"]
 
@@ -237,9 +237,10 @@ def test_run_and_replay_make_files_and_need_no_display(tmp_path):
     assert shown.returncode == 0
     assert "there is no display" in shown.stderr
     assert call(*short, "--out", "episode.npz").returncode == 0
-    drawn = {"film.gif": b"GIF89a", "sheet.png": b"\x89PNG", "sheet.svg": b"<?xml", "sheet.pdf": b"%PDF"}
-    for name, magic in drawn.items():
-        assert call("replay", "episode.npz", "--out", name).returncode == 0
+    assert call("replay", "episode.npz", "--out", "film.gif").returncode == 0
+    assert (tmp_path / "film.gif").read_bytes().startswith(b"GIF89a")
+    for name, magic in {"sheet.png": b"\x89PNG", "sheet.svg": b"<?xml", "sheet.pdf": b"%PDF"}.items():
+        assert called(capsys, "replay", tmp_path / "episode.npz", "--out", tmp_path / name)[0] == 0
         assert (tmp_path / name).read_bytes().startswith(magic)
     assert "there is no display" in error_of(call("replay", "episode.npz"))
     # Oracle: the same episode through `evaluate`, as `run` prints it.

@@ -86,7 +86,9 @@ def unseen_behind_a_convoy(angle, step, grid, gap):
 @pytest.mark.parametrize(
     ("step", "grid"), [(0.1, (40, 40)), (0.05, (60, 60)), (0.02, (80, 80)), (0.02, (80, 60)), (0.3, (80, 80))]
 )
-@pytest.mark.parametrize("degrees", [0.0, 13.0, 22.5, 26.6, 31.0, "any"])
+@pytest.mark.parametrize(
+    "degrees", [22.5, "any", *(pytest.param(each, marks=pytest.mark.long) for each in (0.0, 13.0, 26.6, 31.0))]
+)
 def test_a_rogue_in_a_gap_of_a_formation_that_moves_is_not_unseen_for_longer_than_the_figure(degrees, step, grid):
     # Oracle: where the rogue and the discs are, in float64. The gap is far smaller than a cell.
     if degrees == "any":

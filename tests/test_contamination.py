@@ -155,7 +155,7 @@ def test_the_error_of_the_grid_becomes_smaller_with_its_cells():
 def test_a_rogue_that_knows_the_future_never_beats_the_conservative_figure():
     # A rogue that slips between two discs with millimetres to spare makes some of the figures differ; most do not.
     shares = []
-    for policy in ("kuramoto-mpcc", "open-loop-mpcc", "random"):
+    for policy in ("kuramoto-mpcc", "random"):
         for radius, speed in ((0.8, 0.5), (0.7, 0.7)):
             setting = {"sensing.radius": radius, "targets.speed_limit": speed, "task.duration": 8.0}
             setting["task.contamination"] = (180, 80)

@@ -125,7 +125,7 @@ RANDOM = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("half", [1e-3, 1e4])
+@pytest.mark.parametrize("half", [1e-3, pytest.param(1e4, marks=pytest.mark.long)])
 @pytest.mark.parametrize("case", RANDOM)
 def test_the_distance_from_a_curve_of_harmonics_is_that_of_brute_force(case, half):
     # Oracle: the nearest of a hundred thousand points of a lap. A curve may be far smaller than its rectangle.

@@ -21,6 +21,7 @@ from lissajous_env.identity import parts_of
 from lissajous_env.world.robots import table
 from lissajous_env.world.robots.point import POINT
 
+LONG = pytest.mark.long
 QUIET = Console(quiet=True)
 SHORT = {"task.duration": 1.0, "faults.schedule": ()}
 
@@ -61,10 +62,10 @@ def benchmark(folder, episodes, *more, seed="0"):
 @pytest.mark.parametrize(
     ("file", "old", "new", "more"),
     [
-        ("my_module.py", "self.shape, SHARE", "self.shape, 0.3 * SHARE", []),
-        ("my_module.py", "return 0.5", "return 0.4", []),
         ("my_numbers.py", "SHARE = 1.0", "SHARE = 0.2", []),
-        ("my_numbers.py", "SHARE = 1.0", "SHARE = 0.2", ["extensions=my_module:fast"]),
+        pytest.param("my_numbers.py", "SHARE = 1.0", "SHARE = 0.2", ["extensions=my_module:fast"], marks=LONG),
+        pytest.param("my_module.py", "self.shape, SHARE", "self.shape, 0.3 * SHARE", [], marks=LONG),
+        pytest.param("my_module.py", "return 0.5", "return 0.4", [], marks=LONG),
     ],
 )
 def test_a_folder_holds_one_version_of_a_module(tmp_path, file, old, new, more):

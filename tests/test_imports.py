@@ -160,3 +160,19 @@ def test_the_core_runs_with_no_extra_installed():
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=300, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "ran with []"
+
+
+LISTS_POLICIES = """
+import sys
+from lissajous_env.console.cli import main
+try:
+    main(["policies"])
+except SystemExit:
+    print([name for name in ("scipy", "matplotlib", "pygame") if name in sys.modules])
+"""
+
+
+def test_a_command_loads_no_library_that_it_does_not_use():
+    command = [sys.executable, "-c", LISTS_POLICIES]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=ROOT)
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "[]")

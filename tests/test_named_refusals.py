@@ -12,6 +12,7 @@ import pytest
 
 import baselines
 import lissajous_env
+from lissajous_env.console.cli import main
 from lissajous_env.parameters import named
 from lissajous_env.storage.files import check_writable_file
 from lissajous_env.storage.folder import Folder
@@ -181,10 +182,12 @@ def test_a_folder_in_which_a_longer_name_has_no_room_is_refused_at_once(tmp_path
         ["guarantee", "ideal", "--out", LONG],
     ],
 )
-def test_every_command_refuses_an_out_that_is_too_long(tmp_path, arguments):
+def test_every_command_refuses_an_out_that_is_too_long(tmp_path, monkeypatch, capsys, arguments):
     # Oracle: exit code 2, one line, nothing there.
-    done = command(tmp_path, *arguments)
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1
-    assert "File name too long" in done.stderr
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    out, error = capsys.readouterr()
+    assert (ended.value.code, out, len(error.splitlines())) == (2, "", 1)
+    assert "File name too long" in error
     assert os.listdir(tmp_path) == []

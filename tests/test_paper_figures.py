@@ -77,7 +77,14 @@ def test_profiles_are_shares_of_all_episodes():
     assert low == high == 0.25
 
 
-@pytest.mark.parametrize(("form", "begins"), [("pdf", b"%PDF-"), ("svg", b"<?xml"), ("png", b"\x89PNG\r\n")])
+@pytest.mark.parametrize(
+    ("form", "begins"),
+    [
+        ("pdf", b"%PDF-"),
+        pytest.param("svg", b"<?xml", marks=pytest.mark.long),
+        pytest.param("png", b"\x89PNG\r\n", marks=pytest.mark.long),
+    ],
+)
 def test_every_figure_of_a_folder_is_drawn_and_the_same_again(folder, tmp_path, form, begins):
     written = figures(folder, form, tmp_path / form)
     assert {path.name.rpartition(".")[0] for path in written} == {

@@ -88,13 +88,14 @@ def loaded(**place):
     return ended.stdout.splitlines()
 
 
-@pytest.mark.parametrize("name", ["HOME", "WARP_CACHE_PATH"])
+@pytest.mark.parametrize("name", [pytest.param("HOME", marks=pytest.mark.long), "WARP_CACHE_PATH"])
 def test_kernels_that_cannot_be_kept_are_compiled_for_one_run(name):
     note, compiling = loaded(**{name: "/dev/null/nowhere"})
     assert "cannot be written to (Not a directory): kernels are compiled for this run alone" in note
     assert compiling == "compiling kernels, once: about 10 s"
 
 
+@pytest.mark.long
 def test_the_first_run_says_that_it_compiles_and_damaged_kernels_are_made_again(tmp_path):
     place = {"WARP_CACHE_PATH": str(tmp_path)}
     compiling = ["compiling kernels, once: about 10 s"]

@@ -50,7 +50,7 @@ def run(code, *arguments):
     [
         "simulation.step(zeros(simulation))",
         "lissajous_env.Simulation('experiment')",
-        "policy.act(observation)",
+        pytest.param("policy.act(observation)", marks=pytest.mark.long),
         "lissajous_env.scenario('experiment', **{'robot.radius': 0.05 + 1e-6 * next(number)}).resolve()",
     ],
 )

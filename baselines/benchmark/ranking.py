@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import rankdata
 
 from baselines.benchmark import clairvoyant
 from baselines.benchmark.comparison import COMPARED, GUARANTEED, OPEN
@@ -52,6 +51,8 @@ def rankings(rows: Sequence[Mapping[str, Any]], scenarios: Mapping[str, Scenario
 
 
 def _ranking(kind: str, group: Mapping[str, Mapping[str, Mapping[int, Any]]], policies: list[str]) -> Ranking:
+    from scipy.stats import rankdata  # which takes longer to import than all of ours
+
     worths = [_worths(of, policies) for of in group.values()]
     known = [~np.isnan(table) for table in worths]
     places = [c for c in range(len(COMPARED)) if all(table[c].all(axis=0).any() for table in known)]
