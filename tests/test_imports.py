@@ -168,7 +168,7 @@ from lissajous_env.console.cli import main
 try:
     main(["policies"])
 except SystemExit:
-    print([name for name in ("scipy", "matplotlib", "pygame") if name in sys.modules])
+    print([name for name in ("scipy", "matplotlib") if name in sys.modules])
 """
 
 
