@@ -40,7 +40,7 @@ nb_execution_timeout = 120
 nb_merge_streams = True
 nb_output_stderr = "remove"
 
-# What only some have installed is not needed to read its signatures.
+# Optional libraries need not be installed to document the modules that use them.
 autodoc_mock_imports = ["benchmarl", "ray", "stable_baselines3", "tensordict", "torch", "torchrl"]
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"

@@ -1,4 +1,4 @@
-"""What the documentation is made of when it is built: pages of scenarios, drawings, docstrings."""
+"""Parts of the documentation that are made when it is built: pages of scenarios, drawings, docstrings."""
 
 import re
 from xml.etree import ElementTree
@@ -11,12 +11,12 @@ from lissajous_env import Curve, Robot, Scenario, Sensing, Targets, Task
 
 
 def rows_below(heading, text):
-    """Cells of the first table below a heading, but for its titles."""
+    """Return the cells of the first table below a heading, without its titles."""
     (table,) = re.findall(rf"\n## {heading}\n.*?\n((?:\|[^\n]*\n)+)", text, re.DOTALL)[:1]
     return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table.splitlines()[2:]]
 
 
-def test_the_page_of_a_scenario_says_what_it_is():
+def test_the_page_of_a_scenario_has_its_numbers():
     # Oracle: the numbers that this scenario was made of.
     made = Scenario(
         name="yard",
@@ -30,7 +30,7 @@ def test_the_page_of_a_scenario_says_what_it_is():
     told = {row[0]: row[1] for row in rows_below("Numbers", text)}
     assert told["rectangle"] == "4.8 x 1.6 m"
     assert told["robots"].startswith("3 cars")
-    assert told["targets"] == "7 from the start, then 0.25 a second"
+    assert told["targets"] == "7 from the start, then 0.25 per second"
     assert told["episode"] == "12 s, 120 steps of 0.1 s"
     assert [row[1] for row in rows_below("Observation", text)[-3:]] == [
         "`target_1_present`",
@@ -57,7 +57,7 @@ def test_fields_that_differ_are_those_that_were_given():
     assert set(numbers) | set(words) == set(overrides)
     whole = {name: int(value) if value == int(value) else value for name, value in numbers.items()}
     assert lissajous_env.scenario(Scenario(), **whole, **words).digest() == given.digest()
-    assert all(row[3] for row in rows), "each says what it is"
+    assert all(row[3] for row in rows), "each has a meaning"
 
 
 @pytest.mark.parametrize("name", lissajous_env.scenarios())
@@ -65,7 +65,7 @@ def test_every_scenario_has_a_page_with_its_results(name):
     stored = scenarios.figures.load()
     assert f"results {name}" in stored, "python benchmarks/results.py --store plays them"
     text = scenarios.page(lissajous_env.scenario(name), stored, "")
-    listed = [row[0] for row in rows_below("What the policies score", text)]
+    listed = [row[0] for row in rows_below("Results of the policies", text)]
     assert {"`random`", "`still`"} <= set(listed) or set(listed) == {"`kuramoto`", "`open-loop`", "`consensus`"}
     assert len(set(listed)) == len(listed)
 
@@ -119,8 +119,8 @@ def test_an_absolute_value_is_no_substitution():
     assert docstrings.without_substitutions("|x - y|, as `a | b` says") == "\\|x - y\\|, as `a | b` says"
 
 
-def test_a_file_is_written_where_it_has_changed_alone(tmp_path):
-    # Story: Sphinx reads again what is new.
+def test_a_file_is_written_only_if_it_has_changed(tmp_path):
+    # Story: Sphinx reads only changed files again.
     path = tmp_path / "folder" / "page.md"
     files.write_changed(path, "one")
     path.touch()
@@ -131,7 +131,7 @@ def test_a_file_is_written_where_it_has_changed_alone(tmp_path):
     assert path.read_text() == "two"
 
 
-def test_a_table_is_one_whatever_its_cells_hold():
+def test_cells_cannot_break_a_table():
     assert files.table(["a", "b"], [["x|y", "two\nlines"]]).splitlines() == [
         "| a | b |",
         "| --- | --- |",

@@ -1,4 +1,4 @@
-"""Makes, when the documentation is built, what the code knows best: the pages of the scenarios and the drawings.
+"""Pages of the scenarios and drawings, made from the code when the documentation is built.
 
 Everything goes into `docs/scenarios` and `docs/drawn`, which git ignores.
 """
@@ -11,13 +11,13 @@ from docs.generator.files import write_changed
 
 
 def setup(app: Any) -> None:
-    """Let Sphinx make the pages before it looks for anything, and read docstrings as they are written."""
+    """Register with Sphinx: make the pages before it reads sources, and convert docstrings."""
     app.connect("config-inited", lambda app, config: make(Path(app.srcdir)))
     app.connect("autodoc-process-docstring", docstrings.as_restructured_text, priority=400)
 
 
 def make(docs: Path) -> None:
-    """Write the pages, the drawings and the replays below a folder, each where it has changed."""
+    """Write the pages, drawings and replays below a folder, if they have changed."""
     (docs / "drawn" / "site").mkdir(parents=True, exist_ok=True)
     for name, drawing in {**concepts.DRAWINGS, **design.DRAWINGS}.items():
         write_changed(docs / "drawn" / f"{name}.svg", drawing())

@@ -1,4 +1,4 @@
-"""Drawings of the ideas, from the formulas of the package and from episodes."""
+"""Drawings of the concepts, from the package's formulas and from episodes."""
 
 import io
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from lissajous_env.world.introduction import introduced_at
 from lissajous_env.world.state import NEVER
 
 TEAM = (BLUE, RED, GREEN, PINK, ORANGE)
-"""A colour for each of five robots."""
+"""Colours of five robots."""
 STYLE: dict[Any, Any] = {
     "font.size": 9,
     "svg.hashsalt": "lissajous",
@@ -30,11 +30,11 @@ STYLE: dict[Any, Any] = {
     "axes.titlelocation": "left",
 }
 _STEP, _SEED = 0.01, 2
-"""Of the integration of (1) in a drawing [s]; of the phases that it begins with."""
+"""Time step of the integration of (1) in a drawing [s]; seed of its initial phases."""
 
 
 def drawn(draw: Callable[[Figure], None], width: float, height: float) -> bytes:
-    """Return a figure as SVG, the same bytes each time."""
+    """Return a figure as SVG, with reproducible bytes."""
     with rc_context(STYLE):
         figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
         draw(figure)
@@ -44,7 +44,7 @@ def drawn(draw: Callable[[Figure], None], width: float, height: float) -> bytes:
 
 
 def curve() -> bytes:
-    """The curve with five robots in formation, their discs and their ring."""
+    """Draw the curve with five robots in formation, their sensing discs and their ring."""
     given = lissajous_env.scenario("failure")
     return drawn(lambda figure: _draw_formation(figure.subplots(), given), 7.2, 3.5)
 
@@ -70,7 +70,7 @@ def _draw_formation(axes: Axes, given: Scenario) -> None:
 
 
 def ring() -> bytes:
-    """The phases on their circle, and how five that begin anywhere find the equilibrium."""
+    """Draw the phases on the circle, and the convergence of five random phases to the equilibrium."""
     given = lissajous_env.scenario("failure")
 
     def draw(figure: Figure) -> None:
@@ -108,12 +108,12 @@ def _draw_transient(axes: Axes, given: Scenario) -> None:
         axes.plot(times, jumps, color=TEAM[robot], label=f"robot {robot}")
     settled = 2 * np.pi * given.p / given.num_robots
     axes.axhline(settled, color=DARK, linewidth=0.8, linestyle=(0, (4, 3)))
-    axes.set(xlabel="time [s]", ylabel="lead of the next on the ring [rad]", ylim=(0, 2 * np.pi))
-    axes.set_title("from anywhere, all leads become 2 pi p / N")
+    axes.set(xlabel="time [s]", ylabel="phase difference to the next robot [rad]", ylim=(0, 2 * np.pi))
+    axes.set_title("from a random start, all differences become 2 pi p / N")
 
 
 def recovery() -> bytes:
-    """The phase error of the paper's method and of an open loop while two of five robots stop."""
+    """Draw the phase error of the paper's method and of open-loop control while two of five robots stop."""
     given = lissajous_env.scenario("failure")
 
     def draw(figure: Figure) -> None:
@@ -138,7 +138,7 @@ def _phase_error(given: Scenario, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def guarantee() -> bytes:
-    """Where a rogue may still hide while cars of the paper's method clear the rectangle."""
+    """Draw the area in which a rogue may hide while cars with the paper's method clear the rectangle."""
     given = lissajous_env.scenario("evaders")
 
     def draw(figure: Figure) -> None:
@@ -149,7 +149,7 @@ def guarantee() -> bytes:
                 simulation.step(policy.act(simulation.observation))
             shown = _draw_field(axes, simulation, moment)
         panels[0].set_ylabel("y [m]")
-        figure.colorbar(shown, ax=panels, shrink=0.7, label="unseen for [s]")
+        figure.colorbar(shown, ax=panels, shrink=0.7, label="undetected for [s]")
 
     return drawn(draw, 9.6, 2.1)
 
@@ -167,4 +167,4 @@ def _draw_field(axes: Axes, simulation: lissajous_env.Simulation, moment: float)
 
 
 DRAWINGS = {"curve": curve, "ring": ring, "recovery": recovery, "guarantee": guarantee}
-"""What makes each drawing, by name."""
+"""Functions that make the drawings, by name."""

@@ -1,4 +1,4 @@
-"""Drawings of the code, from the code: the stages of a step, and the folders with what each imports."""
+"""Drawings of the code: the stages of a step, and the folders with their imports."""
 
 import ast
 import re
@@ -16,13 +16,13 @@ from lissajous_env.world.stages import step_stages
 ROOT = Path(lissajous_env.__file__).resolve().parent.parent
 PACKAGES = "lissajous_env", "baselines", "training"
 _OVER = {"world": "#dbe7f3", "robot": "#d8efe3", "target": "#f8dcd6", "row": "#f6ecd0", "field row": "#e8ddf2"}
-"""A colour for what a stage goes over."""
+"""Colours by the object over which a stage iterates."""
 _LONGEST = 72
-"""Letters of a line in the picture of the stages."""
+"""Maximum length of a line in the picture of the stages [characters]."""
 
 
 def stages() -> bytes:
-    """The stages of a step of `evaders-failure`, which has nearly all."""
+    """Draw the stages of a step of `evaders-failure`, which has nearly all."""
     listed = [stage for stage in step_stages(lissajous_env.scenario("evaders-failure").resolve()) if stage.when]
     return drawn(lambda figure: _draw_stages(figure, listed), 8.0, 0.3 * len(listed) + 0.5)
 
@@ -44,13 +44,13 @@ def _draw_stages(figure: Figure, listed: list) -> None:
 
 
 def _gist(about: str) -> str:
-    """What a line says before its first colon or semicolon; of a long one, what stands before a comma."""
+    """Return the text before the first colon or semicolon; shorten a long one at a comma."""
     gist = re.split("[;:]", about.replace("`", ""))[0].rstrip(".")
     return gist if len(gist) <= _LONGEST else gist[:_LONGEST].rpartition(",")[0] or gist[:_LONGEST].rpartition(" ")[0]
 
 
 def folders() -> bytes:
-    """The packages, their folders with the lines of code in each, and how many imports go from one to another."""
+    """Draw the packages, their folders with lines of code, and the number of imports between packages."""
     return drawn(_draw_folders, 7.4, 4.2)
 
 
@@ -72,7 +72,7 @@ def _draw_folders(figure: Figure) -> None:
 
 
 def _draw_arrow(axes: Axes, first: float, last: float, is_next: bool, count: int) -> None:
-    """Draw how often the package at x = `first` imports from the one at `last`; around what is between them."""
+    """Draw an arrow with the number of imports from the package at x = `first` to that at `last`."""
     start, end = ((first + 2.6, 0.75), (last, 0.75)) if is_next else ((first + 1.3, 1.1), (last + 1.3, 1.1))
     arrow = {"arrowstyle": "->", "color": "#333333", "connectionstyle": f"arc3,rad={0 if is_next else -0.25}"}
     axes.annotate("", end, start, arrowprops=arrow)
@@ -80,7 +80,7 @@ def _draw_arrow(axes: Axes, first: float, last: float, is_next: bool, count: int
 
 
 def lines_by_folder(package: str) -> dict[str, int]:
-    """Lines of Python in each folder of a package, most first; files beside them count as `.`."""
+    """Return lines of Python in each folder of a package, most first; files beside them count as `.`."""
     counted: Counter[str] = Counter()
     for path in (ROOT / package).rglob("*.py"):
         parts = path.relative_to(ROOT / package).parts
@@ -89,7 +89,7 @@ def lines_by_folder(package: str) -> dict[str, int]:
 
 
 def imports_between() -> dict[tuple[str, str], int]:
-    """How many import statements of one package name another."""
+    """Return the number of import statements from one package to another."""
     counted: Counter[tuple[str, str]] = Counter()
     for package in PACKAGES:
         for path in (ROOT / package).rglob("*.py"):
@@ -106,4 +106,4 @@ def _box(axes: Axes, x: float, middle: float, width: float, height: float, colou
 
 
 DRAWINGS = {"stages": stages, "folders": folders}
-"""What makes each drawing, by name."""
+"""Functions that make the drawings, by name."""

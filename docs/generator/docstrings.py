@@ -1,4 +1,4 @@
-"""Docstrings of this package, which are Markdown in spirit, as Sphinx reads them: reStructuredText."""
+"""Conversion of docstrings, which are close to Markdown, to reStructuredText for Sphinx."""
 
 from typing import Any
 
@@ -6,15 +6,15 @@ _SECTIONS = ("Args", "Attributes", "Raises", "Returns", "Yields")
 
 
 def as_restructured_text(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Turn, in place, blocks that are indented below a line which ends in a colon into literal blocks."""
-    # Of an attribute, what stands before a colon in its first line would be taken for its type: that is a comment now.
+    """Convert indented blocks below a line that ends in a colon into literal blocks, in place."""
+    # In an attribute's first line Sphinx would read the text before a colon as its type; a comment first prevents it.
     lines[:] = (["..", ""] if what in ("attribute", "property") else []) + [
         without_substitutions(line) for line in with_literal_blocks(lines)
     ]
 
 
 def with_literal_blocks(lines: list[str]) -> list[str]:
-    """Double the colon before each indented block, but for those of Google's sections."""
+    """Double the colon before each indented block, except in Google-style sections."""
     told = list(lines)
     for k, line in enumerate(lines[:-2]):
         follows = lines[k + 2]
@@ -25,7 +25,7 @@ def with_literal_blocks(lines: list[str]) -> list[str]:
 
 
 def without_substitutions(line: str) -> str:
-    """Escape the bars of absolute values, which would ask for a substitution, but for those in code."""
+    """Escape the bars of absolute values, which would be substitutions, except in code."""
     words = line.split("`")
     words[::2] = [word.replace("|", "\\|") for word in words[::2]]
     return "`".join(words)

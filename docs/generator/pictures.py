@@ -1,4 +1,4 @@
-"""The picture of a scenario: a moment of an episode, drawn as the environments draw it."""
+"""Picture of a scenario: a moment of an episode, as the environments render it."""
 
 import io
 
@@ -10,9 +10,9 @@ from docs.generator.replays import policy_for
 from lissajous_env.parameters.scenario import Scenario
 
 _MOMENT = 8.0
-"""Time of the picture [s], at most: some rogues have come, and the formation moves."""
+"""Latest time of the picture [s], at which some targets have appeared."""
 MOST_TARGETS = 3000
-"""More would cover the picture."""
+"""Largest number of targets drawn; more would cover the picture."""
 
 
 def picture_of(given: Scenario) -> bytes:

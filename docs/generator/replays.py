@@ -1,4 +1,4 @@
-"""Replays on the pages of the scenarios."""
+"""Replays for the pages of the scenarios."""
 
 from pathlib import Path
 from string import Template
@@ -11,17 +11,17 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.replay import page
 
 _MOST_ROBOTS, _MOST_TARGETS = 150, 300
-"""More would make a page of many megabytes: there is none of so many robots, and fewer targets are shown."""
+"""Size limits, as larger pages have many megabytes: no replay for more robots, and at most so many targets."""
 _TEMPLATE = Path(__file__).parent / "scenario_replay.md"
 
 
 def policy_for(given: Scenario) -> str:
-    """Name of the policy that pictures and replays show: the paper's method."""
+    """Return the name of the policy in pictures and replays: the paper's method."""
     return "kuramoto" if given.robot.kind == "curve" else "kuramoto-mpcc"
 
 
 def made(given: Scenario, folder: Path) -> str:
-    """Write the replay of a scenario into a folder; return what shows it on a page, empty where none can be made."""
+    """Write the replay of a scenario into a folder; return Markdown that shows it, empty if the scenario is too large."""
     if given.num_robots > _MOST_ROBOTS:
         return ""
     shown = lissajous_env.scenario(given, **{"targets.count": min(given.targets.count, _MOST_TARGETS)})

@@ -1,4 +1,4 @@
-"""The pages of the scenarios: all that the code says of one, with what the policies score on it."""
+"""Pages of the scenarios: everything that follows from the code, and the results of the policies."""
 
 import dataclasses
 import math
@@ -25,21 +25,21 @@ from lissajous_env.world.score import MEANINGS
 
 _HERE = Path(__file__).parent
 _BOUNDARY = {
-    "open": "Nothing: a car may leave the rectangle; `outside_time` counts how long whole bodies were outside.",
-    "wall": "A wall stops a car's centre, and takes the part of its velocity that goes into the wall.",
+    "open": "A car may leave the rectangle; `outside_time` counts the time for which whole bodies were outside.",
+    "wall": "A wall stops a car's centre and removes the component of its velocity into the wall.",
     "remove": "A car whose whole body is outside is removed: its agent is terminated.",
 }
 _COLLISION = {
-    "count": "Collisions are counted and rewarded, and end nothing.",
-    "stop": "Two robots that collide stay where they are for good; the episode goes on.",
+    "count": "Collisions are counted and enter the reward, but do not end the episode.",
+    "stop": "Two robots that collide stop for good; the episode continues.",
     "remove": "Two robots that collide are removed: their agents are terminated.",
 }
 _LIMITS = {"steering_max": "rad", "throttle_min": "", "throttle_max": "", "phase_rate_max": "rad/s"}
-"""Fields of a robot that say what an action can do, with their units."""
+"""Fields of a robot that limit its actions, with their units."""
 
 
 def make(folder: Path, replay_folder: Path) -> None:
-    """Write the page, the picture and the replay of each scenario, and the page that lists them."""
+    """Write the page, the picture and the replay of each scenario, and the list of scenarios."""
     made = [lissajous_env.scenario(name) for name in lissajous_env.scenarios()]
     stored = figures.load()
     for given in made:
@@ -56,7 +56,7 @@ def listing(made: Sequence[Scenario]) -> str:
         for each in made
     ]  # fmt: skip
     told = {
-        "listing": table(["scenario", "robots", "rectangle [m]", "sensor r_s [m]", "what"], rows),
+        "listing": table(["scenario", "robots", "rectangle [m]", "sensor r_s [m]", "description"], rows),
         "usual": ", ".join(f"`{name}`" for name in Benchmark().scenarios),
         "names": "\n".join(each.name for each in made),
     }
@@ -64,12 +64,12 @@ def listing(made: Sequence[Scenario]) -> str:
 
 
 def page(given: Scenario, stored: dict[str, Any], replay: str) -> str:
-    """Return the page of a scenario: `scenario_page.md`, filled.
+    """Return the page of a scenario: the filled `scenario_page.md`.
 
     Args:
         given: The scenario, unresolved.
         stored: Tables of docs/figures.json.
-        replay: What shows a replay on the page; empty for none.
+        replay: Markdown that shows a replay on the page; empty for none.
     """
     made = given.resolve()
     task, actions, entries = made.task, action_table(made), layout(made)
@@ -78,51 +78,51 @@ def page(given: Scenario, stored: dict[str, Any], replay: str) -> str:
         "description": given.description,
         "policy": replays.policy_for(given),
         "fewer": f" {MOST_TARGETS:,} targets are drawn." if made.targets.count > MOST_TARGETS else "",
-        "numbers": table(["what", "here"], numbers(made)),
-        "differing": table(["field", "here", "default", "what it is"], differing(given)),
+        "numbers": table(["quantity", "value"], numbers(made)),
+        "differing": table(["field", "value", "default", "meaning"], differing(given)),
         "size": entries.size,
-        "observation": table(["index", "name", "what [unit]", "range"], observation(made)),
+        "observation": table(["index", "name", "meaning [unit]", "range"], observation(made)),
         "action_size": made.action_size,
-        "action": table(["index", "name", "what, at -1 and 1", "range"], action(made)),
-        "limits": ", ".join(_limits(made)) or "nothing else limits it",
+        "action": table(["index", "name", "meaning at -1 and 1", "range"], action(made)),
+        "limits": ", ".join(_limits(made)) or "none",
         "table_size": len(actions),
         "table": _listed(actions),
         "formula": formula(task),
-        "reward": table(["term", "formula", "weight here", "what the weight is"], reward(task)),
+        "reward": table(["term", "formula", "weight", "meaning of the weight"], reward(task)),
         "duration": f"{task.duration:g}",
         "steps": task.steps,
         "step": f"{task.step:g}",
         "on_collision": _COLLISION[task.on_collision],
         "lost": _lost(made),
-        "boundary": "Points stay on the curve, inside." if made.robot.kind == "curve" else _BOUNDARY[task.boundary],
+        "boundary": "Points remain on the curve, inside the rectangle." if made.robot.kind == "curve" else _BOUNDARY[task.boundary],
         "results": _results(given, stored),
         "replay": replay,
-        "score": table(["column", "what"], [[f"`{name}`", what] for name, what in MEANINGS.items()]),
+        "score": table(["column", "meaning"], [[f"`{name}`", what] for name, what in MEANINGS.items()]),
     }
     return Template((_HERE / "scenario_page.md").read_text(encoding="utf-8")).substitute(told)
 
 
 def numbers(made: Scenario) -> list[tuple[str, str]]:
-    """What a reader asks first, each with its unit."""
+    """Return names and values of the main quantities, with units."""
     curve = "a Fourier series" if made.curve.harmonics else f"Lissajous, a:b = {made.curve.a}:{made.curve.b}"
     holds = made.detection_time_is_bounded
-    what_it_is = "the formation detects every target by then" if holds else "no bound here, r_s is below (8)"
+    what_it_is = "the undisturbed formation detects every target by then" if holds else "no bound, r_s is below bound (8)"
     return [
         ("robots", f"{made.num_robots} {_robots(made)}, bodies of radius {made.robot.radius:g} m"),
         *([("top speed", f"{made.robot.top_speed:.3g} m/s")] if made.robot.kind == "car" else []),
         ("rectangle", f"{_sides(made)} m"),
         ("curve", curve),
         ("formation", f"omega = {made.formation.phase_rate:g} rad/s, p = {made.p}, alpha = {made.alpha}"),
-        ("sensor", f"r_s = {made.sensing_radius:.3g} m; (8) requires {made.detection_radius:.3g} m"),
+        ("sensor", f"r_s = {made.sensing_radius:.3g} m; bound (8) requires {made.detection_radius:.3g} m"),
         ("T_max", f"{made.detection_time_bound:.3g} s: {what_it_is}"),
-        ("targets", f"{made.targets.count:,} from the start, then {made.targets.arrival_rate:g} a second"),
-        ("rogues", f"no faster than {made.rogue_speed:g} m/s"),
+        ("targets", f"{made.targets.count:,} from the start, then {made.targets.arrival_rate:g} per second"),
+        ("top speed of targets", f" {made.rogue_speed:g} m/s"),
         ("episode", f"{made.task.duration:g} s, {made.task.steps} steps of {made.task.step:g} s"),
     ]
 
 
 def differing(given: Scenario) -> list[list[str]]:
-    """Field, value, default and meaning, with its unit, of every field that differs from its default."""
+    """Return field, value, default and meaning (with unit) of every field that differs from its default."""
     rows = []
     for part, of in PARTS.items():
         values, words = getattr(given, part), meanings(of)
@@ -134,7 +134,7 @@ def differing(given: Scenario) -> list[list[str]]:
 
 
 def observation(made: Scenario) -> list[list[Any]]:
-    """Index, name, meaning with its unit, and range of every entry."""
+    """Return index, name, meaning (with unit) and range of every entry."""
     return [
         [k, f"`{name}`", meaning, f"[{low:g}, {high:g}]"]
         for k, (name, low, high, meaning) in enumerate(zip(*layout(made), strict=True))
@@ -142,14 +142,14 @@ def observation(made: Scenario) -> list[list[Any]]:
 
 
 def action(made: Scenario) -> list[list[Any]]:
-    """Index, name, meaning and range of every component."""
+    """Return index, name, meaning and range of every component."""
     model = model_of(made.robot.kind)
     words = model.meanings or model.actions
     return [[k, name, what, "[-1, 1]"] for k, (name, what) in enumerate(zip(model.actions, words, strict=True))]
 
 
 def reward(task: Task) -> list[list[str]]:
-    """Name, formula, weight and meaning of each term."""
+    """Return name, formula, weight and meaning of each term."""
     words = meanings(Task)
     return [
         [f"`{term}`", f"`{formula}`", f"{getattr(task, f'reward_{term}'):g}", words[f"reward_{term}"]]
@@ -158,7 +158,7 @@ def reward(task: Task) -> list[list[str]]:
 
 
 def formula(task: Task) -> str:
-    """Return the terms whose weights are not 0, with numbers in place of weights and step."""
+    """Return the sum of the terms with non-zero weights, with numbers for weights and step."""
     used = {term: weight for term in FORMULAS if (weight := getattr(task, f"reward_{term}"))}
     told = [
         FORMULAS[term].replace(f"reward_{term}", f"{weight:g}").replace("step", f"{task.step:g}")
@@ -177,14 +177,14 @@ def _limits(made: Scenario) -> list[str]:
 def _lost(made: Scenario) -> str:
     gone = [f"robot {robot + 1} at {time:g} s" for robot, time in made.faults.removed]
     gone += [f"{made.faults.lost}, drawn at random"] if made.faults.lost else []
-    return f"\n* Robots that are lost for good ({', '.join(gone)}) stay agents that act without effect." if gone else ""
+    return f"\n* Robots that fail for good ({', '.join(gone)}) remain agents whose actions have no effect." if gone else ""
 
 
 def _results(given: Scenario, stored: dict[str, Any]) -> str:
     kept = stored.get(f"results {given.name}")
     if kept is None:
-        return f"None are kept yet: `python benchmarks/results.py --scenarios {given.name} --store` plays them."
-    seeds = f"seeds 0 to {kept['episodes'] - 1}" if kept["episodes"] > 1 else "seed 0 alone"
+        return f"There are none yet: `python benchmarks/results.py --scenarios {given.name} --store` computes them."
+    seeds = f"seeds 0 to {kept['episodes'] - 1}" if kept["episodes"] > 1 else "only seed 0"
     told = {"seeds": seeds, "results": table(kept["columns"], kept["rows"])}
     return Template((_HERE / "scenario_results.md").read_text(encoding="utf-8")).substitute(told)
 
@@ -204,6 +204,6 @@ def _short(value: Any) -> str:
 
 
 def _listed(rows: np.ndarray) -> str:
-    """The rows of a table of actions, as the product of what each component takes."""
+    """Return the rows of a table of actions as the product of the values of each component."""
     each = [sorted(set(column)) for column in rows.T.tolist()]
     return " x ".join("{" + ", ".join(f"{value:g}" for value in values) + "}" for values in each)
