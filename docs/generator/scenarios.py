@@ -21,7 +21,6 @@ from lissajous_env.parameters.scenario import PARTS, Scenario, Task
 from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import FORMULAS
 from lissajous_env.world.robots.table import model_of
-from lissajous_env.world.score import MEANINGS
 
 _HERE = Path(__file__).parent
 _BOUNDARY = {
@@ -97,7 +96,6 @@ def page(given: Scenario, stored: dict[str, Any], replay: str) -> str:
         "boundary": "Points remain on the curve, inside the rectangle." if made.robot.kind == "curve" else _BOUNDARY[task.boundary],
         "results": _results(given, stored),
         "replay": replay,
-        "score": table(["column", "meaning"], [[f"`{name}`", what] for name, what in MEANINGS.items()]),
     }
     return Template((_HERE / "scenario_page.md").read_text(encoding="utf-8")).substitute(told)
 
