@@ -111,7 +111,7 @@ def numbers(made: Scenario) -> list[tuple[str, str]]:
         ("rectangle", f"{_sides(made)} m"),
         ("curve", curve),
         ("formation", f"omega = {made.formation.phase_rate:g} rad/s, p = {made.p}, alpha = {made.alpha}"),
-        ("sensor", f"r_s = {made.sensing_radius:.3g} m; bound (8) requires {made.detection_radius:.3g} m"),
+        ("sensor", f"r_s = {made.sensing_radius:.3g} m; bound (8), at which discs of ring neighbours overlap, is {made.detection_radius:.3g} m"),
         ("T_max", f"{made.detection_time_bound:.3g} s: {what_it_is}"),
         ("targets", f"{made.targets.count:,} from the start, then {made.targets.arrival_rate:g} per second"),
         ("top speed of targets", f" {made.rogue_speed:g} m/s"),
