@@ -21,7 +21,7 @@ def policy_for(given: Scenario) -> str:
 
 
 def made(given: Scenario, folder: Path) -> str:
-    """Write the replay of a scenario into a folder; return Markdown that shows it, empty if the scenario is too large."""
+    """Write the replay of a scenario into a folder; return Markdown that shows it, empty if it is too large."""
     if given.num_robots > _MOST_ROBOTS:
         return ""
     shown = lissajous_env.scenario(given, **{"targets.count": min(given.targets.count, _MOST_TARGETS)})

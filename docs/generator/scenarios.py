@@ -28,6 +28,7 @@ _BOUNDARY = {
     "wall": "A wall stops a car's centre and removes the component of its velocity into the wall.",
     "remove": "A car whose whole body is outside is removed: its agent is terminated.",
 }
+_INSIDE = "Points remain on the curve, inside the rectangle."
 _COLLISION = {
     "count": "Collisions are counted and enter the reward, but do not end the episode.",
     "stop": "Two robots that collide stop for good; the episode continues.",
@@ -93,7 +94,7 @@ def page(given: Scenario, stored: dict[str, Any], replay: str) -> str:
         "step": f"{task.step:g}",
         "on_collision": _COLLISION[task.on_collision],
         "lost": _lost(made),
-        "boundary": "Points remain on the curve, inside the rectangle." if made.robot.kind == "curve" else _BOUNDARY[task.boundary],
+        "boundary": _INSIDE if made.robot.kind == "curve" else _BOUNDARY[task.boundary],
         "results": _results(given, stored),
         "replay": replay,
     }
@@ -103,16 +104,17 @@ def page(given: Scenario, stored: dict[str, Any], replay: str) -> str:
 def numbers(made: Scenario) -> list[tuple[str, str]]:
     """Return names and values of the main quantities, with units."""
     curve = "a Fourier series" if made.curve.harmonics else f"Lissajous, a:b = {made.curve.a}:{made.curve.b}"
-    holds = made.detection_time_is_bounded
-    what_it_is = "the undisturbed formation detects every target by then" if holds else "no bound, r_s is below bound (8)"
+    bound = "the undisturbed formation detects every target by then"
+    no_bound = "no bound, r_s is below bound (8)"
+    overlap = f"bound (8), at which discs of ring neighbours overlap, is {made.detection_radius:.3g} m"
     return [
         ("robots", f"{made.num_robots} {_robots(made)}, bodies of radius {made.robot.radius:g} m"),
         *([("top speed", f"{made.robot.top_speed:.3g} m/s")] if made.robot.kind == "car" else []),
         ("rectangle", f"{_sides(made)} m"),
         ("curve", curve),
         ("formation", f"omega = {made.formation.phase_rate:g} rad/s, p = {made.p}, alpha = {made.alpha}"),
-        ("sensor", f"r_s = {made.sensing_radius:.3g} m; bound (8), at which discs of ring neighbours overlap, is {made.detection_radius:.3g} m"),
-        ("T_max", f"{made.detection_time_bound:.3g} s: {what_it_is}"),
+        ("sensor", f"r_s = {made.sensing_radius:.3g} m; {overlap}"),
+        ("T_max", f"{made.detection_time_bound:.3g} s: {bound if made.detection_time_is_bounded else no_bound}"),
         ("targets", f"{made.targets.count:,} from the start, then {made.targets.arrival_rate:g} per second"),
         ("top speed of targets", f" {made.rogue_speed:g} m/s"),
         ("episode", f"{made.task.duration:g} s, {made.task.steps} steps of {made.task.step:g} s"),
@@ -175,7 +177,9 @@ def _limits(made: Scenario) -> list[str]:
 def _lost(made: Scenario) -> str:
     gone = [f"robot {robot + 1} at {time:g} s" for robot, time in made.faults.removed]
     gone += [f"{made.faults.lost}, drawn at random"] if made.faults.lost else []
-    return f"\n* Robots that fail for good ({', '.join(gone)}) remain agents whose actions have no effect." if gone else ""
+    return (
+        f"\n* Robots that fail for good ({', '.join(gone)}) remain agents whose actions have no effect." if gone else ""
+    )
 
 
 def _results(given: Scenario, stored: dict[str, Any]) -> str:
