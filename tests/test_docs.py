@@ -1,6 +1,6 @@
-"""README and docs: every block of code and every command on their pages runs, shortened where it takes long.
+"""Code blocks and commands of README and docs: each runs, shortened if it is slow.
 
-What docs/extending.md holds is tried in test_extending.py, the notebooks are run when the documentation is built.
+test_extending.py covers docs/extending.md; building the documentation runs the notebooks.
 """
 
 import ast
@@ -48,9 +48,9 @@ SHORTER = {
     "guarantee": "--radii 2 --cells 16 --episodes 1",
     "train": "--steps 2000 --worlds 4 --evaluation-episodes 1 --rivals sweep --imitation-steps 0 --rollout 8",
 }
-"""Options that are given once more, with less to do."""
+"""Options added to a command to shorten it."""
 LASTING = ("benchmark", "evaluate", "guarantee", "replay", "run", "train")
-"""Commands that play episodes, here of half a second."""
+"""Commands that run episodes, here of half a second."""
 IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
     "unseen.png": "lissajous guarantee evaders-failure --policies kuramoto-mpcc kuramoto-mpcc-close open-loop-mpcc",
@@ -61,7 +61,7 @@ IMAGES = {
     "fig6.png": "lissajous reproduce fig3 fig6 fig9",
     "fig9.png": "lissajous reproduce fig3 fig6 fig9",
 }
-"""Kept pictures, each with the command that makes it."""
+"""Stored pictures, each with the command that makes it."""
 
 
 def test_every_block_is_of_a_kind_that_is_tried_here():
@@ -90,7 +90,7 @@ def test_a_block_of_python_runs(page, body, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize("page", [page for page, lines in SHELL.items() if lines])
 def test_the_commands_of_a_page_run(page, tmp_path, monkeypatch, capsys):
-    # In their order, in one folder: what one writes the next may read.
+    # In order, in one folder: a command may read what an earlier one wrote.
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
     for line in SHELL[page]:
@@ -104,7 +104,7 @@ def test_the_commands_of_a_page_run(page, tmp_path, monkeypatch, capsys):
 
 
 _TRIED = set()
-"""Commands that were run already; one that writes nothing need not be run twice."""
+"""Commands that have run; one that writes nothing need not run twice."""
 
 
 def check_install(line):
@@ -114,7 +114,7 @@ def check_install(line):
 
 
 def check_python(line):
-    # A program of benchmarks/, whose own tests say what it does; the options must be its own.
+    # A program of benchmarks/ has its own tests; here only its options are checked.
     module = re.match(r"python (?:-m )?(\S+)", line)[1]
     if module == "benchmarks/speed.py":
         speed.parser().parse_args([str(ROOT) if word == "FOLDER" else word for word in shlex.split(line)[2:]])
@@ -136,7 +136,7 @@ def check_site(line):
 
 
 def run_lissajous(line):
-    """Run a command of this package with less to do, and no cluster."""
+    """Run a command of this package, shortened and without a cluster."""
     _, command, *given = shlex.split(re.sub(r"--engine ray( --address \S+)?", "", line))
     if command == "train" or any(word.startswith("runs/") for word in given):
         pytest.importorskip("stable_baselines3")
@@ -156,7 +156,7 @@ CHECKS = {"pip": check_install, "python": check_python, "sphinx-build": check_si
 
 @cache
 def options_of(command):
-    """Options of a command of this package, as its source has them: by its help."""
+    """Return the options in the help of a command."""
     import contextlib
     import io
 
@@ -168,7 +168,7 @@ def options_of(command):
 
 @pytest.mark.parametrize("path", figures.PAGES, ids=lambda path: path.name)
 def test_commands_in_the_text_are_commands(path):
-    # Story: an option is renamed, and a page goes on praising the old one.
+    # Story: an option is renamed, but a page still shows the old one.
     text = " ".join(path.read_text(encoding="utf-8").split())
     for command, rest in re.findall(r"`lissajous ([a-z]+)([^`]*)`", text):
         assert set(re.findall(r"(?<= )--[\w-]+", rest)) <= options_of(command), (command, rest)
@@ -184,7 +184,7 @@ CALLS = re.findall(
 @pytest.mark.parametrize(
     "call", [call for call in CALLS if "policy" not in call and "mine.zip" not in call and "/x/" not in call]
 )
-def test_a_call_of_the_table_makes_what_it_says(call):
+def test_a_call_of_the_table_works(call):
     # Story: a reader types what the table says, here with fewer worlds.
     for module, needed in NEEDS.items():
         if call.startswith(module):

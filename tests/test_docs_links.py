@@ -29,7 +29,7 @@ QUESTIONS = {
 
 @pytest.fixture(scope="module")
 def texts():
-    """Text of each page by its name from the root, those that a build makes among them."""
+    """Return the text of each page by its path, including pages that a build makes."""
     kept = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in PAGES}
     kept |= {name: (ROOT / name).read_text(encoding="utf-8") for name in ("SECURITY.md", "CONTRIBUTING.md")}
     given = scenario("intruders")
@@ -37,14 +37,14 @@ def texts():
 
 
 def slugs(text):
-    """Anchors of the headings of a page, as GitHub and MyST make them."""
+    """Return the anchors of the headings of a page, as GitHub and MyST make them."""
     outside = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
     headings = re.findall(r"^#+ (.+)$", outside, re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def links(name, text):
-    """Pages, from the root, and anchors that a page leads to; included pages count as the page itself."""
+    """Yield the target page, from the root, and the anchor of each link."""
     outside = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
     for target in re.findall(r"\]\(([^)\s]+)\)", outside):
         if "://" not in target:
