@@ -38,7 +38,7 @@ def benchmark(
         output: How it speaks.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
-    from baselines.benchmark import report
+    from baselines.benchmark import summary_files
     from baselines.benchmark.comparison import compare
 
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
@@ -49,7 +49,7 @@ def benchmark(
         raise KeyboardInterrupt(words) from None
     if output.json:
         comparisons = compare(outcome.rows, outcome.scenarios, settings.against)
-        summary = report.summarized(outcome, outcome.rows, outcome.scenarios, comparisons)
+        summary = summary_files.summarized(outcome, outcome.rows, comparisons)
         output.give({**summary, "episodes": outcome.rows})
     if outcome.failures:
         names = dict.fromkeys(f"{each.policy} on {each.scenario}" for each in outcome.failures)
@@ -80,7 +80,7 @@ def evaluate(
         output: How it speaks.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
-    from baselines.benchmark import report, tables
+    from baselines.benchmark import summary_files, tables
     from baselines.benchmark.comparison import statistics as statistics_of
     from baselines.benchmark.comparison import with_derived
 
@@ -109,7 +109,7 @@ def evaluate(
         left_out += tables.print_scores(console, policy, name, policies[policy])
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     if out is not None:
-        report.write_csv(out, rows)
+        summary_files.write_csv(out, rows)
         console.print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
     of = {name: {column: asdict(of) for column, of in by[policy].items()} for name, by in statistics.items()}
     output.give({"policy": policy, "statistics": of, "episodes": rows})

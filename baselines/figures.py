@@ -59,7 +59,7 @@ def figures(
     drawn = list(paper_figures.draw(told, scenarios, comparisons, against, format))
     place = out or folder / "figures"
     with Folder(place, (TABLE, *(name for name, _ in drawn))) as made:
-        made.write(TABLE, latex(comparisons, scenarios))
+        made.write(TABLE, latex(comparisons))
         for name, content in drawn:
             made.write(name, content)
         written = [place / name for name in (TABLE, *(name for name, _ in drawn))]

@@ -53,7 +53,7 @@ def made_now() -> dict[str, Table]:
     """Tables that are not stored: entries of an observation, terms of the reward, columns of the score, the gist."""
     from lissajous_env.parameters.checks import meanings
     from lissajous_env.parameters.scenario import Task
-    from lissajous_env.world import observation, reward, score
+    from lissajous_env.world import columns, observation, reward
 
     parts = {
         "{j}": ("", observation.OWN_ENTRIES),
@@ -75,7 +75,7 @@ def made_now() -> dict[str, Table]:
         "reward": {"columns": ["term", "formula", "default weight", "what the weight is"], "rows": terms},
         "score": {
             "columns": ["column", "what"],
-            "rows": [[f"`{name}`", what] for name, what in score.MEANINGS.items()],
+            "rows": [[f"`{name}`", what] for name, what in columns.MEANINGS.items()],
         },
     }
 

@@ -18,7 +18,7 @@ from tuning import HELD_OUT, make
 
 import baselines
 import lissajous_env
-from baselines.benchmark.measures import MEASURES
+from baselines.benchmark.shown_columns import SHOWN
 from baselines.benchmark.statistics import Statistics, interquartile_mean, summarize
 from baselines.benchmark.tables import in_words, number
 from baselines.policies.base import Policy
@@ -65,7 +65,7 @@ def as_table(scores: dict[str, dict[str, dict[str, Statistics]]]) -> figures.Tab
     for scenario, policies in scores.items():
         own = policies[LEARNED[scenario]]["detection_time_mean"].iqm
         for label, of in policies.items():
-            words = (in_words(of, shown) for shown in MEASURES if shown.column in COLUMNS)
+            words = (in_words(of, shown) for shown in SHOWN if shown.name in COLUMNS)
             cells = [f"{value} ({ends})" if ends else value for value, ends in words]
             name, *tuned = label.partition(",")
             rows.append([f"{scenario}, `{name}`{''.join(tuned)}", *cells, number(own / of["detection_time_mean"].iqm)])

@@ -15,8 +15,8 @@ from rich.console import Console
 
 import lissajous_env
 from baselines.benchmark.comparison import compare
-from baselines.benchmark.measures import MEASURES
 from baselines.benchmark.running import measure
+from baselines.benchmark.shown_columns import SHOWN
 from baselines.benchmark.tables import in_words
 from baselines.benchmark.types import Benchmark, Outcome
 from lissajous_env.console.terminal import make_console
@@ -36,12 +36,12 @@ def settings_for(scenario: lissajous_env.Scenario, episodes: int, out: Path) -> 
 def as_table(outcome: Outcome) -> dict[str, list]:
     """A row for each policy; columns without any number are left out."""
     (cells,) = compare(outcome.rows, outcome.scenarios).cells.values()
-    there = [each for each in MEASURES if any(of[each.column].n_finite for of in cells.values() if each.column in of)]
+    there = [each for each in SHOWN if any(of[each.name].n_finite for of in cells.values() if each.name in of)]
     rows = []
     for policy, of in cells.items():
         words = [in_words(of, each) for each in there]
         rows.append([f"`{policy}`", *(f"{value} ({between})" if between else value for value, between in words)])
-    return {"columns": ["policy", *(each.title for each in there)], "rows": rows}
+    return {"columns": ["policy", *(each.heading for each in there)], "rows": rows}
 
 
 def main() -> None:

@@ -25,7 +25,7 @@ def main() -> None:
     options = parser.parse_args()
     settings = Benchmark(episodes=options.episodes, out=options.out, replays=("none",))
     outcome = measure(settings, console=Console(quiet=True), progress=make_console(stderr=True))
-    table = table_of(compare(outcome.rows, outcome.scenarios), outcome.scenarios)
+    table = table_of(compare(outcome.rows, outcome.scenarios))
     if options.store:
         figures.store({"policies": table})
     print(markdown(table), end="")

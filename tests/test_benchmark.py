@@ -20,14 +20,13 @@ import baselines
 import lissajous_env
 from baselines.benchmark import playing, tables
 from baselines.benchmark.comparison import statistics
-from baselines.benchmark.measures import MEASURES
-from baselines.benchmark.rows import NUMBER_COLUMNS
 from baselines.benchmark.running import measure, run
+from baselines.benchmark.shown_columns import SHOWN
 from baselines.benchmark.types import Benchmark
 from lissajous_env.storage.files import replacing, write_atomically
 from lissajous_env.storage.folder import LIST
 from lissajous_env.storage.journal import Journal
-from lissajous_env.world.score import COLUMNS
+from lissajous_env.world.columns import COLUMNS, NAMES
 
 QUIET = Console(quiet=True)
 SHORT = {"task.duration": 2.0}
@@ -81,7 +80,7 @@ def test_csv_has_the_columns_of_the_contract_and_nan_is_empty(whole):
     folder, rows = whole
     with open(folder / "episodes.csv", newline="") as file:
         table = list(csv.reader(file))
-    assert tuple(table[0]) == COLUMNS
+    assert tuple(table[0]) == NAMES
     assert len(table) == 1 + len(rows) == 11
     for line, row in zip(table[1:], rows, strict=True):
         for text, value in zip(line, row.values(), strict=True):
@@ -99,7 +98,7 @@ def test_every_policy_meets_the_same_seeds(whole):
 def test_summary_is_the_statistics_of_the_episodes(whole):
     folder, rows = whole
     summary = json.loads((folder / "summary.json").read_text())
-    for column in NUMBER_COLUMNS:
+    for column in COLUMNS:
         values = np.array([row[column] for row in rows if row["policy"] == "kuramoto"])
         of = summary["statistics"]["failure"]["kuramoto"][column]
         finite = values[np.isfinite(values)]
@@ -299,14 +298,14 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
     rng = np.random.default_rng(1)
     played = [
         {"scenario": "failure", "policy": policy, "episode": k, "seed": k}
-        | {column: digits * rng.random() for column in NUMBER_COLUMNS}
+        | {column: digits * rng.random() for column in COLUMNS}
         for policy in ("arc-mpcc-safe", "runs/x[/b]") for k in range(4)
     ]  # fmt: skip
 
     def shown(columns):
         console = Console(width=columns, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
         of = statistics(played)["failure"]
-        left_out = tables.print_policies(console, Text("title"), of, MEASURES)
+        left_out = tables.print_policies(console, Text("title"), of, SHOWN)
         left_out += tables.print_scores(console, "runs/x[/b]", "failure", of["runs/x[/b]"])
         return console.export_text(), left_out
 
@@ -346,7 +345,7 @@ def test_bad_settings_are_refused_before_anything_is_written(tmp_path, changes, 
 
 def test_table_marks_the_best_and_shows_missing_numbers_as_a_dash():
     def rows(policy, times, recoveries):
-        numbers = dict.fromkeys(NUMBER_COLUMNS, 1.0)
+        numbers = dict.fromkeys(COLUMNS, 1.0)
         for k, (detection, recovery) in enumerate(zip(times, recoveries, strict=True)):
             found = {"detection_time_mean": detection, "recovery_time": recovery}
             yield {"scenario": "failure", "policy": policy, "episode": k, "seed": k} | numbers | found
@@ -357,7 +356,7 @@ def test_table_marks_the_best_and_shows_missing_numbers_as_a_dash():
         *rows("c", [9.0] * 2, [math.nan] * 2),
     ]
     console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    shown = [each for each in MEASURES if each.column in ("detection_time_mean", "recovery_time")]
+    shown = [each for each in SHOWN if each.name in ("detection_time_mean", "recovery_time")]
     tables.print_policies(console, Text("title"), statistics(played)["failure"], shown)
     text = [line.split() for line in console.export_text().splitlines()]
     assert ["a", "2*", "3"] in text  # 3 s is faster, but in one episode of two alone

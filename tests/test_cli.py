@@ -14,7 +14,7 @@ import pytest
 import baselines
 import lissajous_env
 from lissajous_env.console.cli import commands, main
-from lissajous_env.world.score import COLUMNS
+from lissajous_env.world.columns import NAMES
 
 BENCHMARK = (
     "benchmark",
@@ -165,7 +165,7 @@ def test_benchmark_prints_a_table_and_resumes(tmp_path):
     assert "6 of 6 episodes were in" in tables[1]
     assert "kuramoto" in tables[0]
     with open(tmp_path / "episodes.csv", newline="") as file:
-        assert tuple(next(csv.reader(file))) == COLUMNS
+        assert tuple(next(csv.reader(file))) == NAMES
     refused = lissajous(*BENCHMARK, "--set", "task.duration=3", "--out", tmp_path)
     assert refused.returncode == 2
     assert re.search(r"scenarios.failure.task.duration +2\.0 +3\.0", refused.stderr)

@@ -11,20 +11,21 @@ from rich.text import Text
 
 import lissajous_env
 from baselines.benchmark import clairvoyant, tables
-from baselines.benchmark.comparison import OPEN, OVER_LIMIT, compare, limit_of, with_derived
-from baselines.benchmark.measures import MEASURES
-from baselines.benchmark.rows import NUMBER_COLUMNS
+from baselines.benchmark.bounds import mean_time_bound
+from baselines.benchmark.comparison import compare, with_derived
 from baselines.benchmark.running import run
+from baselines.benchmark.shown_columns import OVER_LIMIT, SHOWN
 from baselines.benchmark.statistics import summarize
 from baselines.benchmark.types import Benchmark
 from lissajous_env.theory.limits import mean_time_limit
+from lissajous_env.world.columns import COLUMNS, OPEN
 
 INTRUDERS = {"intruders": lissajous_env.scenario("intruders")}
 
 
 def rows(policy, scenario="intruders", first=0, **columns):
     for k, values in enumerate(zip(*columns.values(), strict=True)):
-        numbers = dict.fromkeys(NUMBER_COLUMNS, 1.0) | dict(zip(columns, values, strict=True))
+        numbers = dict.fromkeys(COLUMNS, 1.0) | dict(zip(columns, values, strict=True))
         yield {"scenario": scenario, "policy": policy, "episode": first + k, "seed": first + k} | numbers
 
 
@@ -38,38 +39,38 @@ def test_over_the_limit_is_the_mean_over_the_bound():
     # Oracle: by hand; the interquartile mean of these would be 2.
     limit = mean_time_limit(INTRUDERS["intruders"])
     cells = compare(list(rows("a", detection_time_mean=[2.0, 2.0, 2.0, 2.0, 12.0])), INTRUDERS).cells
-    of = cells["intruders"]["a"][OVER_LIMIT]
+    of = cells["intruders"]["a"][OVER_LIMIT.name]
     assert of.mean == pytest.approx(4 / limit)
     assert of.mean_low < of.mean < of.mean_high
-    assert tables.in_words(cells["intruders"]["a"], MEASURES[1])[0] == f"{4 / limit:.3g}"
+    assert tables.in_words(cells["intruders"]["a"], SHOWN[1])[0] == f"{4 / limit:.3g}"
 
 
 def test_no_ratio_to_a_limit_that_says_nothing():
     scenario = lissajous_env.scenario("experiment")
     assert mean_time_limit(scenario) == 0
-    assert math.isnan(limit_of(scenario))
+    assert math.isnan(mean_time_bound(scenario))
     (row,) = with_derived(rows("a", "experiment", detection_time_mean=[1.0]), {"experiment": scenario})
-    assert math.isnan(row[OVER_LIMIT])
+    assert math.isnan(row[OVER_LIMIT.name])
 
 
 def test_a_guarantee_that_is_open_is_a_lower_bound_and_never_best():
     more = {
         "guaranteed_detection_time": [3.0, 59.7, 4.0, 50.0],
         "unseen_at_end": [2.0, 59.7, 1.0, 50.0],
-        OPEN: [0, 1, 0, 1],
+        OPEN.name: [0, 1, 0, 1],
     }
-    closed = {"guaranteed_detection_time": [9.0] * 4, "unseen_at_end": [1.0] * 4, OPEN: [0] * 4}
+    closed = {"guaranteed_detection_time": [9.0] * 4, "unseen_at_end": [1.0] * 4, OPEN.name: [0] * 4}
     cells = compare([*rows("a", **more), *rows("b", **closed)], INTRUDERS).cells["intruders"]
-    text, _ = printed(tables.print_policies, Text("t"), cells, MEASURES)
+    text, _ = printed(tables.print_policies, Text("t"), cells, SHOWN)
     words = text.split()
     assert words[words.index(">") + 1] == "27"
     assert "9*" in words
 
 
 def test_a_guarantee_that_nobody_follows_has_no_column():
-    nothing: dict[str, Any] = dict.fromkeys(("guaranteed_detection_time", "unseen_at_end", OPEN), [math.nan] * 2)
+    nothing: dict[str, Any] = dict.fromkeys(("guaranteed_detection_time", "unseen_at_end", OPEN.name), [math.nan] * 2)
     cells = compare(list(rows("a", **nothing)), INTRUDERS).cells["intruders"]
-    assert "guaranteed" not in printed(tables.print_policies, Text("t"), cells, MEASURES)[0]
+    assert "guaranteed" not in printed(tables.print_policies, Text("t"), cells, SHOWN)[0]
 
 
 def test_an_open_guarantee_loses_seed_by_seed():
@@ -97,7 +98,7 @@ def test_what_is_no_policy_stands_last_in_brackets_and_is_never_best_nor_the_ref
     played = [*seer, *rows("slow", detection_time_mean=[3.0, 3.0]), *rows("fast", detection_time_mean=[2.0, 2.0])]
     comparisons = compare(played, INTRUDERS, clairvoyant.NAME)
     assert comparisons.against["intruders"][0] == "slow"
-    text, _ = printed(tables.print_policies, Text("t"), comparisons.cells["intruders"], MEASURES)
+    text, _ = printed(tables.print_policies, Text("t"), comparisons.cells["intruders"], SHOWN)
     names = [line.split()[0] for line in text.splitlines()[4:] if line.strip()]
     assert names == ["slow", "fast", "(clairvoyant)"]
     assert "2*" in text.split()
@@ -107,10 +108,10 @@ def test_what_is_no_policy_stands_last_in_brackets_and_is_never_best_nor_the_ref
 def test_a_narrow_terminal_keeps_the_most_important_columns():
     numbers = {"guaranteed_detection_time": [3.0, 4.0], "unseen_at_end": [1.0, 1.0], "detection_time_mean": [1.0, 2.0]}
     cells = compare(list(rows("a", **numbers)), INTRUDERS).cells["intruders"]
-    order = [each.column for each in MEASURES]
-    assert order[:6] == ["detection_time_mean", OVER_LIMIT, "guaranteed_detection_time", "collisions",
+    order = [each.name for each in SHOWN]
+    assert order[:6] == ["detection_time_mean", OVER_LIMIT.name, "guaranteed_detection_time", "collisions",
                          "sensed_fraction", "distance_mean"]  # fmt: skip
-    _, left_out = printed(tables.print_policies, Text("t"), cells, MEASURES, width=70)
+    _, left_out = printed(tables.print_policies, Text("t"), cells, SHOWN, width=70)
     assert 0 < len(left_out) < len(order)
     assert left_out == [name for name in order if name in left_out]
     assert set(left_out) == set(order[-len(left_out) :])
@@ -125,7 +126,7 @@ def test_the_summary_has_limits_and_pairs_and_another_reference_plays_nothing_ag
     assert summary["limits"]["intruders"] == pytest.approx(mean_time_limit(scenario))
     assert summary["against"]["intruders"]["reference"] == "laps"
     assert summary["against"]["intruders"]["policies"]["still"]["detection_time_mean"]["n"] == 2
-    ratio = summary["statistics"]["intruders"]["laps"][OVER_LIMIT]["mean"]
+    ratio = summary["statistics"]["intruders"]["laps"][OVER_LIMIT.name]["mean"]
     times = [row["detection_time_mean"] for row in played if row["policy"] == "laps"]
     assert ratio == pytest.approx(summarize(times).mean / summary["limits"]["intruders"])
     before = (tmp_path / "episodes.jsonl").read_bytes()

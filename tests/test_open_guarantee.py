@@ -16,10 +16,10 @@ import baselines
 import lissajous_env
 from baselines.benchmark import failures, tables
 from baselines.benchmark.censoring import summarize_censored
-from baselines.benchmark.comparison import OPEN, compare
-from baselines.benchmark.measures import MEASURES
-from baselines.benchmark.rows import NUMBER_COLUMNS
+from baselines.benchmark.comparison import compare
+from baselines.benchmark.shown_columns import SHOWN
 from baselines.benchmark.statistics import summarize
+from lissajous_env.world.columns import COLUMNS, OPEN
 from lissajous_env.world.score import is_open
 from lissajous_env.world.simulation import Simulation
 
@@ -35,7 +35,7 @@ LEAPS = st.lists(st.tuples(st.integers(1, 30), st.integers(0, 60)), min_size=1, 
 def rows(times, policy="a", open_at=()):
     """Score rows of episodes of which are known: the longest time, and that at the end."""
     for seed, (longest, at_end) in enumerate(times):
-        numbers = dict.fromkeys(NUMBER_COLUMNS, 1.0) | {"collisions": 0, OPEN: float(seed in open_at)}
+        numbers = dict.fromkeys(COLUMNS, 1.0) | {"collisions": 0, OPEN.name: float(seed in open_at)}
         numbers |= {"guaranteed_detection_time": longest, "unseen_at_end": at_end}
         yield {"scenario": "evaders", "policy": policy, "episode": seed, "seed": seed} | numbers
 
@@ -45,7 +45,7 @@ def cells(*played):
 
 
 def words_of(of):
-    (shown,) = [each for each in MEASURES if each.column == "guaranteed_detection_time"]
+    (shown,) = [each for each in SHOWN if each.name == "guaranteed_detection_time"]
     return tables.in_words(of, shown)
 
 
@@ -99,7 +99,7 @@ def test_an_episode_that_ends_at_its_worst_moment_is_not_open():
     policy = baselines.make("random", EVADERS["evaders"])
     (row,) = lissajous_env.evaluate(policy, EVADERS["evaders"], seeds=[13])
     assert row["guaranteed_detection_time"] == row["unseen_at_end"] == pytest.approx(7.7, abs=2)
-    assert row[OPEN] == 0
+    assert row[OPEN.name] == 0
     assert failures.failed(row)[1] is False
     shown = words_of(cells([row, *rows([(9.3, 3.6), (12.8, 1.7), (8.4, 2.3)], "random")])["random"])
     assert not shown[0].startswith(">")
@@ -113,7 +113,7 @@ def test_where_a_rogue_stays_unseen_since_the_beginning_every_episode_is_open():
         (row,) = lissajous_env.evaluate(baselines.make("still", scenario), scenario, seeds=[3])
         assert row["guaranteed_detection_time"] == pytest.approx(duration - 0.1)
         told.append(row)
-    assert all(row[OPEN] == 1 and failures.failed(row)[1] for row in told)
+    assert all(row[OPEN.name] == 1 and failures.failed(row)[1] for row in told)
 
 
 def test_a_rogue_that_came_later_and_stayed_for_most_of_the_episode_is_open_too():
@@ -122,7 +122,7 @@ def test_a_rogue_that_came_later_and_stayed_for_most_of_the_episode_is_open_too(
     scenario = lissajous_env.scenario("evaders", **{"task.duration": 12.0, "faults.schedule": faults})
     (row,) = lissajous_env.evaluate(baselines.make("kuramoto-mpcc", scenario), scenario, seeds=[0])
     assert 7.9 < row["guaranteed_detection_time"] == row["unseen_at_end"] < 11.9
-    assert row[OPEN] == 1
+    assert row[OPEN.name] == 1
 
 
 def test_playing_longer_never_claims_less():
@@ -147,13 +147,13 @@ def test_without_a_robot_left_nothing_bounds_it():
     (row,) = simulation.score()
     assert simulation.terminated.numpy().all()
     assert row["guaranteed_detection_time"] < 30
-    assert row[OPEN] == 1
+    assert row[OPEN.name] == 1
 
 
 def test_where_nothing_is_followed_nothing_is_open():
     scenario = lissajous_env.scenario("experiment", **{"task.duration": 1.0})
     (row,) = lissajous_env.evaluate(baselines.make("still", scenario), scenario, seeds=[0])
-    assert math.isnan(row[OPEN])
+    assert math.isnan(row[OPEN.name])
     assert failures.failed(row)[1] is False
 
 
@@ -271,7 +271,7 @@ def test_the_table_and_its_legend_show_where_no_upper_end_is_known():
     played += rows([(59.9, 59.9)] * 16, "lost", range(16))
     known = cells(played)
     console = Console(width=200, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    tables.print_policies(console, Text("t"), known, MEASURES)
+    tables.print_policies(console, Text("t"), known, SHOWN)
     said = console.export_text()
     assert "4*" in said
     assert "at least 4" in said

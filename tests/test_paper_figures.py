@@ -139,7 +139,7 @@ def test_a_column_of_ones_own_is_in_its_distribution_and_in_the_table(folder, tm
 def test_the_table_escapes_what_latex_would_read_and_marks_the_best():
     seer = rows(clairvoyant.NAME, detection_time_mean=[0.1, 0.1])
     played = [*rows("my_50%&#{x}~^\\$", detection_time_mean=[2.0, 2.0]), *rows("slow", detection_time_mean=[3.0, 3.0])]
-    text = latex(compare([*played, *seer], INTRUDERS), INTRUDERS)
+    text = latex(compare([*played, *seer], INTRUDERS))
     assert r"my\_50\%\&\#\{x\}\textasciitilde{}\textasciicircum{}\textbackslash{}\$ & \textbf{2}" in text
     assert "slow & 3 " in text
     assert r"(clairvoyant) & 0.100 " in text

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import lissajous_env
-from lissajous_env.world.score import COLUMNS
+from lissajous_env.world.columns import NAMES
 from lissajous_env.world.state import NEVER
 
 STEPS = 40
@@ -135,7 +135,7 @@ def assert_score_in_range(scenario, simulation):
     duration, longest = scenario.task.duration, max(scenario.curve.half_width, scenario.curve.half_height)
     gone = simulation.terminated.numpy().all(axis=1)
     for row, all_gone in zip(simulation.score(), gone, strict=True):
-        assert set(row) == set(COLUMNS) - {"policy", "episode"}
+        assert set(row) == set(NAMES) - {"policy", "episode"}
         guarantee = row["guaranteed_detection_time"]
         assert math.isnan(guarantee) == (scenario.task.contamination is None)
         if not math.isnan(guarantee):

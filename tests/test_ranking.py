@@ -7,14 +7,14 @@ from scipy.stats import rankdata
 import lissajous_env
 from baselines.benchmark.comparison import with_derived
 from baselines.benchmark.ranking import rankings
-from baselines.benchmark.rows import NUMBER_COLUMNS
+from lissajous_env.world.columns import COLUMNS
 
 SCENARIOS = {name: lissajous_env.scenario(name) for name in ("evaders", "team", "redundant")}
 
 
 def rows(scenario, policy, **columns):
     for seed, values in enumerate(zip(*columns.values(), strict=True)):
-        numbers = dict.fromkeys(NUMBER_COLUMNS, 1.0) | {"unseen_at_end": 0.5, "guarantee_open": 0.0}
+        numbers = dict.fromkeys(COLUMNS, 1.0) | {"unseen_at_end": 0.5, "guarantee_open": 0.0}
         yield (
             {"scenario": scenario, "policy": policy, "episode": seed, "seed": seed}
             | numbers

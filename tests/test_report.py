@@ -12,17 +12,17 @@ from rich.console import Console
 import baselines
 import lissajous_env
 import training.report
-from baselines.benchmark import failures, page, replays, running
+from baselines.benchmark import failures, replays, report_page, running
 from baselines.benchmark.comparison import with_derived
 from baselines.benchmark.marl_eval import as_marl_eval
 from baselines.benchmark.ranking import rankings
-from baselines.benchmark.rows import NUMBER_COLUMNS
 from baselines.benchmark.running import run
 from baselines.benchmark.tables import number
 from baselines.benchmark.types import Benchmark
 from lissajous_env.episodes.recording import record
 from lissajous_env.replay.contents import BRIEF, contents
 from lissajous_env.storage.folder import Folder
+from lissajous_env.world.columns import COLUMNS
 from training.learned.history import History
 from training.settings import TrainingSettings
 
@@ -61,7 +61,7 @@ def test_the_page_holds_every_score_of_every_episode(small_one):
     for k, place in enumerate(zip(held["scenario"], held["policy"], held["seed"], strict=True)):
         key = names[0][place[0]], names[1][place[1]], place[2]
         (row,) = [row for row in rows if (row["scenario"], row["policy"], row["seed"]) == key]
-        for column in NUMBER_COLUMNS:
+        for column in COLUMNS:
             wanted = None if math.isnan(row[column]) else pytest.approx(row[column], rel=1e-4)
             assert held[column][k] == wanted, column
 
@@ -114,7 +114,7 @@ def test_columns_of_ones_own_are_in_every_table(tmp_path):
 def test_the_worst_comes_first():
     # Story: who collided and lost the guarantee stands before who only lost it, and that before the merely slow.
     scenario = lissajous_env.scenario("evaders")
-    good = dict.fromkeys(NUMBER_COLUMNS, 1.0) | {"scenario": "evaders", "collisions": 0, "guarantee_open": 0}
+    good = dict.fromkeys(COLUMNS, 1.0) | {"scenario": "evaders", "collisions": 0, "guarantee_open": 0}
     slow = good | {"guaranteed_detection_time": 30.0}
     lost = slow | {"guarantee_open": 1}
     both = lost | {"collisions": 3}
@@ -245,7 +245,7 @@ def test_a_policy_that_fails_when_it_is_played_again_is_told(tmp_path):
 def test_of_many_episodes_the_worst_are_listed(small_one, tmp_path, monkeypatch):
     folder = small_one[0]
     before = blocks_of(folder)["data"]["episodes"]
-    monkeypatch.setattr(page, "MOST_EPISODES", 6)
+    monkeypatch.setattr(report_page, "MOST_EPISODES", 6)
     run(small(tmp_path, replays=("none",)), console=QUIET)
     data = blocks_of(tmp_path)["data"]
     assert data["total"] == 12
@@ -275,9 +275,9 @@ def test_a_training_replays_no_oftener_than_its_share_of_the_time_allows(tmp_pat
 
 
 def test_a_command_names_the_scenario_as_it_was_changed():
-    assert page.command_of("team", {}) == "team"
+    assert report_page.command_of("team", {}) == "team"
     changes = {"task.duration": 30.0, "faults.schedule": ((0, 1.0, 2.0),)}
-    assert page.command_of("team", changes) == "team --set task.duration=30.0 'faults.schedule=((0, 1.0, 2.0),)'"
+    assert report_page.command_of("team", changes) == "team --set task.duration=30.0 'faults.schedule=((0, 1.0, 2.0),)'"
 
 
 def test_marl_eval_finds_what_it_needs(small_one):
@@ -307,7 +307,7 @@ def test_marl_eval_finds_what_it_needs(small_one):
 
 def test_marl_eval_has_the_policies_that_played_all_scenarios_of_a_kind_together():
     scenarios = {name: lissajous_env.scenario(name) for name in ("team", "evaders", "failure")}
-    numbers = dict.fromkeys(NUMBER_COLUMNS, 1.0)
+    numbers = dict.fromkeys(COLUMNS, 1.0)
     played = [("team", "x", 0), ("team", "x", 1), ("evaders", "x", 0), ("team", "y", 0), ("failure", "z", 0)]
     rows = [{"scenario": s, "policy": p, "seed": seed, **numbers} for s, p, seed in played]
     rows[0]["recovery_time"] = math.nan

@@ -8,8 +8,8 @@ import pytest
 import baselines
 import lissajous_env
 from lissajous_env.theory import closed_forms
+from lissajous_env.world.columns import MEANINGS, NAMES
 from lissajous_env.world.coverage import last_sensed
-from lissajous_env.world.score import COLUMNS, MEANINGS
 
 # The columns as they are promised to who reads the files.
 PROMISED = (
@@ -43,10 +43,10 @@ def constant(scenario):
 
 
 def test_the_columns_are_those_promised():
-    assert ", ".join(COLUMNS) == PROMISED
+    assert ", ".join(NAMES) == PROMISED
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"), 3, seed=5)
     rows = simulation.score()
-    assert [set(row) for row in rows] == [set(COLUMNS) - {"policy", "episode"}] * 3
+    assert [set(row) for row in rows] == [set(NAMES) - {"policy", "episode"}] * 3
     assert [(row["scenario"], row["seed"]) for row in rows] == [("failure", 5), ("failure", 6), ("failure", 7)]
     assert all(type(value) in (int, float, str) for row in rows for value in row.values())
     assert simulation.score([2])[0]["seed"] == 7
@@ -82,9 +82,9 @@ def test_what_never_was_is_nan():
     simulation.step(np.zeros(simulation.action_shape))
     (row,) = simulation.score()
     missing = {name for name, value in row.items() if isinstance(value, float) and math.isnan(value)}
-    detection = {name for name in COLUMNS if name.startswith("detect")}
+    detection = {name for name in NAMES if name.startswith("detect")}
     coverage = {"coverage_time", "coverage_time_each", "idleness_mean", "idleness_max", "sensed_fraction"}
-    guarantee = {name for name in COLUMNS if "guarantee" in name} | {"unseen_at_end", "contaminated_age_mean"}
+    guarantee = {name for name in NAMES if "guarantee" in name} | {"unseen_at_end", "contaminated_age_mean"}
     assert missing == detection | coverage | guarantee | {"min_separation", "recovery_time", "smoothness"}
     assert row["targets"] == 0
 
@@ -293,7 +293,7 @@ def test_evaluate_gives_a_row_for_each_seed_whatever_the_batch():
 
     scenario = lissajous_env.scenario("failure", **{"task.duration": 2.0})
     rows = lissajous_env.evaluate(Still(2), scenario, seeds=[4, 8, 15, 16, 23])
-    assert [tuple(row) for row in rows] == [COLUMNS] * 5
+    assert [tuple(row) for row in rows] == [NAMES] * 5
     assert [row["seed"] for row in rows] == [4, 8, 15, 16, 23]
     assert [row["episode"] for row in rows] == [0, 1, 2, 3, 4]
     assert {row["policy"] for row in rows} == {"still"}

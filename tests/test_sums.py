@@ -5,14 +5,13 @@ import pytest
 import warp as wp
 
 import lissajous_env
-from lissajous_env.world.state import Tally
-from lissajous_env.world.tally import tally_coverage
+from lissajous_env.world.tally import EpisodeTotals, tally_coverage
 
 STILL = {"faults.schedule": (), "targets.count": 0, "targets.arrival_rate": 0.0, "formation.start": "equilibrium"}
 
 
 @wp.kernel
-def keep_coverage(robots: int, cells_total: int, tally: Tally):
+def keep_coverage(robots: int, cells_total: int, tally: EpisodeTotals):
     tally_coverage(0, 1, robots, cells_total, tally)
 
 

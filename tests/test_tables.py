@@ -20,23 +20,23 @@ import trainings
 import lissajous_env
 from baselines.benchmark import clairvoyant, standard
 from baselines.benchmark.comparison import compare
-from baselines.benchmark.rows import NUMBER_COLUMNS
 from baselines.benchmark.running import measure, plan, run
 from baselines.benchmark.statistics import interquartile_mean, summarize, two_level_interval
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import markdown, table_of
+from lissajous_env.world.columns import COLUMNS
 
 
 def rows(policy, times, scenario="intruders"):
     for k, time in enumerate(times):
-        numbers = dict.fromkeys(NUMBER_COLUMNS, 0.5) | {"detection_time_mean": time}
+        numbers = dict.fromkeys(COLUMNS, 0.5) | {"detection_time_mean": time}
         yield {"scenario": scenario, "policy": policy, "episode": k, "seed": k} | numbers
 
 
 def test_the_table_says_what_the_rows_hold():
     scenario = lissajous_env.scenario("intruders")
     played = [*rows("kuramoto-mpcc", [4.0] * 4), *rows("laps", [2.0, 2.0, 2.0, 6.0]), *rows("clairvoyant", [1.0] * 4)]
-    made = table_of(compare(played, {"intruders": scenario}), {"intruders": scenario})
+    made = table_of(compare(played, {"intruders": scenario}))
     first, laps, seer = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
     assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over limit"]
     assert (first["scenario"], first["detection [s]"], first["sooner"]) == ("`intruders`, limit 0.582 s", "4", "")

@@ -17,14 +17,14 @@ from typing import Any
 from baselines.benchmark import detections, ray_address, results_folder
 from baselines.benchmark.playing import failure_of, play
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.rows import what_is_wrong
+from baselines.benchmark.rows import refusal_of
 from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
 from baselines.policies.factories import parts
 from lissajous_env.console.terminal import plain
 from lissajous_env.extras import missing
 from lissajous_env.identity import MODULE
 from lissajous_env.wording import shown
-from lissajous_env.world.score import brought_columns
+from lissajous_env.world.columns import brought_columns
 
 _RETRIES = 3
 """Times that a batch is played again after its worker or node was lost: a policy that kills its process must end."""
@@ -224,15 +224,15 @@ def _checked(batch: Any, cell: Cell, settings: Benchmark, numbers: list[int]) ->
     brought = brought_columns(cell.scenario)
     try:
         rows = batch.rows
-        wrong = next((wrong for row in rows if (wrong := what_is_wrong(plain(row), brought))), "")
-        wrong = wrong or next(filter(None, map(detections.what_is_wrong, batch.detections)), "")
+        wrong = next((wrong for row in rows if (wrong := refusal_of(plain(row), brought))), "")
+        wrong = wrong or next(filter(None, map(detections.refusal_of, batch.detections)), "")
         identities = [(row["scenario"], row["policy"], row["episode"], row["seed"]) for row in rows]
     except (AttributeError, KeyError, TypeError) as error:
         wrong, identities = f"{type(error).__name__}: {error}", []
     if wrong or identities != expected:
         raise ValueError(
             f"a node of the Ray cluster must return the score rows of episodes {numbers} of {_name(cell)}, "
-            f"got {textwrap.shorten(str(batch), 200, placeholder=' ...')}" + f"; a row {wrong}" * bool(wrong)
+            f"got {textwrap.shorten(str(batch), 200, placeholder=' ...')}" + f"; a row: {wrong}" * bool(wrong)
         )
     return batch
 

@@ -1,8 +1,8 @@
-"""When each target was detected, kept beside the score rows, and from that the share detected over time.
+"""Detection times of the targets, stored beside the score rows, and the share detected over time.
 
-A target that was not detected when its episode ended is censored: its time is only known to be longer than it was
-there. E. L. Kaplan, P. Meier, "Nonparametric Estimation from Incomplete Observations" (1958), says what share is
-detected within each time all the same.
+The time of a target that was not detected is censored: it is at least as long as the target was present. The share that
+is detected within each time is the estimate of E. L. Kaplan, P. Meier, "Nonparametric Estimation from Incomplete
+Observations" (1958).
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,20 +14,20 @@ from lissajous_env.storage.folder import Folder
 from lissajous_env.world.simulation import Simulation
 
 NAME = "detections.jsonl"
-"""File that they are kept in: an object for each episode."""
+"""File of the detection times: an object for each episode."""
 
 KEPT = 64
-"""First episodes of a cell whose targets are kept: enough for a smooth curve, however many are played."""
+"""Number of episodes of a cell whose detection times are stored: enough for a smooth curve."""
 
 _DIGITS = 6
 _ENTRIES = ("scenario", "policy", "episode", "found", "unfound")
 
 
 def detections_of(simulation: Simulation, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Times of the targets of episodes that have ended, world by world, for the rows of those that are kept.
+    """Return the detection times of the targets of episodes that have ended, for the rows with `episode` below `KEPT`.
 
-    Each tells `scenario`, `policy` and `episode`, and of its targets the time from the appearance until the detection,
-    `found` [s], or for which one was there undetected, `unfound` [s].
+    Each entry has `scenario`, `policy` and `episode`; `found` [s], the times from a target's appearance until it was
+    detected; and `unfound` [s], the times for which the other targets were present.
     """
     kept = []
     for world, row in enumerate(rows):
@@ -40,13 +40,13 @@ def detections_of(simulation: Simulation, rows: Sequence[Mapping[str, Any]]) -> 
 
 
 def share_detected(found: Sequence[float] | np.ndarray, unfound: Sequence[float] | np.ndarray) -> tuple[Any, Any]:
-    """Times [s] in rising order, and the share of the targets that is detected within each, by Kaplan and Meier.
+    """Return times [s] in rising order, and the Kaplan-Meier estimate of the share detected within each.
 
     Args:
-        found: Times until the detection [s].
-        unfound: Times for which the others were there [s].
+        found: times until the detection [s].
+        unfound: times for which the other targets were present [s].
     """
-    from scipy import stats  # which takes longer to import than all of ours
+    from scipy import stats  # its import takes longer than that of this project
 
     times = np.concatenate([found, unfound]).astype(float)
     if not times.size:
@@ -57,28 +57,28 @@ def share_detected(found: Sequence[float] | np.ndarray, unfound: Sequence[float]
 
 
 class Detections:
-    """The times of the targets of the episodes that have ended; of one that was played again, the last.
+    """Detection times of the episodes that have ended; of an episode that was played again, the latest.
 
     Raises:
-        ValueError: the file holds what is none; file and line are named.
+        ValueError: the file is damaged; file and line are named.
     """
 
     def __init__(self, folder: Folder):
         self._of: dict[tuple[str, str, int], dict[str, Any]] = {}
         self._journal = folder.journal(NAME)
         for line, entry in enumerate(self._journal.entries, start=1):
-            if wrong := what_is_wrong(entry):
+            if wrong := refusal_of(entry):
                 self._journal.close()
-                raise ValueError(f"{self._journal.path}, line {line} {wrong}; delete that line to leave it out")
+                raise ValueError(f"{self._journal.path}, line {line}: {wrong}; delete that line to leave it out")
             self._of[_key(entry)] = entry
 
     def add(self, entries: Sequence[dict[str, Any]]) -> None:
-        """Add those of episodes that have ended; they are on the disk when this returns."""
+        """Add the entries of episodes that have ended; they are on the disk when this returns."""
         self._journal.append(entries)
         self._of |= {_key(entry): entry for entry in entries}
 
     def curves(self, rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, tuple[Any, Any]]]:
-        """Share detected over time, by scenario and policy, of the episodes of some rows."""
+        """Return `share_detected` by scenario and policy for the episodes of some rows."""
         pooled: dict[tuple[str, str], tuple[list[float], list[float]]] = {}
         for row in rows:
             found, unfound = pooled.setdefault((row["scenario"], row["policy"]), ([], []))
@@ -95,15 +95,15 @@ class Detections:
         self._journal.close()
 
 
-def what_is_wrong(entry: Any) -> str | None:
-    """Say by which rule something is none of `detections_of`; None where it is."""
+def refusal_of(entry: Any) -> str | None:
+    """Return the rule that an entry violates; None for a valid one."""
     if not isinstance(entry, dict) or tuple(entry) != _ENTRIES:
-        return f"must hold {', '.join(_ENTRIES)}"
+        return f"must have {', '.join(_ENTRIES)}"
     scenario, policy, episode, *times = entry.values()
     if not (isinstance(scenario, str) and isinstance(policy, str) and type(episode) is int and 0 <= episode < KEPT):
-        return f"must hold two names and an episode below {KEPT}"
+        return f"must have two names and an episode below {KEPT}"
     if not all(isinstance(each, list) and all(map(_is_time, each)) for each in times):
-        return "must hold lists of times of at least 0 [s]"
+        return "must have lists of times of at least 0 [s]"
     return None
 
 

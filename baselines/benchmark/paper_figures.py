@@ -19,13 +19,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import COMPARED, GUARANTEED, OPEN, Comparisons, is_censored, reference_of
+from baselines.benchmark.comparison import Comparisons, is_censored, reference_of
 from baselines.benchmark.looks import STYLE, looks_of
-from baselines.benchmark.measures import MEASURES, Measure, measures_of, title_of
+from baselines.benchmark.shown_columns import COMPARED, brought_in
 from baselines.benchmark.statistics import performance_profile, probability_of_improvement, summarize
 from baselines.benchmark.tables import shown_name
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.columns import OPEN, SHARE, WHOLE, WORST_CASE, Column
 
 FORMATS = ("pdf", "svg", "png")
 WIDTH = 7.16
@@ -45,7 +46,6 @@ _STYLE: dict[Any, Any] = STYLE | {
     "pdf.fonttype": 42,  # fonts that journals accept and readers can search
     "svg.hashsalt": "lissajous",
 }
-_TIMES = ("detection_time_mean", GUARANTEED)
 _MOST_ENDLESS = 0.25
 """Share of infinite scores up to which the middle half has none."""
 _VALUES = 200
@@ -66,12 +66,12 @@ class Group:
     scenarios: tuple[Scenario, ...]
     reference: str
     """Policy that the others are compared with."""
-    scores: dict[str, dict[str, list[np.ndarray]]]
+    scores: dict[str, dict[Column, list[np.ndarray]]]
     """By policy and column, the scores of the episodes of each scenario."""
 
     @property
-    def columns(self) -> list[str]:
-        """Columns of `COMPARED` with a number of every policy on every scenario, and not all of them infinite."""
+    def columns(self) -> list[Column]:
+        """Return the columns of `COMPARED` with a number of every policy on every scenario, some of them finite."""
         every = {column: [scores for of in self.scores.values() for scores in of[column]] for column in COMPARED}
         return [
             column
@@ -110,39 +110,38 @@ def draw(
             for name, drawn in (("profiles", _profiles), ("improvement", _improvement), ("aggregates", _aggregates)):
                 if group.columns and not (name == "improvement" and len(group.scores) < 2):
                     yield f"{name}-{group.kind}.{form}", _saved(drawn(group, looks), form)
-        for name, scenario in scenarios.items():
+        for name in scenarios:
             of: dict[str, list[Mapping[str, Any]]] = {}
             for row in rows:
                 if row["scenario"] == name:
                     of.setdefault(row["policy"], []).append(row)
-            measures = measures_of(scenario, comparisons.cells.get(name, {}))
-            measures = [each for each in measures if each.column in COMPARED or each not in MEASURES]
             played = [row for episodes in of.values() for row in episodes]
-            measures = [m for m in measures if any(math.isfinite(row.get(m.column, math.nan)) for row in played)]
-            if measures:
-                yield f"distribution-{name}.{form}", _saved(_distribution(name, of, measures, looks), form)
+            columns = [*COMPARED, *brought_in(played)]
+            columns = [each for each in columns if any(math.isfinite(row.get(each.name, math.nan)) for row in played)]
+            if columns:
+                yield f"distribution-{name}.{form}", _saved(_distribution(name, of, columns, looks), form)
 
 
-def _scores(rows: Rows, column: str, scenario: Scenario) -> np.ndarray:
-    """Scores of the episodes; times over T_max.
+def _scores(rows: Rows, column: Column, scenario: Scenario) -> np.ndarray:
+    """Return the scores of the episodes; times over T_max.
 
-    A guarantee that is open, or was still growing when its episode ended, is infinite: no bound of it is known.
+    The worst-case undetected time of an episode that is open, or in which it was still growing at the end, is infinite.
     """
-    values = np.array([row.get(column, math.nan) for row in rows], dtype=float)
-    if column == GUARANTEED:
-        values[[row[OPEN] == 1 or is_censored(row) for row in rows]] = np.inf
-    return values / scenario.detection_time_bound if column in _TIMES else values
+    values = np.array([row.get(column.name, math.nan) for row in rows], dtype=float)
+    if column is WORST_CASE:
+        values[[row[OPEN.name] == 1 or is_censored(row) for row in rows]] = np.inf
+    return values / scenario.detection_time_bound if column.unit == "s" else values
 
 
-def _unit(column: str) -> str:
-    return f"{title_of(column).removesuffix(' [s]')} / $T_{{max}}$" if column in _TIMES else title_of(column)
+def _title(column: Column) -> str:
+    return f"{column.short} / $T_{{max}}$" if column.unit == "s" else column.heading
 
 
-def _scaled(axes: Axes, column: str, values: np.ndarray) -> None:
-    """Give an axis the scale of a column: times are logarithmic, collisions nearly so."""
+def _scaled(axes: Axes, column: Column, values: np.ndarray) -> None:
+    """Set the scale of an axis for a column: logarithmic for times over T_max, nearly so for counts."""
     known = values[np.isfinite(values)]
     positive = known[known > 0]
-    if column in _TIMES and len(positive):
+    if column.unit == "s" and len(positive):
         axes.set_xscale("log")
         low, high = max(positive.min(), positive.max() / 1e4) * 0.9, positive.max() * 1.1
         axes.set_xlim(low, high)
@@ -150,16 +149,16 @@ def _scaled(axes: Axes, column: str, values: np.ndarray) -> None:
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 2.2 else (1,), numticks=9))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
-    elif column == "collisions" and known.max() > 20:
+    elif column.rule is WHOLE and known.max() > 20:
         axes.set_xscale("symlog", linthresh=1)
         axes.set_xlim(0, known.max() * 1.1)
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    elif column == "sensed_fraction":
+    elif column.rule is SHARE:
         axes.set_xlim(min(0.5, known.min()) - 0.03, 1.03)
 
 
 def _profiles(group: Group, looks: Mapping[str, Any]) -> Figure:
-    """Share of the episodes of all scenarios that are at least as good as a value, for each policy."""
+    """Draw for each policy the share of the episodes of all scenarios that are at least as good as a value."""
     figure, panels = _panels(group.columns, 2.35)
     for column, axes in panels.items():
         values = np.concatenate([scores for of in group.scores.values() for scores in of[column]])
@@ -168,47 +167,46 @@ def _profiles(group: Group, looks: Mapping[str, Any]) -> Figure:
             axes.get_xlim() if axes.get_xscale() != "linear" else (0, max(values[np.isfinite(values)].max(), 1e-9))
         )
         at = np.geomspace(low, high, _VALUES) if axes.get_xscale() == "log" else np.linspace(low, high, _VALUES)
-        at = np.sort(np.concatenate([at, np.linspace(low, min(10, high), _VALUES)])) if column == "collisions" else at
+        at = np.sort(np.concatenate([at, np.linspace(low, min(10, high), _VALUES)])) if column.rule is WHOLE else at
         for policy, of in group.scores.items():
-            share, below, above = performance_profile(of[column], at, COMPARED[column])
+            share, below, above = performance_profile(of[column], at, column.better)
             line: dict[str, Any] = _line(policy, looks) | {"markevery": (len(at) // 8, len(at) // 4)}
             axes.plot(at, share, label=shown_name(policy), **line)
             axes.fill_between(at, below, above, color=looks[policy].colour, alpha=0.15, lw=0)
         axes.set_ylim(-0.02, 1.03)
-        axes.set_xlabel(f"{_unit(column)} $\\tau$")
-        axes.set_title(f"$P(\\mathrm{{score}} {'≤' if COMPARED[column] < 0 else '≥'} \\tau)$", fontweight="normal")
+        axes.set_xlabel(f"{_title(column)} $\\tau$")
+        axes.set_title(f"$P(\\mathrm{{score}} {'≤' if column.better < 0 else '≥'} \\tau)$", fontweight="normal")
     _legend(figure)
     return figure
 
 
 def _improvement(group: Group, looks: Mapping[str, Any]) -> Figure:
-    """Probability that a policy is better than the reference, the mean over the scenarios."""
+    """Draw the probability that a policy is better than the reference, averaged over the scenarios."""
     others = [policy for policy in group.scores if policy != group.reference]
     figure, panels = _panels(group.columns, _FIRST_ROW + _ROW * len(others) + 0.2, rows=others)
     for column, axes in panels.items():
         axes.axvline(0.5, color="#444444", lw=0.8, ls="--", zorder=1)
         for place, policy in enumerate(others):
             found = probability_of_improvement(
-                group.scores[policy][column], group.scores[group.reference][column], COMPARED[column]
+                group.scores[policy][column], group.scores[group.reference][column], column.better
             )
             _interval(axes, place, found, looks[policy], policy)
         axes.set_xlim(-0.03, 1.03)
-        axes.set_title(title_of(column).removesuffix(" [s]"))
+        axes.set_title(column.short)
     figure.supxlabel(f"probability of improvement over {group.reference}", fontsize=7.5)
     return figure
 
 
 def _aggregates(group: Group, looks: Mapping[str, Any]) -> Figure:
-    """Interquartile mean over the episodes of all scenarios, of collisions the mean, with its interval."""
+    """Draw the interquartile mean over the episodes of all scenarios, for collisions the mean, with its interval."""
     policies = list(group.scores)
     figure, panels = _panels(_closed(group), _FIRST_ROW + _ROW * len(policies), rows=policies)
-    means = {each.column: each.mean for each in MEASURES}
     for column, axes in panels.items():
         shown = []
         for place, policy in enumerate(policies):
             strata = group.scores[policy][column]
             of = summarize(*strata)
-            found = (of.mean, of.mean_low, of.mean_high) if means[column] else (of.iqm, of.low, of.high)
+            found = (of.mean, of.mean_low, of.mean_high) if column.mean else (of.iqm, of.low, of.high)
             endless = _endless(strata)
             if endless <= _MOST_ENDLESS and np.isfinite(found[0]):
                 _interval(axes, place, found, looks[policy], policy)
@@ -217,29 +215,29 @@ def _aggregates(group: Group, looks: Mapping[str, Any]) -> Figure:
                 words = {"transform": axes.get_yaxis_transform(), "fontsize": 6, "color": "#777777"}
                 axes.text(0.98, place, f"no bound in {100 * endless:.0f} %", ha="right", va="center", **words)
         _scaled(axes, column, np.array(shown or [1.0]))
-        axes.set_title(_unit(column))
+        axes.set_title(_title(column))
     return figure
 
 
 def _endless(strata: Sequence[np.ndarray]) -> float:
-    """Share of the scores that are infinite."""
+    """Return the share of the scores that are infinite."""
     return float(np.isinf(np.concatenate(strata)).mean())
 
 
-def _closed(group: Group) -> list[str]:
-    """Columns of which some policy has an aggregate."""
+def _closed(group: Group) -> list[Column]:
+    """Return the columns of which some policy has an aggregate."""
     return [c for c in group.columns if any(_endless(of[c]) <= _MOST_ENDLESS for of in group.scores.values())]
 
 
-def _distribution(name: str, of: Mapping[str, Rows], measures: Sequence[Measure], looks: Mapping[str, Any]) -> Figure:
-    """Every episode of a scenario as a dot, with the quartiles of each policy as a box."""
+def _distribution(name: str, of: Mapping[str, Rows], columns: Sequence[Column], looks: Mapping[str, Any]) -> Figure:
+    """Draw every episode of a scenario as a dot, and the quartiles of each policy as a box."""
     policies = list(of)
-    figure, panels = _panels([each.column for each in measures], _FIRST_ROW + _ROW * len(policies), rows=policies)
+    figure, panels = _panels(columns, _FIRST_ROW + _ROW * len(policies), rows=policies)
     figure.suptitle(name, x=0.005, ha="left", fontsize=8, fontweight="bold")
-    for measure in measures:
-        axes, every = panels[measure.column], []
+    for column in columns:
+        axes, every = panels[column], []
         for place, policy in enumerate(policies):
-            values = np.array([row.get(measure.column, math.nan) for row in of[policy]], dtype=float)
+            values = np.array([row.get(column.name, math.nan) for row in of[policy]], dtype=float)
             values, colour = values[np.isfinite(values)], looks[policy].colour
             if not len(values):
                 continue
@@ -252,12 +250,13 @@ def _distribution(name: str, of: Mapping[str, Rows], measures: Sequence[Measure]
         values = np.concatenate(every)
         if values.min() > 0 and values.max() > 30 * np.median(values):
             axes.set_xscale("log")
-        _scaled(axes, "" if measure.column in _TIMES else measure.column, values)
-        axes.set_title(measure.title)
+        if column.unit != "s":
+            _scaled(axes, column, values)
+        axes.set_title(column.heading)
     return figure
 
 
-def _panels(columns: Sequence[str], height: float, rows: Sequence[str] = ()) -> tuple[Figure, dict[str, Axes]]:
+def _panels(columns: Sequence[Column], height: float, rows: Sequence[str] = ()) -> tuple[Figure, dict[Column, Axes]]:
     """Make a panel for each column, four in a line; with `rows`, each is a line of every panel, the first on top."""
     across = min(len(columns), 4)
     down = -(-len(columns) // across)

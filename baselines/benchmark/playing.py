@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 
 from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.detections import detections_of
-from baselines.benchmark.rows import what_is_wrong
+from baselines.benchmark.rows import refusal_of
 from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
 from lissajous_env.console.terminal import plain
 from lissajous_env.episodes.evaluation import episodes
 from lissajous_env.wording import where_raised
-from lissajous_env.world.score import brought_columns
+from lissajous_env.world.columns import brought_columns
 from lissajous_env.world.simulation import Simulation
 
 
@@ -37,8 +37,8 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[
     for batch in episodes(policy, cell.scenario, seeds, settings.device, after_step, watch):
         rows = [row | {"policy": cell.policy, "episode": next(numbers_left)} for row in batch]
         for row in rows:
-            if wrong := what_is_wrong(plain(row), brought):
-                raise ValueError(f"the score of seed {row['seed']} {wrong}")
+            if wrong := refusal_of(plain(row), brought):
+                raise ValueError(f"the score of seed {row['seed']}: {wrong}")
         yield Batch(rows, detections_of(played[0], rows))
 
 

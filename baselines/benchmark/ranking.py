@@ -1,4 +1,4 @@
-"""Who is best: mean ranks of the policies over the scenarios of a kind of robots, with bootstrap intervals."""
+"""Mean ranks of the policies over the scenarios of a robot kind, with bootstrap intervals."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import COMPARED, GUARANTEED, OPEN
+from baselines.benchmark.shown_columns import COMPARED
 from baselines.benchmark.statistics import bootstrap_interval
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.columns import OPEN, WORST_CASE, Column
 
 Rank = tuple[float, float, float]
 """Mean rank, 1 for the best, and the ends of its 95 % bootstrap interval over seeds, stratified by scenario."""
@@ -22,10 +23,10 @@ class Ranking:
 
     kind: str
     scenarios: tuple[str, ...]
-    columns: tuple[str, ...]
-    """Columns that the policies are ranked by: those of `COMPARED` that have numbers on each of the scenarios."""
-    ranks: dict[str, dict[str, Rank]]
-    """By policy and column, the best over all columns first."""
+    columns: tuple[Column, ...]
+    """Columns that the policies are ranked by: those of `COMPARED` with numbers on each of the scenarios."""
+    ranks: dict[str, list[Rank]]
+    """Ranks by each of the columns, by policy, the best over all columns first."""
     overall: dict[str, Rank]
     """By policy, the mean over the columns."""
 
@@ -56,33 +57,38 @@ def _ranking(kind: str, group: Mapping[str, Mapping[str, Mapping[int, Any]]], po
     worths = [_worths(of, policies) for of in group.values()]
     known = [~np.isnan(table) for table in worths]
     places = [c for c in range(len(COMPARED)) if all(table[c].all(axis=0).any() for table in known)]
-    columns = [list(COMPARED)[c] for c in places]
     # (C, P, n) of each scenario, on the seeds on which every policy has a number in each column.
     ranks = [rankdata(table[places][:, :, there[places].all(axis=(0, 1))], axis=1)
              for table, there in zip(worths, known, strict=True)]  # fmt: skip
     of = {
-        policy: {column: _mean([table[c, k] for table in ranks]) for c, column in enumerate(columns)}
+        policy: [_mean([table[c, k] for table in ranks]) for c in range(len(places))]
         for k, policy in enumerate(policies)
     }
     overall = {policy: _mean([table[:, k].mean(axis=0) for table in ranks]) for k, policy in enumerate(policies)}
     order = sorted(policies, key=lambda policy: overall[policy][0])
-    return Ranking(kind, tuple(group), tuple(columns), {p: of[p] for p in order}, {p: overall[p] for p in order})
+    return Ranking(
+        kind,
+        tuple(group),
+        tuple(COMPARED[c] for c in places),
+        {p: of[p] for p in order},
+        {p: overall[p] for p in order},
+    )
 
 
 def _worths(of: Mapping[str, Mapping[int, Mapping[str, Any]]], policies: Sequence[str]) -> np.ndarray:
-    """Return what the policies are ranked by on the seeds that all of them played, the less the better: (C, P, n)."""
+    """Return the numbers that policies are ranked by on the seeds that all played, smaller being better: (C, P, n)."""
     seeds = sorted(set.intersection(*(set(of[policy]) for policy in policies)))
     return np.array([[[_worth(of[p][seed], column) for seed in seeds] for p in policies] for column in COMPARED])
 
 
-def _worth(row: Mapping[str, Any], column: str) -> float:
-    """Return the number of a row, less being better; a guarantee that is open is worse than any that is not.
+def _worth(row: Mapping[str, Any], column: Column) -> float:
+    """Return the number of a row, smaller being better; the worst-case time of an open episode is infinite.
 
     One that was still growing when its episode ended counts as long as it was.
     """
-    if column == GUARANTEED and row.get(OPEN) == 1:
+    if column is WORST_CASE and row.get(OPEN.name) == 1:
         return math.inf
-    return -COMPARED[column] * row.get(column, math.nan)
+    return -column.better * row.get(column.name, math.nan)
 
 
 def _mean(strata: Sequence[np.ndarray]) -> Rank:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from baselines.benchmark import detections
-from baselines.benchmark.rows import numbers_of, short, what_is_wrong
+from baselines.benchmark.rows import numbers_of, refusal_of, short
 from baselines.benchmark.types import Batch, Benchmark, Cell
 from baselines.policies.factories import parts
 from lissajous_env.console.terminal import plain
@@ -140,10 +140,10 @@ class Episodes:
         self._journal = folder.journal("episodes.jsonl")
         try:
             for line, row in enumerate(self._journal.entries, start=1):
-                wrong = what_is_wrong(row, self._brought(row)) or self._what_does_not_belong(row)
+                wrong = refusal_of(row, self._brought(row)) or self._what_does_not_belong(row)
                 if wrong:
                     raise ValueError(
-                        f"{self._journal.path}, line {line} {wrong}; delete that line to have its episode played again"
+                        f"{self._journal.path}, line {line}: {wrong}; delete that line to have its episode played again"
                     )
                 self._rows[_key(row)] = row | {c: math.nan for c in numbers_of(row) if row[c] is None}
             self.detections = detections.Detections(folder)

@@ -10,7 +10,16 @@ from typing import Any
 
 from rich.console import Console
 
-from baselines.benchmark import clairvoyant, cluster, replays, report, reporting, results_folder, standard, tables
+from baselines.benchmark import (
+    clairvoyant,
+    cluster,
+    replays,
+    report_writer,
+    results_folder,
+    standard,
+    summary_files,
+    tables,
+)
 from baselines.benchmark.comparison import compare
 from baselines.benchmark.playing import failure_of, play
 from baselines.benchmark.progress import Progress
@@ -66,7 +75,7 @@ def measure(
     console = console or make_console()
     progress = progress or make_console(stderr=True, quiet=console.quiet)
     started = time.monotonic()
-    with Folder(settings.out, (*results_folder.NAMES, *report.NAMES)) as folder:
+    with Folder(settings.out, (*results_folder.NAMES, *summary_files.NAMES)) as folder:
         held = results_folder.keep_settings(folder, settings, cells)
         held_scenarios = results_folder.scenarios_of(folder.path, held)
         with results_folder.Episodes(folder, held) as kept:
@@ -77,8 +86,8 @@ def measure(
         elapsed = time.monotonic() - started
         outcome = Outcome(settings, cells, rows, failures, found, elapsed, held, held_scenarios, held_rows, held_curves)
         comparisons = compare(held_rows, held_scenarios, settings.against)
-        report.write_files(folder, outcome, comparisons)
-        said = reporting.write_report(folder, outcome, comparisons, progress)
+        summary_files.write_files(folder, outcome, comparisons)
+        said = report_writer.write_report(folder, outcome, comparisons, progress)
     if len(rows) < len(held_rows):
         comparisons = compare(rows, outcome.scenarios, settings.against)
     tables.print_tables(console, outcome, comparisons, said)

@@ -1,4 +1,4 @@
-"""The tables that a benchmark prints: what each policy scored, and how it compares with a reference seed by seed."""
+"""The tables that a benchmark prints: scores of each policy, and comparisons with a reference seed by seed."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,30 +8,34 @@ from rich.console import Console
 from rich.text import Text
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import COMPARED, OVER_LIMIT, Comparisons, guarantee_of, limit_of
-from baselines.benchmark.measures import OVERALL_MEASURES, Measure, measures_of, title_of
+from baselines.benchmark.bounds import Bounds
+from baselines.benchmark.comparison import Comparisons
 from baselines.benchmark.rows import numbers_of
+from baselines.benchmark.shown_columns import COMPARED, OVER_LIMIT, OVERALL, shown_columns
 from baselines.benchmark.statistics import Paired, Statistics
 from baselines.benchmark.types import Outcome
-from lissajous_env.console.terminal import Column, print_left_out, print_table
+from lissajous_env.console import terminal
+from lissajous_env.console.terminal import print_left_out, print_table
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.columns import RECOVERY, WORST_CASE, Column
 
 _DASH = "\N{EM DASH}"
 _TO = "\N{EN DASH}"
 
 
 def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, said: str = "") -> None:
-    """Print the tables of each scenario, one over all scenarios of a kind of robot, what failed, and what is said."""
+    """Print tables of each scenario and over all scenarios of a robot kind, failures, and a line about replays."""
     scenarios, settings, cells = outcome.scenarios, outcome.settings, comparisons.cells
     left_out: list[str] = []
     for name, scenario in scenarios.items():
         failed = {failure.policy for failure in outcome.failures if failure.scenario == name}
-        measures = measures_of(scenario, cells.get(name, {}))
-        left_out += print_policies(console, _title(scenario), cells.get(name, {}), measures, failed)
+        shown = shown_columns(scenario, cells.get(name, {}))
+        title = _title(scenario, comparisons.bounds[name])
+        left_out += print_policies(console, title, cells.get(name, {}), shown, failed)
         left_out += _print_against(console, name, *comparisons.against.get(name, ("", {})))
     for names, policies in comparisons.overall.items():
-        left_out += print_policies(console, Text(f"over {names}", "bold"), policies, OVERALL_MEASURES)
-    print_left_out(console, left_out, f"episodes.csv in {settings.out} has them, and a wider terminal shows them.")
+        left_out += print_policies(console, Text(f"over {names}", "bold"), policies, OVERALL)
+    print_left_out(console, left_out, f"They are in {settings.out}/episodes.csv, and a wider terminal shows them.")
     for words in _legend(cells, settings.episodes):
         _say(console, words, "dim")
     for failure in outcome.failures:
@@ -40,13 +44,13 @@ def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, s
         _say(console, "Tracebacks are in summary.json.", "red")
     if outcome.kept:
         words = (
-            f"{outcome.kept} of {len(outcome.rows)} episodes were in {settings.out} already, not played "
-            "again; to play them anew, delete that folder or take another --out."
+            f"{outcome.kept} of {len(outcome.rows)} episodes were already in {settings.out} and were not played "
+            "again; to replay them all, delete that folder or choose another --out."
         )
         _say(console, words, "yellow")
     words = f"{len(outcome.rows)} episodes"
     if len(outcome.held_rows) > len(outcome.rows):
-        words += f" asked for, {len(outcome.held_rows)} with those of earlier calls,"
+        words += f" requested, {len(outcome.held_rows)} with those of earlier calls,"
     _say(
         console,
         f"{words} in {settings.out} (report.html, table.md, episodes.csv, summary.json), {outcome.elapsed:.1f} s",
@@ -60,15 +64,15 @@ def print_policies(
     console: Console,
     title: Text,
     policies: Mapping[str, Mapping[str, Statistics]],
-    shown: Sequence[Measure],
+    shown: Sequence[Column],
     failed: Iterable[str] = (),
 ) -> list[str]:
-    """Print a table with a row for each policy; return the columns there was no room for.
+    """Print a table with a row for each policy; return the columns for which there was no room.
 
-    Columns that no policy has a number for are left out, but for those of what may never come. What is no policy stands
-    below a rule.
+    Columns without a number of any policy are left out, except for the recovery time, which may never be reached. The
+    clairvoyant reference is printed below a rule.
     """
-    shown = [each for each in shown if each.column == "recovery_time" or _has_numbers(policies, each.column)]
+    shown = [each for each in shown if each is RECOVERY or _has_numbers(policies, each.name)]
     rivals = {name: of for name, of in policies.items() if name != clairvoyant.NAME}
     best = [best_of(list(rivals.values()), each) for each in shown]
     names = [*rivals, *(name for name in failed if name not in rivals and name != clairvoyant.NAME)]
@@ -79,26 +83,28 @@ def print_policies(
         cells = ["" if of is None else _cell(of, each, mark) for each, mark in zip(shown, marks, strict=True)]
         label = Text(shown_name(name), "" if name != clairvoyant.NAME else "italic")
         rows.append([Text.assemble(label, ("\nfailed", "red")) if name in failed else label, *cells])
-    columns = [Column(_in_two_lines(each.title), name=each.column) for each in shown]
+    columns = [terminal.Column(_in_two_lines(each.heading), name=each.name) for each in shown]
     sections = [len(names) - 2] if names[-1:] == [clairvoyant.NAME] and len(names) > 1 else []
     _print_title(console, title)
-    left_out = print_table(console, [Column("policy", left=True, style="cyan"), *columns], rows, sections)
+    left_out = print_table(console, [terminal.Column("policy", left=True, style="cyan"), *columns], rows, sections)
     console.print()
     return left_out
 
 
 def print_scores(console: Console, policy: str, scenario: str, columns: dict[str, Statistics]) -> list[str]:
-    """Print every score of one policy on one scenario as a row; return the columns there was no room for."""
+    """Print every score of one policy on one scenario as a row; return the columns for which there was no room."""
     _print_title(console, Text.assemble((policy, "bold"), " on ", (scenario, "bold")))
     names = ("interquartile mean", "95 % interval", "n", "mean", "std", "min", "max")
     rows = []
     for name, of in columns.items():
         mean, std, least, most = (number(value) for value in (of.mean, of.std, of.min, of.max))
         counted = str(of.n) if of.n_finite == of.n else f"{of.n_finite}/{of.n}"
-        value, ends = in_words(columns, Measure(name, name, 0))
+        value, ends = _interquartile(of)
         interval = ends if of.n_finite > 1 else _DASH
         rows.append([name, Text(value, "bold"), interval, counted, mean, std, least, most])
-    left_out = print_table(console, [Column("score", left=True, style="cyan"), *map(Column, names)], rows)
+    left_out = print_table(
+        console, [terminal.Column("score", left=True, style="cyan"), *map(terminal.Column, names)], rows
+    )
     console.print()
     return left_out
 
@@ -109,16 +115,16 @@ def print_row(console: Console, row: dict[str, Any]) -> None:
         console, Text.assemble((row["policy"], "bold"), " on ", (row["scenario"], "bold"), f", seed {row['seed']}")
     )
     rows = [[name, number(row[name])] for name in numbers_of(row)]
-    print_table(console, [Column("score", left=True, style="cyan"), Column("value")], rows)
+    print_table(console, [terminal.Column("score", left=True, style="cyan"), terminal.Column("value")], rows)
 
 
 def shown_name(policy: str) -> str:
-    """Name of a policy as tables and pictures show it; of what is none, in brackets."""
+    """Return the name of a policy as tables and pictures show it; the clairvoyant reference is put in brackets."""
     return f"({policy})" if policy == clairvoyant.NAME else policy
 
 
 def number(value: float) -> str:
-    """Three significant digits, but no more than three decimals; an em dash for NaN."""
+    """Format a number with three significant digits and at most three decimals; an em dash for NaN."""
     if value != value:
         return _DASH
     if abs(value) >= 1e7:
@@ -128,29 +134,40 @@ def number(value: float) -> str:
     return f"{value:#.3g}" if abs(value) >= 0.9995 else f"{value:.3f}"
 
 
-def in_words(of: Mapping[str, Statistics], shown: Measure) -> tuple[str, str]:
-    """A number as tables show it, and its interval ("" for one that is a single number).
+def in_words(of: Mapping[str, Statistics], column: Column) -> tuple[str, str]:
+    """Return a number as tables show it, and its interval ("" if both ends agree).
 
-    A lower bound, as of a guarantee that is open in many episodes, is written `> 59.7`.
+    A lower bound, as of a worst-case undetected time that is open in many episodes, is written `> 59.7`.
     """
-    cell = of[shown.column]
+    cell = of[column.name]
+    if column.mean and cell.n_finite:
+        return number(cell.mean), between(cell.mean_low, cell.mean_high)
+    return _interquartile(cell)
+
+
+def _interquartile(cell: Statistics) -> tuple[str, str]:
     if not cell.n_finite:
         return _DASH, ""
-    if shown.mean:
-        return number(cell.mean), between(cell.mean_low, cell.mean_high)
     value, interval = number(cell.iqm), between(cell.low, cell.high)
     if cell.at_least:
         return f"> {value}", "" if number(cell.low) == value else interval
     return value, interval
 
 
-def _title(scenario: Scenario) -> Text:
+def bounds_in_words(bounds: Bounds) -> str:
+    """Return the bounds of a scenario in words, each after a comma."""
+    words = f", lower bound {number(bounds.mean_time)} s" if math.isfinite(bounds.mean_time) else ""
+    words += f", guaranteed at least {number(bounds.worst_case)} s" if math.isfinite(bounds.worst_case) else ""
+    if math.isnan(bounds.in_formation):
+        return words
+    return words + (
+        ", in formation " + (f"{number(bounds.in_formation)} s" if bounds.in_formation < math.inf else "never")
+    )
+
+
+def _title(scenario: Scenario, bounds: Bounds) -> Text:
     words = f"  N = {scenario.num_robots}, {scenario.detection_time_label} = {scenario.detection_time_bound:.3g} s"
-    limit, (least, formation) = limit_of(scenario), guarantee_of(scenario)
-    words += f", limit {number(limit)} s" if math.isfinite(limit) else ""
-    words += f", guarantee at least {number(least)} s" if math.isfinite(least) else ""
-    words += f", in formation {number(formation)} s" if math.isfinite(formation) else ""
-    return Text.assemble((scenario.name, "bold"), words)
+    return Text.assemble((scenario.name, "bold"), words, bounds_in_words(bounds))
 
 
 def _in_two_lines(title: str) -> str:
@@ -169,19 +186,19 @@ def _has_numbers(policies: Mapping[str, Mapping[str, Statistics]], column: str) 
 def _print_against(
     console: Console, scenario: str, reference: str, policies: Mapping[str, Mapping[str, Paired]]
 ) -> list[str]:
-    """Print how the policies compare with a reference on the same seeds; return what there was no room for."""
+    """Print comparisons with a reference on the same seeds; return the columns for which there was no room."""
     if not policies:
         return []
-    columns = [column for column in COMPARED if any(of[column].n for of in policies.values())]
-    head = [Column("policy", left=True, style="cyan")]
+    columns = [column for column in COMPARED if any(of[column.name].n for of in policies.values())]
+    head = [terminal.Column("policy", left=True, style="cyan")]
     for column in columns:
-        title = title_of(column)
-        head += [Column(f"{title}\nbetter", name=f"{column} better"), Column("differ-\nence", name=f"{column} less")]
+        head.append(terminal.Column(f"{column.heading}\nbetter", name=f"{column.name} better"))
+        head.append(terminal.Column("differ-\nence", name=f"{column.name} difference"))
     rows = []
     for name, of in policies.items():
         cells: list[Text | str] = [Text(shown_name(name), "italic" if name == clairvoyant.NAME else "")]
         for column in columns:
-            pair = of[column]
+            pair = of[column.name]
             share = _two_lines(f"{100 * pair.better:.0f} %", between(pair.better_low, pair.better_high, 100))
             cells.append(share if pair.n else _DASH)
             off = number(pair.difference)
@@ -197,23 +214,20 @@ def _print_against(
 def _legend(cells: Mapping[str, Any], episodes: int) -> list[str]:
     counted = "1 episode, below it" if episodes == 1 else f"{episodes} episodes, below it"
     words = [
-        f"Interquartile mean over {counted} the 95 % bootstrap interval; collisions and what is over the limit: mean. "
-        "* best; (k/n): k of n episodes had a number. Better: share of the seeds on which a policy is, ties half."
+        f"Interquartile mean over {counted} the 95 % bootstrap interval; for collisions and over limit, the mean. "
+        "* best; (k/n): k of n episodes had a number. Better: share of seeds on which the policy beats the reference; "
+        "ties count half."
     ]
     of = [of for policies in cells.values() for of in policies.values()]
-    if any(each[OVER_LIMIT].n_finite for each in of):
+    if any(each[OVER_LIMIT.name].n_finite for each in of):
+        words.append(f"Over limit: {OVER_LIMIT.meaning}.")
+    if any(each[WORST_CASE.name].at_least or each[WORST_CASE.name].high == math.inf for each in of):
         words.append(
-            "Over limit: mean detection time over a lower bound, which no policy beats that sees no rogue afar."
-        )
-    if any(
-        each["guaranteed_detection_time"].at_least or each["guaranteed_detection_time"].high == math.inf for each in of
-    ):
-        words.append(
-            "Guaranteed: no rogue stays unseen longer, whatever it does; >: a lower bound, as too many episodes ended "
-            "while that time was still growing; at least: the interval has no upper end."
+            "Guaranteed: worst-case undetected time; >: the worst case was still growing when too many episodes ended, "
+            "so the value is a lower bound; at least: the interval has no upper end."
         )
     if any(clairvoyant.NAME in policies for policies in cells.values()):
-        words.append(f"({clairvoyant.NAME}) is no policy: it sees every rogue from the moment it appears.")
+        words.append(f"({clairvoyant.NAME}) knows where all targets are; it is a reference, not a competitor.")
     return words
 
 
@@ -225,26 +239,24 @@ def _say(console: Console, words: str, style: str) -> None:
     console.print(words, style=style, markup=False, highlight=False, soft_wrap=True)
 
 
-def best_of(candidates: Sequence[Mapping[str, Statistics]], shown: Measure) -> str:
+def best_of(candidates: Sequence[Mapping[str, Statistics]], column: Column) -> str:
     """Return the best number, as shown, of the policies with most episodes that have one; "" if all agree."""
-    counted = [of[shown.column] for of in candidates if shown.column in of]
-    most = max((of.n_finite / of.n for of in counted), default=0)
-    eligible = [
-        of for of in candidates if shown.column in of and of[shown.column].n_finite == most * of[shown.column].n
-    ]
-    words = {in_words(of, shown)[0] for of in candidates if shown.column in of}
-    if not most or not shown.better or len(words) == 1:
+    known = [of for of in candidates if column.name in of]
+    most = max((of[column.name].n_finite / of[column.name].n for of in known), default=0)
+    words = {in_words(of, column)[0] for of in known}
+    if not most or not column.better or len(words) == 1:
         return ""
-    closed = [of for of in eligible if not in_words(of, shown)[0].startswith(">")]
-    values = [of[shown.column].mean if shown.mean else of[shown.column].iqm for of in closed]
-    return number(shown.better * max(shown.better * value for value in values)) if values else ""
+    eligible = [of for of in known if of[column.name].n_finite == most * of[column.name].n]
+    closed = [of[column.name] for of in eligible if not in_words(of, column)[0].startswith(">")]
+    values = [of.mean if column.mean else of.iqm for of in closed]
+    return number(column.better * max(column.better * value for value in values)) if values else ""
 
 
-def _cell(columns: Mapping[str, Statistics], shown: Measure, best: str) -> Text:
-    of = columns.get(shown.column)
+def _cell(columns: Mapping[str, Statistics], column: Column, best: str) -> Text:
+    of = columns.get(column.name)
     if of is None:
         return Text(_DASH)
-    value, interval = in_words(columns, shown)
+    value, interval = in_words(columns, column)
     if not of.n_finite:
         return Text.assemble(value, (f"\n(0/{of.n})", "dim"))
     counted = "" if of.n_finite == of.n else f" ({of.n_finite}/{of.n})"
@@ -257,9 +269,14 @@ def _two_lines(value: str, below: str, style: str = "") -> Text:
 
 
 def between(low: float, high: float, times: float = 1.0) -> str:
-    """Both ends as tables show them, in units of 1 / `times`; "" for NaN and where both read the same.
+    """Return both ends of an interval as tables show them; "" for NaN, or if both read the same.
 
     Without an upper end it is `at least` the lower one.
+
+    Args:
+        low: lower end.
+        high: upper end.
+        times: factor by which both ends are shown, as 100 for a percentage.
     """
     if low != low:
         return ""

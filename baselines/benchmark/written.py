@@ -1,73 +1,71 @@
-"""The table of a comparison as text: in Markdown for the README and `table.md`, in LaTeX for papers."""
+"""The table of a comparison as text: Markdown for the README and `table.md`, LaTeX for papers."""
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import Comparisons, guarantee_of, limit_of
-from baselines.benchmark.measures import MEASURES, Measure, measures_of
+from baselines.benchmark.comparison import Comparisons
+from baselines.benchmark.shown_columns import MAIN, brought_in
 from baselines.benchmark.statistics import Paired, Statistics
-from baselines.benchmark.tables import best_of, between, in_words, number, shown_name
-from lissajous_env.parameters.scenario import Scenario
+from baselines.benchmark.tables import best_of, between, bounds_in_words, in_words, shown_name
+from lissajous_env.world.columns import DETECTION_TIME, Column
 
 MARKDOWN = "table.md"
-MAIN = tuple(each for each in MEASURES if each.main)
 _SPECIAL = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": "$<$", ">": "$>$", "\N{EN DASH}": "--",
     "\N{EM DASH}": "---",
 }  # fmt: skip
-"""What LaTeX would take for a command, or prints as another letter."""
+"""Characters that LaTeX interprets as commands, or prints as another letter."""
 
 
-def table_of(comparisons: Comparisons, scenarios: Mapping[str, Scenario]) -> dict[str, list]:
-    """Return titles and rows of text: a row for each policy, a scenario's name and limits in the first of its rows.
+def table_of(comparisons: Comparisons) -> dict[str, list]:
+    """Return titles and rows of text: a row for each policy, the scenario and its bounds in the first of its rows.
 
-    A number is an interquartile mean with its 95 % bootstrap interval; of collisions and of what is over the limit, the
-    mean. `sooner` is the share of the seeds on which a policy's mean detection time is below that of the reference.
+    A number is an interquartile mean with its 95 % bootstrap interval; for collisions and over limit, the mean.
+    `sooner` is the share of seeds on which a policy's mean detection time is below that of the reference.
     """
     lines: list[list[str]] = []
     for name, policies in comparisons.cells.items():
         _, against = comparisons.against.get(name, ("", {}))
-        where = f"`{name}`{_limits(scenarios[name])}"
+        where = f"`{name}`{bounds_in_words(comparisons.bounds[name])}"
         for policy, of in policies.items():
             label = f"*{shown_name(policy)}*" if policy == clairvoyant.NAME else f"`{policy}`"
-            sooner = _sooner(against[policy]["detection_time_mean"]) if policy in against else ""
+            sooner = _sooner(against[policy][DETECTION_TIME.name]) if policy in against else ""
             lines.append([where, label, *(_cell(of, each) for each in MAIN), sooner])
             where = ""
-    return {"columns": ["scenario", "policy", *(each.title for each in MAIN), "sooner"], "rows": lines}
+    return {"columns": ["scenario", "policy", *(each.heading for each in MAIN), "sooner"], "rows": lines}
 
 
 def markdown(table: Mapping[str, Sequence[Any]]) -> str:
-    """Return a table as Markdown has it."""
+    """Return a table in Markdown."""
     lines = [table["columns"], ["---"] * len(table["columns"]), *table["rows"]]
     return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
 
 
-def latex(comparisons: Comparisons, scenarios: Mapping[str, Scenario]) -> str:
-    r"""Return a table of each scenario in LaTeX, over both columns of a paper; they need `\usepackage{booktabs}`.
+def latex(comparisons: Comparisons) -> str:
+    r"""Return a table of each scenario in LaTeX, as wide as both columns of a paper; it needs `\usepackage{booktabs}`.
 
     The best of each column is bold; columns without any number are left out.
     """
-    tables = [_paper_table(scenarios[name], policies) for name, policies in comparisons.cells.items()]
+    bounds = {name: bounds_in_words(of) for name, of in comparisons.bounds.items()}
+    tables = [_paper_table(name, bounds[name], policies) for name, policies in comparisons.cells.items()]
     return "\n".join(["% Needs \\usepackage{booktabs}.", *tables])
 
 
-def _paper_table(scenario: Scenario, policies: Mapping[str, Mapping[str, Statistics]]) -> str:
-    columns = [each for each in measures_of(scenario, policies) if each.main or each not in MEASURES]
-    columns = [m for m in columns if any(m.column in of and of[m.column].n_finite for of in policies.values())]
+def _paper_table(scenario: str, bounds: str, policies: Mapping[str, Mapping[str, Statistics]]) -> str:
+    columns = [*MAIN, *brought_in(policies.values())]
+    columns = [each for each in columns if any(each.name in of and of[each.name].n_finite for of in policies.values())]
     best = [best_of([of for name, of in policies.items() if name != clairvoyant.NAME], each) for each in columns]
-    name = _escaped(scenario.name)
     lines = [
         r"\begin{table*}[t]",
         r"\centering\footnotesize\setlength{\tabcolsep}{4pt}",
-        rf"\caption{{\texttt{{{name}}}{_escaped(_limits(scenario))}. {_CAPTION}}}",
-        rf"\label{{tab:{re.sub(r'[^A-Za-z0-9-]', '-', scenario.name)}}}",
+        rf"\caption{{\texttt{{{_escaped(scenario)}}}{_escaped(bounds)}. {_CAPTION}}}",
+        rf"\label{{tab:{re.sub(r'[^A-Za-z0-9-]', '-', scenario)}}}",
         rf"\begin{{tabular}}{{@{{}}l{'r' * len(columns)}@{{}}}}",
         r"\toprule",
-        f"policy & {' & '.join(_escaped(each.title) for each in columns)} \\\\",
+        f"policy & {' & '.join(_escaped(each.heading) for each in columns)} \\\\",
         r"\midrule",
     ]
     for policy, of in policies.items():
@@ -78,15 +76,15 @@ def _paper_table(scenario: Scenario, policies: Mapping[str, Mapping[str, Statist
 
 
 _CAPTION = (
-    r"Interquartile mean over the seeds and 95\,\% bootstrap interval; of collisions and of what is over the limit the "
+    r"Interquartile mean over the seeds and 95\,\% bootstrap interval; for collisions and over limit, the "
     r"mean. Bold: the best. $>$: a lower bound."
 )
 
 
-def _paper_cell(of: Mapping[str, Statistics], measure: Measure, best: str) -> str:
-    if measure.column not in of or not of[measure.column].n_finite:
+def _paper_cell(of: Mapping[str, Statistics], column: Column, best: str) -> str:
+    if column.name not in of or not of[column.name].n_finite:
         return "---"
-    value, interval = in_words(of, measure)
+    value, interval = in_words(of, column)
     words = rf"\textbf{{{_escaped(value)}}}" if value == best else _escaped(value)
     return words + (rf" {{\scriptsize({_escaped(interval)})}}" if interval else "")
 
@@ -95,10 +93,10 @@ def _escaped(words: str) -> str:
     return "".join(_SPECIAL.get(letter, letter) for letter in words)
 
 
-def _cell(of: Mapping[str, Statistics], measure: Measure) -> str:
-    if measure.column not in of or not of[measure.column].n_finite:
+def _cell(of: Mapping[str, Statistics], column: Column) -> str:
+    if column.name not in of or not of[column.name].n_finite:
         return ""
-    value, interval = in_words(of, measure)
+    value, interval = in_words(of, column)
     return f"{value} ({interval})" if interval else value
 
 
@@ -107,12 +105,3 @@ def _sooner(pair: Paired) -> str:
         return ""
     share, ends = f"{100 * pair.better:.0f} %", between(pair.better_low, pair.better_high, 100)
     return f"{share} ({ends})" if ends else share
-
-
-def _limits(scenario: Scenario) -> str:
-    limit, (least, formation) = limit_of(scenario), guarantee_of(scenario)
-    words = f", limit {number(limit)} s" if limit == limit else ""
-    words += f", guarantee at least {number(least)} s" if least > scenario.task.step else ""
-    if math.isnan(formation):
-        return words
-    return words + (f", in formation {number(formation)} s" if formation < math.inf else ", in formation never")

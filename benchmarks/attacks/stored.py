@@ -15,9 +15,9 @@ from rich.console import Console
 
 from attacks import Attack
 from attacks.terminal import pick
-from baselines.benchmark.rows import NUMBER_COLUMNS
 from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
+from lissajous_env.world.columns import COLUMNS
 
 _QUIET = Console(quiet=True)
 
@@ -81,29 +81,8 @@ def _try_row(draw: np.random.Generator) -> str | None:
 
 
 def _is_possible(column: str, value: str) -> bool:
-    """Whether a number could be there after all: a column has its rule, and no more is known of it."""
-    never = (
-        "min_separation",
-        "coverage_time",
-        "coverage_time_each",
-        "recovery_time",
-        "spacing_factor",
-        "smoothness",
-        "sensed_fraction",
-        "guaranteed_detection_time",
-        "unseen_at_end",
-        "guarantee_open",
-        "contaminated_age_mean",
-        "guarantee_recovery_time",
-    )
-    empty = (*never, "idleness_mean", "idleness_max", *(c for c in NUMBER_COLUMNS if c.startswith("detect")))
-    if value == "null":
-        return column in empty
-    if column in ("targets", "collisions"):
-        return value == "2"
-    if column in ("detected_fraction", "detected_within_bound", "sensed_fraction", "guarantee_open"):
-        return False
-    return value in ("2", "1.5", "3e5") or (column == "return_mean" and value in ("-1", "-1e-9"))
+    """Return whether the rule of a column allows a value."""
+    return column in COLUMNS and COLUMNS[column].refusal(json.loads(value)) is None
 
 
 def _try_settings(draw: np.random.Generator) -> str | None:

@@ -21,11 +21,11 @@ from rich.console import Console
 from attacks import Attack
 from baselines.benchmark import tables
 from baselines.benchmark.comparison import statistics
-from baselines.benchmark.measures import MEASURES
-from baselines.benchmark.rows import NUMBER_COLUMNS
+from baselines.benchmark.shown_columns import SHOWN
 from baselines.design import design
 from lissajous_env.console.cli import main
 from lissajous_env.parameters.overrides import parse_overrides
+from lissajous_env.world.columns import COLUMNS as SCORES
 
 _WORDS = [
     "falure",
@@ -230,13 +230,13 @@ def _try_width(draw: np.random.Generator) -> str | None:
     for policy in names[: int(draw.integers(1, 6))]:
         for k in range(int(draw.integers(1, 6))):
             scale = 10.0 ** draw.integers(-6, 9)
-            numbers = {c: float(scale * draw.normal()) if draw.random() < 0.9 else math.nan for c in NUMBER_COLUMNS}
+            numbers = {c: float(scale * draw.normal()) if draw.random() < 0.9 else math.nan for c in SCORES}
             rows.append({"scenario": "failure", "policy": policy, "episode": k, "seed": k} | numbers)
 
     def shown(columns: int) -> str:
         console = Console(width=columns, file=io.StringIO(), record=True)
         cells = statistics(rows)["failure"]
-        tables.print_policies(console, tables.Text("t"), cells, MEASURES)
+        tables.print_policies(console, tables.Text("t"), cells, SHOWN)
         tables.print_scores(console, "still", "failure", next(iter(cells.values())))
         return console.export_text()
 

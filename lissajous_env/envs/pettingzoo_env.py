@@ -158,7 +158,7 @@ class LissajousParallelEnv(ParallelEnv):
         return results
 
     def score(self) -> dict[str, Any]:
-        """Score of the episode so far: the columns of `lissajous_env.world.score.COLUMNS`."""
+        """Score of the episode so far: the columns of `lissajous_env.world.columns.NAMES`."""
         return self.simulation.score()[0]
 
     def state(self) -> np.ndarray:

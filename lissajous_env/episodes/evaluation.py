@@ -13,7 +13,7 @@ import warp as wp
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.score import COLUMNS, brought_columns
+from lissajous_env.world.columns import NAMES, brought_columns
 from lissajous_env.world.simulation import Simulation
 
 _TOGETHER = 16
@@ -156,7 +156,7 @@ def evaluate(
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Returns:
-        A score row for each seed, in their order, with the columns of `lissajous_env.world.score.COLUMNS`.
+        A score row for each seed, in their order, with the columns of `lissajous_env.world.columns.NAMES`.
 
     Raises:
         InvalidActionError: the policy returned actions that are misshapen or not finite (a ValueError).
@@ -194,7 +194,7 @@ def episodes(
         padded = batch + batch[-1:] * (policy.num_worlds - len(batch))
         referee.play(padded, None if on_step is None else lambda taken: on_step(simulation) if taken else None)
         rows = simulation.score(np.arange(len(batch)))
-        columns = (*COLUMNS, *brought_columns(simulation.scenario))
+        columns = (*NAMES, *brought_columns(simulation.scenario))
         yield [
             {column: ({"policy": referee.name, "episode": first + k} | row)[column] for column in columns}
             for k, row in enumerate(rows)

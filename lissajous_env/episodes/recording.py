@@ -34,7 +34,7 @@ class Recording:
     scenario: Scenario
     """What was played."""
     score: dict[str, Any]
-    """Score row of the episode: the columns of `lissajous_env.world.score.COLUMNS`."""
+    """Score row of the episode: the columns of `lissajous_env.world.columns.NAMES`."""
     observation_names: tuple[str, ...]
     """Names of the D entries, as `lissajous_env.world.observation.layout` has them."""
     reward_names: tuple[str, ...]

@@ -8,7 +8,8 @@ from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters.parts import Task
 from lissajous_env.world.sight import longest_way
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Counted, Latest, Robots, Tally
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Counted, Latest, Robots
+from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
 
@@ -30,7 +31,7 @@ def compare_pair(
     beyond: float,
     places: wp.array(dtype=int),
     robots: Robots,
-    tally: Tally,
+    tally: EpisodeTotals,
     counted: Counted,
 ) -> float:
     """Let two robots collide that come within `touch`, or part; returns their least squared distance [m^2].
@@ -65,7 +66,7 @@ def compare_pair(
 
 
 @wp.func
-def part_pair(w: int, i: int, j: int, tally: Tally):
+def part_pair(w: int, i: int, j: int, tally: EpisodeTotals):
     """End the contact of two robots; when they last met stays known."""
     if tally.contact[w, i, j] > 0:
         tally.contact[w, i, j] = -tally.contact[w, i, j]
@@ -82,7 +83,7 @@ def compare_with_all(
     way: float,
     places: wp.array(dtype=int),
     robots: Robots,
-    tally: Tally,
+    tally: EpisodeTotals,
     counted: Counted,
 ) -> float:
     """`compare_pair` with the robots after this one, of which none goes farther than `way` [m] in the step."""
@@ -109,7 +110,7 @@ def find_collisions(
     places: wp.array(dtype=int),
     clock: Clock,
     robots: Robots,
-    tally: Tally,
+    tally: EpisodeTotals,
     counted: Counted,
 ):
     """Compare robot i with the robots after it, over the sub-steps of the latest step."""

@@ -13,7 +13,8 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct
 from lissajous_env.world.discs import visit_disc
-from lissajous_env.world.state import NOWHERE, Cells, Clock, Latest, Robots, Tally
+from lissajous_env.world.state import NOWHERE, Cells, Clock, Latest, Robots
+from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
 
@@ -106,7 +107,7 @@ def cover(
     robots: Robots,
     cells: Cells,
     latest: Latest,
-    tally: Tally,
+    tally: EpisodeTotals,
 ):
     """Mark the cells that are sensed now, row by row, and count their visits."""
     tid, lane = wp.tid()

@@ -21,7 +21,8 @@ from lissajous_env.world.observation import (
     velocity,
 )
 from lissajous_env.world.sight import longest_way, planar
-from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Counted, Links, Robots, Tally, Targets
+from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Counted, Links, Robots, Targets
+from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
 
@@ -38,7 +39,7 @@ def compare_with_listed(
     places: wp.array(dtype=int),
     robots: Robots,
     bins: Bins,
-    tally: Tally,
+    tally: EpisodeTotals,
     counted: Counted,
 ) -> float:
     """`compare_pair` with the robots after this one that are in the list of bin k; some are in several lists."""
@@ -64,7 +65,7 @@ def find_listed_collisions(
     clock: Clock,
     robots: Robots,
     bins: Bins,
-    tally: Tally,
+    tally: EpisodeTotals,
     counted: Counted,
 ):
     """Compare robot i with the robots after it that came near it, over the sub-steps of the latest step."""

@@ -3,7 +3,8 @@
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.world.state import Clock, Counted, Latest, Tally
+from lissajous_env.world.state import Clock, Counted, Latest
+from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
 
@@ -52,7 +53,7 @@ def forget_collisions(w: int, part: int, counted: Counted):
 
 
 @wp.kernel
-def gather_collisions(first: int, clock: Clock, counted: Counted, latest: Latest, tally: Tally):
+def gather_collisions(first: int, clock: Clock, counted: Counted, latest: Latest, tally: EpisodeTotals):
     """Sum up what the parts of the robots counted, and forget it."""
     w = first + wp.tid()
     if clock.active[w] == 0:

@@ -18,12 +18,12 @@ from lissajous_env.parameters.extensions import (
 )
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown, where_raised
+from lissajous_env.world.columns import NAMES
 from lissajous_env.world.extension_kernels import keep_column, take_entries, take_places, take_term
 from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import TERMS
 from lissajous_env.world.robots.model import RobotModel
 from lissajous_env.world.robots.table import is_shipped, model_of
-from lissajous_env.world.score import COLUMNS
 from lissajous_env.world.view import WorldView
 
 _LARGEST = LARGEST * (1 + 1e-6)
@@ -160,7 +160,7 @@ def _check_motion(model: RobotModel, robots: Any) -> None:
 def _check_names(scenario: Scenario) -> None:
     """Refuse a name that one of ours has."""
     entries = layout(replace(scenario, extensions=())).names
-    taken = {RewardTerm: TERMS, ScoreColumn: COLUMNS, ObservationEntry: entries}
+    taken = {RewardTerm: TERMS, ScoreColumn: NAMES, ObservationEntry: entries}
     for each in scenario.extensions:
         names = each.entries if isinstance(each, ObservationEntry) else (each.name,)
         if ours := [name for name in names if name in taken.get(type(each), ())]:

@@ -1,18 +1,19 @@
-"""How long a rogue can have gone unseen, whatever it did: now, at worst, on the mean, and after a fault."""
+"""The worst-case undetected time of targets: now, its largest value, its mean over the cells, and after a fault."""
 
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import TargetStruct, TaskStruct
 from lissajous_env.world.labels import Hops
-from lissajous_env.world.state import NEVER, WORKING, Clock, Contamination, Robots
+from lissajous_env.world.state import NEVER, Clock, Contamination, Robots
+from lissajous_env.world.tally import FAULT_MARGIN, EpisodeTotals, any_failed
 
 wp.set_module_options(OPTIONS)
 
 
 @wp.kernel
 def reset_guarantee(first: int, clock: Clock, contamination: Contamination):
-    """Begin with no time unseen."""
+    """Reset the undetected times of a new episode."""
     w = first + wp.tid()
     if clock.active[w] == 0:
         return
@@ -22,7 +23,6 @@ def reset_guarantee(first: int, clock: Clock, contamination: Contamination):
     contamination.eased[w] = 0.0
     contamination.mean_age[w] = 0.0
     contamination.mean_age_sum[w] = wp.float64(0.0)
-    contamination.failed[w] = 0
     contamination.age_before[w] = 0
     contamination.high_at[w] = -1
 
@@ -35,9 +35,10 @@ def keep_guarantee(
     hops: Hops,
     clock: Clock,
     robots: Robots,
+    tally: EpisodeTotals,
     contamination: Contamination,
 ):
-    """Keep how long a rogue can have gone unseen: t - min e, its largest and its mean over the cells."""
+    """Compute how long a target can have been undetected: t - min e, its largest value and its mean over the cells."""
     w = first + wp.tid()
     if clock.active[w] == 0:
         return
@@ -50,7 +51,7 @@ def keep_guarantee(
     age = wp.where(oldest == NEVER, 0, now - oldest)
     mean_age = float(ages) / float(contamination.row_oldest.shape[1] * hops.columns)
     if task.conservative == 1 and now > 0:
-        # Who was unseen a step ago, or came since then, may have been so until the very end of this step.
+        # A target that was undetected a step ago, or appeared since then, may have been so until the end of this step.
         latest = wp.where(target.arrival_rate > 0.0, now - 1, NEVER)
         before = wp.min(contamination.oldest[w], latest)
         if before != NEVER:
@@ -62,10 +63,7 @@ def keep_guarantee(
     contamination.eased[w] = contamination.mean_age[w] - mean_age
     contamination.mean_age[w] = mean_age
     contamination.mean_age_sum[w] += wp.float64(mean_age)
-    for i in range(robots.status.shape[1]):
-        if robots.status[w, i] != WORKING:
-            contamination.failed[w] = 1
-    if contamination.failed[w] == 0:
+    if tally.faulted[w] == 0 and not any_failed(w, robots):
         contamination.age_before[w] = contamination.age_max[w]
-    elif 10 * age >= 11 * contamination.age_before[w]:
+    elif float(age) >= FAULT_MARGIN * float(contamination.age_before[w]):
         contamination.high_at[w] = now

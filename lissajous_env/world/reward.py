@@ -4,7 +4,8 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import TaskStruct
-from lissajous_env.world.state import Clock, Contamination, Latest, Tally
+from lissajous_env.world.state import Clock, Contamination, Latest
+from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
 
@@ -33,7 +34,7 @@ def give_reward(
     clock: Clock,
     contamination: Contamination,
     latest: Latest,
-    tally: Tally,
+    tally: EpisodeTotals,
 ):
     """Reward each robot for the step: the sum of the terms in `TERMS` and of those that were brought."""
     tid, lane = wp.tid()

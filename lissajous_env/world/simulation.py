@@ -15,12 +15,13 @@ from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.bins import bins_of, has_bins
+from lissajous_env.world.columns import plain, score_of
 from lissajous_env.world.constants import constants_of
 from lissajous_env.world.extended import Extended
 from lissajous_env.world.labels import MARGIN, across
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
-from lissajous_env.world.score import detection_times, score_rows
+from lissajous_env.world.score import detection_times, episodes_of
 from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
 from lissajous_env.world.state import (
@@ -31,11 +32,11 @@ from lissajous_env.world.state import (
     Latest,
     Links,
     Robots,
-    Tally,
     Targets,
     allocate,
     counted_in,
 )
+from lissajous_env.world.tally import EpisodeTotals
 
 _LAST_SEED = 2**31 - 1
 _TARGET_BYTES = 60
@@ -170,13 +171,16 @@ class Simulation:
         self._step()
 
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
-        """Score of the latest episode of some worlds so far, one row each: `lissajous_env.world.score.COLUMNS`."""
+        """Return the score row of the latest episode of some worlds so far: `lissajous_env.world.columns.NAMES`."""
         chosen, brought = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
-        kept = self.clock, self.robots, self.targets, self.cells, self.contamination, self.tally
-        return score_rows(self.scenario, *kept, brought, chosen)
+        state = self.clock, self.robots, self.targets, self.cells, self.contamination, self.tally
+        return [
+            score_of(episode) | {name: plain(values[w]) for name, values in brought.items()}
+            for w, episode in zip(chosen, episodes_of(self.scenario, *state, chosen), strict=True)
+        ]
 
     def detection_times(self, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Of each target (K,) that has appeared: time until it was detected, or until now [s]; and whether it was."""
+        """Return the time until each target (K,) that appeared was detected, or until now [s], and whether it was."""
         targets, now = self.targets, int(self.clock.step.numpy()[world])
         kept = (each.numpy()[world] for each in (targets.appears_at, targets.found_at, targets.found_early))
         times, found = detection_times(*kept, now=now)
@@ -214,7 +218,7 @@ class Simulation:
         self.contamination = allocate(Contamination, field, each, self.device)
         terms = {"in_sight": each, "waiting": each, "idle_ended": each, "terms": (w, n, len(self.reward_term_names))}
         self.latest = allocate(Latest, terms, robot, self.device)
-        self.tally = allocate(Tally, {"contact": (w, n, n), "returns": robot}, each, self.device)
+        self.tally = allocate(EpisodeTotals, {"contact": (w, n, n), "returns": robot}, each, self.device)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
         self.command, self._taken = wp.zeros_like(self.action), wp.zeros_like(self.action)
         # On a CPU the same memory; elsewhere of no shape that an action has.

@@ -174,8 +174,6 @@ class Contamination:
     """(W,) the same, summed over steps [step]."""
     eased: wp.array(dtype=wp.float32)
     """(W,) by what the mean age became less in the latest step [step]."""
-    failed: wp.array(dtype=wp.int32)
-    """(W,) 1 once a robot has failed."""
     age_before: wp.array(dtype=wp.int32)
     """(W,) the longest before the first fault [step]."""
     high_at: wp.array(dtype=wp.int32)
@@ -219,60 +217,6 @@ class Latest:
 
 
 @wp.struct
-class Tally:
-    """Sums over the episode, from which the score is made."""
-
-    contact: wp.array3d(dtype=wp.int32)
-    """(W, N, N) above the diagonal, latest step in which a pair touched, times -1 once it has parted; 0 for never."""
-    collisions: wp.array(dtype=wp.int64)
-    """(W,) collisions."""
-    contact_steps: wp.array(dtype=wp.int64)
-    """(W,) steps in contact, summed over pairs."""
-    min_separation: wp.array(dtype=wp.float32)
-    """(W,) smallest distance of two robots [m]."""
-    covered: wp.array(dtype=wp.int64)
-    """(W,) cells sensed by some robot."""
-    covered_each: wp.array(dtype=wp.int64)
-    """(W,) cells sensed, summed over robots."""
-    covered_at: wp.array(dtype=wp.int32)
-    """(W,) step in which every cell had been sensed."""
-    covered_each_at: wp.array(dtype=wp.int32)
-    """(W,) step in which every robot had sensed every cell."""
-    lateral_sum: wp.array(dtype=wp.float64)
-    """(W,) distance from the curve, summed over steps, mean over robots [m]."""
-    lateral_max: wp.array(dtype=wp.float32)
-    """(W,) largest distance from the curve [m]."""
-    tracking_sum: wp.array(dtype=wp.float64)
-    """(W,) distance from the point of the curve at a robot's own phase, summed over steps, mean over robots [m]."""
-    tracking_max: wp.array(dtype=wp.float32)
-    """(W,) largest distance from the point of the curve at a robot's own phase [m]."""
-    spacing_max: wp.array(dtype=wp.float32)
-    """(W,) largest distance of ring neighbours [m]."""
-    phase_error: wp.array(dtype=wp.float32)
-    """(W,) deviation from the equilibrium now [rad]."""
-    phase_error_max: wp.array(dtype=wp.float32)
-    """(W,) largest deviation from the equilibrium [rad]."""
-    swing: wp.array(dtype=wp.float32)
-    """(W,) largest deviation from the equilibrium before a robot was stuck for the first time [rad]."""
-    faulted: wp.array(dtype=wp.int32)
-    """(W,) 1 from the first step on in which a robot is stuck."""
-    off_at: wp.array(dtype=wp.int32)
-    """(W,) latest step since then in which the deviation was above the swing, and a margin; -1 for never."""
-    fault_end: wp.array(dtype=wp.int32)
-    """(W,) step at whose end the latest fault was over; -1 for none or while one lasts."""
-    distance_sum: wp.array(dtype=wp.float64)
-    """(W,) way that was driven, summed over robots [m]."""
-    speed_max: wp.array(dtype=wp.float32)
-    """(W,) largest speed of a robot [m/s]."""
-    change_sum: wp.array(dtype=wp.float64)
-    """(W,) mean square of the change of the action, summed over steps, mean over the robots that are there."""
-    outside_steps: wp.array(dtype=wp.int64)
-    """(W,) steps with the whole body outside the rectangle, summed over robots."""
-    returns: wp.array2d(dtype=wp.float64)
-    """(W, N) sum of the rewards."""
-
-
-@wp.struct
 class Counted:
     """What is counted in a step of robots and targets, apart for each of the P parts that threads share."""
 
@@ -292,7 +236,7 @@ class Counted:
     """(W, P) smallest distance of two robots [m]."""
 
 
-def counted_in(latest: Latest, tally: Tally, parts: int) -> Counted:
+def counted_in(latest: Latest, tally: Any, parts: int) -> Counted:
     """Make room to count in; for one part it is that of what is counted, so that nothing is left to sum up."""
     filled = Counted()
     for name, whole in {

@@ -1,24 +1,78 @@
-"""The sums over an episode from which the score is made."""
+"""The totals of an episode, from which the score columns are computed."""
 
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.trig import atan2
-from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Latest, Robots, Tally
+from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Latest, Robots
 
 wp.set_module_options(OPTIONS)
 
 RECOVERED = wp.constant(0.05)
-"""Deviation from the equilibrium up to which a formation is in it, whatever its swing [rad]."""
+"""Deviation from the equilibrium up to which a formation counts as recovered, however small it was before [rad]."""
 
-SWING_MARGIN = wp.constant(1.1)
-"""A formation is off where its deviation is above this many times its swing, the largest before the first fault."""
+FAULT_MARGIN = wp.constant(1.1)
+"""Factor by which a quantity must exceed its largest value before the first fault to count as disturbed by it."""
+
+
+@wp.struct
+class EpisodeTotals:
+    """Totals of an episode so far, from which the score columns are computed."""
+
+    contact: wp.array3d(dtype=wp.int32)
+    """(W, N, N) above the diagonal, latest step in which a pair collided, negative once it has parted; 0 for never."""
+    collisions: wp.array(dtype=wp.int64)
+    """(W,) collisions."""
+    contact_steps: wp.array(dtype=wp.int64)
+    """(W,) steps in contact, summed over pairs."""
+    min_separation: wp.array(dtype=wp.float32)
+    """(W,) smallest distance of two robots [m]."""
+    covered: wp.array(dtype=wp.int64)
+    """(W,) cells covered by some robot."""
+    covered_each: wp.array(dtype=wp.int64)
+    """(W,) cells covered, summed over robots."""
+    covered_at: wp.array(dtype=wp.int32)
+    """(W,) step in which every cell had been covered."""
+    covered_each_at: wp.array(dtype=wp.int32)
+    """(W,) step in which every robot had covered every cell."""
+    lateral_sum: wp.array(dtype=wp.float64)
+    """(W,) distance from the curve, summed over steps, mean over robots [m]."""
+    lateral_max: wp.array(dtype=wp.float32)
+    """(W,) largest distance from the curve [m]."""
+    tracking_sum: wp.array(dtype=wp.float64)
+    """(W,) distance from the point of the curve at a robot's own phase, summed over steps, mean over robots [m]."""
+    tracking_max: wp.array(dtype=wp.float32)
+    """(W,) largest distance from the point of the curve at a robot's own phase [m]."""
+    spacing_max: wp.array(dtype=wp.float32)
+    """(W,) largest distance of ring neighbours [m]."""
+    phase_error: wp.array(dtype=wp.float32)
+    """(W,) deviation from the equilibrium now [rad]."""
+    phase_error_max: wp.array(dtype=wp.float32)
+    """(W,) largest deviation from the equilibrium [rad]."""
+    nominal_phase_error: wp.array(dtype=wp.float32)
+    """(W,) largest deviation from the equilibrium before a robot failed for the first time [rad]."""
+    faulted: wp.array(dtype=wp.int32)
+    """(W,) 1 from the first step in which a robot has failed."""
+    off_at: wp.array(dtype=wp.int32)
+    """(W,) latest step since then in which the deviation exceeded `nominal_phase_error` by a margin; -1 for never."""
+    fault_end: wp.array(dtype=wp.int32)
+    """(W,) step at whose end the latest failed robot resumed; -1 for none or while a robot has failed."""
+    distance_sum: wp.array(dtype=wp.float64)
+    """(W,) distance travelled, summed over robots [m]."""
+    speed_max: wp.array(dtype=wp.float32)
+    """(W,) largest speed of a robot [m/s]."""
+    change_sum: wp.array(dtype=wp.float64)
+    """(W,) mean square of the change of the action, summed over steps, mean over the robots that were not removed."""
+    outside_steps: wp.array(dtype=wp.int64)
+    """(W,) steps with the whole body outside the rectangle, summed over robots."""
+    returns: wp.array2d(dtype=wp.float64)
+    """(W, N) sum of the rewards."""
 
 
 @wp.kernel
-def reset_tally(first: int, clock: Clock, tally: Tally):
-    """Start the score of a new episode."""
+def reset_tally(first: int, clock: Clock, tally: EpisodeTotals):
+    """Reset the totals of a new episode."""
     w = first + wp.tid()
     if clock.active[w] == 0:
         return
@@ -43,15 +97,15 @@ def reset_tally(first: int, clock: Clock, tally: Tally):
     tally.outside_steps[w] = wp.int64(0)
     tally.spacing_max[w] = 0.0
     tally.phase_error_max[w] = 0.0
-    tally.swing[w] = 0.0
+    tally.nominal_phase_error[w] = 0.0
     tally.faulted[w] = 0
     tally.off_at[w] = -1
     tally.fault_end[w] = -1
 
 
 @wp.func
-def tally_tracking(w: int, now: int, robots: Robots, latest: Latest, tally: Tally):
-    """Keep how far the robots are from the curve, and from the point of it at their own parameter."""
+def tally_tracking(w: int, now: int, robots: Robots, latest: Latest, tally: EpisodeTotals):
+    """Add the distances of the robots from the curve, and from the point of it at their own parameter."""
     there = int(0)
     lateral = wp.float64(0.0)
     lateral_max = float(0.0)
@@ -72,28 +126,28 @@ def tally_tracking(w: int, now: int, robots: Robots, latest: Latest, tally: Tall
 
 
 @wp.func
-def tally_driving(w: int, now: int, robots: Robots, latest: Latest, tally: Tally):
-    """Keep how far the robots drove, how fast, and how unsteady their actions are."""
+def tally_driving(w: int, now: int, robots: Robots, latest: Latest, tally: EpisodeTotals):
+    """Add the distances travelled and the changes of the actions, and record the largest speed."""
     there = int(0)
-    way = float(0.0)
+    distance = float(0.0)
     fastest = float(0.0)
     change = float(0.0)
     for i in range(robots.status.shape[1]):
         for s in range(1, robots.track.shape[2]):
-            way += wp.length(robots.track[w, i, s] - robots.track[w, i, s - 1])
+            distance += wp.length(robots.track[w, i, s] - robots.track[w, i, s - 1])
         if robots.status[w, i] != REMOVED:
             there += 1
             fastest = wp.max(fastest, robots.speed[w, i])
             change += latest.change[w, i]
     tally.speed_max[w] = wp.max(tally.speed_max[w], fastest)
     if now > 0:
-        tally.distance_sum[w] += wp.float64(way)
+        tally.distance_sum[w] += wp.float64(distance)
         tally.change_sum[w] += wp.float64(change / float(wp.max(there, 1)))
 
 
 @wp.func
-def tally_spacing(w: int, neighbours: wp.array2d(dtype=int), robots: Robots, tally: Tally):
-    """Keep the largest distance of neighbours on the ring."""
+def tally_spacing(w: int, neighbours: wp.array2d(dtype=int), robots: Robots, tally: EpisodeTotals):
+    """Record the largest distance of neighbours on the ring."""
     square = float(0.0)
     for i in range(robots.status.shape[1]):
         for side in range(2):
@@ -104,22 +158,30 @@ def tally_spacing(w: int, neighbours: wp.array2d(dtype=int), robots: Robots, tal
 
 
 @wp.func
-def tally_faults(w: int, robots: Robots, tally: Tally):
-    """Keep whether a robot was ever stuck, and when the latest fault was over; while one lasts, none is."""
+def any_failed(w: int, robots: Robots) -> bool:
+    """Return whether a robot has failed and not resumed; a robot that was removed has not."""
+    failed = int(0)
+    for i in range(robots.status.shape[1]):
+        if robots.status[w, i] == STUCK:
+            failed += 1
+    return failed > 0
+
+
+@wp.func
+def tally_faults(w: int, robots: Robots, tally: EpisodeTotals):
+    """Record whether a robot ever failed, and when the latest failed robot resumed; -1 while a robot has failed."""
     fault_end = int(-1)
-    stuck = int(0)
     for i in range(robots.status.shape[1]):
         fault_end = wp.max(fault_end, robots.resumed_at[w, i])
-        if robots.status[w, i] == STUCK:
-            stuck += 1
-    tally.fault_end[w] = wp.where(stuck == 0, fault_end, -1)
-    if stuck > 0:
+    failed = any_failed(w, robots)
+    tally.fault_end[w] = wp.where(failed, -1, fault_end)
+    if failed:
         tally.faulted[w] = 1
 
 
 @wp.func
 def formation_error(w: int, robots: Robots, latest: Latest) -> float:
-    """max_i |wrap(phase_i - equilibrium_i - theta_0)| over robots that are there [rad], theta_0 by circular mean."""
+    """Return max_i |wrap(phase_i - equilibrium_i - theta_0)| over present robots [rad], theta_0 by circular mean."""
     unit = wp.vec2(0.0, 0.0)
     n = robots.status.shape[1]
     for i in range(n):
@@ -134,24 +196,24 @@ def formation_error(w: int, robots: Robots, latest: Latest) -> float:
 
 
 @wp.func
-def tally_formation(w: int, now: int, robots: Robots, latest: Latest, tally: Tally):
-    """Keep the deviation from the equilibrium, its largest, its swing, and when a fault last had it off.
+def tally_formation(w: int, now: int, robots: Robots, latest: Latest, tally: EpisodeTotals):
+    """Record the deviation from the equilibrium, its largest values, and when a fault last disturbed it.
 
-    A car on a curve that it can hardly follow swings around the equilibrium all the time: off is what is more than
-    that, above max(RECOVERED, SWING_MARGIN swing).
+    A car on a curve that it can hardly follow always oscillates around the equilibrium; a formation counts as disturbed
+    above max(RECOVERED, FAULT_MARGIN nominal_phase_error).
     """
     deviation = formation_error(w, robots, latest)
     tally.phase_error[w] = deviation
     tally.phase_error_max[w] = wp.max(tally.phase_error_max[w], deviation)
     if tally.faulted[w] == 0:
-        tally.swing[w] = wp.max(tally.swing[w], deviation)
-    elif deviation > wp.max(RECOVERED, SWING_MARGIN * tally.swing[w]):
+        tally.nominal_phase_error[w] = wp.max(tally.nominal_phase_error[w], deviation)
+    elif deviation > wp.max(RECOVERED, FAULT_MARGIN * tally.nominal_phase_error[w]):
         tally.off_at[w] = now
 
 
 @wp.func
-def tally_coverage(w: int, now: int, robots: int, cells_total: int, tally: Tally):
-    """Keep when the last cell was sensed for the first time, and when by the last robot."""
+def tally_coverage(w: int, now: int, robots: int, cells_total: int, tally: EpisodeTotals):
+    """Record when every cell had been covered by some robot, and when by every robot."""
     if tally.covered_at[w] == NEVER and tally.covered[w] == wp.int64(cells_total):
         tally.covered_at[w] = now
     if tally.covered_each_at[w] == NEVER and tally.covered_each[w] == wp.int64(robots) * wp.int64(cells_total):
@@ -166,9 +228,9 @@ def keep_score(
     clock: Clock,
     robots: Robots,
     latest: Latest,
-    tally: Tally,
+    tally: EpisodeTotals,
 ):
-    """Add the state after this step to the sums of the episode."""
+    """Add the state after this step to the totals of the episode."""
     w = first + wp.tid()
     if clock.active[w] == 0:
         return

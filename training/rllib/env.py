@@ -79,7 +79,7 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         return self._observed(observations), rewards, terminated | {"__all__": gone}, {"__all__": timed_out}, {}
 
     def score(self) -> dict[str, Any]:
-        """Score of the episode so far: the columns of `lissajous_env.world.score.COLUMNS`."""
+        """Score of the episode so far: the columns of `lissajous_env.world.columns.NAMES`."""
         return self.parallel.score()
 
     def render(self) -> Any:

@@ -14,7 +14,7 @@ export class Episodes {
     Object.assign(this, { report, onReplay, most: FIRST, down: true, order: "" });
     const { scenario } = report.episodes;
     this.count = scenario.length;
-    this.titles = new Map(report.columns.map((column) => [column.name, column.title]));
+    this.columns = new Map(report.columns.map((column) => [column.name, column]));
     this.shown = report.columns
       .filter(({ name, listed }) => listed && report.episodes[name].some((value) => value !== null))
       .map(({ name }) => name);
@@ -112,7 +112,7 @@ export class Episodes {
     for (const words of ["scenario", "policy", "seed", "failed"]) row.append(element("th", "", words));
     for (const name of columns) {
       const cell = element("th", "number"),
-        button = element("button", "sort", this.titles.get(name));
+        button = element("button", "sort", this.columns.get(name).title);
       button.type = "button";
       button.dataset.column = name;
       if (name === this.order) cell.setAttribute("aria-sort", this.down ? "descending" : "ascending");
@@ -145,13 +145,11 @@ export class Episodes {
     const seed = element("td", "number", String(episodes.seed[k]));
     seed.dataset.title = "seed";
     row.append(element("td", "name", scenario.name), name, seed, kinds);
-    for (const column of columns) {
-      const value = episodes[column][k],
-        cell = element("td", "number", value === null ? "–" : number(value));
-      cell.dataset.title = this.titles.get(column);
-      if (column === "guaranteed_detection_time" && episodes.guarantee_open[k] === 1)
-        cell.textContent = `> ${cell.textContent}`;
-      if (column === "collisions") cell.textContent = String(value);
+    for (const { name, title, whole, open } of columns.map((column) => this.columns.get(column))) {
+      const value = episodes[name][k],
+        words = value === null ? "–" : whole ? String(value) : number(value),
+        cell = element("td", "number", open && episodes[open][k] === 1 ? `> ${words}` : words);
+      cell.dataset.title = title;
       row.append(cell);
     }
     row.append(this.actions(k, scenario, policy));

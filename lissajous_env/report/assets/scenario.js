@@ -79,7 +79,7 @@ function fillPolicies(report, scenario, s, table) {
       scale: scaleOf(
         values,
         measure.lines.map(([value]) => value),
-        measure.column === "collisions" ? 1 : 0,
+        measure.whole ? 1 : 0,
       ),
       best: bestOf(scenario, measure, of),
     };
@@ -159,8 +159,8 @@ function measured(report, s, policy, { measure, scale, best }) {
 function plotsOf(report, scenario) {
   const found = [];
   if (scenario.times.length) found.push(survival(report, scenario));
-  const both = scenario.measures.filter((measure) => ["detection_time_mean", "collisions"].includes(measure.column));
-  if (both.length === 2) found.push(against(report, scenario));
+  const both = report.tradeoff.map((column) => scenario.measures.find((measure) => measure.column === column));
+  if (both.every((measure) => measure)) found.push(against(report, scenario, ...both));
   return found;
 }
 
@@ -208,31 +208,31 @@ function survival(report, scenario) {
   });
 }
 
-function against(report, scenario) {
-  const of = (policy, column) => policy.cells[column],
-    shown = scenario.policies.filter((policy) => of(policy, "detection_time_mean").value !== null);
-  const ends = (column) => shown.flatMap((policy) => [of(policy, column).value, ...of(policy, column).interval]);
-  const lines = scenario.measures.find((measure) => measure.column === "detection_time_mean").lines;
+function against(report, scenario, across, up) {
+  const of = (policy, measure) => policy.cells[measure.column],
+    shown = scenario.policies.filter((policy) => of(policy, across).value !== null);
+  const ends = (measure) => shown.flatMap((policy) => [of(policy, measure).value, ...of(policy, measure).interval]);
+  const { lines } = across;
   const axes = {
     x: {
       scale: scaleOf(
-        ends("detection_time_mean"),
+        ends(across),
         lines.map(([value]) => value),
       ),
-      title: "detection time [s]",
+      title: across.title,
       lines,
     },
-    y: { scale: scaleOf(ends("collisions"), [], 1), title: "" },
+    y: { scale: scaleOf(ends(up), [], 1), title: "" },
   };
-  return new Plot("Detection against collisions", "collisions in an episode; bars: 95 % intervals", axes, (plot) => {
+  return new Plot("Detection against collisions", `${up.title} in an episode; bars: 95 % intervals`, axes, (plot) => {
     const near = 5,
       places = shown.map((policy) => [
-        plot.x(of(policy, "detection_time_mean").value),
-        plot.y(of(policy, "collisions").value),
+        plot.x(of(policy, across).value),
+        plot.y(of(policy, up).value),
       ]);
     const taken = places.map(([x, y]) => [x - near, y - near, x + near, y + near]);
     for (const policy of shown) {
-      const [x, y] = [of(policy, "detection_time_mean"), of(policy, "collisions")],
+      const [x, y] = [of(policy, across), of(policy, up)],
         look = report.policies[policy.policy];
       const group = svg("g", { "data-policy": policy.policy, class: "series" }, svg("title", {}, look.shown));
       if (x.interval[0] !== null)

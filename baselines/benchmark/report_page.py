@@ -1,4 +1,4 @@
-"""The report of a benchmark as a page, the ranking first, then what failed: `report.html`."""
+"""The page of a benchmark, `report.html`: the ranking first, then the failures, each scenario and all episodes."""
 
 import math
 import shlex
@@ -9,47 +9,55 @@ from typing import Any
 import numpy as np
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import COMPARED, OVER_LIMIT, Comparisons, guarantee_of, limit_of, with_derived
+from baselines.benchmark.bounds import Bounds
+from baselines.benchmark.comparison import Comparisons, with_derived
 from baselines.benchmark.failures import KINDS, badness, failed, headline, worst_first
 from baselines.benchmark.looks import COLOURS, looks_of
-from baselines.benchmark.measures import MEASURES, OVERALL_MEASURES, TITLES, Measure, measures_of, title_of
 from baselines.benchmark.ranking import Ranking, rankings
 from baselines.benchmark.replays import Key, Played
-from baselines.benchmark.rows import NUMBER_COLUMNS, numbers_of
+from baselines.benchmark.shown_columns import (
+    COMPARED,
+    MAIN,
+    OVER_LIMIT,
+    OVERALL,
+    SHOWN,
+    brought_in,
+    lines_of,
+    shown_columns,
+)
 from baselines.benchmark.statistics import Paired, Statistics
 from baselines.benchmark.tables import between, in_words, number, shown_name
 from baselines.benchmark.types import Outcome
 from baselines.policies.registry import unwrapped
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.report import report
+from lissajous_env.world.columns import COLLISIONS, COLUMNS, DETECTION_TIME, OPEN, WHOLE, WORST_CASE, Column
 
 NAME = "report.html"
 FORMAT = "lissajous report 2"
 MOST_EPISODES = 20_000
-"""Episodes that are listed; of more, the worst of each policy on each scenario."""
+"""Largest number of episodes that are listed; of more, the worst of each policy on each scenario."""
 _KINDS = {"car": "cars", "curve": "points on the curve"}
 _CURVE = 240
-"""Times of a curve."""
+"""Number of times of a curve."""
 _DIGITS = 5
-_LISTED = ("coverage_time", "idleness_mean")
-"""Columns that the table of the episodes shows beside the main ones and a scenario's own."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """All that the page is made of."""
+    """The content of the page."""
 
     outcome: Outcome
     comparisons: Comparisons
     made: Mapping[str, str]
-    """What the numbers were made with, in words, by what it is."""
+    """Command, machine and versions of the numbers, in words."""
     commands: Mapping[str, str]
-    """Name of each scenario in a command, and what changes it, by its name; without those that none names."""
+    """Name of each scenario in a command, with its overrides; scenarios without such a name are left out."""
     nameless: frozenset[str]
-    """Policies that no command names."""
+    """Policies that cannot be named in a command."""
 
     def ranked(self) -> list[dict[str, Any]]:
-        """Return the score rows that the folder holds, with their derived columns, the worst first."""
+        """Return all score rows of the folder, with their derived columns, the worst first."""
         rows = with_derived(self.outcome.held_rows, self.outcome.held_scenarios)
         return [rows[k] for k in worst_first(rows, self.outcome.held_scenarios)]
 
@@ -61,13 +69,13 @@ class Report:
         """Make the page.
 
         Args:
-            ranked: What `ranked` returned.
-            replays: Episodes that can be played in it.
+            ranked: result of `ranked`.
+            replays: episodes that can be played in it.
         """
         policies = list(dict.fromkeys(row["policy"] for row in self.outcome.held_rows))
         number_of = {name: k for k, name in enumerate(policies)}
         scenario_of = {name: k for k, name in enumerate(self.comparisons.cells)}
-        kept, held = _listed(ranked), self.outcome.held_scenarios
+        kept, held, columns = _listed(ranked), self.outcome.held_scenarios, _columns(self.outcome.held_rows)
         replayed = {f"replay-{k}": (key, played) for k, (key, played) in enumerate(replays.items())}
         data = {
             "format": FORMAT,
@@ -80,9 +88,10 @@ class Report:
             ],
             "scenarios": [self._scenario(name, number_of, ranked) for name in scenario_of],
             "failures": [[each.scenario, each.policy, each.error] for each in self.outcome.failures],
-            "columns": _columns(self.outcome.held_rows),
+            "columns": columns,
+            "tradeoff": [DETECTION_TIME.name, COLLISIONS.name],
             "total": len(ranked),
-            "episodes": _episodes(kept, scenario_of, number_of),
+            "episodes": _episodes(kept, columns, scenario_of, number_of),
             "replays": {
                 name: [scenario_of[s], number_of[p], seed, played.same]
                 for name, ((s, p, seed), played) in replayed.items()
@@ -121,30 +130,28 @@ class Report:
         return {
             "kind": _KINDS.get(ranking.kind, ranking.kind),
             "scenarios": [scenario_of[name] for name in ranking.scenarios],
-            "columns": [{"name": column, "title": title_of(column)} for column in ranking.columns],
-            "measures": [
-                {"column": each.column, "title": each.title, "about": each.about} for each in OVERALL_MEASURES
-            ],
+            "columns": [{"name": each.name, "title": each.heading} for each in ranking.columns],
+            "measures": [{"column": each.name, "title": each.heading, "about": each.described} for each in OVERALL],
             "policies": [
                 {
                     "policy": number_of[policy],
-                    "ranks": _rounded([list(ranking.overall[policy]), *map(list, of.values())]),
-                    "overall": [in_words(overall[policy], each) for each in OVERALL_MEASURES] if overall else [],
+                    "ranks": _rounded([list(ranking.overall[policy]), *map(list, of)]),
+                    "overall": [in_words(overall[policy], each) for each in OVERALL] if overall else [],
                 }
                 for policy, of in ranking.ranks.items()
             ],
         }
 
     def _against(self, name: str, number_of: Mapping[str, int]) -> dict[str, Any] | None:
-        """How the policies of a scenario compare with its reference, seed by seed."""
+        """Return the comparison of a scenario's policies with its reference, seed by seed; None without one."""
         _, policies = self.comparisons.against.get(name, ("", {}))
-        columns = [column for column in COMPARED if any(of[column].n for of in policies.values())]
+        columns = [column for column in COMPARED if any(of[column.name].n for of in policies.values())]
         if not columns:
             return None
         return {
-            "columns": [{"title": title_of(column), "better": COMPARED[column]} for column in columns],
+            "columns": [{"title": column.heading, "better": column.better} for column in columns],
             "policies": [
-                {"policy": number_of[policy], "pairs": [_pair(of[column]) for column in columns]}
+                {"policy": number_of[policy], "pairs": [_pair(of[column.name]) for column in columns]}
                 for policy, of in policies.items()
             ],
         }
@@ -157,20 +164,22 @@ class Report:
                 rows.setdefault(row["policy"], []).append(row)
         played = [row for of in rows.values() for row in of]
         cells = self.comparisons.cells[name]
-        measures = [m for m in measures_of(scenario, cells) if m.page and any(_is_known(row, m) for row in played)]
+        shown = [each for each in shown_columns(scenario, cells) if each.page]
+        shown = [each for each in shown if any(_is_known(row, each) for row in played)]
+        bounds = self.comparisons.bounds[name]
         times, curves = _curves(self.outcome.held_curves.get(name, {}))
         reference = self.references().get(name)
         return {
             "name": name,
             "description": scenario.description,
-            "facts": _facts(scenario),
+            "facts": _facts(scenario, bounds),
             "bound": _rounded(scenario.detection_time_bound),
             "bound_name": scenario.detection_time_label,
-            "headline": headline(scenario),
+            "headline": headline(scenario).name,
             "reference": None if reference is None else number_of[reference],
             "against": self._against(name, number_of),
             "command": self.commands.get(name),
-            "measures": [each.described(scenario) for each in measures],
+            "measures": [_described(each, lines_of(each, scenario, bounds)) for each in shown],
             "times": times,
             "policies": [
                 {
@@ -178,7 +187,7 @@ class Report:
                     "episodes": len(of),
                     "failed": np.sum([failed(row) for row in of], axis=0).tolist(),
                     "badness": _rounded(np.mean([[*badness(row, scenario)] for row in of], axis=0).tolist()),
-                    "cells": {each.column: _cell(cells[policy], each, of) for each in measures},
+                    "cells": {each.name: _cell(cells[policy], each, of) for each in shown},
                     "curve": curves.get(policy),
                 }
                 for policy, of in rows.items()
@@ -186,31 +195,46 @@ class Report:
         }
 
 
-def _facts(scenario: Scenario) -> list[tuple[str, str]]:
-    """Numbers that a scenario is known by, each as its name and value in words."""
-    limit, (least, formation) = limit_of(scenario), guarantee_of(scenario)
+def _described(column: Column, lines: Sequence[tuple[float, str]]) -> dict[str, Any]:
+    """Return what the page shows of a column; only columns of the episodes have a strip of their values."""
+    return {
+        "column": column.name,
+        "title": column.heading,
+        "better": column.better,
+        "mean": column.mean,
+        "whole": column.rule is WHOLE,
+        "about": column.described,
+        "strip": column is not OVER_LIMIT,
+        "lines": [[_rounded(value), words] for value, words in lines],
+    }
+
+
+def _facts(scenario: Scenario, bounds: Bounds) -> list[tuple[str, str]]:
+    """Return the main numbers of a scenario, each as its name and its value in words."""
     known = (
         ("robots", f"{scenario.num_robots} {_KINDS.get(scenario.robot.kind, scenario.robot.kind)}"),
         ("episode", f"{scenario.task.duration:g} s"),
         (scenario.detection_time_label, f"{scenario.detection_time_bound:.3g} s"),
-        ("least mean detection time", f"{limit:.3g} s" if math.isfinite(limit) else ""),
-        ("least guaranteed time", f"{least:.3g} s" if least >= scenario.task.step else ""),
-        ("guaranteed in formation", f"{formation:.3g} s" if math.isfinite(formation) else ""),
     )
-    return [(name, value) for name, value in known if value]
+    bounded = {
+        "lower bound of the mean detection time": bounds.mean_time,
+        "lower bound of the worst-case undetected time": bounds.worst_case,
+        "worst-case undetected time in formation": bounds.in_formation,
+    }
+    return [*known, *((name, f"{bound:.3g} s") for name, bound in bounded.items() if math.isfinite(bound))]
 
 
-def _is_known(row: Mapping[str, Any], measure: Measure) -> bool:
-    return math.isfinite(row.get(measure.column, math.nan))
+def _is_known(row: Mapping[str, Any], column: Column) -> bool:
+    return math.isfinite(row.get(column.name, math.nan))
 
 
-def _cell(of: Mapping[str, Statistics], measure: Measure, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """What is shown of a column of one policy: a number as the tables have it, its interval, and quartiles."""
-    cell = of[measure.column]
-    value = cell.mean if measure.mean else cell.iqm
-    low, high = (cell.mean_low, cell.mean_high) if measure.mean else (cell.low, cell.high)
-    known = [row[measure.column] for row in rows if _is_known(row, measure)]
-    words, ends = in_words(of, measure)
+def _cell(of: Mapping[str, Statistics], column: Column, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what the page shows of a column of one policy: a number as in the tables, its interval, and quartiles."""
+    cell = of[column.name]
+    value = cell.mean if column.mean else cell.iqm
+    low, high = (cell.mean_low, cell.mean_high) if column.mean else (cell.low, cell.high)
+    known = [row[column.name] for row in rows if _is_known(row, column)]
+    words, ends = in_words(of, column)
     return {
         "words": words,
         "between": ends,
@@ -222,7 +246,7 @@ def _cell(of: Mapping[str, Statistics], measure: Measure, rows: Sequence[Mapping
 
 
 def _pair(of: Paired) -> dict[str, Any]:
-    """What is shown of a comparison: words for the share of the seeds and for the difference, and their numbers."""
+    """Return the share of the seeds and the difference of a comparison, in words and as numbers."""
     return {
         "n": of.n,
         "share": f"{100 * of.better:.0f} %" if of.n else "",
@@ -234,9 +258,9 @@ def _pair(of: Paired) -> dict[str, Any]:
 
 
 def _curves(curves: Mapping[str, tuple[Any, Any]]) -> tuple[list[float], dict[str, list[Any]]]:
-    """Times [s], close at first and wide later, and the share of the targets that is unseen after each, by policy.
+    """Return times [s], dense at first, and by policy the share of the targets that is undetected after each.
 
-    Where the last target was never seen nothing is known beyond the time for which it was there.
+    If the last target was never detected, nothing is known beyond the time for which it was present.
     """
     known = {policy: (np.asarray(t), np.asarray(share)) for policy, (t, share) in curves.items() if len(t)}
     if not known:
@@ -251,7 +275,7 @@ def _curves(curves: Mapping[str, tuple[Any, Any]]) -> tuple[list[float], dict[st
 
 
 def _listed(ranked: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The episodes that are listed, the worst first."""
+    """Return the episodes that the page lists, the worst first."""
     if len(ranked) <= MOST_EPISODES:
         return list(ranked)
     most = max(MOST_EPISODES // len({(row["scenario"], row["policy"]) for row in ranked}), 1)
@@ -266,30 +290,38 @@ def _listed(ranked: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
 
 
 def _columns(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The columns that episodes can be put in order by, the most telling first."""
-    names = dict.fromkeys(name for row in rows for name in numbers_of(row))
-    own = [name for name in names if name not in NUMBER_COLUMNS]
-    names = [name for name in (*own, *TITLES, *names) if name in names or name == OVER_LIMIT]
-    listed = (*own, *(each.column for each in MEASURES if each.main or each.column in _LISTED))
-    return [{"name": name, "title": title_of(name), "listed": name in listed} for name in dict.fromkeys(names)]
+    """Return the columns by which episodes can be sorted, the most important first."""
+    brought = brought_in(rows)
+    return [
+        {
+            "name": each.name,
+            "title": each.heading,
+            "listed": each in (*brought, *MAIN),
+            "whole": each.rule is WHOLE,
+            "open": OPEN.name if each is WORST_CASE else None,
+        }
+        for each in dict.fromkeys((*brought, *SHOWN, *COLUMNS.values()))
+    ]
 
 
 def _episodes(
-    rows: Sequence[Mapping[str, Any]], scenario_of: Mapping[str, int], number_of: Mapping[str, int]
+    rows: Sequence[Mapping[str, Any]],
+    columns: Sequence[Mapping[str, Any]],
+    scenario_of: Mapping[str, int],
+    number_of: Mapping[str, int],
 ) -> dict[str, list[Any]]:
-    """Columns of the episodes; `failed` has a bit for each of `KINDS`."""
-    columns = dict.fromkeys([*(name for row in rows for name in numbers_of(row)), OVER_LIMIT])
+    """Return the columns of the episodes; `failed` has a bit for each of `KINDS`."""
     return {
         "scenario": [scenario_of[row["scenario"]] for row in rows],
         "policy": [number_of[row["policy"]] for row in rows],
         "seed": [row["seed"] for row in rows],
         "failed": [sum(fails << k for k, fails in enumerate(failed(row))) for row in rows],
-        **{name: [_rounded(row.get(name, math.nan)) for row in rows] for name in columns},
+        **{each["name"]: [_rounded(row.get(each["name"], math.nan)) for row in rows] for each in columns},
     }
 
 
 def _rounded(value: Any) -> Any:
-    """Round to a few digits; what is no number, or not finite, becomes null."""
+    """Round to a few digits; NaN and infinity become null."""
     if isinstance(value, list):
         return [_rounded(each) for each in value]
     if not math.isfinite(value):
@@ -298,7 +330,7 @@ def _rounded(value: Any) -> Any:
 
 
 def command_of(name: str, overrides: Mapping[str, Any]) -> str:
-    """What names a scenario in a command: `NAME`, and `--set` with what changes it."""
+    """Return the part of a command that names a scenario: `NAME`, and `--set` with its overrides."""
     changes = " ".join(shlex.quote(f"{field}={_literal(value)}") for field, value in overrides.items())
     return " ".join(filter(None, [shlex.quote(name), f"--set {changes}" if changes else ""]))
 

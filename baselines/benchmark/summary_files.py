@@ -1,4 +1,4 @@
-"""The files of a benchmark that are made of its score rows."""
+"""The files of a benchmark that are derived from its score rows, except the report page."""
 
 import csv
 import io
@@ -14,38 +14,35 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from baselines.benchmark import marl_eval, page
-from baselines.benchmark.comparison import Comparisons, guarantee_of, limit_of
+from baselines.benchmark import marl_eval, report_page
+from baselines.benchmark.comparison import Comparisons
 from baselines.benchmark.types import Outcome
 from baselines.benchmark.written import MARKDOWN, markdown, table_of
 from lissajous_env.console.terminal import plain
 from lissajous_env.device.devices import as_device
-from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
-from lissajous_env.world.score import COLUMNS
+from lissajous_env.world.columns import NAMES as ENTRIES
 
-NAMES = ("episodes.csv", "summary.json", MARKDOWN, marl_eval.NAME, page.NAME)
-"""Files that are made from the episodes."""
+NAMES = ("episodes.csv", "summary.json", MARKDOWN, marl_eval.NAME, report_page.NAME)
+"""Files that are derived from the episodes."""
 
 
 def write_files(folder: Folder, outcome: Outcome, comparisons: Comparisons) -> None:
     """Write episodes.csv, marl-eval.json, summary.json and table.md of all that the folder holds."""
     rows, scenarios = outcome.held_rows, outcome.held_scenarios
     folder.write("episodes.csv", as_csv(rows))
-    summary = summarized(outcome, rows, scenarios, comparisons)
+    summary = summarized(outcome, rows, comparisons)
     folder.write(marl_eval.NAME, marl_eval.as_marl_eval(rows, scenarios) + "\n")
     folder.write("summary.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
-    folder.write(MARKDOWN, markdown(table_of(comparisons, scenarios)))
+    folder.write(MARKDOWN, markdown(table_of(comparisons)))
 
 
-def summarized(
-    outcome: Outcome, rows: Sequence[dict[str, Any]], scenarios: Mapping[str, Scenario], comparisons: Comparisons
-) -> dict[str, Any]:
-    """What is known of some of an outcome's rows, as summary.json has it; the failures are those of this call.
+def summarized(outcome: Outcome, rows: Sequence[dict[str, Any]], comparisons: Comparisons) -> dict[str, Any]:
+    """Return the content of summary.json for some of an outcome's rows; the failures are those of this call.
 
-    `limits` has the lower bound of the mean detection time of each scenario [s], null where none says anything, and
-    `against` how each policy compares with the reference on the same seeds.
+    `limits` has the lower bound of the mean detection time of each scenario [s], null without one, and `against` the
+    comparison of each policy with the reference on the same seeds.
     """
     held = outcome.held
     return {
@@ -55,10 +52,9 @@ def summarized(
         "elapsed_s": outcome.elapsed,
         "seeds": sorted({row["seed"] for row in rows}),
         "settings": held,
-        "limits": {name: limit_of(scenario) for name, scenario in scenarios.items()},
+        "limits": {name: of.mean_time for name, of in comparisons.bounds.items()},
         "guarantees": {
-            name: dict(zip(("limit", "formation"), guarantee_of(scenario), strict=True))
-            for name, scenario in scenarios.items()
+            name: {"limit": of.worst_case, "formation": of.in_formation} for name, of in comparisons.bounds.items()
         },
         "statistics": _plain_cells(comparisons.cells),
         "against": {
@@ -78,14 +74,14 @@ def _plain_cells(cells: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[s
 
 
 def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write score rows to a file of their own, as `as_csv` has them."""
+    """Write score rows to a CSV file."""
     write_atomically(path, as_csv(rows))
 
 
 def as_csv(rows: Iterable[dict[str, Any]]) -> str:
-    """Score rows with the columns of `lissajous_env.world.score.COLUMNS`, then those of scenarios; NaN is empty."""
+    """Return score rows as CSV: `lissajous_env.world.columns.NAMES`, then columns of scenarios; NaN is empty."""
     rows, text = list(rows), io.StringIO()
-    columns = dict.fromkeys((*COLUMNS, *(name for row in rows for name in row)))
+    columns = dict.fromkeys((*ENTRIES, *(name for row in rows for name in row)))
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     for row in rows:
@@ -100,7 +96,7 @@ def command() -> str:
 
 
 def machine(device: str) -> dict[str, Any]:
-    """What the numbers were made on."""
+    """Return a description of this machine and of a device."""
     memory = None
     if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
         memory = round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1)
@@ -115,7 +111,7 @@ def machine(device: str) -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what the numbers depend on."""
+    """Return the versions of Python and the packages on which the numbers depend."""
     names = ("lissajous-env", "numpy", "warp-lang", "gymnasium", "pettingzoo")
     return {"python": platform.python_version()} | {name: version(name) for name in names}
 

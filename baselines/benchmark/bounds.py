@@ -1,0 +1,41 @@
+"""Bounds of theory on the scores of a scenario."""
+
+import math
+from contextlib import suppress
+from functools import cache
+from typing import NamedTuple
+
+from lissajous_env.episodes.guarantee import guaranteed_time
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.theory.limits import guaranteed_time_limit, mean_time_limit
+
+
+class Bounds(NamedTuple):
+    """Bounds on the scores of one scenario [s]; NaN for those that do not exist, or are below a control step."""
+
+    mean_time: float
+    """Lower bound of the mean detection time of every policy without long-range sensing."""
+    worst_case: float
+    """Lower bound of the worst-case undetected time."""
+    in_formation: float
+    """Worst-case undetected time of the formation in its equilibrium; inf if a target can stay undetected for ever."""
+
+
+def mean_time_bound(scenario: Scenario) -> float:
+    """Return `Bounds.mean_time` of a scenario."""
+    return _beyond_a_step(mean_time_limit(scenario), scenario)
+
+
+@cache
+def bounds_of(scenario: Scenario) -> Bounds:
+    """Return the bounds of a scenario; if it computes contamination, the formation is simulated once for them."""
+    worst_case = in_formation = math.nan
+    if scenario.task.contamination is not None:
+        worst_case = _beyond_a_step(guaranteed_time_limit(scenario), scenario)
+        with suppress(ValueError):  # targets that are too fast for its grid
+            in_formation = guaranteed_time(scenario, speed=scenario.rogue_speed)
+    return Bounds(mean_time_bound(scenario), worst_case, in_formation)
+
+
+def _beyond_a_step(bound: float, scenario: Scenario) -> float:
+    return bound if bound >= scenario.task.step else math.nan

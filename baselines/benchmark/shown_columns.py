@@ -1,0 +1,76 @@
+"""The score columns that tables, report and figures show, and the values that theory names for them."""
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from baselines.benchmark.bounds import Bounds
+from baselines.benchmark.rows import column_of
+from lissajous_env.parameters.scenario import Faults, Scenario
+from lissajous_env.world.columns import (
+    COLLISIONS,
+    COLUMNS,
+    COVERAGE,
+    DETECTION_TIME,
+    NAMES,
+    RECOVERY,
+    SENSED,
+    SEPARATION,
+    SPACING,
+    WITHIN_BOUND,
+    WORST_CASE,
+    Column,
+)
+
+OVER_LIMIT = Column(
+    "over_limit",
+    "ratio of the mean detection time to a lower bound that holds for every policy without long-range sensing",
+    better=-1,
+    mean=True,
+    place=2,
+    main=True,
+)
+"""Derived column; the bound holds for an expectation, so that the mean counts."""
+TIME_OVER_BOUND = Column(
+    "time_over_bound", "mean detection time of an episode over T_max", title="detection / T_max", better=-1
+)
+"""Derived column."""
+COMPARED = (DETECTION_TIME, WORST_CASE, COLLISIONS, SENSED)
+"""Columns by which policies are compared seed by seed, and ranked."""
+OVERALL = (TIME_OVER_BOUND, WITHIN_BOUND, COLLISIONS, SPACING)
+"""Columns with the same meaning on every scenario, so that their episodes can be taken together."""
+SHOWN = tuple(sorted((each for each in (*COLUMNS.values(), OVER_LIMIT) if each.place), key=lambda each: each.place))
+"""Columns of tables of policies, the most important first."""
+
+
+MAIN = tuple(each for each in SHOWN if each.main)
+
+
+def brought_in(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
+    """Return the columns that scenarios add, from score rows or from statistics by column.
+
+    A scenario that was read from a folder no longer has its extensions, but their columns are in its rows.
+    """
+    known = dict.fromkeys(name for row in rows for name in row)
+    return [column_of(name) for name in known if name not in (*NAMES, OVER_LIMIT.name)]
+
+
+def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Any]]) -> list[Column]:
+    """Return the columns that tables of a scenario show: the main ones, those that it adds, and the others.
+
+    The recovery time is left out without a fault. `policies` has statistics by policy and column.
+    """
+    others = [each for each in SHOWN if not each.main and (each is not RECOVERY or scenario.faults != Faults())]
+    return [*MAIN, *brought_in(policies.values()), *others]
+
+
+def lines_of(column: Column, scenario: Scenario, bounds: Bounds) -> list[tuple[float, str]]:
+    """Return the values that theory names for a column of a scenario, each with its label."""
+    bound = scenario.detection_time_bound, scenario.detection_time_label
+    lines = {
+        WORST_CASE: [(bounds.in_formation, "in formation")],
+        DETECTION_TIME: [(bounds.mean_time, "least"), bound],
+        COVERAGE: [bound],
+        SEPARATION: [(2 * scenario.robot.radius, "collision")],
+    }.get(column, [])
+    return [(value, words) for value, words in lines if math.isfinite(value)]

@@ -1,0 +1,279 @@
+"""The columns of a score row: how each is computed, which values it may have, and how tables and pages show it."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lissajous_env.parameters.extensions import ScoreColumn
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.score import Episode
+
+
+class Rule(NamedTuple):
+    """The values that a stored number may have."""
+
+    words: str
+    accepts: Callable[[Any], bool]
+
+
+# A whole number of a file may be beyond the range of every float.
+FINITE = Rule("a finite number", lambda value: type(value) in (int, float) and abs(value) <= 1e300)
+AT_LEAST_0 = Rule("a number of at least 0", lambda value: FINITE.accepts(value) and value >= 0)
+SHARE = Rule("a number from 0 to 1", lambda value: FINITE.accepts(value) and 0 <= value <= 1)
+WHOLE = Rule("a whole number of at least 0", lambda value: type(value) is int and 0 <= value < 2**63)
+FLAG = Rule("0 or 1", lambda value: type(value) in (int, float) and value in (0, 1))
+
+
+@dataclass(frozen=True)
+class Column:
+    """A number of a score row, or one that is derived from a score row."""
+
+    name: str
+    meaning: str
+    value: Callable[[Episode], Any] | None = None
+    """Function that computes it; None for a column that is not computed from an `Episode`."""
+    unit: str = ""
+    rule: Rule = AT_LEAST_0
+    empty: str = ""
+    """Reason for a value of NaN, in files null; "" if it always has a number."""
+    title: str = ""
+    """Title without its unit; "" for the name in words."""
+    better: int = 0
+    """1 if larger values are better, -1 if smaller ones are, 0 if neither."""
+    mean: bool = False
+    """Whether policies are compared by the mean, as for rare events, instead of the interquartile mean."""
+    place: int = 0
+    """Place in tables of policies, from 1; a narrow terminal leaves out the last. 0 leaves it out everywhere."""
+    main: bool = False
+    """Whether the README's table, tables for papers and the report's list of episodes have it."""
+    page: bool = True
+    """Whether the report's tables of policies have it."""
+
+    @property
+    def short(self) -> str:
+        """Return the title without its unit."""
+        return self.title or self.name.replace("_", " ")
+
+    @property
+    def heading(self) -> str:
+        """Return the title with its unit in brackets."""
+        return self.short + self._bracketed
+
+    @property
+    def described(self) -> str:
+        """Return the meaning with its unit in brackets."""
+        return self.meaning + self._bracketed
+
+    @property
+    def _bracketed(self) -> str:
+        return f" [{self.unit}]" if self.unit else ""
+
+    def refusal(self, value: Any) -> str | None:
+        """Return the rule that a stored value violates; None if it is allowed."""
+        if (value is None and self.empty) or self.rule.accepts(value):
+            return None
+        return f"must be {self.rule.words}{self._bracketed}" + (f" or null ({self.empty})" if self.empty else "")
+
+
+def _some(reduce: Callable[..., Any], values: np.ndarray, *more: Any) -> Any:
+    """Return a statistic of some values; NaN of none."""
+    return reduce(values, *more) if len(values) else math.nan
+
+
+def _within_bound(episode: Episode) -> Any:
+    within = episode.times <= episode.scenario.detection_time_bound * (1 + 1e-9)
+    return _some(np.mean, (episode.detected & within)[episode.detected | ~within])
+
+
+def _idleness(episode: Episode) -> float:
+    squares = episode.idle_squares + np.sum(episode.gaps.astype(float) ** 2)
+    return squares * episode.step / (2 * max(episode.steps, 1) * episode.gaps.size) if episode.has_grid else math.nan
+
+
+def _contaminated(value: Callable[[Episode], Any]) -> Callable[[Episode], Any]:
+    """Return a function that is NaN where a scenario computes no contamination."""
+    return lambda episode: value(episode) if episode.has_contamination else math.nan
+
+
+_NO_TARGET = "no target appeared"
+_NO_GRID = "no grid"
+_NO_CONTAMINATION = "contamination is not computed"
+
+# fmt: off
+TARGETS = Column("targets", "number of targets that appeared", lambda e: len(e.times), rule=WHOLE)
+DETECTED = Column(
+    "detected_fraction", "share of the targets that were detected", lambda e: _some(np.mean, e.detected),
+    rule=SHARE, empty=_NO_TARGET, title="detected",
+)
+DETECTION_TIME = Column(
+    "detection_time_mean",
+    "time from a target's appearance until it is first within a working robot's sensing disc, also between control "
+    "steps, mean over targets; a target that is never detected counts with the time for which it was present",
+    lambda e: _some(np.mean, e.times), "s", empty=_NO_TARGET, title="detection", better=-1, place=1, main=True,
+)
+_P95 = Column(
+    "detection_time_p95", "95th percentile of the same time over targets",
+    lambda e: _some(np.percentile, e.times, 95), "s", empty=_NO_TARGET, title="detection p95", better=-1, place=12,
+    page=False,
+)
+LATEST_DETECTION = Column(
+    "detection_time_max", "longest of these times", lambda e: _some(np.max, e.times), "s", empty=_NO_TARGET,
+)
+WITHIN_BOUND = Column(
+    "detected_within_bound",
+    "share of the targets that were detected within the detection-time bound T_max = (2 pi / omega) / (N / kappa), "
+    "which holds only if r_s meets Eq. (8); targets that were present for less than T_max and not detected are "
+    "excluded",
+    _within_bound, rule=SHARE, empty="no target was present for T_max or detected", title="within T_max", better=1,
+    place=8,
+)
+COLLISIONS = Column(
+    "collisions",
+    "pairs of robots that came closer than the sum of their radii, by the closest approach between sub-steps; a pair "
+    "counts once until it parts by 5 % more; points that share a place of the formation (kappa > 1) overlap by design "
+    "and are not counted",
+    lambda e: int(e.totals["collisions"]), rule=WHOLE, better=-1, mean=True, place=4, main=True,
+)
+_CONTACT = Column(
+    "contact_time", "time in contact, summed over the same pairs", lambda e: e.totals["contact_steps"] * e.step, "s"
+)
+SEPARATION = Column(
+    "min_separation", "smallest distance between the centres of two robots of such a pair",
+    lambda e: e.totals["min_separation"] if e.totals["min_separation"] < 1e29 else math.nan, "m",
+    empty="only one robot", title="least distance", better=1, place=9,
+)
+COVERAGE = Column(
+    "coverage_time", "time until every cell was covered by some robot", lambda e: e.reached(e.totals["covered_at"]),
+    "s", empty="never", title="coverage", better=-1, place=11,
+)
+COVERAGE_EACH = Column(
+    "coverage_time_each", "time until every cell was covered by every robot",
+    lambda e: e.reached(e.totals["covered_each_at"]), "s", empty="never",
+)
+IDLENESS = Column(
+    "idleness_mean", "time since a cell was last covered, mean over cells and time", _idleness, "s", empty=_NO_GRID,
+    title="idleness", better=-1, place=7,
+)
+LONGEST_IDLENESS = Column(
+    "idleness_max", "longest time for which a cell was not covered",
+    lambda e: max(e.idle_max, e.gaps.max()) * e.step if e.has_grid else math.nan, "s", empty=_NO_GRID,
+)
+LATERAL_ERROR = Column(
+    "lateral_error_mean", "distance of a robot from the nearest point of the curve, mean over robots and time",
+    lambda e: e.per_step(e.totals["lateral_sum"]), "m",
+)
+LARGEST_LATERAL_ERROR = Column(
+    "lateral_error_max", "largest distance of a robot from the curve", lambda e: e.totals["lateral_max"], "m"
+)
+TRACKING_ERROR = Column(
+    "tracking_error_mean",
+    "distance of a robot from the point of the curve at its own phase, mean over robots and time",
+    lambda e: e.per_step(e.totals["tracking_sum"]), "m",
+)
+LARGEST_TRACKING_ERROR = Column(
+    "tracking_error_max", "largest of these distances", lambda e: e.totals["tracking_max"], "m"
+)
+SPACING = Column(
+    "spacing_factor", "largest distance of ring neighbours over 2 r_s of Eq. (8): eta_1 of the paper",
+    lambda e: e.totals["spacing_max"] / (2 * e.scenario.detection_radius), empty="no Lissajous curve", better=-1,
+    place=13, page=False,
+)
+PHASE_ERROR = Column(
+    "phase_error", "largest deviation from the equilibrium of Eq. (2), without the common rotation",
+    lambda e: e.totals["phase_error_max"], "rad",
+)
+RECOVERY = Column(
+    "recovery_time",
+    "time from the end of the last fault until the phase error stays, for at least 0.3 rad / omega, within 1.1 times "
+    "its largest value before the first fault (at least 0.05 rad); empty if it never does, or if no fault disturbed "
+    "the formation",
+    lambda e: e.recovery(e.totals["off_at"]), "s", empty="never, or never disturbed", title="recovery", better=-1,
+    place=10,
+)
+_OUTSIDE = Column(
+    "outside_time", "time that bodies were wholly outside the rectangle, summed over robots",
+    lambda e: e.totals["outside_steps"] * e.step, "s",
+)
+DISTANCE = Column(
+    "distance_mean", "distance travelled, mean over robots",
+    lambda e: e.totals["distance_sum"] / e.scenario.num_robots, "m", title="distance", place=6, main=True, page=False,
+)
+TOP_SPEED = Column("speed_max", "largest speed of any robot", lambda e: e.totals["speed_max"], "m/s")
+_SMOOTHNESS = Column(
+    "smoothness", "mean square of the change of the action from step to step; 0 is steady",
+    lambda e: e.totals["change_sum"] / (e.steps - 1) if e.steps > 1 else math.nan, empty="only one step",
+)
+SENSED = Column(
+    "sensed_fraction", "share of the cells that some robot has covered",
+    lambda e: e.totals["covered"] / e.gaps.size if e.has_grid else math.nan, rule=SHARE, empty=_NO_GRID,
+    title="sensed", better=1, place=5, main=True,
+)
+WORST_CASE = Column(
+    "guaranteed_detection_time",
+    "worst-case undetected time: the longest time for which any target of the scenario's top speed can have stayed "
+    "undetected, however it moved",
+    _contaminated(lambda e: int(e.contamination["age_max"]) * e.step), "s", empty=_NO_CONTAMINATION,
+    title="guaranteed", better=-1, place=3, main=True,
+)
+AT_END = Column(
+    "unseen_at_end",
+    "the same at the end of the episode; if the two are equal, the worst-case undetected time was still growing, so "
+    "that its value is a lower bound (right-censored)",
+    _contaminated(lambda e: int(e.contamination["age"]) * e.step), "s", empty=_NO_CONTAMINATION,
+)
+OPEN = Column(
+    "guarantee_open",
+    "1 if the episode shows no bound of the worst-case undetected time: it was still growing at the end and was at "
+    "least half of the episode, or no robot was left; otherwise 0",
+    _contaminated(lambda e: float(e.is_open)), rule=FLAG, empty=_NO_CONTAMINATION,
+)
+_AGE = Column(
+    "contaminated_age_mean",
+    "longest time for which a target that may be in a cell can have been undetected, 0 for a cleared cell, mean over "
+    "cells and time",
+    _contaminated(lambda e: e.per_step(e.contamination["mean_age_sum"]) * e.step), "s", empty=_NO_CONTAMINATION,
+)
+_GUARANTEE_RECOVERY = Column(
+    "guarantee_recovery_time",
+    "time from the end of the last fault until the time for which a target can have been undetected stays below 1.1 "
+    "times its largest value before the first fault",
+    _contaminated(lambda e: e.recovery(e.contamination["high_at"])), "s", empty="never",
+)
+RETURN = Column(
+    "return_mean", "sum of the rewards, mean over robots", lambda e: e.totals["returns"].mean(), rule=FINITE,
+    title="return",
+)
+# fmt: on
+
+COLUMNS = {each.name: each for each in tuple(vars().values()) if isinstance(each, Column)}
+"""The columns of every score row, by name and in their order."""
+IDENTITY = {
+    "scenario": "name of the scenario",
+    "policy": "name of the policy",
+    "episode": "number of the episode, from 0",
+    "seed": "seed of the world",
+}
+"""Entries that say which episode a score row is of, with their meanings; they stand before the columns."""
+NAMES = (*IDENTITY, *COLUMNS)
+"""All entries of a score row."""
+MEANINGS = IDENTITY | {name: each.described for name, each in COLUMNS.items()}
+"""The meaning of each of them, with its unit in brackets."""
+
+
+def brought_columns(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of the columns that a scenario's extensions add; they stand after `NAMES`."""
+    return tuple(each.name for each in scenario.extensions if isinstance(each, ScoreColumn))
+
+
+def score_of(episode: Episode) -> dict[str, Any]:
+    """Return the score row of an episode up to now, without `policy` and `episode`; NaN is a time never reached."""
+    row: dict[str, Any] = {"scenario": episode.scenario.name, "seed": episode.seed}
+    return row | {each.name: plain(each.value(episode)) for each in COLUMNS.values() if each.value}
+
+
+def plain(value: Any) -> int | float:
+    """Return a plain number, without the last digits that steps times 0.1 s leave, as in 4.6000000000000005."""
+    return value if isinstance(value, int) else round(float(value), 12)
