@@ -23,6 +23,7 @@ from lissajous_env.storage.files import replacing
 from lissajous_env.theory import design as theory
 from lissajous_env.theory.candidate import Candidate
 from lissajous_env.wording import shown
+from lissajous_env.world.columns import DETECTED, TARGETS
 
 _Scenario = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]", help_behavior_hint="")]
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
@@ -271,8 +272,9 @@ def _words_of_rogues(reach: Reach, speed: float | None) -> str:
 
 def _done(played: Played) -> str:
     """Say what a played design did."""
-    appeared = sum(row["targets"] for row in played.rows)
-    found = sum(round(row["detected_fraction"] * row["targets"]) for row in played.rows if row["targets"])
+    targets, detected = TARGETS.name, DETECTED.name
+    appeared = sum(row[targets] for row in played.rows)
+    found = sum(round(row[detected] * row[targets]) for row in played.rows if row[targets])
     words = (
         f"Played with {played.policy}, {len(played.rows)} episodes of {played.scenario.task.duration:.4g} s: "
         f"robots drove {played.distance_share:.0%} of the formation's distance, the fastest reached "

@@ -15,6 +15,16 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory.assumptions import AssumptionWarning
 from lissajous_env.theory.candidate import Candidate
 from lissajous_env.theory.geometry import curve_length
+from lissajous_env.world.columns import (
+    COLLISIONS,
+    DISTANCE,
+    LARGEST_LATERAL_ERROR,
+    LATEST_DETECTION,
+    TOP_SPEED,
+    WITHIN_BOUND,
+    WORST_CASE,
+    Column,
+)
 
 TRIES = ((1.0, 4), (0.5, 2), (0.25, 2))
 """Which designs are played until one works: at a part of their largest phase rate, so many of those in front.
@@ -58,39 +68,39 @@ class Played:
     def distance_share(self) -> float:
         """Mean distance that robots drove, over that of one which stays in the formation, in the worst episode."""
         formation = self.candidate.mean_speed * self.scenario.task.duration
-        return min(self._of("distance_mean")) / formation
+        return min(self._of(DISTANCE)) / formation
 
     @property
     def top_speed(self) -> float:
         """Speed of the fastest robot [m/s]."""
-        return max(self._of("speed_max"))
+        return max(self._of(TOP_SPEED))
 
     @property
     def collisions(self) -> int:
         """Collisions of all episodes."""
-        return sum(self._of("collisions"))
+        return sum(self._of(COLLISIONS))
 
     @property
     def late_share(self) -> float:
         """Share of the targets that were not detected within T_max, in the worst episode; NaN where it is unknown."""
-        return 1 - min(self._of("detected_within_bound"))
+        return 1 - min(self._of(WITHIN_BOUND))
 
     @property
     def detection_time(self) -> float:
         """Longest detection time of all targets [s]."""
-        return max(self._of("detection_time_max"))
+        return max(self._of(LATEST_DETECTION))
 
     @property
     def undetected_time(self) -> float:
         """Worst-case undetected time of all episodes [s]; NaN where rogues were not followed."""
-        return max(self._of("guaranteed_detection_time"))
+        return max(self._of(WORST_CASE))
 
     @property
     def failures(self) -> list[str]:
         """Conditions of a design that works which the episodes violate, with their numbers; empty where it works."""
         found, bound = [], self.candidate.detection_time_bound
         if self.collisions > 0:
-            off = max(self._of("lateral_error_max"))
+            off = max(self._of(LARGEST_LATERAL_ERROR))
             allowed = (
                 f"(6) allows bodies of {self.candidate.robot_radius_bound:.3g} m for robots that keep their places"
             )
@@ -104,9 +114,9 @@ class Played:
             found.append(f"a rogue can have stayed undetected for {self.undetected_time:.3g} s, T_max is {bound:.3g} s")
         return found
 
-    def _of(self, column: str) -> list[Any]:
-        """Return the numbers of a column, one of each episode that has one; NaN alone where none has."""
-        return [row[column] for row in self.rows if not math.isnan(row[column])] or [math.nan]
+    def _of(self, column: Column) -> list[Any]:
+        """Return the numbers of a column, one of each episode that has one; NaN if none has."""
+        return [row[column.name] for row in self.rows if not math.isnan(row[column.name])] or [math.nan]
 
 
 def scenario_of(candidate: Candidate, robot: Robot, base: Scenario | None, rogue_speed: float | None) -> Scenario:

@@ -39,6 +39,17 @@ def stay(first: int, lanes: int, clock: Clock, robots: Robots):
 POST = RobotModel("post", ("nothing",), ((0.0,),), stay, lambda curve, formation, robot: 1.0)
 """
 
+COLUMN = """
+from pathlib import Path
+from baselines.benchmark.running import run
+from baselines.benchmark.types import Benchmark
+settings = Benchmark(("failure",), ("still", "random"), 2, out=Path("out"), overrides={"task.duration": 0.5})
+assert [row["speed_min"] for row in run(settings)][:2] == [0.0, 0.0]
+assert len(run(settings)) == 4  # read back, by its rule
+assert "least speed [m/s]" in (settings.out / "report.html").read_text()
+assert "speed_min" in (settings.out / "episodes.csv").read_text()
+"""
+
 EXTRA = """
 import lissajous_env
 
@@ -83,6 +94,31 @@ assert len(lissajous_env.evaluate(baselines.make("{policy}", made, 2), made, see
             {"lissajous_env/parameters/shipped.py": [('name="ideal"', 'name="mine"')]},
             'assert lissajous_env.parallel_env("mine").reset(seed=1)',
         ),
+        (
+            {},
+            {
+                "lissajous_env/world/tally.py": [
+                    ("    speed_max: wp", "    speed_min: wp.array(dtype=wp.float32)\n    speed_max: wp"),
+                    (
+                        "    tally.speed_max[w] = 0.0\n",
+                        "    tally.speed_max[w] = 0.0\n    tally.speed_min[w] = 1.0e30\n",
+                    ),
+                    (
+                        "    if now > 0:\n        tally.distance",
+                        "    tally.speed_min[w] = wp.min(tally.speed_min[w], "
+                        "fastest)\n    if now > 0:\n        tally.distance",
+                    ),
+                ],
+                "lissajous_env/world/columns.py": [
+                    (
+                        "_SMOOTHNESS = Column(",
+                        'SLOWEST = Column("speed_min", "least speed of the fastest robot", lambda '
+                        'e: e.totals["speed_min"], "m/s", title="least speed", place=14)\n_SMOOTHNESS = Column(',
+                    ),
+                ],
+            },
+            COLUMN,
+        ),
         *(
             ({"lissajous_env/mine.py": EXTRA.format(door=door, value=value)}, {}, EXTENDED)
             for door, value in [
@@ -92,10 +128,10 @@ assert len(lissajous_env.evaluate(baselines.make("{policy}", made, 2), made, see
             ]
         ),
     ],
-    ids=["policy", "robot model", "scenario", "reward term", "score column", "target motion"],
+    ids=["policy", "robot model", "scenario", "core score column", "reward term", "score column", "target motion"],
 )
 def test_files_to_touch(files, lines, program, tmp_path):
-    # Oracle: three at most for a model of robots, one for each of the others.
+    # Oracle: at most three for a robot model, kernel and entry for a core score column, one for each of the others.
     for package in PACKAGES:
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     for name, text in files.items():
@@ -106,7 +142,7 @@ def test_files_to_touch(files, lines, program, tmp_path):
             assert text.count(old) == 1, old
             text = text.replace(old, new)
         (tmp_path / name).write_text(text)
-    assert len(files) + len(lines) <= (3 if any("robots" in name for name in files) else 1)
+    assert len(files) + len(lines) <= (3 if any("robots" in name for name in files) else 2 if len(lines) > 1 else 1)
     here = f"import lissajous_env, baselines\nassert {str(tmp_path)!r} in baselines.__file__\n"
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
     command = [sys.executable, "-c", here + program]

@@ -9,6 +9,7 @@ from baselines.benchmark.statistics import summarize
 from lissajous_env import evaluate
 from lissajous_env.parameters import named
 from lissajous_env.storage.folder import Folder
+from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, RECOVERY, RETURN
 from training.learned import checkpoint
 from training.learned.policy import Learned
 from training.pictures import draw_curve
@@ -47,7 +48,7 @@ def _publish(source: Path, made_for: tuple[str, ...], before: tuple[Path, ...], 
         scenario = checkpoint.home_scenario(card) if each == card.scenario else named.scenario(each)
         policy = Learned(network, card, scenario, len(HELD_OUT))
         rows = evaluate(policy, scenario, HELD_OUT)
-        columns = ("detection_time_mean", "collisions", "recovery_time", "return_mean")
+        columns = [each.name for each in (DETECTION_TIME, COLLISIONS, RECOVERY, RETURN)]
         scores[each] = {column: _rounded(summarize([row[column] for row in rows])) for column in columns}
         print(each, scores[each])
     notes = {"made_for": made_for, "command": command, "held_out_scores": scores, "rivals": text.get("rivals") or {}}

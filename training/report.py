@@ -18,13 +18,6 @@ NAME = "report.html"
 FORMAT = "lissajous training 1"
 SHARE = 0.01
 """Share of the time of a training that replays may take; less often than each evaluation they are made anew then."""
-_TITLES = {
-    "detection_time": ("detection time [s]", "interquartile mean"),
-    "collisions": ("collisions", "mean of an episode"),
-    "return": ("return", "mean of a robot"),
-    "detected_fraction": ("detected", "share of the rogues"),
-}
-assert _TITLES.keys() == SCORES.keys()
 _LEARNING = {
     "approx_kl": ("divergence (KL) [1/1000]", "of the policy from the one before the update", 1000),
     "entropy": ("entropy [nat]", "of the exploration", 1),
@@ -67,7 +60,7 @@ class TrainingReport:
         settings = self._settings
         data = {
             "format": FORMAT,
-            "scores": [{"name": name, "title": title, "about": about} for name, (title, about) in _TITLES.items()],
+            "scores": [{"name": name, "title": of.heading, "about": of.described} for name, of in SCORES.items()],
             "curve": history.curve,
             "learned": [
                 {"name": name, "title": title, "about": about, "times": times}

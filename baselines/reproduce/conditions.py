@@ -12,6 +12,7 @@ from baselines.reproduce.episodes import BARE, SEEDS, Player
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms, geometry
+from lissajous_env.world.columns import COVERAGE_EACH, SEPARATION, SPACING
 
 _SHAPES = ((1.8, 0.8), (5.0, 5.0), (5.0, 3.0))
 """Half width and half height [m] of the rectangles."""
@@ -150,7 +151,7 @@ def _simulated(player: Player) -> tuple[Claim, Claim, Claim]:
     bare = scenario("failure", **BARE | {"task.duration": lap})
     undisturbed = player.play("kuramoto", bare, worlds=SEEDS, only_ends=True)
     bound, measured = closed_forms.robot_radius_bound(curve, n), geometry.measured_robot_radius(curve, n)
-    simulated, spacing = undisturbed.score("min_separation").min() / 2, undisturbed.score("spacing_factor").max()
+    simulated, spacing = undisturbed.score(SEPARATION).min() / 2, undisturbed.score(SPACING).max()
     body = Claim(
         "(6): r_max of curve (16)",
         f"{bound:.4f} m by (6)",
@@ -163,7 +164,7 @@ def _simulated(player: Player) -> tuple[Claim, Claim, Claim]:
     sensor = all_of(
         f"(7) on curve (16): every robot senses every cell within a lap, {lap:.1f} s",
         "yes",
-        np.isfinite(swept.score("coverage_time_each")),
+        np.isfinite(swept.score(COVERAGE_EACH)),
         "starts",
         f"r_s = {radius:.3f} m; {geometry.measured_coverage_radius(curve):.3f} m would do. By (7), not the text above",
     )

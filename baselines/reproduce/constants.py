@@ -14,6 +14,7 @@ from baselines.reproduce.episodes import SEEDS, Played, Player
 from baselines.reproduce.tracking import CLOSEST, undisturbed
 from lissajous_env import scenario
 from lissajous_env.theory import geometry
+from lissajous_env.world.columns import COLLISIONS, SEPARATION
 
 
 def printed(player: Player) -> Part:
@@ -27,7 +28,7 @@ def printed(player: Player) -> Part:
     made, model = beta.scenario, beta.scenario.robot
     slowest = (model.drive * model.throttle_min - model.offset) / model.drag
     fastest = geometry.top_speed(made.curve, made.formation.phase_rate)
-    closest = order.score("min_separation")
+    closest = order.score(SEPARATION)
     claims = [
         Claim(
             f"beta = {model.offset:g} in (12): the formation is kept",
@@ -44,10 +45,10 @@ def printed(player: Player) -> Part:
             "distance",
             f"{CLOSEST:g} m",
             _range(closest) + " m",
-            f"the range with q1, q2 exchanged: {_range(ours.score('min_separation'))} m",
+            f"the range with q1, q2 exchanged: {_range(ours.score(SEPARATION))} m",
             bool(closest.min() <= CLOSEST <= closest.max()),
-            f"{order.score('collisions').mean():.0f} collisions in {order.scenario.task.duration:g} s instead of "
-            f"{ours.score('collisions').mean():.1f}: we take q1 as the weight of the lateral error",
+            f"{order.score(COLLISIONS).mean():.0f} collisions in {order.scenario.task.duration:g} s instead of "
+            f"{ours.score(COLLISIONS).mean():.1f}: we take q1 as the weight of the lateral error",
             {"paper": CLOSEST, "low": closest.min(), "high": closest.max()},
         ),
         *_chosen(player, ours),
@@ -66,13 +67,13 @@ def _chosen(player: Player, ours: Played) -> list[Claim]:
     touches = []
     for step in (0.05, 0.15):
         played = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS, prepare=_changed(step=step))
-        touches.append(f"{played.score('collisions').mean():.1f} with {step:g} s")
-    at_ours = ours.score("collisions").mean()
+        touches.append(f"{played.score(COLLISIONS).mean():.1f} with {step:g} s")
+    at_ours = ours.score(COLLISIONS).mean()
     return [
         reported(
             "c = 0.94 and alpha = 36.8 as printed, beta fitted to them: collisions in 60 s",
             "one",
-            f"{rounded.score('collisions').mean():.1f}; {at_ours:.1f} with c = {car.drag:g}, alpha = {car.drive:g}",
+            f"{rounded.score(COLLISIONS).mean():.1f}; {at_ours:.1f} with c = {car.drag:g}, alpha = {car.drive:g}",
             "the further digits are those of the authors' program, and make no difference",
         ),
         reported(

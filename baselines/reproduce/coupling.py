@@ -10,6 +10,7 @@ from baselines.reproduce.claims import SILENT, Part, at_most, reported
 from baselines.reproduce.drawing import BLUE, DARK, GREEN, RED, Picture, Sheet
 from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
 from baselines.reproduce.tracking import CLOSEST, ETA, undisturbed
+from lissajous_env.world.columns import COLLISIONS, PHASE_ERROR, SEPARATION, SPACING
 
 _GAINS = (0.4, 0.5, 0.62, 0.8, 0.9, 1.0, 1.1, 1.25, 1.4, 1.5, 1.75, 2.0, 2.2)
 """K that are tried [1/s]."""
@@ -46,7 +47,7 @@ class _Sweep:
 def window(player: Player) -> Part:
     """The window of K: collisions and distances of five cars against the gain of (1)."""
     runs = [player.play("kuramoto-mpcc", undisturbed(**{"formation.coupling": K}), worlds=SEEDS) for K in _GAINS]
-    columns = ("collisions", "min_separation", "spacing_factor", "phase_error")
+    columns = (COLLISIONS, SEPARATION, SPACING, PHASE_ERROR)
     sweep = _Sweep(*(np.array([played.score(column) for played in runs]) for column in columns))
     mean = {f"K = {K:g}": float(value) for K, value in zip(_GAINS, sweep.collisions.mean(axis=1), strict=True)}
     lost = (sweep.deviation > _LOST).sum(axis=1)

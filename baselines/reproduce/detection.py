@@ -23,6 +23,7 @@ from baselines.reproduce.drawing import (
 from baselines.reproduce.episodes import BARE, Player
 from lissajous_env import scenario
 from lissajous_env.theory import closed_forms
+from lissajous_env.world.columns import COLLISIONS, SPACING
 
 _STARTS = 32
 """Starts turned by a random angle, beside that of theta_0 = 0."""
@@ -65,11 +66,11 @@ def fig2(player: Player) -> Part:
     body = f"bodies of {made.robot.radius} m, (6) allows {made.robot_radius_bound:.4f} m"
     claims = [
         at_most("robots stay on ellipse (5): residual", "0", float(np.abs(residual).max()), 1e-4, why=_CHOSEN),
-        at_most("no collision, r_i < r_max of (6)", "0", played.score("collisions").max(), 0, why=body),
+        at_most("no collision, r_i < r_max of (6)", "0", played.score(COLLISIONS).max(), 0, why=body),
         at_most(
             "sensing discs of ring neighbours overlap, r_s by (8): largest distance / 2 r_s",
             "1",
-            played.score("spacing_factor").max(),
+            played.score(SPACING).max(),
             1 + 1e-6,
             digits=".4f",
         ),

@@ -12,6 +12,7 @@ from lissajous_env import scenario as make_scenario
 from lissajous_env.episodes.evaluation import Referee
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
+from lissajous_env.world.columns import Column
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import STUCK
 from lissajous_env.world.tally import RECOVERED
@@ -98,9 +99,9 @@ class Played:
         ring = self.position[:, :, list(self.scenario.ring)]
         return np.linalg.norm(np.roll(ring, -1, axis=2) - ring, axis=-1).max(axis=-1)
 
-    def score(self, column: str) -> np.ndarray:
-        """(W,) a column of the score."""
-        return np.array([row[column] for row in self.scores])
+    def score(self, column: Column) -> np.ndarray:
+        """Return a column of the score (W,)."""
+        return np.array([row[column.name] for row in self.scores])
 
 
 def spread_of_cars(scenario: Scenario) -> str:

@@ -21,6 +21,7 @@ from baselines.reproduce.drawing import (
     panel_name,
 )
 from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
+from lissajous_env.world.columns import COLLISIONS
 
 _SIMULATED = (0, 4)
 """Robots 1 and 5, which were simulated in the paper's experiment and failed."""
@@ -107,7 +108,7 @@ def fig8(player: Player) -> Part:
             f"Above: one run, seed {player.seed}; below: its largest deviation from the equilibrium (blue) and "
             f"that of {SEEDS - 1} further seeds (grey). {_chosen(played)}."
         )
-    collisions = played.score("collisions")
+    collisions = played.score(COLLISIONS)
     claims = [
         _back(played, "states return to the previous equilibrium, as in Fig. 6(a)"),
         reported(

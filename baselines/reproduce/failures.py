@@ -8,6 +8,7 @@ from baselines.reproduce.claims import SILENT, Claim, Part, all_of, at_most, rep
 from baselines.reproduce.drawing import BLUE, DARK, ORANGE, RED, SERIES, Sheet, mark_time, name_line, panel_name
 from baselines.reproduce.episodes import BARE, SEEDS, Player
 from lissajous_env import scenario
+from lissajous_env.world.columns import COLLISIONS, RECOVERY
 from lissajous_env.world.tally import RECOVERED
 
 _FORMATIONS = ((5, 2), (7, 3), (10, 3), (15, 7))
@@ -62,9 +63,9 @@ def fig6(player: Player) -> Part:
             "robot's reference stops with it."
         )
     ours, rival = runs.values()
-    recovery = ours.score("recovery_time")
+    recovery = ours.score(RECOVERY)
     finer = scenario(failure, **{"task.step": _FINE, "task.grid": None})
-    fine = player.play("kuramoto", finer, worlds=SEEDS, only_ends=True).score("recovery_time")
+    fine = player.play("kuramoto", finer, worlds=SEEDS, only_ends=True).score(RECOVERY)
     cosine, kept = ours.largest_cosine.max(), rival.deviation[-1]
     rule = f"deviation below {RECOVERED} rad and stays, by 30 s"
     claims = [
@@ -90,9 +91,9 @@ def fig6(player: Player) -> Part:
             "does not recover",
             f"{kept.min():.2f} rad off at 30 s",
             "no recovery time",
-            bool(np.isnan(rival.score("recovery_time")).all()),
-            f"the offset stays as it was at t2; {rival.score('collisions').mean():.0f} collisions in 30 s, with (1) "
-            f"{ours.score('collisions').mean():.1f}",
+            bool(np.isnan(rival.score(RECOVERY)).all()),
+            f"the offset stays as it was at t2; {rival.score(COLLISIONS).mean():.0f} collisions in 30 s, with (1) "
+            f"{ours.score(COLLISIONS).mean():.1f}",
         ),
     ]
     return Part(claims, [picture])

@@ -11,6 +11,7 @@ from baselines.reproduce.episodes import SEEDS, Player
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms, geometry
+from lissajous_env.world.columns import COLLISIONS, SEPARATION
 
 _SHOWN = (1, 3, 5, 7, 11, 13)
 """c of Fig. 5; 3 shares a factor with a."""
@@ -165,7 +166,7 @@ def knot(player: Player) -> Part:
             axes.set_xlim(0, played.time[-1])
             axes.set_ylim(0, 1.85)
             axes.set_xlabel("time t [s]")
-            panel_name(axes, f"{name}: {int(played.score('collisions').sum())} collisions")
+            panel_name(axes, f"{name}: {int(played.score(COLLISIONS).sum())} collisions")
         left.set_ylabel("smallest distance of two robots [m]")
         middle.annotate(
             f"2 r = {limit:g} m", (0.6, limit), xytext=(0, -10), textcoords="offset points", fontsize=8, color=RED
@@ -175,12 +176,12 @@ def knot(player: Player) -> Part:
             "random angle (grey) and the smallest of them (blue), dashed red the distance at which two bodies touch. "
             f"C = {curve.half_depth:g} m and c = {curve.c} are chosen."
         )
-    hit = int((flat.score("collisions") > 0).sum())
+    hit = int((flat.score(COLLISIONS) > 0).sum())
     claims = [
         Claim(
             "in the plane a transient can collide, though Theorem 4 holds",
             "cannot be ensured",
-            f"{hit} of {SEEDS} starts collide, down to {flat.score('min_separation').min():.3f} m",
+            f"{hit} of {SEEDS} starts collide, down to {flat.score(SEPARATION).min():.3f} m",
             "at least one",
             hit > 0,
             f"bodies of {limit / 2} m, the {SEEDS} starts of Fig. 6",
@@ -188,10 +189,9 @@ def knot(player: Player) -> Part:
         all_of(
             "on a knot the same transient does not",
             "avoids collisions",
-            deep.score("collisions") == 0,
+            deep.score(COLLISIONS) == 0,
             "starts",
-            f"smallest distance {deep.score('min_separation').min():.3f} m; C = {curve.half_depth:g} m, c = {curve.c} "
-            "chosen",
+            f"smallest distance {deep.score(SEPARATION).min():.3f} m; C = {curve.half_depth:g} m, c = {curve.c} chosen",
         ),
     ]
     return Part(claims, [picture])

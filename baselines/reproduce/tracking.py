@@ -10,6 +10,7 @@ from baselines.reproduce.episodes import SEEDS, Played, Player, spread_of_cars
 from lissajous_env import scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import geometry
+from lissajous_env.world.columns import COLLISIONS, SEPARATION, SPACING
 
 _LONG = 90.0
 """Duration over which drift is watched [s]."""
@@ -29,8 +30,8 @@ def fig9(player: Player) -> Part:
     """Fig. 9: distances and tracking error of robot 3 without faults."""
     played = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS)
     made = played.scenario
-    factor, closest = played.score("spacing_factor"), played.score("min_separation")
-    tracking, collisions = played.tracking_error(2).max(axis=0), played.score("collisions")
+    factor, closest = played.score(SPACING), played.score(SEPARATION)
+    tracking, collisions = played.tracking_error(2).max(axis=0), played.score(COLLISIONS)
     touching = int((closest < 2 * made.robot.radius).sum())
     tight = geometry.tight_share(made.curve, geometry.turning_radius(made.robot.wheelbase, made.robot.steering_max))
     why = f"one run of real cars against {SEEDS} seeds of cars that differ by {spread_of_cars(made)}"
@@ -77,8 +78,8 @@ def _picture_of_distances(played: Played, seed: int) -> Picture:
         axes.set_ylabel("distance [m]")
         axes.legend(loc="upper center", ncols=3, handlelength=1.6, columnspacing=1.1, borderaxespad=0.1)
         panels = (
-            (played.score("spacing_factor"), ETA, "$\\eta_1$, all pairs on the ring", 1.0, "2 $r_s$"),
-            (played.score("min_separation"), CLOSEST, "smallest distance [m]", body, "2 $r_i$"),
+            (played.score(SPACING), ETA, "$\\eta_1$, all pairs on the ring", 1.0, "2 $r_s$"),
+            (played.score(SEPARATION), CLOSEST, "smallest distance [m]", body, "2 $r_i$"),
         )
         for row, (values, paper, name, limit, word) in enumerate(panels):
             side = sheet.figure.add_subplot(grid[row, 1])
@@ -137,7 +138,7 @@ def experiment1(player: Player) -> Part:
             "after few seconds",
             f"first after {touched.min():.1f} to {touched.max():.1f} s",
             "in every seed",
-            bool((lost.score("min_separation") < body).all()),
+            bool((lost.score(SEPARATION) < body).all()),
             f"bodies of {body / 2} m touch {_each_minute(lost).mean():.0f} times a minute, with feedback "
             f"{_each_minute(kept).mean():.1f} times",
             {"low": touched.min(), "high": touched.max()},
@@ -214,4 +215,4 @@ def _time_above(played: Played, limit: float) -> np.ndarray:
 
 def _each_minute(played: Played) -> np.ndarray:
     """Collisions a minute (W,)."""
-    return 60 * played.score("collisions") / played.time[-1]
+    return 60 * played.score(COLLISIONS) / played.time[-1]

@@ -6,15 +6,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from baselines.benchmark.statistics import interquartile_mean
+from lissajous_env.world.columns import COLLISIONS, DETECTED, DETECTION_TIME, RETURN
 from training.learned.card import require
 
 SCORES = {
-    "detection_time": "detection_time_mean",
-    "collisions": "collisions",
-    "return": "return_mean",
-    "detected_fraction": "detected_fraction",
+    "detection_time": DETECTION_TIME,
+    COLLISIONS.name: COLLISIONS,
+    "return": RETURN,
+    DETECTED.name: DETECTED,
 }
-"""What an evaluation says, each a number or None where there was none; and the column of a score row that it is of."""
+"""Scores of an evaluation, each a number, or None without one, and the column of which it is a statistic."""
 
 LEARNING = ("approx_kl", "entropy", "explained_variance")
 """What is kept of updates: divergence of the policy from the one before, its entropy [nat], and the share of the
@@ -30,7 +31,7 @@ def summarize_scores(rows: Sequence[Mapping[str, Any]]) -> dict[str, float | Non
     """Interquartile mean of the detection time [s], and means of the rest of `SCORES`, over score rows."""
     summary: dict[str, float | None] = {}
     for name, column in SCORES.items():
-        values = [row[column] for row in rows if math.isfinite(row[column])]
+        values = [row[column.name] for row in rows if math.isfinite(row[column.name])]
         if not values:
             summary[name] = None
         else:
@@ -49,7 +50,7 @@ class History:
     seconds: float = 0.0
     """Time that it took, evaluations left out [s]."""
     curve: list[dict[str, Any]] = field(default_factory=list)
-    """Evaluations, in order: steps, seconds, detection_time [s], collisions, return, detected_fraction."""
+    """Evaluations, in order: steps, seconds, and the scores of `SCORES`."""
     learning: list[dict[str, float]] = field(default_factory=list)
     """What the learner said of its updates: `steps`, and those of `LEARNING` that it knows; at most `MOST_UPDATES`."""
     rivals: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -115,7 +116,7 @@ class History:
         if there is not None and (here is None or here > there):
             by = "none" if here is None else f"{here:.4g} s, {here - there:.2g} s more"
             found.append(f"detection time {by} (of the rival: {there:.4g} s)")
-        here, there = ours.get("collisions") or 0.0, theirs["collisions"] or 0.0
+        here, there = ours.get(COLLISIONS.name) or 0.0, theirs[COLLISIONS.name] or 0.0
         if here > there + OFTEN:
             found.append(f"collisions {here:.3g} an episode, {here - there:.2g} more")
         return found
@@ -124,8 +125,8 @@ class History:
         return self._is_careful(point, self.rivals.values()), _or_least(point["return"])
 
     def _is_careful(self, point: Mapping[str, Any], rivals: Iterable[Mapping[str, Any]]) -> bool:
-        theirs = [scores["collisions"] or 0.0 for scores in rivals]
-        return not theirs or (point["collisions"] or 0.0) <= min(theirs) + OFTEN
+        theirs = [scores[COLLISIONS.name] or 0.0 for scores in rivals]
+        return not theirs or (point[COLLISIONS.name] or 0.0) <= min(theirs) + OFTEN
 
 
 def check_notes(text: Mapping[str, Any]) -> None:

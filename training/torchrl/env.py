@@ -37,20 +37,23 @@ from lissajous_env import Scenario, Simulation
 from lissajous_env.envs.actions import action_table
 from lissajous_env.envs.true_state import state_names, state_rows
 from lissajous_env.parameters import named
+from lissajous_env.world.columns import (
+    COLLISIONS,
+    DETECTED,
+    DETECTION_TIME,
+    IDLENESS,
+    LONGEST_IDLENESS,
+    SEPARATION,
+    WITHIN_BOUND,
+)
 from lissajous_env.world.seeding import drawn_seeds
 from lissajous_env.world.simulation import fold_seed
 from lissajous_env.world.state import ENDED
 
 GROUP = "robot"
 
-SCORES = (
-    "detected_fraction",
-    "detection_time_mean",
-    "detected_within_bound",
-    "collisions",
-    "min_separation",
-    "idleness_mean",
-    "idleness_max",
+SCORES = tuple(
+    each.name for each in (DETECTED, DETECTION_TIME, WITHIN_BOUND, COLLISIONS, SEPARATION, IDLENESS, LONGEST_IDLENESS)
 )
 """Columns of the score that an episode ends with; `env.simulation.score()` has them all."""
 
