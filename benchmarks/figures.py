@@ -164,7 +164,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Write the numbers of docs/figures.json into the pages.")
     parser.add_argument("--paper", action="store_true", help="simulate the paper first and store its table")
     if parser.parse_args().paper:
-        from baselines.reproduce import reproduce
+        from baselines.commands.reproduce import reproduce
 
         with tempfile.TemporaryDirectory() as folder:
             store(of_claims(reproduce(("all",), out=Path(folder))))

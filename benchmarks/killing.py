@@ -154,7 +154,7 @@ def benchmark(folder: Path) -> None:
 
 def reproduce(folder: Path) -> None:
     """Make two parts of the paper, one with a picture."""
-    from baselines import reproduce
+    from baselines.commands import reproduce
 
     reproduce.reproduce(("theorem2", "knot"), out=folder)
 

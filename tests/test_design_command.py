@@ -10,7 +10,7 @@ import pytest
 
 import baselines
 import lissajous_env
-from baselines.design import design
+from baselines.commands.design import design
 from baselines.designing import Played, first_that_works, play, scenario_of
 from lissajous_env.console.cli import main
 from lissajous_env.console.terminal import Output

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from baselines.reproduce import PARTS
+from baselines.commands.reproduce import PARTS
 from benchmarks import figures
 
 SPEEDS = {"columns": ["policy", "speed [m/s]"], "rows": [["fast", "2"], ["fastest", "3"], ["slow|er", "1"]]}

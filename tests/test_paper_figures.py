@@ -18,7 +18,7 @@ from baselines.benchmark.running import run
 from baselines.benchmark.statistics import performance_profile, probability_of_improvement
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import latex
-from baselines.figures import figures
+from baselines.commands.figures import figures
 
 QUIET = Console(quiet=True)
 

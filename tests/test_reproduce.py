@@ -15,7 +15,8 @@ from scipy.spatial import KDTree
 
 import lissajous_env
 from baselines import names
-from baselines.reproduce import PARTS, claims, reproduce
+from baselines.commands.reproduce import PARTS, reproduce
+from baselines.reproduce import claims
 from baselines.reproduce.three_dimensions import branch_radius
 from benchmarks import figures
 from lissajous_env.console.cli import commands

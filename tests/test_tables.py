@@ -39,12 +39,12 @@ def test_the_table_says_what_the_rows_hold():
     made = table_of(compare(played, {"intruders": scenario}))
     first, laps, seer = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
     assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over limit"]
-    assert (first["scenario"], first["detection [s]"], first["sooner"]) == ("`intruders`, limit 0.582 s", "4", "")
+    assert (first["scenario"], first["detection [s]"], first["sooner"]) == ("`intruders`, lower bound 0.582 s", "4", "")
     assert (laps["scenario"], laps["detection [s]"]) == ("", "2 (2\N{EN DASH}6)")
     assert laps["sooner"].startswith("75 %")
     assert seer["policy"] == "*(clairvoyant)*"
     lines = markdown(made).splitlines()
-    assert lines[2].startswith("| `intruders`, limit 0.582 s | `kuramoto-mpcc` | 4 |")
+    assert lines[2].startswith("| `intruders`, lower bound 0.582 s | `kuramoto-mpcc` | 4 |")
     assert len({line.count("|") for line in lines}) == 1
 
 

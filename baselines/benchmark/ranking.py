@@ -25,8 +25,8 @@ class Ranking:
     scenarios: tuple[str, ...]
     columns: tuple[Column, ...]
     """Columns that the policies are ranked by: those of `COMPARED` with numbers on each of the scenarios."""
-    ranks: dict[str, list[Rank]]
-    """Ranks by each of the columns, by policy, the best over all columns first."""
+    ranks: dict[str, dict[str, Rank]]
+    """Ranks by policy and name of the column, the best policy over all columns first."""
     overall: dict[str, Rank]
     """By policy, the mean over the columns."""
 
@@ -57,11 +57,12 @@ def _ranking(kind: str, group: Mapping[str, Mapping[str, Mapping[int, Any]]], po
     worths = [_worths(of, policies) for of in group.values()]
     known = [~np.isnan(table) for table in worths]
     places = [c for c in range(len(COMPARED)) if all(table[c].all(axis=0).any() for table in known)]
+    columns = tuple(COMPARED[c] for c in places)
     # (C, P, n) of each scenario, on the seeds on which every policy has a number in each column.
     ranks = [rankdata(table[places][:, :, there[places].all(axis=(0, 1))], axis=1)
              for table, there in zip(worths, known, strict=True)]  # fmt: skip
     of = {
-        policy: [_mean([table[c, k] for table in ranks]) for c in range(len(places))]
+        policy: {of.name: _mean([table[c, k] for table in ranks]) for c, of in enumerate(columns)}
         for k, policy in enumerate(policies)
     }
     overall = {policy: _mean([table[:, k].mean(axis=0) for table in ranks]) for k, policy in enumerate(policies)}
@@ -69,7 +70,7 @@ def _ranking(kind: str, group: Mapping[str, Mapping[str, Mapping[int, Any]]], po
     return Ranking(
         kind,
         tuple(group),
-        tuple(COMPARED[c] for c in places),
+        columns,
         {p: of[p] for p in order},
         {p: overall[p] for p in order},
     )

@@ -135,7 +135,7 @@ class Report:
             "policies": [
                 {
                     "policy": number_of[policy],
-                    "ranks": _rounded([list(ranking.overall[policy]), *map(list, of)]),
+                    "ranks": _rounded([list(ranking.overall[policy]), *map(list, of.values())]),
                     "overall": [in_words(overall[policy], each) for each in OVERALL] if overall else [],
                 }
                 for policy, of in ranking.ranks.items()

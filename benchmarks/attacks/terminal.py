@@ -22,7 +22,7 @@ from attacks import Attack
 from baselines.benchmark import tables
 from baselines.benchmark.comparison import statistics
 from baselines.benchmark.shown_columns import SHOWN
-from baselines.design import design
+from baselines.commands.design import design
 from lissajous_env.console.cli import main
 from lissajous_env.parameters.overrides import parse_overrides
 from lissajous_env.world.columns import COLUMNS as SCORES

@@ -1,0 +1,1 @@
+"""The commands that play policies, a file each; pyproject.toml names them."""

@@ -1,0 +1,41 @@
+"""The command `lissajous benchmark`: policies compared on scenarios."""
+
+import dataclasses
+
+import tyro
+
+from baselines.benchmark.running import Benchmark, measure
+from baselines.commands.playing import progress_console
+from lissajous_env.console.terminal import AS_USUAL, CommandError, Speech
+from lissajous_env.parameters.overrides import Overrides, parse_overrides
+
+
+def benchmark(
+    settings: tyro.conf.OmitArgPrefixes[Benchmark], output: Speech = AS_USUAL, overrides: Overrides = ()
+) -> int:
+    """Compare policies on scenarios: tables, files and pictures.
+
+    Killed at any moment, it goes on where it stopped when it is called again with the same --out.
+
+    Args:
+        settings: What is played, and where the results go.
+        output: How it speaks.
+        overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
+    """
+    from baselines.benchmark import summary_files
+    from baselines.benchmark.comparison import compare
+
+    settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
+    try:
+        outcome = measure(settings, console=output.console(), progress=progress_console(output))
+    except KeyboardInterrupt:
+        words = f"finished episodes are kept in {settings.out}, the same command goes on from there"
+        raise KeyboardInterrupt(words) from None
+    if output.json:
+        comparisons = compare(outcome.rows, outcome.scenarios, settings.against)
+        summary = summary_files.summarized(outcome, outcome.rows, comparisons)
+        output.give({**summary, "episodes": outcome.rows})
+    if outcome.failures:
+        names = dict.fromkeys(f"{each.policy} on {each.scenario}" for each in outcome.failures)
+        raise CommandError(f"{', '.join(names)} failed; {settings.out / 'summary.json'} has the tracebacks")
+    return 0

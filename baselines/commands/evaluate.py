@@ -1,0 +1,81 @@
+"""The command `lissajous evaluate`: statistics of every score of one policy."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from baselines.benchmark.progress import Progress
+from baselines.benchmark.running import Benchmark, plan, play
+from baselines.commands.playing import made, naming, progress_console
+from baselines.policies import registry
+from baselines.policies.factories import told_apart
+from lissajous_env.console.commands import check_file
+from lissajous_env.console.terminal import AS_USUAL, Speech, print_left_out
+from lissajous_env.parameters.overrides import Overrides, parse_overrides
+
+_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+_Names = Annotated[
+    tuple[str, ...],
+    tyro.conf.Positional,
+    tyro.conf.arg(metavar="[SCENARIO ...] POLICY", help_behavior_hint=""),
+]
+
+
+def evaluate(
+    names: _Names,
+    episodes: int = 64,
+    seed: int = 0,
+    batch: int = 16,
+    device: str = "cpu",
+    out: _Out = None,
+    output: Speech = AS_USUAL,
+    overrides: Overrides = (),
+) -> None:
+    """Play one policy on scenarios and print statistics of every score.
+
+    Args:
+        names: scenarios (names, .toml files, module:attribute); then the policy: a name, a checkpoint's folder, or
+            module:factory. A folder alone is played on the scenario that it was trained on.
+        episodes: episodes on each scenario.
+        seed: seed of episode 0; episode k has seed + k.
+        batch: episodes that are played together; changes no result.
+        device: cpu, cuda or cuda:k.
+        out: also write the score rows to this CSV file.
+        output: How it speaks.
+        overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
+    """
+    from baselines.benchmark import summary_files, tables
+    from baselines.benchmark.comparison import statistics as statistics_of
+    from baselines.benchmark.comparison import with_derived
+
+    # A folder holds the scenario that its policy was trained on.
+    alone = len(names) == 1 and registry.is_folder(names[0])
+    scenarios, policy = ((), names[0]) if alone else told_apart(names)
+    check_file(out, ".csv")
+    changed = parse_overrides(overrides)
+    settings = Benchmark(scenarios or (policy,), (policy,), episodes, seed, batch, device, overrides=changed)
+    cells = plan(settings, scenarios=[registry.home(policy)] if alone else None)
+    rows: list[dict[str, Any]] = []
+    numbers = list(range(episodes))
+    with Progress([(cell, numbers) for cell in cells], progress_console(output)) as progress:
+        for cell in cells:
+            progress.begin(cell)
+            ready = made(cell, settings)
+            with naming(cell):
+                for finished in play(ready, settings, numbers, progress.step):
+                    rows += finished.rows
+                    progress.finished(len(finished.rows))
+            progress.end()
+    told = with_derived(rows, {cell.scenario.name: cell.scenario for cell in cells})
+    statistics, console = statistics_of(told), output.console()
+    left_out: list[str] = []
+    for name, policies in statistics.items():
+        left_out += tables.print_scores(console, policy, name, policies[policy])
+    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+    if out is not None:
+        summary_files.write_csv(out, rows)
+        console.print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
+    of = {name: {column: asdict(of) for column, of in by[policy].items()} for name, by in statistics.items()}
+    output.give({"policy": policy, "statistics": of, "episodes": rows})

@@ -1,0 +1,61 @@
+"""Policies that a command plays: with progress on stderr, and errors that name the policy."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from baselines.benchmark.progress import Progress
+from baselines.benchmark.running import Benchmark, Cell, plan
+from baselines.policies.factories import as_factory, is_imported
+from lissajous_env.console.terminal import CommandError, Output, make_console
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import few_of, where_raised
+
+if TYPE_CHECKING:
+    from lissajous_env.episodes.recording import Recording
+
+FORMATS = (".html", ".mp4", ".gif", ".png", ".svg", ".pdf", ".npz")
+"""Endings of the files that show or store one episode."""
+
+
+def record_one(settings: Benchmark, output: Output, scenario: Scenario | None = None) -> "Recording":
+    """Play the one policy of some settings on their one scenario, or on a given one, and record it."""
+    from lissajous_env.episodes.recording import record
+
+    if len(settings.scenarios) > 1:
+        raise ValueError(f"scenario must be one alone, got {few_of(settings.scenarios)}")
+    (cell,) = plan(settings, scenarios=None if scenario is None else [scenario])
+    with Progress([(cell, [0])], progress_console(output)) as progress:
+        progress.begin(cell)
+        acting = made(cell, settings).factory(cell.scenario, 1, settings.device)
+        with naming(cell):
+            recording = record(acting, cell.scenario, settings.seed, settings.device, lambda: progress.step(1))
+        progress.finished(1)
+        progress.end()
+    return replace(recording, score=recording.score | {"policy": cell.policy})
+
+
+def progress_console(output: Output) -> Any:
+    """Console on stderr for how far work is."""
+    return make_console(stderr=True, quiet=output.quiet)
+
+
+def made(cell: Cell, settings: Benchmark) -> Cell:
+    """Make the policy of a cell: what is wrong with a name or a folder is bad input, what fails later is the policy's.
+
+    Returns:
+        The cell, with the policy that was made as its factory's result.
+    """
+    with naming(cell) if is_imported(cell.policy) else nullcontext():
+        policy = cell.factory(cell.scenario, settings.worlds, settings.device)
+    return replace(cell, factory=as_factory(policy, cell.policy))
+
+
+@contextmanager
+def naming(cell: Cell) -> Iterator[None]:
+    """Say which policy it was that failed, and where."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        raise CommandError(f"{cell.policy} failed on {cell.scenario.name}: {where_raised(error)}") from error

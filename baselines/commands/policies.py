@@ -1,0 +1,43 @@
+"""The command `lissajous policies`: a list of the policies."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+
+from baselines.policies import registry
+from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_left_out, print_table
+
+_ScenarioOrNone = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]")]
+
+
+def policies(scenario: _ScenarioOrNone = None, output: Speech = AS_USUAL) -> None:
+    """List the policies, and what each of them is.
+
+    Args:
+        scenario: name of a scenario, .toml file, or module:attribute: those that drive its robots alone.
+        output: How it speaks.
+    """
+    listed = [registry.describe(name) for name in registry.names(scenario)]
+    output.give(listed)
+    console = output.console()
+    columns = [
+        Column("name", left=True, style="bold cyan"),
+        Column("robots", left=True),
+        Column("made", left=True, rank=2),
+        Column("for", prose=True, rank=1),
+        Column("what it is", prose=True),
+    ]
+    rows = [_described(**each) for each in listed]
+    left_out = print_table(console, columns, rows)
+    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+    words = (
+        "\nA checkpoint's folder is a policy too, and module:factory: factory(scenario, num_worlds, device) makes one; "
+        "so is module:act, a function act(observation) that returns actions, and a name that a module of the current "
+        "folder registers."
+    )
+    console.print(words, style="dim", highlight=False)
+
+
+def _described(name: str, kind: str | None, made_for: Sequence[str], learned: bool, description: str) -> list[str]:
+    return [name, kind or "any", "learned" if learned else "classical", ", ".join(made_for) or "any", description]

@@ -1,0 +1,88 @@
+"""The command `lissajous replay`: an episode, played now or recorded before, as a page, in a window, or as a film."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from baselines.benchmark.running import Benchmark, plan
+from baselines.commands.playing import FORMATS, record_one
+from baselines.policies.factories import told_apart
+from lissajous_env.console.commands import check_file, check_pace, has_display, show
+from lissajous_env.console.terminal import AS_USUAL, Output, Speech
+from lissajous_env.here import beside
+from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.wording import nearest
+
+if TYPE_CHECKING:
+    from lissajous_env.episodes.recording import Recording
+
+_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+_Against = Annotated[str | None, tyro.conf.arg(metavar="POLICY")]
+_Names = Annotated[
+    tuple[str, ...],
+    tyro.conf.Positional,
+    tyro.conf.arg(metavar="SCENARIO POLICY | FILE", help_behavior_hint=""),
+]
+
+
+def replay(
+    names: _Names,
+    out: _Out = None,
+    against: _Against = None,
+    seed: int = 0,
+    device: str = "cpu",
+    speed: float = 1.0,
+    fps: float = 10.0,
+    output: Speech = AS_USUAL,
+    overrides: Overrides = (),
+) -> None:
+    """Show an episode, played now or recorded before: as a page, in a window, or as MP4, GIF, PNG, SVG or PDF.
+
+    Args:
+        names: scenario and policy, as for `lissajous run`; or a recording, as that writes it to FILE.npz.
+        out: .html, .mp4, .gif, .png, .svg, .pdf or .npz to write; without it a window opens: space pauses, left and
+            right step, escape quits.
+        against: policy that plays the same seed beside it, on an .html page.
+        seed: seed of the episode; a recording has its own.
+        device: cpu, cuda or cuda:k.
+        speed: seconds of the episode shown in one second, from 0.01 to 1000.
+        fps: pictures a second of a GIF or MP4, from 0.1 to 50.
+        output: How it speaks.
+        overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
+    """
+    check_file(out, *FORMATS)
+    check_pace(speed, fps)
+    if not names or (len(names) == 1 and not Path(names[0]).is_file()):
+        hint = "".join(nearest(name, beside(name, ".npz")) for name in names)
+        got = f"but there is no file {names[0]}{hint}" if names else "got nothing"
+        raise ValueError(f"names must be a scenario and a policy, or the file of a recording (.npz), {got}")
+    if against is not None and (out is None or out.suffix.lower() != ".html"):
+        raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
+    if out is None and not has_display():
+        raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display to open a window on")
+    if against is not None and len(names) > 1:  # refused before the other has been played
+        scenarios, _ = told_apart(names)
+        plan(Benchmark(scenarios, (against,), 1, seed, 1, device, overrides=parse_overrides(overrides)))
+    recording = _recorded(names, seed, device, output, overrides)
+    other = None
+    if against is not None:
+        rival = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, device)
+        other = record_one(rival, output, recording.scenario)
+    show(recording, out, output, speed, fps, other)
+    scores = {"score": recording.score} | ({} if other is None else {"against": other.score})
+    output.give({"wrote": out, **scores})
+
+
+def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, overrides: Overrides) -> "Recording":
+    """Read the recording of a file, or play a policy on a scenario."""
+    from lissajous_env.episodes.recording import load
+
+    file, *others = names
+    if others:
+        scenarios, policy = told_apart(names)
+        changed = parse_overrides(overrides)
+        return record_one(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=changed), output)
+    if overrides:
+        raise ValueError("overrides must be left out beside a recording, which was played as it is")
+    return load(file)

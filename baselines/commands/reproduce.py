@@ -1,0 +1,153 @@
+"""The paper's figures and claims, simulated again: pictures in the paper's layout, and one table of what agrees.
+
+M. Boldrer, L. Lyons, L. Palopoli, D. Fontanelli, L. Ferranti, "Time-inverted Kuramoto Model Meets Lissajous Curves:
+Multi-Robot Persistent Monitoring and Target Detection". `docs/paper.md` says where its claims end.
+"""
+
+import dataclasses
+import shlex
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich import progress as bars
+from rich.console import Console
+
+from baselines.benchmark.progress import bar
+from baselines.reproduce import (
+    claims,
+    conditions,
+    constants,
+    coupling,
+    detection,
+    equilibria,
+    experiment,
+    failures,
+    resilience,
+    rogues,
+    three_dimensions,
+    tracking,
+)
+from baselines.reproduce.claims import Claim, Part
+from baselines.reproduce.drawing import Format, Picture, drawn_as
+from baselines.reproduce.episodes import Player
+from lissajous_env.console.terminal import AS_USUAL, Speech, make_console
+from lissajous_env.device.devices import as_device
+from lissajous_env.storage.folder import Folder
+from lissajous_env.wording import nearest, shown
+
+PARTS: dict[str, Callable[[Player], Part]] = {
+    "fig2": detection.fig2,
+    "fig3": detection.fig3,
+    "fig4": resilience.fig4,
+    "fig5": three_dimensions.fig5,
+    "fig6": failures.fig6,
+    "fig7": experiment.fig7,
+    "fig8": experiment.fig8,
+    "fig9": tracking.fig9,
+    "theorem1": equilibria.theorem1,
+    "theorem2": equilibria.theorem2,
+    "theorem3": resilience.theorem3,
+    "theorem4": failures.theorem4,
+    "lemmas": equilibria.lemmas,
+    "bounds": conditions.bounds,
+    "rogues": rogues.rogues,
+    "knot": three_dimensions.knot,
+    "experiment1": tracking.experiment1,
+    "printed": constants.printed,
+    "window": coupling.window,
+}
+"""What can be made, by name, in the order of the table. Another part is a function here and a line in this table."""
+
+_TABLES = "table.csv", "table.md", "README.md"
+_Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[NAME ...]")]
+_Out = Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
+
+
+def reproduce(
+    figures: _Names = ("all",),
+    out: _Out = Path("results/reproduce"),
+    seed: int = 0,
+    device: str = "cpu",
+    format: Format = "png",
+    output: Speech = AS_USUAL,
+) -> list[Claim]:
+    """Simulate the paper's figures and claims again: pictures, and a table of what agrees.
+
+    Writes a picture for each figure, the table as table.csv and table.md, and all of it as a page, README.md. They hold
+    what this call made; the whole takes less than a minute.
+
+    Args:
+        figures: fig2 to fig9, theorem1 to theorem4, lemmas, bounds, knot, experiment1, printed, window; all if none.
+        out: folder of the results.
+        seed: seed of the first episode; further ones count up from it.
+        device: cpu, cuda or cuda:k.
+        format: of the pictures.
+        output: How it speaks.
+
+    Returns:
+        The rows of the table.
+
+    Raises:
+        ValueError: an unknown name (the message offers the nearest), a seed out of range or a device that is not there.
+    """
+    chosen = _chosen(figures)
+    if not 0 <= seed < 2**31 - 1000:
+        raise ValueError(f"seed must be from 0 to {2**31 - 1001}, got {seed}")
+    as_device(device)
+    player, found, pictures = Player(seed, device), [], []
+    command = shlex.join(["lissajous", "reproduce", *figures, "--seed", str(seed), *_named_format(format)])
+    console, notes = output.console(), make_console(stderr=True, quiet=output.quiet)
+    with Folder(out, (*_TABLES, *(f"{name}.{format}" for name in chosen))) as folder, drawn_as(format):
+        try:
+            for part in _played(chosen, player, notes):
+                for picture in part.pictures:
+                    folder.write(f"{picture.name}.{picture.format}", picture.content)
+                found += part.claims
+                pictures += part.pictures
+        except KeyboardInterrupt:
+            _write(folder, found, pictures, command)
+            raise KeyboardInterrupt(f"what was finished is in {out}") from None
+        _write(folder, found, pictures, command)
+    claims.print_claims(console, found)
+    words = f"\n{claims.summary(found)}. {len(pictures)} pictures, table.csv, table.md and README.md are in {out}"
+    console.print(words, markup=False, highlight=False, soft_wrap=True)
+    output.give([dataclasses.asdict(claim) for claim in found])
+    return found
+
+
+def _named_format(format: Format) -> list[str]:
+    return [] if format == "png" else ["--format", format]
+
+
+def _chosen(figures: Sequence[str]) -> list[str]:
+    """Names of the parts, in the order of the table."""
+    for name in figures:
+        if name not in PARTS and name != "all":
+            known = [*PARTS, "all"]
+            raise ValueError(f"figures must be of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
+    return list(PARTS) if "all" in figures or not figures else [name for name in PARTS if name in figures]
+
+
+def _played(chosen: Sequence[str], player: Player, console: Console) -> Iterable[Part]:
+    """Make the parts one after the other, with a bar on stderr, or a line for each where that is no terminal."""
+    with bar(console, bars.TextColumn("{task.description}"), bars.MofNCompleteColumn()) as progress:
+        task = progress.add_task("", total=len(chosen))
+        for name in chosen:
+            about = (PARTS[name].__doc__ or "").partition("\n")[0].rstrip(".")
+            progress.update(task, description=f"[bold cyan]{name}[/] [dim]{about}[/]")
+            began = time.monotonic()
+            made = PARTS[name](player)
+            made.claims = [dataclasses.replace(claim, part=name) for claim in made.claims]
+            yield made
+            progress.advance(task)
+            if not console.is_interactive:
+                console.print(f"{name}: {time.monotonic() - began:.1f} s", highlight=False)
+
+
+def _write(folder: Folder, found: Sequence[Claim], pictures: Sequence[Picture], command: str) -> None:
+    written = claims.as_csv(found), claims.as_markdown(found), claims.as_page(found, pictures, command)
+    for name, text in zip(_TABLES, written, strict=True):
+        folder.write(name, text)

@@ -1,0 +1,53 @@
+"""The command `lissajous run`: one episode, played and shown."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from baselines.benchmark.running import Benchmark
+from baselines.commands.playing import FORMATS, progress_console, record_one
+from baselines.policies.factories import told_apart
+from lissajous_env.console.commands import check_file, has_display, show
+from lissajous_env.console.terminal import AS_USUAL, Speech
+from lissajous_env.parameters.overrides import Overrides, parse_overrides
+
+_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+_PolicyName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
+_ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
+
+
+def run(
+    scenario: _ScenarioName,
+    policy: _PolicyName,
+    seed: int = 0,
+    device: str = "cpu",
+    out: _Out = None,
+    output: Speech = AS_USUAL,
+    overrides: Overrides = (),
+) -> None:
+    """Play one episode: in a window, or to a file: a page, a film, pictures or a recording.
+
+    Args:
+        scenario: name of the scenario, .toml file, or module:attribute.
+        policy: name of the policy, folder of a checkpoint, or module:factory.
+        seed: seed of the episode.
+        device: cpu, cuda or cuda:k.
+        out: .html, .mp4, .gif, .png, .svg, .pdf or .npz to write; without it a window opens where there is a display.
+        output: How it speaks.
+        overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
+    """
+    from baselines.benchmark import tables
+
+    scenarios, policy = told_apart((scenario, policy))
+    check_file(out, *FORMATS)
+    settings = Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=parse_overrides(overrides))
+    recording = record_one(settings, output)
+    row = recording.score
+    tables.print_row(output.console(), row)
+    output.give(row)
+    if out is not None or has_display():
+        show(recording, out, output)
+    else:
+        words = f"there is no display to open a window on; --out writes {', '.join(FORMATS)} instead"
+        progress_console(output).print(words, highlight=False, soft_wrap=True)
