@@ -42,18 +42,18 @@ def out(made, tmp_path):
         ("targets", "NaN", "a whole number"), ("targets", "true", "a whole number"), ("targets", "null", "a whole"),
         ("targets", "-1", "a whole number"), ("targets", "2.0", "a whole number"), ("collisions", "false", "a whole"),
         ("detected_fraction", "1.01", "from 0 to 1 or null \\(no target appeared\\)"),
-        ("contact_time", "null", r"at least 0 \[s\] as contact_time, got None"), ("contact_time", "-0.1", "at least 0"),
+        ("contact_time", "null", r"number of at least 0 \[s\], got None"), ("contact_time", "-0.1", "at least 0"),
         ("return_mean", "Infinity", "a finite number"), ("return_mean", "NaN", "a finite number"),
         ("return_mean", "1" + "0" * 400, "a finite number"), ("idleness_mean", "-1", r"or null \(no grid\)"),
         ("phase_error", '"3"', "a number"), ("spacing_factor", "[1]", "a number"), ("seed", "0.0", "a whole number"),
-        ("scenario", "null", "a word as scenario"),
+        ("scenario", "null", "scenario must be a text"),
     ],
 )  # fmt: skip
 def test_a_value_that_no_score_has_is_refused_by_file_line_rule_and_value(out, column, value, words):
     row, other = lines(out)
     given = json.dumps(json.loads(row)[column])
     (out / "episodes.jsonl").write_text(row.replace(f'"{column}": {given}', f'"{column}": {value}') + f"\n{other}\n")
-    with pytest.raises(ValueError, match=rf"episodes\.jsonl, line 1 .*({words}|it must hold|damaged)"):
+    with pytest.raises(ValueError, match=rf"episodes\.jsonl, line 1:? .*({words}|damaged)"):
         run(small(out, episodes=1), console=QUIET)
 
 
@@ -89,7 +89,7 @@ def test_damaged_settings_are_refused_by_name(out, name, value):
     [
         ("policy", "sweep", "settings.json does not name"), ("policy", "open-loop", "there already"),
         ("episode", 7, "episode 7 of 2"), ("seed", 5, "must have seed 0"),
-        ("collisions", "many", "a whole number of at least 0 as collisions"),
+        ("collisions", "many", "collisions must be a whole number of at least 0"),
     ],
 )  # fmt: skip
 def test_an_episode_that_does_not_belong_is_refused(tmp_path, column, value, words):
@@ -97,5 +97,5 @@ def test_an_episode_that_does_not_belong_is_refused(tmp_path, column, value, wor
     changed = [json.loads(line) for line in lines(tmp_path)]
     changed[0][column] = value
     (tmp_path / "episodes.jsonl").write_text("".join(json.dumps(row) + "\n" for row in changed))
-    with pytest.raises(ValueError, match=rf"line \d .*{words}"):
+    with pytest.raises(ValueError, match=rf"line \d: .*{words}"):
         run(small(tmp_path, episodes=2), console=QUIET)

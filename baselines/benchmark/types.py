@@ -1,4 +1,4 @@
-"""What a benchmark is asked for and what it comes to: its settings, cells, failures and outcome."""
+"""The settings of a benchmark, its cells, failures and outcome."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,39 +18,39 @@ _MOST_WORLDS = 65_536
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What is played, and where the results go."""
+    """Episodes to play, and the folder of the results."""
 
     scenarios: tuple[str, ...] = standard.SCENARIOS
     """Scenarios to play."""
     policies: tuple[str, ...] = ()
-    """Policies to play, each where it drives the robots; without any, those of the README's table with the clairvoyant
-    reference, and those that you registered. `all` plays every one that is registered. Your own: a checkpoint's folder,
-    `module:factory`, or a name that a module of the current folder registers."""
+    """Policies to play, each on the scenarios whose robots it drives; by default those of the README's table, the
+    clairvoyant reference, and those that you registered. `all` plays every registered policy. Your own policy can be
+    given as a checkpoint's folder, as `module:factory`, or by a name that a module of the current folder registers."""
     episodes: int = 16
-    """Episodes of each policy on each scenario."""
+    """Number of episodes of each policy on each scenario; more of them narrow the intervals."""
     seed: int = 0
     """Seed of episode 0; episode k has seed + k, for every policy."""
     batch: int = 16
-    """Episodes that are played, and written, together; changes no result."""
+    """Number of episodes that are played and stored together; it changes the speed, not the results."""
     device: str = "cpu"
-    """cpu, cuda or cuda:k."""
+    """Device of the simulation: cpu, cuda or cuda:k (CUDA device k)."""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("results/benchmark")
-    """Folder of the results. A second call goes on there: it adds what it asks for (scenarios, policies, episodes) to
-    what is there, plays nothing twice, and refuses other settings. The files hold all of the folder."""
+    """Folder of the results. A second call with the same folder adds scenarios, policies or episodes, plays no episode
+    twice, and refuses other settings. The files cover all episodes of the folder."""
     engine: Literal["local", "ray"] = "local"
-    """local plays here; ray plays over a cluster, and needs the extra `cluster`. It changes no result."""
+    """`local` plays on this machine; `ray` plays on a Ray cluster and requires the extra `cluster`. The results are the
+    same."""
     address: str | None = None
-    """Address of the Ray cluster: auto, HOST:PORT or ray://HOST:PORT; without one, engine ray starts its own here."""
+    """Address of the Ray cluster: auto, HOST:PORT or ray://HOST:PORT; by default, engine ray starts one here."""
     clairvoyant: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Play, beside the policies that are named, a reference that sees where the rogues are; its name stands in
-    brackets."""
+    """Also play a reference that knows where all targets are; its name is shown in brackets."""
     against: str | None = None
-    """Policy that all others are compared with, seed by seed; without one it is the paper's method where that is
-    played, or else the first."""
+    """Policy with which all others are compared, seed by seed; by default the paper's method if it is played, else the
+    first policy."""
     replays: tuple[str, ...] = ("few",)
-    """Episodes that report.html can play: none; each: the worst, the median and the best of each policy on each
-    scenario; few: as many of these as 16 s and 11 MB allow, all the worst ones first; a number: so many of the worst of
-    each; all; and SCENARIO:POLICY:SEED. Beside each of them goes the policy that all are compared with."""
+    """Episodes that report.html can play: `none`; `each`: the worst, median and best of each policy on each scenario;
+    `few`: as many of these as can be recorded in 16 s and 11 MB, the worst ones first; a number: that many of the worst
+    of each; `all`; or SCENARIO:POLICY:SEED. The reference policy is shown beside each."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
 
@@ -101,36 +101,36 @@ class Failure:
 
 @dataclass(frozen=True)
 class Batch:
-    """Episodes that were played together."""
+    """Results of episodes that were played together."""
 
     rows: list[dict[str, Any]]
     """Their score rows."""
     detections: list[dict[str, Any]]
-    """When their targets were detected: `baselines.benchmark.detections.detections_of`."""
+    """Detection times of their targets: `baselines.benchmark.detections.detections_of`."""
 
 
 @dataclass
 class Outcome:
-    """What a benchmark came to."""
+    """The results of a benchmark."""
 
     settings: Benchmark
     cells: list[Cell]
     rows: list[dict[str, Any]]
-    """Score rows of what was asked for, by scenario, policy and episode."""
+    """Score rows of the requested episodes, by scenario, policy and episode."""
     failures: list[Failure]
     kept: int
-    """How many of them were there from an earlier call."""
+    """Number of these rows that an earlier call had stored."""
     elapsed: float
-    """Time that it took, this call alone [s]."""
+    """Duration of this call [s]."""
     held: dict[str, Any]
-    """Settings that the folder holds, those of earlier calls among them."""
+    """Settings of the folder, including those of earlier calls."""
     held_scenarios: dict[str, Scenario]
     held_rows: list[dict[str, Any]]
-    """Score rows that the folder holds."""
+    """All score rows of the folder."""
     held_curves: dict[str, dict[str, tuple[Any, Any]]]
-    """Times [s] and share of the targets detected within each, by scenario and policy, of what the folder holds."""
+    """Times [s] and share of the targets detected within each, by scenario and policy, of all episodes."""
 
     @property
     def scenarios(self) -> dict[str, Scenario]:
-        """The scenarios that were played, by name."""
+        """Return the scenarios that were played, by name."""
         return {cell.scenario.name: cell.scenario for cell in self.cells}

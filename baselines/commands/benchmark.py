@@ -13,13 +13,14 @@ from lissajous_env.parameters.overrides import Overrides, parse_overrides
 def benchmark(
     settings: tyro.conf.OmitArgPrefixes[Benchmark], output: Speech = AS_USUAL, overrides: Overrides = ()
 ) -> int:
-    """Compare policies on scenarios: tables, files and pictures.
+    """Compare policies on scenarios, with the same seeds for all: tables, files and a report page.
 
-    Killed at any moment, it goes on where it stopped when it is called again with the same --out.
+    An interrupted benchmark resumes when the same command is run again. Example: lissajous benchmark --scenarios
+    evaders team --policies kuramoto-mpcc sweep --episodes 8
 
     Args:
-        settings: What is played, and where the results go.
-        output: How it speaks.
+        settings: Episodes to play, and the folder of the results.
+        output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import summary_files
@@ -29,7 +30,7 @@ def benchmark(
     try:
         outcome = measure(settings, console=output.console(), progress=progress_console(output))
     except KeyboardInterrupt:
-        words = f"finished episodes are kept in {settings.out}, the same command goes on from there"
+        words = f"finished episodes are stored in {settings.out}; run the same command again to resume"
         raise KeyboardInterrupt(words) from None
     if output.json:
         comparisons = compare(outcome.rows, outcome.scenarios, settings.against)

@@ -1,4 +1,4 @@
-"""The command `lissajous design`: which curve and how many robots suit a rectangle, and what they do when played."""
+"""The command `lissajous design`: a curve and a number of robots for a rectangle, tried in simulation."""
 
 import dataclasses
 import math
@@ -30,7 +30,7 @@ _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _Reaches = dict[Candidate, Reach]
 _ROGUES = "undetected\n[s]", "for ever\nfrom [m/s]"
 _SENSOR = 1.3
-"""Radius of a sensor where none is given [m]: with it the paper's experiment meets (7) and (8)."""
+"""Default sensing radius [m], with which the paper's experiment meets Eq. (7) and (8)."""
 
 
 def design(
@@ -55,32 +55,34 @@ def design(
 ) -> int:
     """Find the curve and the number of robots for a rectangle, play the design, and write it as a scenario's file.
 
-    The formation moves as fast as the robots can drive the curve, less the headroom. Robots are cars where a turning
-    circle is given or the scenario has cars; otherwise they turn on the spot, and are played as points on the curve.
-    The exit code is 1 where no design works.
+    The formation moves as fast as the robots can drive the curve, less the headroom. Robots are cars if a turning
+    circle is given or the scenario has cars; otherwise they turn on the spot and are simulated as points on the curve.
+    The exit code is 1 if no design works. Example: lissajous design --half-width 10 --half-height 5 --robot-radius 0.1
+    --sensor-radius 4 --speed-max 2
 
     Args:
-        scenario: name of a scenario, .toml file, or module:attribute that has what is not given here; without one,
-            rectangle and bodies are those of the paper's experiment.
+        scenario: name of a scenario, .toml file, or module:attribute from which missing options are taken; by default
+            the rectangle and the robots of the paper's experiment.
         half_width: A, half of the rectangle's width [m].
         half_height: B, half of the rectangle's height [m].
         robot_radius: radius of a robot's body [m].
         sensor_radius: radius of a robot's sensing disc [m].
-        speed_max: top speed of the robots [m/s]; required where no scenario with cars is given.
-        num_robots: number of robots; without it every number is tried.
+        speed_max: top speed of the robots [m/s]; required without a scenario with cars.
+        num_robots: number of robots; by default every number is tried.
         turning_radius: radius of a car's tightest circle [m], in place of its wheelbase.
         wheelbase: distance between a car's axles [m].
         steering_max: largest steering angle of a car [rad].
         grip: largest lateral acceleration of a car [m/s^2].
-        headroom: part of the top speed and of the grip that is left to robots that have to catch up.
-        phase_rate: omega, rate of the robots along the curve's parameter [rad/s]; without it the largest that the
+        headroom: share of the top speed and of the grip that is reserved for robots that must catch up; 0 allows the
+            fastest formation, which cannot recover from faults.
+        phase_rate: omega, rate of the robots along the curve's parameter [rad/s]; by default the largest that the
             robots can drive, less the headroom.
-        rogue_speed: top speed of rogues that know what the robots will do [m/s]: how long one can stay undetected, and
-            how fast one must be to stay undetected for ever.
-        rows: how many designs that work, and how many that do not, to show.
-        seed: seed of the played episodes.
-        out: .toml file to write the recommended design to.
-        output: How it speaks.
+        rogue_speed: top speed of evading targets that know the robots' future [m/s]; adds the time for which one can
+            stay undetected, and the speed from which one can do so for ever.
+        rows: number of designs that work, and of designs that do not, to show.
+        seed: seed of the simulated episodes.
+        out: .toml file to which the recommended design is written.
+        output: Console output.
     """
     if rogue_speed is not None and not 0 <= rogue_speed <= 100:
         raise ValueError(f"rogue_speed must be from 0 to 100 [m/s], got {shown(rogue_speed)}")
@@ -115,7 +117,7 @@ def _robot(
     steering_max: float | None,
     grip: float | None,
 ) -> Robot:
-    """Make the robot that is asked about: that of the base, with what is given."""
+    """Make the robot: that of the base, with the options that were given."""
     if turning_radius is not None and wheelbase is not None:
         raise ValueError(f"turning_radius must be left out beside wheelbase [m], got {shown(turning_radius)}")
     robot = Robot(kind="curve") if base is None else base.robot
@@ -150,7 +152,7 @@ def _answer(
     out: Path | None,
     output: Any,
 ) -> int:
-    """Print the designs, play those that should work until one does, and write that one."""
+    """Print the designs, simulate those that should work until one does, and write that one."""
     console, listed = output.console(), list(candidates)
     feasible = [each for each in listed if each.feasible]
     worth = theory.worth_playing(listed)

@@ -35,15 +35,17 @@ def evaluate(
 ) -> None:
     """Play one policy on scenarios and print statistics of every score.
 
+    Example: lissajous evaluate evaders kuramoto-mpcc --episodes 16
+
     Args:
         names: scenarios (names, .toml files, module:attribute); then the policy: a name, a checkpoint's folder, or
             module:factory. A folder alone is played on the scenario that it was trained on.
-        episodes: episodes on each scenario.
+        episodes: number of episodes on each scenario; more of them narrow the intervals.
         seed: seed of episode 0; episode k has seed + k.
-        batch: episodes that are played together; changes no result.
-        device: cpu, cuda or cuda:k.
-        out: also write the score rows to this CSV file.
-        output: How it speaks.
+        batch: number of episodes that are played together; it changes the speed, not the results.
+        device: device of the simulation: cpu, cuda or cuda:k (CUDA device k).
+        out: CSV file to which the score rows are written; without it they are only summarized.
+        output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import summary_files, tables

@@ -1,4 +1,4 @@
-"""The command that makes figures and a table for a paper of the results of a benchmark."""
+"""The command `lissajous figures`: figures and a LaTeX table for a paper, from the results of a benchmark."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -20,21 +20,21 @@ def figures(
     against: str | None = None,
     output: Speech = AS_USUAL,
 ) -> list[Path]:
-    """Draw the results of a benchmark for a paper, and write its table in LaTeX; nothing is played.
+    """Draw the results of a benchmark for a paper, and write its table in LaTeX; no episode is played.
 
-    For each kind of robots: performance profiles, the probability of improvement over the reference, and aggregates,
-    all with 95 % bootstrap intervals stratified by scenario; for each scenario the distributions of its scores. All are
-    as wide as both columns of a paper, 7.16 inch.
+    The figures are performance profiles, the probability of improvement over the reference, and aggregates for each
+    robot kind, with 95 % bootstrap intervals stratified by scenario; and distributions of the scores for each scenario.
+    All are 7.16 inch wide, both columns of a paper. Example: lissajous figures results/benchmark --format svg
 
     Args:
-        folder: of the results of a benchmark.
-        format: pdf, svg or png.
-        out: folder of the figures; FOLDER/figures without one.
-        against: policy that the others are compared with; without one the paper's method, or the first that was played.
-        output: How it speaks.
+        folder: folder with the results of `lissajous benchmark`.
+        format: format of the figures; pdf and svg scale without loss, png does not.
+        out: folder of the figures; by default FOLDER/figures.
+        against: reference policy; by default the paper's method if it was played, else the first policy.
+        output: Console output.
 
     Returns:
-        The files.
+        Paths of the files.
 
     Raises:
         ValueError: the folder holds no results, or a policy that was not played.
@@ -44,14 +44,14 @@ def figures(
     from baselines.benchmark.written import latex
 
     if not (folder / "settings.json").is_file():
-        raise ValueError(f"folder must hold the results of a benchmark (settings.json), got {folder}")
+        raise ValueError(f"folder must contain the results of a benchmark (settings.json), got {folder}")
     held = results_folder.read_settings(folder / "settings.json")
     scenarios = results_folder.scenarios_of(folder, held)
     with Folder(folder, results_folder.NAMES) as results, results_folder.Episodes(results, held) as kept:
         rows = kept.all()
     policies = dict.fromkeys(row["policy"] for row in rows)
     if not rows:
-        raise ValueError(f"folder must hold an episode at least, got {folder}")
+        raise ValueError(f"folder must contain at least one episode, got {folder}")
     if against is not None and against not in policies:
         raise ValueError(f"against must be a policy that was played ({', '.join(policies)}), got {against}")
     comparisons, told = compare(rows, scenarios, against), with_derived(rows, scenarios)

@@ -1,4 +1,4 @@
-"""The command `lissajous guarantee`: how fast a rogue must be to defeat a formation, and how long one stays unseen."""
+"""The command `lissajous guarantee`: critical speeds of evading targets, and worst-case undetected times."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ _Scenarios = Annotated[
 _PAPER = "experiment", "ideal"
 """The paper's two curves."""
 _SMALLEST, _LARGEST = 0.3, 1.35
-"""Radii that are tried, in that of (8)."""
+"""Range of the sensing radii, over that of Eq. (8)."""
 
 
 def guarantee(
@@ -44,19 +44,20 @@ def guarantee(
     output: Speech = AS_USUAL,
     overrides: Overrides = (),
 ) -> None:
-    """Say how fast a rogue must be to defeat a formation, by sensor radius, and how long policies leave one unseen.
+    """Compute how fast a target must be to evade a formation for ever, and the worst-case undetected time of policies.
 
-    A rogue defeats a formation when it can stay out of every sensing disc for ever, whatever it has to do for that.
+    The critical speed is printed and drawn for a range of sensing radii. It holds for targets that know the robots'
+    future and are anywhere at the start. Example: lissajous guarantee experiment --radii 8
 
     Args:
-        scenarios: names of scenarios, .toml files, or module:attribute; the paper's two curves by default.
-        policies: to play on them, where they follow contamination: how long a rogue can have gone unseen.
-        radii: sensor radii that are tried.
-        cells: of the grid, along the longer side of the rectangle.
-        episodes: that each policy plays.
+        scenarios: names of scenarios, .toml files, or module:attribute; by default the paper's two curves.
+        policies: policies whose worst-case undetected time is drawn; the scenarios must have task.contamination.
+        radii: number of sensing radii, from 0.3 to 1.35 times that of Eq. (8) of the paper.
+        cells: grid cells along the longer side of the rectangle; more of them are more precise and slower.
+        episodes: number of episodes per policy.
         out: folder of the pictures.
-        format: of the pictures.
-        output: How it speaks.
+        format: format of the pictures.
+        output: Console output.
         overrides: fields changed in every scenario, as in --set targets.speed_limit=0.3
     """
     for name, value, least, most in (
@@ -98,7 +99,7 @@ def guarantee(
 
 
 def reaches(scenario: Scenario, radii: int, cells: int) -> list[Reach]:
-    """What the formation of a scenario guarantees with sensors of 0.3 to 1.35 times the radius of (8)."""
+    """Return critical speeds and guaranteed times for sensing radii from 0.3 to 1.35 times that of Eq. (8)."""
 
     def reach(share: float) -> Reach:
         return reach_of(scenario, scenario.rogue_speed, share * scenario.detection_radius, cells)
@@ -108,9 +109,9 @@ def reaches(scenario: Scenario, radii: int, cells: int) -> list[Reach]:
 
 
 def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequence[Reach]]) -> bytes:
-    """Critical speed against sensor radius, a panel for each formation."""
+    """Draw the critical speed against the sensing radius, a panel for each formation."""
     width = max(3.4 * len(scenarios), 4.5)
-    with Sheet("critical_speed", "How fast a rogue must be to stay unseen for ever", width, 3.3) as sheet:
+    with Sheet("critical_speed", "Speed from which a target can stay undetected for ever", width, 3.3) as sheet:
         for place, (scenario, axes) in enumerate(zip(scenarios, _row(sheet, len(scenarios)), strict=True)):
             curve, rows = scenario.curve, known[scenario.name]
             top = fastest_rogue(scenario) * 1.02
@@ -129,19 +130,19 @@ def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequenc
             axes.set_ylim(0, top)
             axes.set_xlabel("sensing radius [m]")
             if place == 0:
-                axes.set_ylabel("speed of the rogue [m/s]")
+                axes.set_ylabel("speed of the target [m/s]")
             place_of: dict[str, Any] = {"transform": axes.transAxes, "va": "top"}
-            axes.text(0.98, 0.95, "every rogue\nis found", ha="right", color=SERIES[0], **place_of)
+            axes.text(0.98, 0.95, "every target\nis detected", ha="right", color=SERIES[0], **place_of)
             axes.text(0.03, 0.95, "it can evade\nfor ever", color=SERIES[1], **place_of)
         return sheet.picture(
-            "Robots keep the equilibrium (2) on the curve; rogues may be anywhere at any time and know what the robots "
-            "will do. Dashed: the sensing radius of (8). Dotted: speed of the fastest robot on the curve."
+            "Robots stay in the equilibrium (2) on the curve; targets may be anywhere at any time and know the robots' "
+            "future. Dashed: the sensing radius of Eq. (8). Dotted: speed of the fastest robot on the curve."
         ).content
 
 
 def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> bytes:
-    """How long a rogue can have gone unseen as time passes, for each policy: the middle episode, and all of them."""
-    with Sheet("unseen", f"How long a rogue can have gone unseen: {scenario.name}", 7.2, 3.4) as sheet:
+    """Draw the longest time for which a target can have been undetected over time: the median and range of episodes."""
+    with Sheet("unseen", f"Longest undetected time so far: {scenario.name}", 7.2, 3.4) as sheet:
         axes = sheet.figure.add_subplot()
         time = np.arange(scenario.task.steps + 1) * scenario.task.step
         for (policy, curve), colour in zip(curves.items(), cycle(SERIES)):
@@ -159,13 +160,13 @@ def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> b
         axes.set_xlim(0, time[-1])
         axes.set_ylim(bottom=0)
         axes.set_xlabel("time [s]")
-        axes.set_ylabel("unseen for at most [s]")
+        axes.set_ylabel("undetected for at most [s]")
         axes.legend(loc="upper left")
         count = len(next(iter(curves.values())))
         return sheet.picture(
             f"t - min e of the field of contamination: line, the median of {count} episodes; shade, all of them. "
-            "Grey: robots stopped. Where a line rises through the second half of an episode to its end, nothing in the "
-            "episode bounds that time."
+            "Grey: robots have failed. If a line rises through the second half of an episode to its end, the episode "
+            "shows no bound of that time."
         ).content
 
 
@@ -174,20 +175,20 @@ def _row(sheet: Sheet, count: int) -> list[Axes]:
 
 
 def _print(console: Console, scenario: Scenario, rows: Sequence[Reach]) -> None:
-    """Print the sensors that were tried."""
+    """Print a row for each sensing radius."""
     speed = scenario.rogue_speed
     console.print(
         Text.assemble(
             (scenario.name, "bold"),
             f"  N = {scenario.num_robots}, T_max = {scenario.detection_time_bound:.3g} s, "
-            f"(8) asks for {scenario.detection_radius:.3g} m",
+            f"Eq. (8) requires {scenario.detection_radius:.3g} m",
         )
     )
     columns = [
         "sensing\nradius [m]",
-        "over\nthat of (8)",
-        "defeated by rogues\nfrom [m/s]",
-        f"at {speed:g} m/s unseen\nfor at most [s]",
+        "over that\nof Eq. (8)",
+        "evaded for ever\nfrom [m/s]",
+        f"at {speed:g} m/s undetected\nfor at most [s]",
     ]
     highest = fastest_rogue(scenario)
     shown = [

@@ -20,7 +20,7 @@ FORMATS = (".html", ".mp4", ".gif", ".png", ".svg", ".pdf", ".npz")
 
 
 def record_one(settings: Benchmark, output: Output, scenario: Scenario | None = None) -> "Recording":
-    """Play the one policy of some settings on their one scenario, or on a given one, and record it."""
+    """Record an episode of the one policy of some settings on their one scenario, or on a given one."""
     from lissajous_env.episodes.recording import record
 
     if len(settings.scenarios) > 1:
@@ -37,15 +37,15 @@ def record_one(settings: Benchmark, output: Output, scenario: Scenario | None = 
 
 
 def progress_console(output: Output) -> Any:
-    """Console on stderr for how far work is."""
+    """Return a console on stderr for the progress."""
     return make_console(stderr=True, quiet=output.quiet)
 
 
 def made(cell: Cell, settings: Benchmark) -> Cell:
-    """Make the policy of a cell: what is wrong with a name or a folder is bad input, what fails later is the policy's.
+    """Make the policy of a cell, so that a wrong name or folder is reported as bad input rather than a failure.
 
     Returns:
-        The cell, with the policy that was made as its factory's result.
+        The cell with a factory that returns this policy.
     """
     with naming(cell) if is_imported(cell.policy) else nullcontext():
         policy = cell.factory(cell.scenario, settings.worlds, settings.device)
@@ -54,7 +54,7 @@ def made(cell: Cell, settings: Benchmark) -> Cell:
 
 @contextmanager
 def naming(cell: Cell) -> Iterator[None]:
-    """Say which policy it was that failed, and where."""
+    """Turn an error into one that names the policy that failed, and where."""
     try:
         yield
     except (Exception, SystemExit) as error:

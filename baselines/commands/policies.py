@@ -12,11 +12,14 @@ _ScenarioOrNone = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(meta
 
 
 def policies(scenario: _ScenarioOrNone = None, output: Speech = AS_USUAL) -> None:
-    """List the policies, and what each of them is.
+    """List the policies, each with the robots that it drives and a description.
+
+    Example: lissajous policies team
 
     Args:
-        scenario: name of a scenario, .toml file, or module:attribute: those that drive its robots alone.
-        output: How it speaks.
+        scenario: name of a scenario, .toml file, or module:attribute; with it, only policies that drive its robots are
+            listed.
+        output: Console output.
     """
     listed = [registry.describe(name) for name in registry.names(scenario)]
     output.give(listed)
@@ -26,15 +29,15 @@ def policies(scenario: _ScenarioOrNone = None, output: Speech = AS_USUAL) -> Non
         Column("robots", left=True),
         Column("made", left=True, rank=2),
         Column("for", prose=True, rank=1),
-        Column("what it is", prose=True),
+        Column("description", prose=True),
     ]
     rows = [_described(**each) for each in listed]
     left_out = print_table(console, columns, rows)
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     words = (
-        "\nA checkpoint's folder is a policy too, and module:factory: factory(scenario, num_worlds, device) makes one; "
-        "so is module:act, a function act(observation) that returns actions, and a name that a module of the current "
-        "folder registers."
+        "\nA policy can also be given as a checkpoint's folder; as module:factory, where factory(scenario, num_worlds, "
+        "device) returns a policy; as module:act, where act(observation) returns actions; or by a name that a module "
+        "of the current folder registers."
     )
     console.print(words, style="dim", highlight=False)
 

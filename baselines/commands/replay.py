@@ -39,16 +39,18 @@ def replay(
 ) -> None:
     """Show an episode, played now or recorded before: as a page, in a window, or as MP4, GIF, PNG, SVG or PDF.
 
+    Example: lissajous replay evaders sweep --against kuramoto-mpcc --out replay.html
+
     Args:
-        names: scenario and policy, as for `lissajous run`; or a recording, as that writes it to FILE.npz.
-        out: .html, .mp4, .gif, .png, .svg, .pdf or .npz to write; without it a window opens: space pauses, left and
-            right step, escape quits.
-        against: policy that plays the same seed beside it, on an .html page.
-        seed: seed of the episode; a recording has its own.
-        device: cpu, cuda or cuda:k.
-        speed: seconds of the episode shown in one second, from 0.01 to 1000.
-        fps: pictures a second of a GIF or MP4, from 0.1 to 50.
-        output: How it speaks.
+        names: scenario and policy, as for `lissajous run`; or a recording, a .npz file of `lissajous run --out`.
+        out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf or .npz; without it, a window opens: space
+            pauses, left and right step, escape quits.
+        against: second policy, shown beside the first on the same seed; requires --out FILE.html.
+        seed: seed of the episode; ignored for a recording.
+        device: device of the simulation: cpu, cuda or cuda:k (CUDA device k).
+        speed: playback speed, in seconds of the episode per second, from 0.01 to 1000.
+        fps: frames per second of a GIF or MP4, from 0.1 to 50; more of them make a larger file.
+        output: Console output.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
     check_file(out, *FORMATS)
@@ -60,7 +62,7 @@ def replay(
     if against is not None and (out is None or out.suffix.lower() != ".html"):
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     if out is None and not has_display():
-        raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display to open a window on")
+        raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display for a window")
     if against is not None and len(names) > 1:  # refused before the other has been played
         scenarios, _ = told_apart(names)
         plan(Benchmark(scenarios, (against,), 1, seed, 1, device, overrides=parse_overrides(overrides)))

@@ -1,8 +1,4 @@
-"""The paper's figures and claims, simulated again: pictures in the paper's layout, and one table of what agrees.
-
-M. Boldrer, L. Lyons, L. Palopoli, D. Fontanelli, L. Ferranti, "Time-inverted Kuramoto Model Meets Lissajous Curves:
-Multi-Robot Persistent Monitoring and Target Detection". `docs/paper.md` says where its claims end.
-"""
+"""The command `lissajous reproduce`: the paper's figures and claims, simulated again."""
 
 import dataclasses
 import shlex
@@ -59,7 +55,7 @@ PARTS: dict[str, Callable[[Player], Part]] = {
     "printed": constants.printed,
     "window": coupling.window,
 }
-"""What can be made, by name, in the order of the table. Another part is a function here and a line in this table."""
+"""Parts of the paper by name, in the order of the table."""
 
 _TABLES = "table.csv", "table.md", "README.md"
 _Names = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[NAME ...]")]
@@ -74,18 +70,19 @@ def reproduce(
     format: Format = "png",
     output: Speech = AS_USUAL,
 ) -> list[Claim]:
-    """Simulate the paper's figures and claims again: pictures, and a table of what agrees.
+    """Simulate the paper's figures and claims again: pictures, and a table of the claims that agree.
 
-    Writes a picture for each figure, the table as table.csv and table.md, and all of it as a page, README.md. They hold
-    what this call made; the whole takes less than a minute.
+    The folder receives a picture for each figure, the table as table.csv and table.md, and a page, README.md. All parts
+    together take about a minute. Example: lissajous reproduce fig6 theorem4
 
     Args:
-        figures: fig2 to fig9, theorem1 to theorem4, lemmas, bounds, knot, experiment1, printed, window; all if none.
-        out: folder of the results.
-        seed: seed of the first episode; further ones count up from it.
-        device: cpu, cuda or cuda:k.
-        format: of the pictures.
-        output: How it speaks.
+        figures: parts of the paper: fig2 to fig9, theorem1 to theorem4, lemmas, bounds, rogues, knot, experiment1,
+            printed, window; by default all of them.
+        out: folder of the results; existing results in it are replaced.
+        seed: seed of the first episode; episode k has seed + k.
+        device: device of the simulation: cpu, cuda or cuda:k (CUDA device k).
+        format: format of the pictures.
+        output: Console output.
 
     Returns:
         The rows of the table.

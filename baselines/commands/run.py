@@ -26,15 +26,18 @@ def run(
     output: Speech = AS_USUAL,
     overrides: Overrides = (),
 ) -> None:
-    """Play one episode: in a window, or to a file: a page, a film, pictures or a recording.
+    """Play one episode and print its scores; show it in a window, or write a page, a film, a picture or a recording.
+
+    Example: lissajous run evaders kuramoto-mpcc --seed 3 --out episode.html
 
     Args:
-        scenario: name of the scenario, .toml file, or module:attribute.
-        policy: name of the policy, folder of a checkpoint, or module:factory.
-        seed: seed of the episode.
-        device: cpu, cuda or cuda:k.
-        out: .html, .mp4, .gif, .png, .svg, .pdf or .npz to write; without it a window opens where there is a display.
-        output: How it speaks.
+        scenario: name of a scenario, .toml file, or module:attribute.
+        policy: name of a policy, folder of a checkpoint, or module:factory.
+        seed: seed of the episode; the same seed repeats it.
+        device: device of the simulation: cpu, cuda or cuda:k (CUDA device k).
+        out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf or .npz (a recording); without it, a window
+            opens if there is a display.
+        output: Console output.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import tables
@@ -49,5 +52,5 @@ def run(
     if out is not None or has_display():
         show(recording, out, output)
     else:
-        words = f"there is no display to open a window on; --out writes {', '.join(FORMATS)} instead"
+        words = f"there is no display for a window; --out FILE writes {', '.join(FORMATS)} instead"
         progress_console(output).print(words, highlight=False, soft_wrap=True)
