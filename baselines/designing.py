@@ -27,7 +27,7 @@ from lissajous_env.world.columns import (
 )
 
 TRIES = ((1.0, 4), (0.5, 2), (0.25, 2))
-"""Which designs are played until one works: at a part of their largest phase rate, so many of those in front.
+"""Designs that are simulated until one works: share of the largest phase rate, and number of designs at it.
 
 A formation at the robots' top speed may ask too much of their motors: cars brake by coasting.
 """
@@ -92,7 +92,7 @@ class Played:
 
     @property
     def undetected_time(self) -> float:
-        """Worst-case undetected time of all episodes [s]; NaN where rogues were not followed."""
+        """Return the worst-case undetected time of all episodes [s]; NaN if contamination was not computed."""
         return max(self._of(WORST_CASE))
 
     @property

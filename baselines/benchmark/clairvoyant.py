@@ -101,7 +101,7 @@ class Clairvoyant:
 
 
 def assigned(way: np.ndarray) -> np.ndarray:
-    """Which rogue each robot is given, (W, N), -1 for none: of the pairs that are left, the nearest, again and again.
+    """Return the target assigned to each robot (W, N), -1 for none: repeatedly the nearest of the remaining pairs.
 
     Args:
         way: (W, N, T) from each robot to each rogue [m]; infinite where there is no rogue, or the robot is not free.
@@ -122,7 +122,7 @@ def assigned(way: np.ndarray) -> np.ndarray:
 
 
 def waiting_places(scenario: Scenario) -> np.ndarray:
-    """(N, 2) places [m] from which where rogues appear is nearest in the mean, by Lloyd's algorithm."""
+    """Return places (N, 2) [m] with the least mean distance to where targets appear, by Lloyd's algorithm."""
     width, height = scenario.curve.half_width, scenario.curve.half_height
     if scenario.targets.entry == "boundary":
         ends = np.cumsum([0, 2 * width, 2 * height, 2 * width, 2 * height])

@@ -193,7 +193,7 @@ def _play(packed: bytes, numbers: list[int], versions: dict[str, str]) -> Batch 
 
 
 def _sources(cell: Cell) -> dict[str, str]:
-    """What a node imports to play a cell, as digests: modules of the policy, and the scenario with what it brings."""
+    """Return digests of what a node imports to play a cell: the policy's modules, and the scenario with extensions."""
     modules = {name: each for name, each in parts(cell.factory).items() if name.startswith(MODULE)}
     return modules | {f"scenario {cell.scenario.name}": cell.scenario.digest()}
 

@@ -21,7 +21,7 @@ _REFERENCES = ("kuramoto-mpcc", "kuramoto")
 Cells = dict[str, dict[str, dict[str, Statistics]]]
 """Statistics by scenario, policy and column."""
 Against = dict[str, tuple[str, dict[str, dict[str, Paired]]]]
-"""By scenario: the reference, and by policy and column how that compares with it."""
+"""The reference of each scenario, and the comparison of each policy with it by column."""
 Rows = Sequence[dict[str, Any]]
 
 

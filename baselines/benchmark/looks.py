@@ -1,4 +1,4 @@
-"""By which policies, and other things that are alike, are told apart in a picture: a colour and a mark.
+"""A colour and a mark for each policy, or other thing of a kind, in a picture.
 
 The first seven colours are those of Okabe and Ito (Color Universal Design, 2008) without yellow, which is too pale for
 a line on white, and with a softer black; the other six were chosen to be as far from them, and from each other, as can
@@ -47,7 +47,7 @@ STYLE: dict[Any, Any] = {
 
 
 class Look(NamedTuple):
-    """How one of several things is drawn."""
+    """Colour and mark of one of several things."""
 
     colour: str
     mark: str

@@ -67,7 +67,7 @@ class Group:
     reference: str
     """Policy that the others are compared with."""
     scores: dict[str, dict[Column, list[np.ndarray]]]
-    """By policy and column, the scores of the episodes of each scenario."""
+    """Scores of the episodes of each scenario, by policy and column."""
 
     @property
     def columns(self) -> list[Column]:

@@ -29,7 +29,7 @@ class Clock(bars.ProgressColumn):
 
 
 def in_words(seconds: float) -> str:
-    """A length of time in words, as `1 min 20 s`; above a minute to 5 s, above an hour to a minute."""
+    """Return a duration in words, as `1 min 20 s`; above a minute to 5 s, above an hour to a minute."""
     if round(seconds) < 60:
         return f"{seconds:.0f} s"
     if (rounded := 5 * round(seconds / 5)) < 3600:

@@ -28,7 +28,7 @@ class Ranking:
     ranks: dict[str, dict[str, Rank]]
     """Ranks by policy and name of the column, the best policy over all columns first."""
     overall: dict[str, Rank]
-    """By policy, the mean over the columns."""
+    """Mean over the columns, by policy."""
 
 
 def rankings(rows: Sequence[Mapping[str, Any]], scenarios: Mapping[str, Scenario]) -> list[Ranking]:

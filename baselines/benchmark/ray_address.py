@@ -1,4 +1,4 @@
-"""Where a Ray cluster is: which addresses there are, and whether one answers, for Ray itself would try for minutes."""
+"""The addresses of Ray clusters, and a check that one answers, as Ray itself would try for minutes."""
 
 import importlib
 import os
@@ -55,7 +55,7 @@ def knock(address: str) -> None:
 
 
 def _parts(address: Any) -> tuple[str, int]:
-    """Host, without brackets, and port."""
+    """Return the host, without brackets, and the port."""
     found = _HOST_AND_PORT.fullmatch(address) if isinstance(address, str) else None
     if found is None or not 1 <= int(found["port"]) <= 65535:
         raise ValueError(

@@ -30,9 +30,9 @@ class Played:
     """An episode that was played again."""
 
     contents: dict[str, Any] = field(repr=False)
-    """What the page needs to play it."""
+    """Content that the page needs to play it."""
     same: bool
-    """Whether it scored what it did in the benchmark: a policy may draw numbers of its own, or round otherwise."""
+    """True if it had the same scores as in the benchmark; a policy may draw its own numbers, or round differently."""
 
 
 def check(asked: Sequence[str], cells: Iterable[Cell], seeds: range) -> None:
@@ -159,14 +159,14 @@ def _batches(
 
 
 def _episode(word: str, names: Iterable[tuple[str, str]]) -> Key | None:
-    """What `SCENARIO:POLICY:SEED` names among cells, whose names may hold colons themselves."""
+    """Return the episode that `SCENARIO:POLICY:SEED` names; names of scenarios and policies may contain colons."""
     cell, _, seed = word.rpartition(":")
     found = next((name for name in names if f"{name[0]}:{name[1]}" == cell), None)
     return (*found, int(seed)) if found and seed.isascii() and seed.isdecimal() else None
 
 
 def _agree(score: Mapping[str, Any], row: Mapping[str, Any]) -> bool:
-    """Whether two score rows have the same numbers."""
+    """Return whether two score rows have the same numbers."""
     numbers = [(row[c], score[c]) for c in row if c in score and isinstance(row[c], (int, float)) and c != "episode"]
     return all(a == b or math.isclose(a, b, rel_tol=1e-9) or (a != a and b != b) for a, b in numbers)
 

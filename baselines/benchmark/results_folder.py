@@ -1,4 +1,4 @@
-"""What a benchmark keeps on the disk while it runs: its settings, and the episodes that have ended.
+"""The settings of a benchmark and the episodes that have ended, on the disk.
 
 A folder can grow: by scenarios, policies and episodes. What is there already stays as it is, so all else must agree.
 """
@@ -25,7 +25,7 @@ from lissajous_env.world.robots.table import is_shipped, model_of
 
 _ENTRIES = {"policies": dict, "episodes": int, "seed": int, "device": str, "versions": dict, "digests": dict,
             "scenarios": dict, "played": dict}  # fmt: skip
-"""What settings.json holds."""
+"""Entries of settings.json with their types."""
 
 
 NAMES = ("settings.json", "episodes.jsonl", detections.NAME)

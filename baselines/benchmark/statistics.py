@@ -22,7 +22,7 @@ CUT = 0.25
 
 @dataclass(frozen=True)
 class Statistics:
-    """What is known of a score over episodes; a number that does not exist is NaN."""
+    """Statistics of a score over episodes; a number that does not exist is NaN."""
 
     n: int
     """Episodes."""
@@ -44,12 +44,12 @@ class Statistics:
     min: float
     max: float
     at_least: bool = field(default=False, kw_only=True)
-    """Whether `iqm` is a lower bound, because too many numbers are only known to be larger than they are."""
+    """True if `iqm` is a lower bound, because too many numbers are censored."""
 
 
 @dataclass(frozen=True)
 class Paired:
-    """How a policy compares with a reference on the same seeds; a number that does not exist is NaN."""
+    """Comparison of a policy with a reference on the same seeds; a number that does not exist is NaN."""
 
     n: int
     """Seeds on which both have a number."""
@@ -156,7 +156,7 @@ def performance_profile(
 def probability_of_improvement(
     policy: Sequence[np.ndarray], reference: Sequence[np.ndarray], better: int = -1, resamples: int = RESAMPLES
 ) -> tuple[float, float, float]:
-    """P(policy better than reference), the mean over scenarios, with its 95 % stratified bootstrap interval.
+    """Return P(policy better than reference), averaged over scenarios, with its 95 % stratified bootstrap interval.
 
     On a scenario it is the share of all pairs of an episode of the one and an episode of the other, ties counted half:
     U / (n m) of Mann and Whitney. Episodes of the two are drawn again apart. NaN is left out.

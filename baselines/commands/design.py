@@ -335,7 +335,7 @@ def _print_table(console: Console, title: str, columns: list[Column], rows: list
 
 
 def _as_plain(each: Candidate) -> dict[str, Any]:
-    """What a design is, and what follows from it, as plain values."""
+    """Return a design and its derived numbers as plain values."""
     followed = (
         "feasible", "avoids_collisions", "covers", "detects", "is_fast_enough", "can_follow", "margin", "lap_time",
         "slowest_speed", "mean_speed", "turning_radius", "smallest_curvature_radius", "tight_share", "reason",

@@ -1,4 +1,4 @@
-"""What the model predictive contouring controller is given besides the curve."""
+"""Parameters of the model predictive contouring controller, besides the curve."""
 
 import dataclasses
 import math
@@ -12,7 +12,7 @@ from lissajous_env.parameters.scenario import Scenario
 
 @dataclass(frozen=True)
 class MpccParameters(Checked):
-    """What problem (11)-(15) holds besides the curve, and when the solver stops.
+    """Parameters of problem (11)-(15) besides the curve, and of the solver.
 
     The weights are those of the paper's experiment; `MpccParameters.of` scales them to another scenario.
     """

@@ -38,7 +38,7 @@ SMALLEST_SHARE = 64
 
 
 class Solution(NamedTuple):
-    """What `Mpcc.solve` returns: NumPy arrays of its own where NumPy came in, else the solver's Warp arrays."""
+    """Result of `Mpcc.solve`: new NumPy arrays for NumPy input, otherwise the solver's Warp arrays."""
 
     control: Any
     """(K, M, 2) steering [rad] and throttle."""

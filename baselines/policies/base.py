@@ -1,4 +1,4 @@
-"""What a policy is.
+"""The base class of policies.
 
 A policy sees the observation and nothing else: what the action of a robot uses is that robot's own row, its own memory
 and the scenario. So any of them could run on a robot, and classical and learned ones are compared fairly.
@@ -39,7 +39,7 @@ class Policy(Copyable):
     """
 
     arrays: str = "numpy"
-    """What `decide` is given: "numpy", an array on the host; "torch" or "warp", one on the policy's device."""
+    """Type of `decide`'s argument: "numpy", an array on the host; "torch" or "warp", one on the policy's device."""
     kind: str | None = None
     """Kind of robot that the policy drives; None drives any."""
 

@@ -1,4 +1,4 @@
-"""How a classical car drives: towards a place, at a wanted speed."""
+"""Driving of classical cars: towards a place, at a desired speed."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ EAGERNESS = 4.0
 
 @wp.struct
 class Driving:
-    """How a car drives: the rate at which it makes up for a wrong speed [1/s], and from where on it slows down [m]."""
+    """Gain of the speed error [1/s], and distance to the goal from which a car slows down [m]."""
 
     eagerness: float
     near: float

@@ -102,12 +102,12 @@ def parts(factory: Factory) -> dict[str, str]:
 
 
 def is_imported(name: str) -> bool:
-    """Whether a name is `module:factory`."""
+    """Return whether a name has the form `module:factory`."""
     return ":" in name and not _is_scenario(name) and name not in registry.names() and not registry.is_folder(name)
 
 
 def is_ones_own(name: str) -> bool:
-    """Whether a name is none that is registered, but a folder or `module:factory`."""
+    """Return whether a name is not registered but is a folder or `module:factory`."""
     return is_imported(name) or registry.is_folder(name)
 
 
@@ -120,7 +120,7 @@ def _acts(policy: Any) -> bool:
 
 
 def _takes_one(function: Callable[..., Any]) -> bool:
-    """Whether a function can be called with one argument by its place, and not with three."""
+    """Return whether a function can be called with one positional argument, and not with three."""
 
     def takes(count: int) -> bool:
         try:

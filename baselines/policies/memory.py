@@ -1,4 +1,4 @@
-"""What a policy keeps from one step to the next, in Warp arrays, world first."""
+"""The memory of a policy from one step to the next, in Warp arrays, world first."""
 
 import numpy as np
 import warp as wp

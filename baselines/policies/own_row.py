@@ -1,4 +1,4 @@
-"""What a robot reads from its observation row, for the classical policies: the one place that decodes its entries."""
+"""The entries of a robot's observation row, decoded in kernels for the classical policies."""
 
 import warp as wp
 
@@ -51,7 +51,7 @@ def own_phase(w: int, i: int, observation: wp.array3d(dtype=float)) -> float:
 
 @wp.func
 def own_works(w: int, i: int, observation: wp.array3d(dtype=float)) -> bool:
-    """Whether the robot itself works."""
+    """Return whether the robot itself works."""
     return observation[w, i, WORKS] > 0.5
 
 
@@ -65,7 +65,7 @@ def own_key(w: int, i: int, observation: wp.array3d(dtype=float)) -> int:
 
 @wp.func
 def hears(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> bool:
-    """Whether a message from a ring neighbour is known that is not too old to be of use."""
+    """Return whether a recent enough message from a ring neighbour is known."""
     start = OWN + LINK * side
     return observation[w, i, start + HEARD] > 0.5 and observation[w, i, start + AGE] < 1.0
 
@@ -85,7 +85,7 @@ def lead(w: int, i: int, side: int, observation: wp.array3d(dtype=float)) -> flo
 
 @wp.func
 def sine_ahead(w: int, i: int, side: int, rate: float, unit: float, observation: wp.array3d(dtype=float)) -> float:
-    """sin(theta_j - theta_i) of a ring neighbour, its phase carried on at `rate` [rad/s] since it was sent.
+    """Return sin(theta_j - theta_i) of a ring neighbour, its phase extrapolated at `rate` [rad/s] since it was sent.
 
     Zero for a neighbour that was never heard, or too long ago; `unit` is `Scenario.time_unit` [s].
     """
@@ -107,7 +107,7 @@ def offset_heard(w: int, i: int, side: int, curve: CurveStruct, observation: wp.
 
 @wp.func
 def sees(w: int, i: int, k: int, observation: wp.array3d(dtype=float)) -> bool:
-    """Whether there is a k-th nearest robot in the disc."""
+    """Return whether there is a k-th nearest robot in the sensing disc."""
     return observation[w, i, OWN + 2 * LINK + ROBOT * k + PRESENT] > 0.5
 
 

@@ -1,4 +1,4 @@
-"""What a person would try first: patrol a loop in file, drive to random places, stand still."""
+"""Simple policies: patrol a loop in file, drive to random places, stand still."""
 
 import dataclasses
 from typing import Any

@@ -18,7 +18,7 @@ _ROOM = 1.15
 
 @dataclass(frozen=True)
 class SweepParameters(Checked):
-    """What a patrol is given besides the scenario; None is derived from it."""
+    """Parameters of a patrol, besides the scenario; None is derived from it."""
 
     cruise: float | None = number(None, 1e-3, 1e4, "m/s")
     """Speed of the patrol [m/s]; None is `cruising_speed`."""
@@ -64,7 +64,7 @@ def loop_spacing(loop: np.ndarray) -> float:
 
 
 def patrol_loop(scenario: Scenario, points: int = 2048, parameters: SweepParameters | None = None) -> np.ndarray:
-    """(points, 2) evenly spaced points of the loop [m], counter-clockwise.
+    """Return evenly spaced points (points, 2) of the loop [m], counter-clockwise.
 
     Around the rectangle, where targets enter at the boundary, close to it, or where a disc that reaches the boundary
     reaches the middle too; else up and down in lanes two sensing radii apart and back along one side.

@@ -145,7 +145,7 @@ def home(folder: str) -> Scenario:
 
 
 def describe(name: str) -> dict[str, Any]:
-    """What a registered policy is, in plain values: name, kind of robot (None: any), made_for, learned, description."""
+    """Return a registered policy in plain values: name, robot kind (None: any), made_for, learned, description."""
     plain, suffix = unwrapped(name)
     entry = _registry()[plain]
     about = f"{plain} {_WRAPPERS[suffix][2]}." if suffix else entry.about
@@ -169,7 +169,7 @@ def bring(name: str) -> None:
 
 
 def meant_here(name: str) -> list[str]:
-    """What a user may mean by a name that no policy has: checkpoints beside it, policies of modules that are here."""
+    """Return names that a user may mean by an unknown one: checkpoints beside it, policies of modules in the folder."""
     return [*here.folders_beside(name, "checkpoint.json"), *(each for each, _ in here.registered_here(*_REGISTER))]
 
 
@@ -203,7 +203,7 @@ def _is_directory(name: str) -> bool:
 
 
 def made_for(name: str, scenario: str) -> bool:
-    """Whether a benchmark plays a policy on a scenario without being asked to."""
+    """Return whether a benchmark plays a policy on a scenario by default."""
     entry = _registry().get(unwrapped(name)[0])
     return entry is None or (not entry.on_request and (not entry.made_for or scenario in entry.made_for))
 
@@ -217,19 +217,19 @@ def ships(name: str) -> bool:
 
 
 def is_specialist(name: str) -> bool:
-    """Whether a policy was made for some scenarios."""
+    """Return whether a policy was made for particular scenarios."""
     entry = _registry().get(unwrapped(name)[0])
     return entry is not None and bool(entry.made_for)
 
 
 def is_classical(name: str) -> bool:
-    """Whether a name is that of a policy, wrapped or not, that is registered and not a learned one."""
+    """Return whether a name is that of a registered classical policy, wrapped or not."""
     entry = _registry().get(unwrapped(name)[0])
     return entry is not None and name in _kinds() and not entry.learned
 
 
 def sent(name: str) -> _Entry | None:
-    """What a process that only knows what ships needs to make a policy of this name; `remember` takes it."""
+    """Return what a process without the user's registrations needs to make this policy, for `remember`."""
     return _registry().get(unwrapped(name)[0])
 
 

@@ -1,4 +1,4 @@
-"""What a robot reads from its row of the observation, in NumPy and SI units, for policies of one's own.
+"""The entries of a robot's observation row, decoded in NumPy and SI units for user policies.
 
 `baselines.policies.own_row` has the same as functions for Warp kernels.
 """
@@ -34,7 +34,7 @@ class Rows:
         self._speed_unit = model_of(robot.kind).speed_unit(curve, self.scenario.formation, robot)
 
     def entry(self, name: str) -> np.ndarray:
-        """(W, N) values of an entry as they stand in the row; its name is that in the layout of the observation."""
+        """Return the raw values (W, N) of an entry, by its name in the layout of the observation."""
         names = self._layout.names
         if name not in names:
             rule = f"entry must be one of the {len(names)} of the layout of the observation of {self.scenario.name}"
@@ -43,73 +43,73 @@ class Rows:
 
     @cached_property
     def position(self) -> np.ndarray:
-        """(W, N, 2) measured x, y [m]."""
+        """Return the measured x, y (W, N, 2) [m]."""
         return self._pair("x", "y") * self._half
 
     @cached_property
     def heading(self) -> np.ndarray:
-        """(W, N) measured heading [rad]."""
+        """Return the measured heading (W, N) [rad]."""
         return self._angle("heading")
 
     @cached_property
     def speed(self) -> np.ndarray:
-        """(W, N) measured speed [m/s]."""
+        """Return the measured speed (W, N) [m/s]."""
         return self.entry("speed") * self._speed_unit
 
     @cached_property
     def phase(self) -> np.ndarray:
-        """(W, N) measured phase theta in [-pi, pi] [rad]."""
+        """Return the measured phase theta (W, N) in [-pi, pi] [rad]."""
         return self._angle("phase")
 
     @cached_property
     def works(self) -> np.ndarray:
-        """(W, N) bool, whether the robot itself works."""
+        """Return whether each robot itself works (W, N)."""
         return self.entry("works") > 0.5
 
     @cached_property
     def heard(self) -> np.ndarray:
-        """(W, N, 2) bool, whether a message from a neighbour is known that is not too old to be of use."""
+        """Return whether a recent enough message from each neighbour is known (W, N, 2)."""
         return (self._of("neighbour", "heard") > 0.5) & (self._of("neighbour", "age") < 1)
 
     @cached_property
     def age(self) -> np.ndarray:
-        """(W, N, 2) time since a neighbour's message was sent [s]."""
+        """Return the time since each neighbour's message was sent (W, N, 2) [s]."""
         return self._of("neighbour", "age") * self.scenario.time_unit
 
     @cached_property
     def lead(self) -> np.ndarray:
-        """(W, N, 2) phase that a neighbour sent less one's own, theta_j - theta_i in [-pi, pi] [rad]."""
+        """Return the relative phase of each neighbour's message (W, N, 2), theta_j - theta_i in [-pi, pi] [rad]."""
         angle = np.arctan2(self._of("neighbour", "sin_phase"), self._of("neighbour", "cos_phase"))
         return np.where(self.heard, angle, 0.0)
 
     @cached_property
     def neighbour_offset(self) -> np.ndarray:
-        """(W, N, 2, 2) place that a neighbour sent less one's own x, y [m]."""
+        """Return the relative x, y of each neighbour's message (W, N, 2, 2) [m]."""
         return self._pairs("neighbour") * 2 * self._half
 
     @cached_property
     def robots_seen(self) -> np.ndarray:
-        """(W, N, R) bool, whether there is a robot in the sensing disc; the nearest is the first."""
+        """Return whether there is a robot in the sensing disc (W, N, R); the nearest is the first."""
         return self._of("robot", "present") > 0.5
 
     @cached_property
     def robot_offset(self) -> np.ndarray:
-        """(W, N, R, 2) place of the robots in the disc less one's own x, y [m]."""
+        """Return the relative x, y of the robots in the sensing disc (W, N, R, 2) [m]."""
         return self._pairs("robot") * self.scenario.sensing_radius
 
     @cached_property
     def robot_velocity(self) -> np.ndarray:
-        """(W, N, R, 2) velocity of the robots in the disc less one's own [m/s]."""
+        """Return the relative velocity of the robots in the sensing disc (W, N, R, 2) [m/s]."""
         return self._pairs("robot", "x_velocity", "y_velocity") * 2 * self._speed_unit
 
     @cached_property
     def targets_seen(self) -> np.ndarray:
-        """(W, N, T) bool, whether there is a target in the sensing disc; the nearest is the first."""
+        """Return whether there is a target in the sensing disc (W, N, T); the nearest is the first."""
         return self._of("target", "present") > 0.5
 
     @cached_property
     def target_offset(self) -> np.ndarray:
-        """(W, N, T, 2) place of the targets in the disc less one's own x, y [m]."""
+        """Return the relative x, y of the targets in the sensing disc (W, N, T, 2) [m]."""
         return self._pairs("target") * self.scenario.sensing_radius
 
     def _pair(self, x: str, y: str) -> np.ndarray:
@@ -119,7 +119,7 @@ class Rows:
         return np.arctan2(self.entry(f"sin_{name}"), self.entry(f"cos_{name}"))
 
     def _of(self, kind: str, name: str) -> np.ndarray:
-        """(W, N, K) an entry of each of the K things of a kind."""
+        """Return an entry of each of the K things of a kind (W, N, K)."""
         sensing = self.scenario.sensing
         count = {"neighbour": 2, "robot": sensing.robots_seen, "target": sensing.targets_seen}[kind]
         each = [self.entry(f"{kind}_{k}_{name}") for k in range(count)]

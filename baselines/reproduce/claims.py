@@ -25,19 +25,19 @@ class Claim:
 
     claim: str
     paper: str
-    """What the paper says, with its unit."""
+    """Value of the paper, with its unit."""
     ours: str
-    """What we found, with its unit."""
+    """Value of this simulation, with its unit."""
     tolerance: str
     """The rule by which the two agree."""
     agrees: bool | None
     """None where the paper has nothing to compare with."""
     why: str = ""
-    """What was chosen where the paper is silent, or why the two differ."""
+    """Choices where the paper gives no value, or the reason for a difference."""
     numbers: Mapping[str, float] = field(default_factory=dict)
-    """What `ours` and `why` put into words, by name; the helpers below say which names they give."""
+    """Numbers behind `ours` and `why`, by name; the helpers below document their names."""
     part: str = ""
-    """Where in the paper: the name that `lissajous reproduce` takes, and fills in."""
+    """Name of the part of the paper, filled in by `lissajous reproduce`."""
 
 
 _COLUMNS = tuple(each.name for each in dataclasses.fields(Claim) if each.name != "numbers")
@@ -46,7 +46,7 @@ _COLUMNS = tuple(each.name for each in dataclasses.fields(Claim) if each.name !=
 
 @dataclass
 class Part:
-    """What is made of one part of the paper."""
+    """Claims and pictures of one part of the paper."""
 
     claims: list[Claim]
     pictures: list[Picture] = field(default_factory=list)

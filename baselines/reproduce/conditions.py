@@ -20,12 +20,12 @@ _FEWEST, _MOST = 3, 21
 """N of the curves, without those that have no equilibrium with one robot to a place."""
 _LEFT_OUT = [n for n in range(_FEWEST, _MOST + 1) if not closed_forms.has_unclustered_equilibrium(n)]
 _SIMULATED_WITHIN = 0.02
-"""How far, relatively, a simulated body may be from the measured one: a few starts do not meet the closest moment."""
+"""Relative tolerance of a simulated body radius; a few starts do not reach the closest moment."""
 
 
 @dataclass(frozen=True)
 class _Ratios:
-    """What is measured of some curves over what the closed forms say, each (K,)."""
+    """Measured values of some curves over those of the closed forms, each (K,)."""
 
     curves: list[Curve]
     bodies: np.ndarray
@@ -37,7 +37,7 @@ class _Ratios:
 
     @property
     def robots(self) -> np.ndarray:
-        """(K,) N = a + b."""
+        """Return N = a + b (K,)."""
         return np.array([curve.a + curve.b for curve in self.curves])
 
 

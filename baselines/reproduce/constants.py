@@ -86,7 +86,7 @@ def _chosen(player: Player, ours: Played) -> list[Claim]:
 
 
 def _changed(**parameters: Any) -> Callable[[Policy], None]:
-    """What gives a policy's controller other parameters."""
+    """Return a function that changes the parameters of a policy's controller."""
 
     def change(policy: Policy) -> None:
         assert isinstance(policy, WithMpcc)

@@ -31,7 +31,7 @@ _CHOSEN = "The paper gives N = 15 and omega = 0.05 rad/s; A = B = 5 m, a = 7, b 
 
 
 def fig2(player: Player) -> Part:
-    """Fig. 2: the formation on the curve over time."""
+    """Reproduce Fig. 2: the formation on the curve over time."""
     whole = scenario("ideal").detection_time_bound
     ideal = scenario(
         "ideal", **BARE | {"formation.start": "equilibrium", "task.step": whole / 64, "task.duration": whole}
@@ -79,7 +79,7 @@ def fig2(player: Player) -> Part:
 
 
 def fig3(player: Player) -> Part:
-    """Fig. 3: new detections over time."""
+    """Reproduce Fig. 3: new detections over time."""
     step = 0.05
     fine = {"task.step": step, "task.grid": None}
     played = player.play("kuramoto", scenario("ideal", **fine | {"formation.start": "equilibrium"}))

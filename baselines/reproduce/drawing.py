@@ -18,7 +18,7 @@ from lissajous_env.theory import closed_forms
 Format = Literal["png", "svg", "pdf"]
 """Formats of a picture."""
 _UNDATED = {"png": "Software", "svg": "Date", "pdf": "CreationDate"}
-"""What a file would say of when or by what it was made, by format: without it the same picture makes the same file."""
+"""Metadata that is left out, by format, so that the same picture makes the same file."""
 GREY = "#a8a8a8"
 SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY)
 """Colours of things that are alike, as robots are."""
@@ -41,9 +41,9 @@ class Picture:
     """Name of its file, without the suffix, which is its `format`."""
     title: str
     caption: str
-    """What is seen, and what was chosen where the paper says nothing."""
+    """Description, with the choices where the paper gives no value."""
     content: bytes
-    """Of the file."""
+    """Content of the file."""
     format: str = "png"
 
 

@@ -48,54 +48,54 @@ class Played:
     deviation: np.ndarray
     """(F, W) largest deviation from the equilibrium of the scenario [rad], the common rotation removed."""
     waited: list[np.ndarray]
-    """Of each world: time from the appearance of a target until it was detected, or else until the end (K,) [s]."""
+    """Time from each target's appearance until it was detected, or until the end (K,) [s], for each world."""
     found: list[np.ndarray]
-    """Of each world: whether it was (K,)."""
+    """Whether each of them was detected (K,), for each world."""
 
     @property
     def time(self) -> np.ndarray:
-        """(F,) time of each moment [s]."""
+        """Return the time of each frame (F,) [s]."""
         return np.arange(len(self.phase)) * self.scenario.task.step
 
     @property
     def steps_ahead(self) -> np.ndarray:
-        """(F, W, N) phase of the next robot on the ring less one's own, in [0, 2 pi) [rad], in the ring's order."""
+        """Return the relative phase of the next robot on the ring (F, W, N) in [0, 2 pi) [rad], in the ring's order."""
         ordered = self.phase[..., list(self.scenario.ring)]
         return (np.roll(ordered, -1, axis=-1) - ordered) % (2 * np.pi)
 
     @property
     def winding(self) -> np.ndarray:
-        """(F, W) how often the phases go around along the ring: p, where the formation is in an equilibrium (2)."""
+        """Return the winding number of the phases along the ring (F, W): p in an equilibrium (2)."""
         return np.rint(self.steps_ahead.sum(axis=-1) / (2 * np.pi)).astype(int)
 
     @property
     def largest_cosine(self) -> np.ndarray:
-        """(W,) the largest cos(theta_j - theta_i) of ring neighbours ever seen; Theorem 4 asks that it be below 0."""
+        """Return the largest cos(theta_j - theta_i) of ring neighbours (W,); Theorem 4 requires it to be below 0."""
         return np.cos(self.steps_ahead).max(axis=(0, 2))
 
     @property
     def returned(self) -> np.ndarray:
-        """(W,) whether the formation is in its equilibrium at the end, as for `recovery_time`."""
+        """Return whether the formation is in its equilibrium at the end (W,)."""
         return self.deviation[-1] < RECOVERED
 
     def distance(self, one: int, other: int) -> np.ndarray:
-        """(F, W) distance of two robots [m]."""
+        """Return the distance of two robots (F, W) [m]."""
         return np.linalg.norm(self.position[:, :, one] - self.position[:, :, other], axis=-1)
 
     def tracking_error(self, robot: int) -> np.ndarray:
-        """(F, W) distance of a robot from the point of the curve at its own phase [m]."""
+        """Return the distance of a robot from the point of the curve at its own phase (F, W) [m]."""
         gamma = self.scenario.alpha * self.phase[:, :, robot]
         return np.linalg.norm(
             self.position[:, :, robot, :2] - closed_forms.curve_point(self.scenario.curve, gamma), axis=-1
         )
 
     def smallest_distance(self) -> np.ndarray:
-        """(F, W) smallest distance of any two robots [m]."""
+        """Return the smallest distance of any two robots (F, W) [m]."""
         one, other = np.triu_indices(self.scenario.num_robots, 1)
         return np.linalg.norm(self.position[:, :, one] - self.position[:, :, other], axis=-1).min(axis=-1)
 
     def largest_neighbour_distance(self) -> np.ndarray:
-        """(F, W) largest distance of ring neighbours [m]."""
+        """Return the largest distance of ring neighbours (F, W) [m]."""
         ring = self.position[:, :, list(self.scenario.ring)]
         return np.linalg.norm(np.roll(ring, -1, axis=2) - ring, axis=-1).max(axis=-1)
 
@@ -105,7 +105,7 @@ class Played:
 
 
 def spread_of_cars(scenario: Scenario) -> str:
-    """By how much the cars of a scenario differ in wheelbase and drive, in words."""
+    """Return the spread of the cars of a scenario in wheelbase and drive, in words."""
     assert scenario.noise.wheelbase_spread == scenario.noise.drive_spread
     return f"{100 * scenario.noise.drive_spread:g} %"
 

@@ -154,14 +154,14 @@ def _random_starts(player: Player, n: int) -> Played:
 
 
 def _settled(played: Played) -> np.ndarray:
-    """Whether all steps along the ring are the same (W,): the state is an equilibrium (2), whichever."""
+    """Return whether all steps along the ring are equal (W,), so that the state is some equilibrium (2)."""
     ahead = played.steps_ahead[-1]
     target = 2 * np.pi * played.winding[-1][:, None] / ahead.shape[-1]
     return np.abs(np.angle(np.exp(1j * (ahead - target)))).max(axis=-1) < RECOVERED
 
 
 def _is_stable(n: int, p: int) -> bool:
-    """Whether all eigenvalues of the Jacobian but the one of the common rotation are negative."""
+    """Return whether all eigenvalues of the Jacobian, except that of the common rotation, are negative."""
     ring = np.arange(n)
     neighbours = np.stack([(ring - 1) % n, (ring + 1) % n], axis=-1)
     jacobian = closed_forms.kuramoto_jacobian(closed_forms.equilibrium_phases(n, p, range(n)), neighbours)

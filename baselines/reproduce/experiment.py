@@ -30,7 +30,7 @@ _STILLS = (0.0, 8.0, 16.0, 24.5, 34.4, 35.5, 37.5, 42.0)
 
 
 def fig7(player: Player) -> Part:
-    """Fig. 7: stills of the experiment."""
+    """Reproduce Fig. 7: stills of the experiment."""
     played = player.play("kuramoto-mpcc", "experiment", worlds=SEEDS)
     made, step = played.scenario, played.scenario.task.step
     with Sheet(
@@ -79,7 +79,7 @@ def fig7(player: Player) -> Part:
 
 
 def fig8(player: Player) -> Part:
-    """Fig. 8: the phases in the same experiment."""
+    """Reproduce Fig. 8: the phases in the same experiment."""
     played = player.play("kuramoto-mpcc", "experiment", worlds=SEEDS)
     first, last = played.scenario.faults.schedule[0][1:]
     with Sheet("fig8", "Fig. 8   States of the agents in the experiment of Fig. 7", 7.2, 4.3) as sheet:
@@ -122,7 +122,7 @@ def fig8(player: Player) -> Part:
 
 
 def _chosen(played: Played) -> str:
-    """What is chosen where the paper is silent."""
+    """Return the choices where the paper gives no value."""
     made = played.scenario
     first, last = made.faults.schedule[0][1:]
     return (

@@ -15,13 +15,13 @@ _FORMATIONS = ((5, 2), (7, 3), (10, 3), (15, 7))
 """N and p of Theorem 4; N = 10, p = 3 is that of Fig. 4."""
 _PAIRS = ((0, 1), (0, 2), (0, 3))
 _LASTING = (1.0, 2.0, 5.0, 9.9, 20.0)
-"""How long two robots are stuck [s]; 9.9 s as in Fig. 6."""
+"""Time for which two robots have failed [s]; 9.9 s as in Fig. 6."""
 _FINE = 0.01
 """Step of the episode that shows what the steps do [s]."""
 
 
 def fig6(player: Player) -> Part:
-    """Fig. 6: two robots fail and resume, with feedback and without."""
+    """Reproduce Fig. 6: two robots fail and resume, with feedback and without."""
     failure = scenario("failure", **{"formation.start": "rotated"})
     runs = {
         "(a) time-inverted Kuramoto": player.play("kuramoto", failure, worlds=SEEDS),

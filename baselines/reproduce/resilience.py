@@ -23,7 +23,7 @@ def _displaced(
 
 
 def fig4(player: Player) -> Part:
-    """Fig. 4: the admissible displacement of one robot of ten."""
+    """Reproduce Fig. 4: the admissible displacement of one robot of ten."""
     made = scenario("perturbation").resolve()
     curve, n = made.curve, made.num_robots
     half = closed_forms.admissible_displacement(n, made.p)[1]

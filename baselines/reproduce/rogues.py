@@ -8,13 +8,13 @@ from lissajous_env.episodes.guarantee import critical_speed, fastest_rogue, guar
 from lissajous_env.parameters import named
 
 _SPEEDS = (0.2, 1.0, 5.0)
-"""Of the rogues [m/s]."""
+"""Speeds of the evading targets [m/s]."""
 _SHARES = (0.9, 0.8, 0.6)
 """Sensing radii, in that of (8)."""
 
 
 def rogues(player: Player) -> Part:
-    """How long any rogue can stay unseen by the formation, with the sensors of (8) and with shorter ones."""
+    """Compute the worst-case undetected time of the formation, with the sensing radius of (8) and with shorter ones."""
     claims = []
     for name in ("experiment", "ideal"):
         scenario = named.scenario(name)

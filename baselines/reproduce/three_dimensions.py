@@ -46,7 +46,7 @@ def branch_radius(curve: Curve) -> float:
 
 
 def fig5(player: Player) -> Part:
-    """Fig. 5: the largest body against c and C."""
+    """Reproduce Fig. 5: the largest body against c and C."""
     plane, body = scenario("failure").curve, scenario("experiment").robot.radius
     n = plane.a + plane.b
     depths = np.linspace(0, 1.6, 33)

@@ -18,7 +18,7 @@ _SETTLED = 5.0
 """Time over which a deviation is averaged, in which the cars swing through several turns [s]."""
 _ALIKE = {"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0}
 ETA, CLOSEST = 1.2429, 0.192
-"""What the paper reports of its first experiment: eta_1, and the smallest distance [m]."""
+"""Values of the paper for its first experiment: eta_1, and the smallest distance [m]."""
 
 
 def undisturbed(**overrides: Any) -> Scenario:
@@ -27,7 +27,7 @@ def undisturbed(**overrides: Any) -> Scenario:
 
 
 def fig9(player: Player) -> Part:
-    """Fig. 9: distances and tracking error of robot 3 without faults."""
+    """Reproduce Fig. 9: distances and tracking error of robot 3 without faults."""
     played = player.play("kuramoto-mpcc", undisturbed(), worlds=SEEDS)
     made = played.scenario
     factor, closest = played.score(SPACING), played.score(SEPARATION)
@@ -194,7 +194,7 @@ def _at_the_end(played: Played) -> np.ndarray:
 
 
 def _smooth(played: Played, values: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Median, smallest and largest over the worlds of (F, W) values, each the mean of 5 s."""
+    """Return median, smallest and largest over the worlds of (F, W) values, each averaged over 5 s."""
     mean = _moving_mean(played, values)
     return np.median(mean, axis=1), mean.min(axis=1), mean.max(axis=1)
 

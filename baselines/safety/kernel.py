@@ -45,7 +45,7 @@ scores = wp.types.vector(length=9, dtype=wp.float32)
 
 @dataclass(frozen=True)
 class SafetyParameters(Checked):
-    """What the collision filter is given besides the scenario.
+    """Parameters of the collision filter, besides the scenario.
 
     The defaults are those of the paper's experiment; `SafetyParameters.of` scales them to another scenario.
     """
@@ -53,7 +53,7 @@ class SafetyParameters(Checked):
     clearance: float = number(0.07, 0, 1e3, "m")
     """Distance to keep besides the two radii [m]."""
     growth: float = number(0.2, 0, 1e3, "m/s")
-    """How fast the distance to keep grows with the time ahead, as the prediction gets worse [m/s]."""
+    """Growth of the required distance with the prediction time, as the prediction gets worse [m/s]."""
     horizon: int = whole(8, 1, 100)
     """Control steps that are looked ahead."""
     ample: float = number(0.1, 0, 1e3, "m")
@@ -89,7 +89,7 @@ SafetyStruct = struct_of(SafetyParameters)
 
 @wp.struct
 class Scales:
-    """What divides the entries of an observation, and how many robots it lists.
+    """Scales of the entries of an observation, and the number of robots that it lists.
 
     `speed` is the top speed of a car [m/s], `radius` that of the disc [m], `step` the control step [s], `age_unit`
     that of a message's age [s].

@@ -7,7 +7,7 @@ from lissajous_env.device.compilation import OPTIONS
 wp.set_module_options(OPTIONS)
 
 TOLERANCE = wp.constant(1.0e-5)
-"""How much of a margin may be missing in a solution of the program, in units of the margins."""
+"""Tolerance of the constraints in a solution of the program, in units of the margins."""
 _NONE = wp.constant(1.0e30)
 
 
@@ -37,7 +37,7 @@ def violation(w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), u: wp.vec
 
 @wp.func
 def in_box(u: wp.vec2, top: float) -> bool:
-    """Whether an action lies in the box, but for rounding."""
+    """Return whether an action lies in the box, up to rounding."""
     return wp.abs(u[0]) <= 1.00001 and u[1] >= -1.00001 and u[1] <= top + 0.00001
 
 

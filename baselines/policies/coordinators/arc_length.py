@@ -46,7 +46,7 @@ PREVIEW = 0.6
 
 @dataclass(frozen=True)
 class ArcParameters(Checked):
-    """What the coordinator is given besides the scenario."""
+    """Parameters of the coordinator, besides the scenario."""
 
     speed: float | None = number(None, 1e-6, 1e5, "m/s")
     """v, speed along the curve [m/s]; None is `ground_speed`."""
@@ -76,7 +76,7 @@ def kuramoto_by_arc(
     observation: wp.array3d(dtype=float),
     phase_rate_out: wp.array2d(dtype=float),
 ):
-    """psi_i' = rate - coupling sum_j sin(psi_j - psi_i), as the mean theta_i' over `preview` [s].
+    """Return psi_i' = rate - coupling sum_j sin(psi_j - psi_i), as the mean theta_i' over `preview` [s].
 
     `gain` and `loss` are the two tables of `arc_tables`, `rate` is that of psi [rad/s].
     """
@@ -128,12 +128,12 @@ def arc_tables(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
 
 
 def lap_length(curve: Curve) -> float:
-    """L, length of one lap [m]; of a knot (10), in space."""
+    """Return L, the length of one lap [m]; of a knot (10), in space."""
     return 2 * math.pi * float(np.mean(_speed(curve, _phases(curve)[:-1])))
 
 
 def _speed(curve: Curve, gamma: np.ndarray) -> np.ndarray:
-    """||r'(gamma)|| in the plane or in space [m/rad]."""
+    """Return ||r'(gamma)|| in the plane or in space [m/rad]."""
     climb = curve.half_depth * curve.c * np.cos(curve.c * gamma)
     return np.hypot(closed_forms.curve_speed(curve, gamma), climb)
 

@@ -36,7 +36,7 @@ def consensus_rates(
     observation: wp.array3d(dtype=float),
     phase_rate_out: wp.array2d(dtype=float),
 ):
-    """theta_i' = rate + gain sum_j wrap(theta_j - theta_i - Delta_ij), for robot i of world w.
+    """Return theta_i' = rate + gain sum_j wrap(theta_j - theta_i - Delta_ij), for robot i of world w.
 
     `spacing` is Delta of the neighbour after robot i [rad]; a neighbour's phase is carried on at `rate` [rad/s] for the
     time its message was under way.

@@ -20,7 +20,7 @@ def kuramoto_rates(
     observation: wp.array3d(dtype=float),
     phase_rate_out: wp.array2d(dtype=float),
 ):
-    """theta_i' = omega / alpha - K sum_j sin(theta_j - theta_i), equation (1), for robot i of world w."""
+    """Return theta_i' = omega / alpha - K sum_j sin(theta_j - theta_i), equation (1), for robot i of world w."""
     w, i = wp.tid()
     pull = sine_ahead(w, i, 0, rate, age_unit, observation) + sine_ahead(w, i, 1, rate, age_unit, observation)
     phase_rate_out[w, i] = rate - coupling * pull

@@ -38,10 +38,10 @@ wp.set_module_options(OPTIONS)
 
 @dataclass(frozen=True)
 class ReferenceParameters(Checked):
-    """What the coordinator is given besides the scenario."""
+    """Parameters of the coordinator, besides the scenario."""
 
     runs_on: bool = flag(False)
-    """Whether the reference of a stopped robot runs on."""
+    """Whether the reference of a failed robot keeps moving."""
     tracking: float | None = number(None, 1e-9, 1e6, "1/s")
     """k, the rate at which a robot makes up for its distance from the reference [1/s]; None is omega / (0.3 rad)."""
     catch_up: float = number(1.0, 0, 1e6)
@@ -63,7 +63,7 @@ def track_reference(
     observation: wp.array3d(dtype=float),
     phase_rate_out: wp.array2d(dtype=float),
 ):
-    """theta_i' = rate + clip(tracking wrap(theta_ref - theta_i)) to [-rate, most], for robot i of world w.
+    """Return theta_i' = rate + clip(tracking wrap(theta_ref - theta_i)) to [-rate, most], for robot i of world w.
 
     A robot's memory is the phase of its reference at the start [rad] and, plus one, the steps that this has moved.
     """

@@ -54,7 +54,7 @@ wp.set_module_options(OPTIONS)
 
 @dataclass(frozen=True)
 class FieldParameters(Checked):
-    """What the tracker is given besides the scenario; `field_of` scales the defaults to another scenario."""
+    """Parameters of the tracker, besides the scenario; `field_of` scales the defaults to another scenario."""
 
     pull: float = number(4.0, 1e-6, 1e6, "1/m")
     """Largest k, the pull towards the path [1/m]."""
