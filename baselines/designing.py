@@ -111,7 +111,9 @@ class Played:
         if self.late_share > 0:
             found.append(f"{self.late_share:.1%} of the targets were not detected within T_max = {bound:.3g} s")
         if self.undetected_time > bound:
-            found.append(f"a rogue can have stayed undetected for {self.undetected_time:.3g} s, T_max is {bound:.3g} s")
+            found.append(
+                f"a target can have stayed undetected for {self.undetected_time:.3g} s, T_max is {bound:.3g} s"
+            )
         return found
 
     def _of(self, column: Column) -> list[Any]:

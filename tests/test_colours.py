@@ -8,7 +8,7 @@ import pytest
 
 from baselines import names
 from baselines.benchmark import clairvoyant, standard
-from baselines.benchmark.looks import COLOURS, MARKS, look, looks_of
+from baselines.benchmark.plot_styles import COLOURS, MARKS, style_at, styles_of
 from baselines.policies.registry import unwrapped
 from baselines.reproduce import drawing
 from lissajous_env.render import palette
@@ -62,8 +62,8 @@ def test_the_simulation_knows_what_is_confused():
 def test_policies_are_told_apart_by_every_reader(seen):
     # Story: whichever policies a benchmark is asked to draw, no two have one colour and one mark.
     plain = list(dict.fromkeys(unwrapped(name)[0] for name in names()))
-    looks = [look(place) for place in range(max(len(plain), len(COLOURS) * len(MARKS)))]
-    for one, other in combinations(looks, 2):
+    styles = [style_at(place) for place in range(max(len(plain), len(COLOURS) * len(MARKS)))]
+    for one, other in combinations(styles, 2):
         apart = distance(from_hex(one.colour), from_hex(other.colour), seen) > APART
         assert apart or one.mark != other.mark, (one, other)
 
@@ -72,20 +72,20 @@ def test_policies_are_told_apart_by_every_reader(seen):
 def test_the_standard_policies_share_neither_colour_nor_mark(seen):
     # Story: the report of the README's command has a dozen policies; each has a colour that nobody takes for another's.
     plain = dict.fromkeys(unwrapped(name)[0] for name in (*standard.POLICIES, clairvoyant.NAME))
-    looks = looks_of(plain)
-    assert len({each.mark for each in looks.values()}) == len(plain)
-    for one, other in combinations(looks.values(), 2):
+    styles = styles_of(plain)
+    assert len({each.mark for each in styles.values()}) == len(plain)
+    for one, other in combinations(styles.values(), 2):
         assert distance(from_hex(one.colour), from_hex(other.colour), seen) > APART, (one, other)
 
 
 def test_a_policy_looks_the_same_whatever_else_is_drawn():
-    alone, together = looks_of(["sweep"]), looks_of(["mine", *standard.POLICIES, "arc-mpcc"])
+    alone, together = styles_of(["sweep"]), styles_of(["mine", *standard.POLICIES, "arc-mpcc"])
     assert together["sweep"] == alone["sweep"]
     assert together["kuramoto-mpcc-close"] == together["kuramoto-mpcc"] != together["kuramoto"]
     # One's own takes a colour that is left, and of many no two look the same.
     assert together["mine"].colour not in {together[name].colour for name in standard.POLICIES}
-    assert looks_of(["b", "a"]) == looks_of(["a", "b"])
-    assert len(set(looks_of([f"mine {k}" for k in range(60)]).values())) == 60
+    assert styles_of(["b", "a"]) == styles_of(["a", "b"])
+    assert len(set(styles_of([f"mine {k}" for k in range(60)]).values())) == 60
 
 
 @pytest.mark.parametrize("seen", SEEN)

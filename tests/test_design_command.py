@@ -119,7 +119,7 @@ def test_failures_are_those_of_the_worst_episode():
         ({"collisions": 2}, ["2 collisions; robots left the curve by up to 0.25 m"]),
         ({"detected_within_bound": 0.75}, ["25.0% of the targets were not detected within T_max"]),
         ({"detected_within_bound": math.nan}, []),
-        ({"guaranteed_detection_time": bound + 1}, [f"a rogue can have stayed undetected for {bound + 1:.3g} s"]),
+        ({"guaranteed_detection_time": bound + 1}, [f"a target can have stayed undetected for {bound + 1:.3g} s"]),
         ({"guaranteed_detection_time": bound - 1}, []),
     ):
         found = Played(candidate, scenario, "kuramoto", [good, good | changed, good]).failures

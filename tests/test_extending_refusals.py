@@ -234,7 +234,7 @@ def test_what_a_file_names_is_looked_up_and_never_loaded(here):
 ])  # fmt: skip
 def test_scenarios_and_the_policy_are_told_apart(names, told):
     # Oracle: the rule of the docs, spelled out: a policy by its name is the policy, else the last module:attribute is.
-    assert factories.told_apart(names) == told
+    assert factories.split_scenarios_and_policy(names) == told
 
 
 @pytest.mark.parametrize(("names", "words"), [
@@ -245,7 +245,7 @@ def test_scenarios_and_the_policy_are_told_apart(names, told):
 ])  # fmt: skip
 def test_names_that_are_too_few_or_too_many(names, words):
     with pytest.raises(ValueError, match=words):
-        factories.told_apart(names)
+        factories.split_scenarios_and_policy(names)
 
 
 def test_the_decorator_returns_what_it_is_given_and_refuses_what_is_taken():

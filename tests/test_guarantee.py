@@ -140,7 +140,7 @@ def test_design_says_what_rogues_can_do(capsys):
     code, said, _ = told(capsys, *asked, "--json")
     assert code == 0
     given = json.loads(said)
-    assert "In formation a rogue of 0.3 m/s stays undetected for 0." in " ".join(given["words"])
+    assert "In formation a target of 0.3 m/s stays undetected for 0." in " ".join(given["words"])
     assert given["designs"][0]["guaranteed_time"] < 1.5
     code, said, _ = told(capsys, *asked[:3], "--sensor-radius", 0.4, *speeds)
     assert (code, "can stay undetected for ever" in said) == (1, True)

@@ -1,8 +1,8 @@
-"""A reference that sees every rogue from the moment it appears: how soon robots can find what they know of.
+"""A reference that knows every target from the moment it appears, for comparison with policies that must search.
 
-It is no policy, and no robot could run it: it is handed the simulation. In tables its name stands in brackets, below
-a rule, and it is never the best. What it reaches is no bound either: each rogue is given to the nearest robot that is
-free, one after the other, which is good and not optimal, and nobody avoids anybody.
+It reads the state of the simulation, so no robot could run it. Tables show its name in brackets, below a rule, and
+never mark it as best. Its scores are no bounds: each target is assigned to the nearest free robot in turn, which is good
+but not optimal, and robots do not avoid each other.
 """
 
 from typing import Any
@@ -20,18 +20,18 @@ from lissajous_env.world.state import PRESENT, WORKING
 
 NAME = "clairvoyant"
 KINDS = ("car", "curve")
-"""Kinds of robots that it drives."""
+"""Robot kinds that it drives."""
 _PLACES = 4096
-"""Places of the curve that are looked at, and about as many where rogues may appear."""
+"""Number of places of the curve, and about that of places where targets may appear."""
 _WITHIN = 0.95
-"""Share of the sensing radius at which a robot is near enough."""
+"""Share of the sensing radius within which a robot counts as arrived."""
 
 
 class Clairvoyant:
-    """Robots that drive to the rogues; one without a rogue waits where it is near to where the next may appear.
+    """Robots that drive to the targets; a robot without one waits near to where the next may appear.
 
     Args:
-        scenario: What it is played on.
+        scenario: the scenario.
         num_worlds: W.
         device: Warp device of the simulation.
 
@@ -56,7 +56,7 @@ class Clairvoyant:
         self._curve = curve_point(self.scenario.curve, self._gamma)[:, :2]
 
     def watch(self, simulation: Simulation) -> None:
-        """Take the simulation whose state it is to see."""
+        """Set the simulation whose state it reads."""
         self._simulation = simulation
 
     def reset(self, worlds: Any = None) -> None:
@@ -69,12 +69,12 @@ class Clairvoyant:
             raise ValueError(f"{NAME} must watch a simulation before it acts")
         places = seen.robots.position.numpy()[:, :, :2].astype(float)
         works = seen.robots.status.numpy() == int(WORKING)
-        rogues, there = seen.targets.position.numpy().astype(float), seen.targets.stage.numpy() == int(PRESENT)
-        if not rogues.shape[1]:
-            rogues, there = np.zeros((self.num_worlds, 1, 2)), np.zeros((self.num_worlds, 1), dtype=bool)
-        way = np.linalg.norm(places[:, :, None] - rogues[:, None], axis=-1)
-        chosen = assigned(np.where(works[:, :, None] & there[:, None], way, np.inf))
-        goals = np.where(chosen[..., None] >= 0, np.take_along_axis(rogues, np.maximum(chosen, 0)[..., None], 1), 0)
+        targets, there = seen.targets.position.numpy().astype(float), seen.targets.stage.numpy() == int(PRESENT)
+        if not targets.shape[1]:
+            targets, there = np.zeros((self.num_worlds, 1, 2)), np.zeros((self.num_worlds, 1), dtype=bool)
+        distance = np.linalg.norm(places[:, :, None] - targets[:, None], axis=-1)
+        chosen = assigned(np.where(works[:, :, None] & there[:, None], distance, np.inf))
+        goals = np.where(chosen[..., None] >= 0, np.take_along_axis(targets, np.maximum(chosen, 0)[..., None], 1), 0)
         if self.scenario.robot.kind == "curve":
             return self._along_the_curve(goals, chosen >= 0, seen.robots.phase.numpy())
         self._goals.assign(np.where(chosen[..., None] >= 0, goals, self._waiting(places)).astype(np.float32))
@@ -100,24 +100,24 @@ class Clairvoyant:
         return np.clip(action, -1, 1)
 
 
-def assigned(way: np.ndarray) -> np.ndarray:
+def assigned(distance: np.ndarray) -> np.ndarray:
     """Return the target assigned to each robot (W, N), -1 for none: repeatedly the nearest of the remaining pairs.
 
     Args:
-        way: (W, N, T) from each robot to each rogue [m]; infinite where there is no rogue, or the robot is not free.
+        distance: (W, N, T) from each robot to each target [m]; infinite if there is no target, or the robot is not free.
     """
-    left, (robots, rogues) = way.copy(), way.shape[1:]
-    chosen = np.full((len(way), robots), -1)
-    for _ in range(min(robots, rogues)):
+    left, (robots, targets) = distance.copy(), distance.shape[1:]
+    chosen = np.full((len(distance), robots), -1)
+    for _ in range(min(robots, targets)):
         flat = left.reshape(len(left), -1)
         pair = flat.argmin(axis=1)
         held = np.flatnonzero(np.isfinite(flat.min(axis=1)))
         if not len(held):
             break
-        robot, rogue = pair[held] // rogues, pair[held] % rogues
-        chosen[held, robot] = rogue
+        robot, target = pair[held] // targets, pair[held] % targets
+        chosen[held, robot] = target
         left[held, robot] = np.inf
-        left[held, :, rogue] = np.inf
+        left[held, :, target] = np.inf
     return chosen
 
 

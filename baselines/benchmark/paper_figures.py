@@ -20,7 +20,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from baselines.benchmark import clairvoyant
 from baselines.benchmark.comparison import Comparisons, is_censored, reference_of
-from baselines.benchmark.looks import STYLE, looks_of
+from baselines.benchmark.plot_styles import STYLE, styles_of
 from baselines.benchmark.shown_columns import COMPARED, brought_in
 from baselines.benchmark.statistics import performance_profile, probability_of_improvement, summarize
 from baselines.benchmark.tables import shown_name
@@ -104,12 +104,12 @@ def draw(
     rows: Rows, scenarios: Mapping[str, Scenario], comparisons: Comparisons, against: str | None, form: str
 ) -> Iterator[tuple[str, bytes]]:
     """Draw all figures and yield each as name of its file and content."""
-    looks = looks_of(dict.fromkeys(row["policy"] for row in rows))
+    styles = styles_of(dict.fromkeys(row["policy"] for row in rows))
     with rc_context(_STYLE):
         for group in groups_of(rows, scenarios, against):
             for name, drawn in (("profiles", _profiles), ("improvement", _improvement), ("aggregates", _aggregates)):
                 if group.columns and not (name == "improvement" and len(group.scores) < 2):
-                    yield f"{name}-{group.kind}.{form}", _saved(drawn(group, looks), form)
+                    yield f"{name}-{group.kind}.{form}", _saved(drawn(group, styles), form)
         for name in scenarios:
             of: dict[str, list[Mapping[str, Any]]] = {}
             for row in rows:
@@ -119,7 +119,7 @@ def draw(
             columns = [*COMPARED, *brought_in(played)]
             columns = [each for each in columns if any(math.isfinite(row.get(each.name, math.nan)) for row in played)]
             if columns:
-                yield f"distribution-{name}.{form}", _saved(_distribution(name, of, columns, looks), form)
+                yield f"distribution-{name}.{form}", _saved(_distribution(name, of, columns, styles), form)
 
 
 def _scores(rows: Rows, column: Column, scenario: Scenario) -> np.ndarray:
@@ -157,7 +157,7 @@ def _scaled(axes: Axes, column: Column, values: np.ndarray) -> None:
         axes.set_xlim(min(0.5, known.min()) - 0.03, 1.03)
 
 
-def _profiles(group: Group, looks: Mapping[str, Any]) -> Figure:
+def _profiles(group: Group, styles: Mapping[str, Any]) -> Figure:
     """Draw for each policy the share of the episodes of all scenarios that are at least as good as a value."""
     figure, panels = _panels(group.columns, 2.35)
     for column, axes in panels.items():
@@ -170,9 +170,9 @@ def _profiles(group: Group, looks: Mapping[str, Any]) -> Figure:
         at = np.sort(np.concatenate([at, np.linspace(low, min(10, high), _VALUES)])) if column.rule is WHOLE else at
         for policy, of in group.scores.items():
             share, below, above = performance_profile(of[column], at, column.better)
-            line: dict[str, Any] = _line(policy, looks) | {"markevery": (len(at) // 8, len(at) // 4)}
+            line: dict[str, Any] = _line(policy, styles) | {"markevery": (len(at) // 8, len(at) // 4)}
             axes.plot(at, share, label=shown_name(policy), **line)
-            axes.fill_between(at, below, above, color=looks[policy].colour, alpha=0.15, lw=0)
+            axes.fill_between(at, below, above, color=styles[policy].colour, alpha=0.15, lw=0)
         axes.set_ylim(-0.02, 1.03)
         axes.set_xlabel(f"{_title(column)} $\\tau$")
         axes.set_title(f"$P(\\mathrm{{score}} {'≤' if column.better < 0 else '≥'} \\tau)$", fontweight="normal")
@@ -180,7 +180,7 @@ def _profiles(group: Group, looks: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _improvement(group: Group, looks: Mapping[str, Any]) -> Figure:
+def _improvement(group: Group, styles: Mapping[str, Any]) -> Figure:
     """Draw the probability that a policy is better than the reference, averaged over the scenarios."""
     others = [policy for policy in group.scores if policy != group.reference]
     figure, panels = _panels(group.columns, _FIRST_ROW + _ROW * len(others) + 0.2, rows=others)
@@ -190,14 +190,14 @@ def _improvement(group: Group, looks: Mapping[str, Any]) -> Figure:
             found = probability_of_improvement(
                 group.scores[policy][column], group.scores[group.reference][column], column.better
             )
-            _interval(axes, place, found, looks[policy], policy)
+            _interval(axes, place, found, styles[policy], policy)
         axes.set_xlim(-0.03, 1.03)
         axes.set_title(column.short)
     figure.supxlabel(f"probability of improvement over {group.reference}", fontsize=7.5)
     return figure
 
 
-def _aggregates(group: Group, looks: Mapping[str, Any]) -> Figure:
+def _aggregates(group: Group, styles: Mapping[str, Any]) -> Figure:
     """Draw the interquartile mean over the episodes of all scenarios, for collisions the mean, with its interval."""
     policies = list(group.scores)
     figure, panels = _panels(_closed(group), _FIRST_ROW + _ROW * len(policies), rows=policies)
@@ -209,7 +209,7 @@ def _aggregates(group: Group, looks: Mapping[str, Any]) -> Figure:
             found = (of.mean, of.mean_low, of.mean_high) if column.mean else (of.iqm, of.low, of.high)
             endless = _endless(strata)
             if endless <= _MOST_ENDLESS and np.isfinite(found[0]):
-                _interval(axes, place, found, looks[policy], policy)
+                _interval(axes, place, found, styles[policy], policy)
                 shown.append(found[0])
             else:
                 words = {"transform": axes.get_yaxis_transform(), "fontsize": 6, "color": "#777777"}
@@ -229,7 +229,7 @@ def _closed(group: Group) -> list[Column]:
     return [c for c in group.columns if any(_endless(of[c]) <= _MOST_ENDLESS for of in group.scores.values())]
 
 
-def _distribution(name: str, of: Mapping[str, Rows], columns: Sequence[Column], looks: Mapping[str, Any]) -> Figure:
+def _distribution(name: str, of: Mapping[str, Rows], columns: Sequence[Column], styles: Mapping[str, Any]) -> Figure:
     """Draw every episode of a scenario as a dot, and the quartiles of each policy as a box."""
     policies = list(of)
     figure, panels = _panels(columns, _FIRST_ROW + _ROW * len(policies), rows=policies)
@@ -238,7 +238,7 @@ def _distribution(name: str, of: Mapping[str, Rows], columns: Sequence[Column], 
         axes, every = panels[column], []
         for place, policy in enumerate(policies):
             values = np.array([row.get(column.name, math.nan) for row in of[policy]], dtype=float)
-            values, colour = values[np.isfinite(values)], looks[policy].colour
+            values, colour = values[np.isfinite(values)], styles[policy].colour
             if not len(values):
                 continue
             every.append(values)
@@ -273,17 +273,17 @@ def _panels(columns: Sequence[Column], height: float, rows: Sequence[str] = ()) 
     return figure, panels
 
 
-def _line(policy: str, looks: Mapping[str, Any]) -> dict[str, Any]:
-    colour, mark = looks[policy]
+def _line(policy: str, styles: Mapping[str, Any]) -> dict[str, Any]:
+    colour, mark = styles[policy]
     hollow = {"mfc": "white", "ls": (0, (4, 1.5))} if unwrapped(policy)[1] else {"ls": "-"}
     return {"color": colour, "marker": mark, "ms": 3.5, "mew": 0.8, "lw": 1.1, **hollow}
 
 
-def _interval(axes: Axes, place: int, found: tuple[float, float, float], look: Any, policy: str) -> None:
+def _interval(axes: Axes, place: int, found: tuple[float, float, float], style: Any, policy: str) -> None:
     middle, low, high = found
-    axes.plot([low, high], [place, place], color=look.colour, lw=4, alpha=0.35, solid_capstyle="butt")
-    face = "white" if unwrapped(policy)[1] else look.colour
-    axes.plot([middle], [place], color=look.colour, marker=look.mark, ms=4, mew=0.9, mfc=face)
+    axes.plot([low, high], [place, place], color=style.colour, lw=4, alpha=0.35, solid_capstyle="butt")
+    face = "white" if unwrapped(policy)[1] else style.colour
+    axes.plot([middle], [place], color=style.colour, marker=style.mark, ms=4, mew=0.9, mfc=face)
 
 
 def _legend(figure: Figure) -> None:

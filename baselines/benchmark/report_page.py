@@ -12,7 +12,7 @@ from baselines.benchmark import clairvoyant
 from baselines.benchmark.bounds import Bounds
 from baselines.benchmark.comparison import Comparisons, with_derived
 from baselines.benchmark.failures import KINDS, badness, failed, headline, worst_first
-from baselines.benchmark.looks import COLOURS, looks_of
+from baselines.benchmark.plot_styles import COLOURS, styles_of
 from baselines.benchmark.ranking import Ranking, rankings
 from baselines.benchmark.replays import Key, Played
 from baselines.benchmark.shown_columns import (
@@ -109,13 +109,13 @@ class Report:
         )
 
     def _policies(self, names: Sequence[str]) -> list[dict[str, Any]]:
-        looks = looks_of(names)
+        styles = styles_of(names)
         return [
             {
                 "name": name,
                 "shown": shown_name(name),
-                "colour": COLOURS.index(looks[name].colour),
-                "mark": looks[name].mark,
+                "colour": COLOURS.index(styles[name].colour),
+                "mark": styles[name].mark,
                 "hollow": bool(unwrapped(name)[1]),
                 "rival": name != clairvoyant.NAME,
                 "named": name not in self.nameless,

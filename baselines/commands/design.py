@@ -232,7 +232,7 @@ def _asked(each: Candidate) -> str:
 
 
 def _recommendation(each: Candidate, reach: Reach | None, rogue_speed: float | None) -> list[str]:
-    """Say what the design is, what it requires of the robots, and what rogues can do."""
+    """Return a description of the design, of its requirements, and of what evading targets can do."""
     used = each.top_speed / each.speed_max
     words = [
         f"Take {theory.in_words(each)} (p = {each.p}, alpha = {each.alpha}) at omega = {each.phase_rate:.4g} rad/s: "
@@ -267,13 +267,13 @@ def _recommendation(each: Candidate, reach: Reach | None, rogue_speed: float | N
 def _words_of_rogues(reach: Reach, speed: float | None) -> str:
     limit = f"{reach.critical_speed:.3g} m/s"
     if reach.guaranteed_time == math.inf:
-        return f"A rogue of {speed:g} m/s can stay undetected for ever, one slower than {limit} cannot."
-    words = f"In formation a rogue of {speed:g} m/s stays undetected for {reach.guaranteed_time:.3g} s at most"
+        return f"A target of {speed:g} m/s can stay undetected for ever, one slower than {limit} cannot."
+    words = f"In formation a target of {speed:g} m/s stays undetected for {reach.guaranteed_time:.3g} s at most"
     return f"{words}, one from {limit} on for ever." if reach.critical_speed < math.inf else f"{words}."
 
 
 def _done(played: Played) -> str:
-    """Say what a played design did."""
+    """Return a description of a simulated design."""
     targets, detected = TARGETS.name, DETECTED.name
     appeared = sum(row[targets] for row in played.rows)
     found = sum(round(row[detected] * row[targets]) for row in played.rows if row[targets])
@@ -285,7 +285,7 @@ def _done(played: Played) -> str:
     if found:
         words += f", the last after {played.detection_time:.3g} s"
     if not math.isnan(played.undetected_time):
-        words += f"; no rogue can have stayed undetected for longer than {played.undetected_time:.3g} s"
+        words += f"; no target can have stayed undetected for longer than {played.undetected_time:.3g} s"
     return f"{words}."
 
 
@@ -310,7 +310,7 @@ def _print_designs(console: Console, title: str, designs: Sequence[Candidate], r
 
 
 def _rogues(each: Candidate, reaches: _Reaches) -> list[str]:
-    """Cells of a table: how long a rogue stays undetected, and from which speed on for ever."""
+    """Return the cells of a table: undetected time of an evading target, and speed from which it can evade for ever."""
     if each not in reaches:
         return []
     time, speed = reaches[each].guaranteed_time, reaches[each].critical_speed

@@ -10,7 +10,7 @@ from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import Benchmark, plan, play
 from baselines.commands.playing import made, naming, progress_console
 from baselines.policies import registry
-from baselines.policies.factories import told_apart
+from baselines.policies.factories import split_scenarios_and_policy
 from lissajous_env.console.commands import check_file
 from lissajous_env.console.terminal import AS_USUAL, Speech, print_left_out
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
@@ -54,7 +54,7 @@ def evaluate(
 
     # A folder holds the scenario that its policy was trained on.
     alone = len(names) == 1 and registry.is_folder(names[0])
-    scenarios, policy = ((), names[0]) if alone else told_apart(names)
+    scenarios, policy = ((), names[0]) if alone else split_scenarios_and_policy(names)
     check_file(out, ".csv")
     changed = parse_overrides(overrides)
     settings = Benchmark(scenarios or (policy,), (policy,), episodes, seed, batch, device, overrides=changed)

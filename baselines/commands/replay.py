@@ -7,7 +7,7 @@ import tyro
 
 from baselines.benchmark.running import Benchmark, plan
 from baselines.commands.playing import FORMATS, record_one
-from baselines.policies.factories import told_apart
+from baselines.policies.factories import split_scenarios_and_policy
 from lissajous_env.console.commands import check_file, check_pace, has_display, show
 from lissajous_env.console.terminal import AS_USUAL, Output, Speech
 from lissajous_env.here import beside
@@ -64,7 +64,7 @@ def replay(
     if out is None and not has_display():
         raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display for a window")
     if against is not None and len(names) > 1:  # refused before the other has been played
-        scenarios, _ = told_apart(names)
+        scenarios, _ = split_scenarios_and_policy(names)
         plan(Benchmark(scenarios, (against,), 1, seed, 1, device, overrides=parse_overrides(overrides)))
     recording = _recorded(names, seed, device, output, overrides)
     other = None
@@ -82,7 +82,7 @@ def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, ov
 
     file, *others = names
     if others:
-        scenarios, policy = told_apart(names)
+        scenarios, policy = split_scenarios_and_policy(names)
         changed = parse_overrides(overrides)
         return record_one(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=changed), output)
     if overrides:

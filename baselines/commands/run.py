@@ -7,7 +7,7 @@ import tyro
 
 from baselines.benchmark.running import Benchmark
 from baselines.commands.playing import FORMATS, progress_console, record_one
-from baselines.policies.factories import told_apart
+from baselines.policies.factories import split_scenarios_and_policy
 from lissajous_env.console.commands import check_file, has_display, show
 from lissajous_env.console.terminal import AS_USUAL, Speech
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
@@ -42,7 +42,7 @@ def run(
     """
     from baselines.benchmark import tables
 
-    scenarios, policy = told_apart((scenario, policy))
+    scenarios, policy = split_scenarios_and_policy((scenario, policy))
     check_file(out, *FORMATS)
     settings = Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=parse_overrides(overrides))
     recording = record_one(settings, output)

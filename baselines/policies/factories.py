@@ -19,7 +19,7 @@ Factory = Callable[[Scenario, int, Any], ActingPolicy]
 """Makes a policy: `factory(scenario, num_worlds, device)`."""
 
 
-def told_apart(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
+def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
     """Scenarios and the one policy among some names, whatever their order; what names a scenario is one.
 
     `module:attribute` can be either: where nothing else is the policy, the last of these is.

@@ -1,4 +1,4 @@
-"""The look of the paper's pictures: that of `baselines.benchmark.looks`, in the paper's colours, with a footnote."""
+"""The style of the paper's pictures: `baselines.benchmark.plot_styles` in the paper's colours, with a footnote."""
 
 import io
 import textwrap
@@ -11,7 +11,7 @@ from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from baselines.benchmark.looks import BLUE, DARK, GREEN, ORANGE, PINK, RED, SKY, STYLE
+from baselines.benchmark.plot_styles import BLUE, DARK, GREEN, ORANGE, PINK, RED, SKY, STYLE
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms
 

@@ -24,7 +24,7 @@ is solved exactly, by active sets, for v = w and up to `passes` times, v being t
 contradict one another, all give way by the same least amount. `top` is the throttle that leads to `speed_limit`.
 
 The limit leaves a car room above the formation's speed (`HEADROOM`): without it a car that gave way never catches up,
-and the time by which any rogue is detected grows several times. With the parameters `CLOSE` (the names with `-close`) a
+and the time by which any target is detected grows several times. With the parameters `CLOSE` (the names with `-close`) a
 car gives way late and little, which keeps that time best. Cars whose motor hardly lets them catch up lose it with
 either.
 
@@ -57,7 +57,7 @@ __all__ = ["CLOSE", "Safe", "SafetyParameters", "close", "speed_limit"]
 
 HEADROOM = 1.5
 """Speed that a car is left, as a multiple of the formation's: one that fell behind has to catch up, or the formation,
-and with it the time by which any rogue is detected, is lost."""
+and with it the bound of the detection time, is lost."""
 
 CLOSE = SafetyParameters(clearance=0.02, growth=0.05)
 """Parameters of `-close`, which gives way late and little: the formation is kept best, chance meetings end worse."""

@@ -12,7 +12,7 @@ from matplotlib.patches import Circle, Rectangle
 
 import baselines
 import lissajous_env
-from baselines.benchmark.looks import BLUE, DARK, GREEN, ORANGE, PINK, RED
+from baselines.benchmark.plot_styles import BLUE, DARK, GREEN, ORANGE, PINK, RED
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.introduction import introduced_at

@@ -2,7 +2,7 @@
 
 The first seven colours are those of Okabe and Ito (Color Universal Design, 2008) without yellow, which is too pale for
 a line on white, and with a softer black; the other six were chosen to be as far from them, and from each other, as can
-be. No two of the thirteen are one to a reader without red, green or blue cones, and the first thirteen looks differ in
+be. No two of the thirteen are one to a reader without red, green or blue cones, and the first thirteen styles differ in
 their marks as well. More things than that share a colour or a mark, never both.
 """
 
@@ -18,13 +18,13 @@ SKY, DARK = "#56B4E9", "#333333"
 VIOLET, INDIGO, BROWN, OLIVE, PLUM, LILAC = "#962DFF", "#3C2DA5", "#692D00", "#B4B469", "#5A1E69", "#9678FF"
 COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY, VIOLET, DARK, INDIGO, BROWN, OLIVE, PLUM, LILAC)
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", "p", ">", "h", "d")
-_LOOKS = len(COLOURS) * len(MARKS)
+_STYLES = len(COLOURS) * len(MARKS)
 
 _FIXED = (
     "kuramoto-mpcc", "open-loop-mpcc", "consensus-mpcc", "sweep", "laps", "learned-intruders", "learned-rough",
     "random", "kuramoto", "open-loop", "consensus", clairvoyant.NAME,
 )  # fmt: skip
-"""Policies of the standard comparison, without the filter, in the order of their looks."""
+"""Policies of the standard comparison, without the filter, in the order of their styles."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.5,
@@ -46,32 +46,32 @@ STYLE: dict[Any, Any] = {
 """Style of all pictures, for matplotlib."""
 
 
-class Look(NamedTuple):
+class PlotStyle(NamedTuple):
     """Colour and mark of one of several things."""
 
     colour: str
     mark: str
 
 
-def look(place: int) -> Look:
-    """Return the look of the thing at a place from 0 in a list; places less than 169 apart have different ones."""
+def style_at(place: int) -> PlotStyle:
+    """Return the style of the thing at a place from 0 in a list; places less than 169 apart have different ones."""
     lap, colour = divmod(place, len(COLOURS))
-    return Look(COLOURS[colour], MARKS[(colour + lap) % len(MARKS)])
+    return PlotStyle(COLOURS[colour], MARKS[(colour + lap) % len(MARKS)])
 
 
-def looks_of(played: Iterable[str]) -> dict[str, Look]:
+def styles_of(played: Iterable[str]) -> dict[str, PlotStyle]:
     """Return how each policy is drawn; one with a filter is drawn as the same without.
 
-    The standard ones always look the same. Any other has a place by its name, too, and moves on from it only where the
-    look, or as long as there are free ones the colour, is that of another that is drawn.
+    The standard policies always have the same style. Any other has a place by its name, and takes a later one only if
+    the style, or while some are free the colour, is that of another policy that is drawn.
     """
     policies = list(played)
     plain = dict.fromkeys(unwrapped(policy)[0] for policy in policies)
-    look_of = {policy: look(_FIXED.index(policy)) for policy in plain if policy in _FIXED}
-    for policy in sorted(each for each in plain if each not in look_of):
+    style_of = {policy: style_at(_FIXED.index(policy)) for policy in plain if policy in _FIXED}
+    for policy in sorted(each for each in plain if each not in style_of):
         first = zlib.crc32(policy.encode())
-        places = [look((first + k) % _LOOKS) for k in range(_LOOKS)]
-        colours = {each.colour for each in look_of.values()}
-        free = [each for each in places if each not in look_of.values()] or places
-        look_of[policy] = next((each for each in free if each.colour not in colours), free[0])
-    return {policy: look_of[unwrapped(policy)[0]] for policy in policies}
+        places = [style_at((first + k) % _STYLES) for k in range(_STYLES)]
+        colours = {each.colour for each in style_of.values()}
+        free = [each for each in places if each not in style_of.values()] or places
+        style_of[policy] = next((each for each in free if each.colour not in colours), free[0])
+    return {policy: style_of[unwrapped(policy)[0]] for policy in policies}
