@@ -1,8 +1,8 @@
 """A reference that knows every target from the moment it appears, for comparison with policies that must search.
 
 It reads the state of the simulation, so no robot could run it. Tables show its name in brackets, below a rule, and
-never mark it as best. Its scores are no bounds: each target is assigned to the nearest free robot in turn, which is good
-but not optimal, and robots do not avoid each other.
+never mark it as best. Its scores are no bounds: each target is assigned to the nearest free robot in turn, which is
+not optimal, and robots do not avoid each other.
 """
 
 from typing import Any
@@ -104,7 +104,7 @@ def assigned(distance: np.ndarray) -> np.ndarray:
     """Return the target assigned to each robot (W, N), -1 for none: repeatedly the nearest of the remaining pairs.
 
     Args:
-        distance: (W, N, T) from each robot to each target [m]; infinite if there is no target, or the robot is not free.
+        distance: (W, N, T) from each robot to each target [m]; infinite without a target or a free robot.
     """
     left, (robots, targets) = distance.copy(), distance.shape[1:]
     chosen = np.full((len(distance), robots), -1)

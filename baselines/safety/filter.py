@@ -24,7 +24,7 @@ is solved exactly, by active sets, for v = w and up to `passes` times, v being t
 contradict one another, all give way by the same least amount. `top` is the throttle that leads to `speed_limit`.
 
 The limit leaves a car room above the formation's speed (`HEADROOM`): without it a car that gave way never catches up,
-and the time by which any target is detected grows several times. With the parameters `CLOSE` (the names with `-close`) a
+and the detection-time bound grows several times. With the parameters `CLOSE` (the names with `-close`) a
 car gives way late and little, which keeps that time best. Cars whose motor hardly lets them catch up lose it with
 either.
 

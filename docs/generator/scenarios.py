@@ -18,7 +18,6 @@ from docs.generator.pictures import MOST_TARGETS, picture_of
 from lissajous_env.envs.actions import action_table
 from lissajous_env.parameters.checks import meanings
 from lissajous_env.parameters.scenario import PARTS, Scenario, Task
-from lissajous_env.world.columns import MEANINGS
 from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import FORMULAS
 from lissajous_env.world.robots.table import model_of
