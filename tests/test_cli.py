@@ -220,7 +220,7 @@ def test_ctrl_c_ends_with_130_and_says_how_to_go_on(tmp_path):
             process.kill()
     assert process.returncode == 130
     assert "Traceback" not in error
-    assert f"finished episodes are kept in {tmp_path}, the same command goes on from there" in error
+    assert f"finished episodes are stored in {tmp_path}; run the same command again to resume" in error
     assert episodes.read_text().endswith("\n")
 
 

@@ -162,7 +162,7 @@ def test_the_table_compiles(folder, tmp_path):
 
 
 def test_what_holds_no_results_is_refused_and_nothing_is_written(folder, tmp_path):
-    with pytest.raises(ValueError, match=r"folder must hold the results of a benchmark \(settings.json\), got"):
+    with pytest.raises(ValueError, match=r"folder must contain the results of a benchmark \(settings.json\), got"):
         figures(tmp_path)
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(ValueError, match="against must be a policy that was played"):

@@ -160,8 +160,8 @@ def bounds_in_words(bounds: Bounds) -> str:
     words += f", guaranteed at least {number(bounds.worst_case)} s" if math.isfinite(bounds.worst_case) else ""
     if math.isnan(bounds.in_formation):
         return words
-    return words + (
-        ", in formation " + (f"{number(bounds.in_formation)} s" if bounds.in_formation < math.inf else "never")
+    return f"{words}, in formation " + (
+        f"{number(bounds.in_formation)} s" if bounds.in_formation < math.inf else "never"
     )
 
 
