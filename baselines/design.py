@@ -16,9 +16,9 @@ from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_left_
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.guarantee import Reach, reach_of
 from lissajous_env.parameters import named
-from lissajous_env.parameters.parts import Curve, Robot
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import as_toml
+from lissajous_env.settings.parts import Curve, Robot
 from lissajous_env.storage.files import replacing
 from lissajous_env.theory import design as theory
 from lissajous_env.theory.candidate import Candidate

@@ -12,10 +12,10 @@ import pytest
 import lissajous_env
 from lissajous_env.console.cli import main
 from lissajous_env.parameters import named
-from lissajous_env.parameters.parts import Curve, Formation, Robot, Sensing
+from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import Curve, Formation, Robot, Sensing
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.assumptions import AssumptionWarning, violations
 
 
 @pytest.fixture(autouse=True)

@@ -17,7 +17,7 @@ from baselines.benchmark.rows import NUMBER_COLUMNS
 from baselines.benchmark.running import run
 from baselines.benchmark.statistics import summarize
 from baselines.benchmark.types import Benchmark
-from lissajous_env.theory.limits import mean_time_limit
+from lissajous_env.episodes.limits import mean_time_limit
 
 INTRUDERS = {"intruders": lissajous_env.scenario("intruders")}
 

@@ -14,8 +14,8 @@ from baselines.benchmark.censoring import summarize_censored
 from baselines.benchmark.rows import numbers_of
 from baselines.benchmark.statistics import Paired, Statistics, paired, summarize
 from lissajous_env.episodes.guarantee import guaranteed_time
+from lissajous_env.episodes.limits import guaranteed_time_limit, mean_time_limit
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.theory.limits import guaranteed_time_limit, mean_time_limit
 
 OVER_LIMIT = "over_limit"
 """Column: the mean detection time over `mean_time_limit`, which bounds an expectation, so that the mean counts."""

@@ -37,7 +37,7 @@ def scenarios(names: _Scenarios = (), output: Speech = AS_USUAL) -> None:
         output: How it speaks.
     """
     from lissajous_env.parameters import named
-    from lissajous_env.theory.assumptions import violations
+    from lissajous_env.parameters.assumptions import violations
 
     console = output.console()
     given = [named.build(name) for name in names or named.scenarios()]

@@ -6,9 +6,9 @@ import gymnasium
 import numpy as np
 
 from lissajous_env.parameters import named
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.robots.table import model_of
 
 LARGE = 1e30
 """Sum of squares above which actions are looked at one by one."""

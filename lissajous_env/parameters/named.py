@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from lissajous_env import here
-from lissajous_env.envs.ids import register_ids
-from lissajous_env.parameters.parts import Robot
+from lissajous_env.parameters.assumptions import AssumptionWarning, violations
+from lissajous_env.parameters.ids import register_ids
 from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.parameters.scenario_file import SUFFIX, read_scenario_file
 from lissajous_env.parameters.shipped import SHIPPED
 from lissajous_env.plugins import EntryPoints, import_attribute
-from lissajous_env.theory.assumptions import AssumptionWarning, violations
+from lissajous_env.settings.parts import Robot
 from lissajous_env.wording import nearest, shown, where_raised
 
 _SHIPPED = {each.name: each for each in SHIPPED}
@@ -83,7 +83,7 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
 
     Warns:
         AssumptionWarning: it violates assumptions of the paper that no scenario that ships violates by the same
-            numbers; each is reported once in a process. `lissajous_env.theory.assumptions.violations` lists all.
+            numbers; each is reported once in a process. `lissajous_env.parameters.assumptions.violations` lists all.
     """
     made = build(name, **overrides)
     if overrides or name not in _SHIPPED:

@@ -16,7 +16,9 @@ import numpy as np
 
 from lissajous_env.device.turns import with_own_locks
 from lissajous_env.parameters.extensions import Extension, as_extensions
-from lissajous_env.parameters.parts import (
+from lissajous_env.parameters.robot_models import model_of
+from lissajous_env.parameters.spreading import Spreading, spreading_of
+from lissajous_env.settings.parts import (
     MOST_TARGETS,
     SPRINT,
     Curve,
@@ -28,9 +30,7 @@ from lissajous_env.parameters.parts import (
     Targets,
     Task,
 )
-from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.theory import closed_forms
-from lissajous_env.world.robots.table import model_of
 
 __all__ = ["PARTS", "Curve", "Faults", "Formation", "Noise", "Robot", "Scenario", "Sensing", "Targets", "Task"]
 

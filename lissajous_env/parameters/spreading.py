@@ -13,8 +13,8 @@ between two ticks counts from the one before: it is early, by less than it needs
 import math
 from dataclasses import dataclass
 
-from lissajous_env.parameters.parts import Curve, Task
 from lissajous_env.parameters.reaches import Reaches, reaches_of
+from lissajous_env.settings.parts import Curve, Task
 
 SHARES = 255
 """Into how many a tick is divided."""

@@ -3,11 +3,11 @@
 import numpy as np
 import pygame
 
+from lissajous_env.episodes.snapshot import thinned
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, opaque, transparent
 from lissajous_env.render.sensors import Sensors
-from lissajous_env.render.snapshot import thinned
 from lissajous_env.theory import closed_forms
 
 IDLE_BOUNDS = 2.0

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pygame
 
+from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, FOOTER, HEADER, MARGIN, View
-from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.targets import draw_dots, draw_flash
 from lissajous_env.render.text import width_of, write
 from lissajous_env.render.times import decimals_of

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pygame
 
+from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render.canvas import View, opaque, pixels
 from lissajous_env.render.ground import Ground
 from lissajous_env.render.panel import Panel
-from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.targets import Targets
 from lissajous_env.render.team import Team
 from lissajous_env.render.window import Window

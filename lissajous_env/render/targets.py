@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pygame
 
+from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, stamp
-from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.times import flash_time
 from lissajous_env.world.targets import FLEEING
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pygame
 
+from lissajous_env.episodes.snapshot import Snapshot
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, cut, transparent, within
-from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.text import write, write_outlined
 from lissajous_env.render.times import trail_time
-from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
 MOST_CONTACTS = 2000

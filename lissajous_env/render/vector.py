@@ -11,14 +11,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from lissajous_env.episodes.recording import Recording
+from lissajous_env.episodes.snapshot import Snapshot, thinned
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import View
-from lissajous_env.render.snapshot import Snapshot, thinned
 from lissajous_env.render.team import Team
 from lissajous_env.render.times import flash_time
 from lissajous_env.theory import closed_forms
-from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 from lissajous_env.world.targets import FLEEING
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.render.snapshot import thinned
+from lissajous_env.episodes.snapshot import thinned
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.render.times import flash_time, trail_time
 from lissajous_env.replay.packing import FARTHEST, angles, counts, quantised
 from lissajous_env.theory import closed_forms
-from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.state import NEVER
 
 FORMAT = "lissajous replay 1"

@@ -7,9 +7,8 @@ from functools import cached_property
 from typing import Any
 
 from lissajous_env.device.turns import with_own_locks
-from lissajous_env.parameters.parts import Curve
+from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.assumptions import SLACK
 
 MOST_TIGHT = 0.1
 """Largest share of the arc that may turn tighter than the cars can.
@@ -79,7 +78,7 @@ class Candidate:
     @property
     def is_fast_enough(self) -> bool:
         """Whether the robots reach the speed of the fastest stretch."""
-        return self.top_speed <= self.speed_max * (1 + SLACK)
+        return self.top_speed <= self.speed_max * (1 + geometry.SLACK)
 
     @property
     def can_follow(self) -> bool:

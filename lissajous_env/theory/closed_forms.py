@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lissajous_env.parameters.parts import Curve
+from lissajous_env.settings.parts import Curve
 
 # Radii and times of the formation: which curve, how many robots, which sensor.
 

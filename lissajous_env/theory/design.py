@@ -3,9 +3,8 @@
 import math
 from typing import Any
 
-from lissajous_env.parameters.parts import Curve
+from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.assumptions import needed_acceleration
 from lissajous_env.theory.candidate import Candidate, best_formation
 from lissajous_env.wording import shown
 
@@ -84,7 +83,7 @@ def design(
             fastest = geometry.largest_speed(curve)
             rate = phase_rate or (1 - headroom) * speed_max / fastest
             if phase_rate is None and lateral_acceleration_max < math.inf:
-                grip = lateral_acceleration_max / needed_acceleration(curve, turning_radius)
+                grip = lateral_acceleration_max / geometry.needed_acceleration(curve, turning_radius)
                 rate = min(rate, (1 - headroom) * math.sqrt(grip))
             candidates.append(
                 Candidate(

@@ -6,13 +6,16 @@ about nine digits, the share of tight turns and the coverage radius to about fou
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
-from lissajous_env.parameters.parts import Curve
+from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms
 
 _SAMPLES_PER_OSCILLATION = 64
+SLACK = 1e-3
+"""Relative excess over a limit up to which a speed, a turning radius or an acceleration still counts as within it."""
 
 
 def curve_length(curve: Curve) -> float:
@@ -52,6 +55,26 @@ def curvature_radius(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
     (dx, dy), (ddx, ddy) = (np.moveaxis(each, -1, 0) for each in closed_forms.curve_derivatives(curve, gamma))
     with np.errstate(divide="ignore"):
         return np.hypot(dx, dy) ** 3 / np.abs(dx * ddy - dy * ddx)
+
+
+@lru_cache(maxsize=64)
+def along_lap(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
+    """Return ||r'|| [m/rad] and the radius of curvature [m] along a lap of the plane curve."""
+    gamma = lap_phases(curve)
+    return closed_forms.curve_speed(curve, gamma), curvature_radius(curve, gamma)
+
+
+def needed_acceleration(curve: Curve, turning_radius: float = 0.0) -> float:
+    """Return the largest lateral acceleration along the curve, over the square of the phase rate [m/rad^2].
+
+    It is max ||r'||^2 / max(radius of curvature, turning radius): cars cut the bends that are tighter than they turn.
+
+    Args:
+        curve: The curve.
+        turning_radius: Radius of the tightest circle of a car [m].
+    """
+    speed, radius = along_lap(curve)
+    return float(np.max(speed**2 / np.maximum(radius, turning_radius)))
 
 
 def smallest_curvature_radius(curve: Curve) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.parameters.checks import Checked, as_robot, choice, flag, is_whole, number, odd, rows, whole, word
+from lissajous_env.settings.checks import Checked, as_robot, choice, flag, is_whole, number, odd, rows, whole, word
 
 MOST_TARGETS = 2**21
 """Most targets of an episode."""

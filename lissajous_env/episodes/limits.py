@@ -26,8 +26,8 @@ from collections.abc import Callable
 import numpy as np
 
 from lissajous_env.parameters import named
-from lissajous_env.parameters.parts import Targets
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import Targets
 from lissajous_env.theory.geometry import largest_speed, top_speed
 
 _INSTANTS = 40_001
