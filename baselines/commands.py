@@ -13,8 +13,15 @@ from baselines.benchmark.running import Benchmark, measure, plan, play
 from baselines.policies import registry
 from baselines.policies.factories import told_apart
 from baselines.showing import made, naming, progress_console
-from lissajous_env.console.commands import check_file
-from lissajous_env.console.terminal import AS_USUAL, Column, CommandError, Speech, print_left_out, print_table
+from lissajous_env.console.recordings import check_file
+from lissajous_env.console.terminal import (
+    DEFAULT_OUTPUT,
+    Column,
+    CommandError,
+    OutputOptions,
+    print_left_out,
+    print_table,
+)
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
@@ -27,7 +34,7 @@ _Names = Annotated[
 
 
 def benchmark(
-    settings: tyro.conf.OmitArgPrefixes[Benchmark], output: Speech = AS_USUAL, overrides: Overrides = ()
+    settings: tyro.conf.OmitArgPrefixes[Benchmark], output: OutputOptions = DEFAULT_OUTPUT, overrides: Overrides = ()
 ) -> int:
     """Compare policies on scenarios: tables, files and pictures.
 
@@ -50,7 +57,7 @@ def benchmark(
     if output.json:
         comparisons = compare(outcome.rows, outcome.scenarios, settings.against)
         summary = report.summarized(outcome, outcome.rows, outcome.scenarios, comparisons)
-        output.give({**summary, "episodes": outcome.rows})
+        output.print_json({**summary, "episodes": outcome.rows})
     if outcome.failures:
         names = dict.fromkeys(f"{each.policy} on {each.scenario}" for each in outcome.failures)
         raise CommandError(f"{', '.join(names)} failed; {settings.out / 'summary.json'} has the tracebacks")
@@ -64,7 +71,7 @@ def evaluate(
     batch: int = 16,
     device: str = "cpu",
     out: _Out = None,
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Play one policy on scenarios and print statistics of every score.
@@ -112,10 +119,10 @@ def evaluate(
         report.write_csv(out, rows)
         console.print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
     of = {name: {column: asdict(of) for column, of in by[policy].items()} for name, by in statistics.items()}
-    output.give({"policy": policy, "statistics": of, "episodes": rows})
+    output.print_json({"policy": policy, "statistics": of, "episodes": rows})
 
 
-def policies(scenario: _ScenarioOrNone = None, output: Speech = AS_USUAL) -> None:
+def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_OUTPUT) -> None:
     """List the policies, and what each of them is.
 
     Args:
@@ -123,7 +130,7 @@ def policies(scenario: _ScenarioOrNone = None, output: Speech = AS_USUAL) -> Non
         output: How it speaks.
     """
     listed = [registry.describe(name) for name in registry.names(scenario)]
-    output.give(listed)
+    output.print_json(listed)
     console = output.console()
     columns = [
         Column("name", left=True, style="bold cyan"),

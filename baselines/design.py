@@ -11,8 +11,8 @@ import tyro
 from rich.console import Console
 
 from baselines.designing import Played, first_that_works, scenario_of
-from lissajous_env.console.commands import check_file
-from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_left_out, print_table
+from lissajous_env.console.recordings import check_file
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_left_out, print_table
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.guarantee import Reach, reach_of
 from lissajous_env.parameters import named
@@ -50,7 +50,7 @@ def design(
     rows: int = 5,
     seed: int = 0,
     out: _Out = None,
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
 ) -> int:
     """Find the curve and the number of robots for a rectangle, play the design, and write it as a scenario's file.
 
@@ -195,7 +195,7 @@ def _answer(
     text = None if made is None else as_toml(made)
     if text is not None:
         _print_file(console, text, played, out)
-    output.give({
+    output.print_json({
         "recommendation": None if chosen is None else _as_plain(chosen),
         "words": words,
         "episodes": [] if played is None else played.rows,

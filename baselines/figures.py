@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from lissajous_env.console.terminal import AS_USUAL, Speech
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
 from lissajous_env.storage.folder import Folder
 
 TABLE = "table.tex"
@@ -18,7 +18,7 @@ def figures(
     format: Literal["pdf", "svg", "png"] = "pdf",
     out: _Out = None,
     against: str | None = None,
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
 ) -> list[Path]:
     """Draw the results of a benchmark for a paper, and write its table in LaTeX; nothing is played.
 
@@ -66,5 +66,5 @@ def figures(
     output.console().print(
         f"{len(drawn)} figures and {TABLE} are in {place}", markup=False, highlight=False, soft_wrap=True
     )
-    output.give([str(path) for path in written])
+    output.print_json([str(path) for path in written])
     return written

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from baselines.policies import factories
 from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Sheet, drawn_as
-from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.guarantee import Reach, check_follows, fastest_rogue, reach_of, unseen_over_time
 from lissajous_env.parameters import named
@@ -41,7 +41,7 @@ def guarantee(
     episodes: int = 8,
     out: Path = Path("guarantee"),
     format: Format = "png",
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Say how fast a rogue must be to defeat a formation, by sensor radius, and how long policies leave one unseen.
@@ -88,7 +88,7 @@ def guarantee(
             unseen[each.name] = curves
             folder.write(f"unseen-{each.name}.{format}", picture_of_unseen(each, curves))
     console.print(f"wrote {', '.join(written)} in {out}", markup=False, highlight=False, soft_wrap=True)
-    output.give({
+    output.print_json({
         "formations": {name: [each._asdict() for each in rows] for name, rows in known.items()},
         "unseen": {
             name: {policy: curve.max(axis=1).tolist() for policy, curve in curves.items()}

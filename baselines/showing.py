@@ -11,8 +11,8 @@ import tyro
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import Benchmark, Cell, plan
 from baselines.policies.factories import as_factory, is_imported, told_apart
-from lissajous_env.console.commands import check_file, check_pace, has_display, show
-from lissajous_env.console.terminal import AS_USUAL, CommandError, Output, Speech, make_console
+from lissajous_env.console.recordings import check_file, check_pace, has_display, show
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, CommandError, Output, OutputOptions, make_console
 from lissajous_env.here import beside
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario import Scenario
@@ -39,7 +39,7 @@ def run(
     seed: int = 0,
     device: str = "cpu",
     out: _Out = None,
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Play one episode: in a window, or to a file: a page, a film, pictures or a recording.
@@ -61,7 +61,7 @@ def run(
     recording = _played(settings, output)
     row = recording.score
     tables.print_row(output.console(), row)
-    output.give(row)
+    output.print_json(row)
     if out is not None or has_display():
         show(recording, out, output)
     else:
@@ -77,7 +77,7 @@ def replay(
     device: str = "cpu",
     speed: float = 1.0,
     fps: float = 10.0,
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Show an episode, played now or recorded before: as a page, in a window, or as MP4, GIF, PNG, SVG or PDF.
@@ -114,7 +114,7 @@ def replay(
         other = _played(rival, output, recording.scenario)
     show(recording, out, output, speed, fps, other)
     scores = {"score": recording.score} | ({} if other is None else {"against": other.score})
-    output.give({"wrote": out, **scores})
+    output.print_json({"wrote": out, **scores})
 
 
 def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, overrides: Overrides) -> "Recording":

@@ -5,14 +5,16 @@ import importlib
 
 import tyro
 
-from lissajous_env.console.terminal import AS_USUAL, Speech, make_console
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, make_console
 from lissajous_env.extras import missing
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from training.settings import TrainingSettings
 
 
 def train(
-    settings: tyro.conf.OmitArgPrefixes[TrainingSettings], output: Speech = AS_USUAL, overrides: Overrides = ()
+    settings: tyro.conf.OmitArgPrefixes[TrainingSettings],
+    output: OutputOptions = DEFAULT_OUTPUT,
+    overrides: Overrides = (),
 ) -> None:
     """Train a policy; it can be stopped or killed at any moment, the same command goes on.
 
@@ -32,4 +34,4 @@ def train(
     # Its lines tell how it goes: where stdout is for the result alone, they go to stderr.
     console = make_console(stderr=output.json, quiet=output.quiet)
     history = engine.train(settings, console)
-    output.give({"out": settings.out, **dataclasses.asdict(history)})
+    output.print_json({"out": settings.out, **dataclasses.asdict(history)})

@@ -22,6 +22,7 @@ from typing import Any
 import tyro
 
 from lissajous_env import siblings
+from lissajous_env.console.help import print_help
 from lissajous_env.console.terminal import CommandError, complain, make_console
 from lissajous_env.device import kernel_cache
 from lissajous_env.wording import few_of, nearest, shown, where_raised
@@ -106,7 +107,11 @@ def _dispatch(arguments: list[str]) -> int:
         function = siblings.load_entry_point(known[name])
     except Exception as error:
         raise CommandError(f"the command {name} cannot be loaded: {type(error).__name__}: {error}") from error
-    given, named = _bound(function, f"lissajous {name}", arguments[1:])
+    program = f"lissajous {name}"
+    if {"-h", "--help"} & set(arguments):
+        print_help(function, program)
+        return 0
+    given, named = _bound(function, program, arguments[1:])
     try:
         result = function(*given, **named)
     except SystemExit as ended:
@@ -128,13 +133,10 @@ def _bound(function: Callable[..., Any], program: str, arguments: list[str]) -> 
         return given, named
 
     said = io.StringIO()
-    asks_for_help = any(argument in ("-h", "--help") for argument in arguments)
     try:
-        with contextlib.redirect_stderr(said), contextlib.nullcontext() if asks_for_help else _wide_frames():
+        with contextlib.redirect_stderr(said), _wide_frames():
             return tyro.cli(bind, prog=program, args=arguments)
-    except SystemExit as ended:
-        if not ended.code:
-            raise
+    except SystemExit:
         words = _without_frame(said.getvalue())
         # What the settings themselves refuse is said in their own words.
         refused = re.fullmatch(r"error parsing \w+: (.*)", words)

@@ -1,4 +1,4 @@
-"""What commands say: one pair of options for all of them, tables that never cut a number, and JSON for programs."""
+"""Output of commands: the options that all of them have, tables that never cut a number, JSON, and errors."""
 
 import contextlib
 import json
@@ -25,31 +25,31 @@ _NARROWEST = 16
 
 
 class CommandError(Exception):
-    """What was asked for is well-formed, but did not work: exit code 1 and one line."""
+    """Failure of a well-formed command: exit code 1 and one line."""
 
 
 @dataclass(frozen=True)
 class Output:
-    """How a command speaks."""
+    """Options for a command's output."""
 
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Print the result as JSON, and nothing else, to stdout; a number that does not exist is null."""
+    """Print only the result, as JSON; a number that does not exist is null."""
     quiet: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Print nothing but errors, and what --json asks for; files are still written."""
+    """Print nothing but errors and the JSON; files are still written."""
 
     def console(self) -> Console:
-        """Console for what people read of the result."""
+        """Return the console for readable results; silent with --json or --quiet."""
         return make_console(quiet=self.quiet or self.json)
 
-    def give(self, result: Any) -> None:
-        """Print a result as JSON where that is asked for."""
+    def print_json(self, result: Any) -> None:
+        """Print a result if --json is given."""
         if self.json:
             print(json.dumps(plain(result), indent=2, allow_nan=False))
 
 
-AS_USUAL = Output()
-Speech = tyro.conf.OmitArgPrefixes[Output]
-"""Type of a command's parameter `output`: the options --json and --quiet."""
+DEFAULT_OUTPUT = Output()
+OutputOptions = tyro.conf.OmitArgPrefixes[Output]
+"""Type of a command's parameter `output`, which adds the options --json and --quiet."""
 
 
 @dataclass(frozen=True)
