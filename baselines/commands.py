@@ -40,6 +40,14 @@ def benchmark(
 
     Killed at any moment, it goes on where it stopped when it is called again with the same --out.
 
+    Example:
+        lissajous benchmark --scenarios experiment rough --episodes 64 --out results/mine
+
+    Options:
+        what is played: scenarios, policies, episodes, seed, set
+        report: out, against, clairvoyant, replays
+        where it runs: device, batch, engine, address
+
     Args:
         settings: What is played, and where the results go.
         output: How it speaks.
@@ -75,6 +83,14 @@ def evaluate(
     overrides: Overrides = (),
 ) -> None:
     """Play one policy on scenarios and print statistics of every score.
+
+    Example:
+        lissajous evaluate experiment kuramoto-mpcc --set "faults.schedule=()"
+
+    Options:
+        what is played: episodes, seed, set
+        where it runs: device, batch
+        files: out
 
     Args:
         names: scenarios (names, .toml files, module:attribute); then the policy: a name, a checkpoint's folder, or
@@ -124,6 +140,9 @@ def evaluate(
 
 def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_OUTPUT) -> None:
     """List the policies, and what each of them is.
+
+    Example:
+        lissajous policies intruders
 
     Args:
         scenario: name of a scenario, .toml file, or module:attribute: those that drive its robots alone.

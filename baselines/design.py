@@ -58,6 +58,16 @@ def design(
     circle is given or the scenario has cars; otherwise they turn on the spot, and are played as points on the curve.
     The exit code is 1 where no design works.
 
+    Example:
+        lissajous design --half-width 5 --half-height 5 --robot-radius 0.1 --sensor-radius 1.5 --speed-max 2
+
+    Options:
+        area and sensor: half_width, half_height, sensor_radius
+        robots: num_robots, robot_radius, speed_max, turning_radius, wheelbase, steering_max, grip
+        formation: phase_rate, headroom
+        evading targets: rogue_speed
+        results: rows, seed, out
+
     Args:
         scenario: name of a scenario, .toml file, or module:attribute that has what is not given here; without one,
             rectangle and bodies are those of the paper's experiment.

@@ -26,6 +26,9 @@ def figures(
     all with 95 % bootstrap intervals stratified by scenario; for each scenario the distributions of its scores. All are
     as wide as both columns of a paper, 7.16 inch.
 
+    Example:
+        lissajous figures results/mine --format pdf
+
     Args:
         folder: of the results of a benchmark.
         format: pdf, svg or png.

@@ -48,6 +48,14 @@ def guarantee(
 
     A rogue defeats a formation when it can stay out of every sensing disc for ever, whatever it has to do for that.
 
+    Example:
+        lissajous guarantee evaders --policies kuramoto-mpcc open-loop-mpcc
+
+    Options:
+        formation: radii, cells
+        policies: policies, episodes, set
+        pictures: out, format
+
     Args:
         scenarios: names of scenarios, .toml files, or module:attribute; the paper's two curves by default.
         policies: to play on them, where they follow contamination: how long a rogue can have gone unseen.

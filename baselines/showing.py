@@ -44,6 +44,9 @@ def run(
 ) -> None:
     """Play one episode: in a window, or to a file: a page, a film, pictures or a recording.
 
+    Example:
+        lissajous run intruders sweep --out sweep.gif
+
     Args:
         scenario: name of the scenario, .toml file, or module:attribute.
         policy: name of the policy, folder of a checkpoint, or module:factory.
@@ -81,6 +84,13 @@ def replay(
     overrides: Overrides = (),
 ) -> None:
     """Show an episode, played now or recorded before: as a page, in a window, or as MP4, GIF, PNG, SVG or PDF.
+
+    Example:
+        lissajous replay intruders kuramoto-mpcc --against sweep --out replay.html
+
+    Options:
+        episode: seed, device, set
+        what is shown: out, against, speed, fps
 
     Args:
         names: scenario and policy, as for `lissajous run`; or a recording, as that writes it to FILE.npz.

@@ -67,7 +67,7 @@ def called(capsys, *arguments):
 
 @pytest.mark.parametrize("name", sorted(commands()))
 def test_every_command_has_help(name, capsys):
-    # Oracle: the options that tyro, which reads the command line, lists for the command's function.
+    # Oracle: the options that tyro, which parses the command line, lists for the function.
     function, options = commands()[name].load(), r"^\W*(?:-h, )?(--\w[\w-]*)"
     code, out, error = called(capsys, name, "--help")
     assert (code, error) == (0, "")

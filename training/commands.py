@@ -18,6 +18,21 @@ def train(
 ) -> None:
     """Train a policy; it can be stopped or killed at any moment, the same command goes on.
 
+    Example:
+        lissajous train --scenario intruders --out runs/intruders
+
+    Options:
+        training: scenario, set, algorithm, steps, seed, start, out
+        start and base: base, residual, residual_penalty, teacher, imitation, imitation_steps, imitation_batch,
+            imitation_epochs
+        worlds: worlds, short, short_time, rollout, caution
+        network: inputs, layers, activation, critic, critic_steps
+        optimizer: learning_rate, batch_size, epochs, gamma, gae_lambda, clip_range, entropy, value_weight,
+            gradient_max, averaging
+        exploration: log_std, log_std_end, noise_steps
+        evaluation: evaluate_every, evaluation_episodes, rivals
+        where it runs: device, threads, engine, address, workers
+
     Args:
         settings: What is trained, how, and where it goes.
         output: How it speaks.

@@ -79,6 +79,9 @@ def reproduce(
     Writes a picture for each figure, the table as table.csv and table.md, and all of it as a page, README.md. They hold
     what this call made; the whole takes less than a minute.
 
+    Example:
+        lissajous reproduce fig3 theorem1
+
     Args:
         figures: fig2 to fig9, theorem1 to theorem4, lemmas, bounds, knot, experiment1, printed, window; all if none.
         out: folder of the results.
