@@ -258,7 +258,10 @@ def test_what_a_disc_sweeps_is_a_stadium():
         ({"task.contamination": (90, 10)}, "sides differ by 1.5 times at most"),
         ({"task.contamination": (90, 0)}, "each from 1 to 4096"),
         ({"task.contamination": (90,)}, "must be .columns, rows. or None"),
-        ({"task.contamination": (900, 400), "targets.speed_limit": 9.0}, "1/32 of what a rogue moves in a step"),
+        (
+            {"task.contamination": (900, 400), "targets.speed_limit": 9.0},
+            "of what an evading target moves in a step",
+        ),
         ({"targets.speed_limit": 0.1}, "at least what these targets move at, 0.2 m/s"),
         (
             {"task.contamination": (90, 40), "targets.custom": 0.5, "targets.wandering": 0.5},

@@ -1,8 +1,7 @@
-"""The assumptions under which the paper's results hold, checked for a scenario: which are violated, and by what number.
+"""Check the assumptions of the paper for a scenario.
 
-Most of them are also what a robot needs to follow the curve at all. A scenario that violates one can be played, and
-some that ship do so on purpose; whoever makes one by accident should know. Thresholds have no unit: every rule compares
-two numbers of the same unit.
+A scenario that violates an assumption can still be played, and some shipped scenarios violate one on purpose. Most
+assumptions are also necessary for a robot to follow the curve at all.
 """
 
 from functools import lru_cache
@@ -13,11 +12,11 @@ from lissajous_env.theory import closed_forms, geometry
 
 
 class AssumptionWarning(UserWarning):
-    """A scenario violates an assumption of the paper; the text holds the number that is violated."""
+    """Warning that a scenario violates an assumption of the paper, with the numbers."""
 
 
 def violations(scenario: Scenario) -> tuple[str, ...]:
-    """Return a sentence for each assumption that a scenario violates, with the numbers; empty where all hold."""
+    """Return a sentence with numbers for each assumption that a scenario violates."""
     return (*_of_formation(scenario), *_of_robots(scenario))
 
 
@@ -27,7 +26,7 @@ def _of_formation(scenario: Scenario) -> list[str]:
     if n > 2 and p not in closed_forms.stable_equilibria(n):
         found.append(f"p = {p} of {n} robots is no stable equilibrium: p must be between N / 4 and 3 N / 4 (Theorem 1)")
     if curve.harmonics:
-        return found  # the bounds are known of Lissajous curves alone
+        return found  # the paper's bounds apply to Lissajous curves only
     places = curve.a + curve.b
     if n != kappa * places:
         robots = f"{n} robots" if kappa == 1 else f"{n} robots on {n // kappa} places"

@@ -18,38 +18,38 @@ def _nothing_to_check(curve: Curve, formation: Formation, robot: Robot, noise: N
 
 @dataclass(frozen=True)
 class RobotModel:
-    """A kind of robots; `lissajous_env.register_robot_model` makes it known by its name, for `robot.kind`."""
+    """One model of robots; after `lissajous_env.register_robot_model`, `robot.kind` can name it."""
 
     name: str
-    """Its name."""
+    """Name, as in `robot.kind`."""
     actions: tuple[str, ...]
-    """Names of an action's components, each in [-1, 1]."""
+    """Names of the action's components, each in [-1, 1]."""
     table: tuple[tuple[float, ...], ...]
-    """(K, len(actions)) rows that a discrete action chooses from."""
+    """(K, len(actions)) actions from which a discrete action selects."""
     move: Any
-    """Kernel that moves the robots over a step; its parameters are found by name, as `lissajous_env.world.stages` says.
+    """Kernel that moves the robots by a step; arguments are matched by name, see `lissajous_env.world.stages`.
 
-    `command` (W, N, len(actions)) is the action, limited, with its noise. It writes position, heading and speed of
-    `robots`, and the track through the step, `robots.track` (W, N, S + 1), from the old position to the new one. A
-    robot that is not WORKING stands still.
+    `command` (W, N, len(actions)) is the clipped action with noise. The kernel writes position, heading and speed of
+    `robots`, and the track `robots.track` (W, N, S + 1) from the old position to the new one. A robot that is not
+    WORKING stands still.
     """
     speed_unit: Callable[[Curve, Formation, Robot], float]
     """Unit of observed speeds [m/s], such as the top speed."""
     meanings: tuple[str, ...] = ()
-    """What each component does from -1 to 1, with its unit, for readers; the name alone where there is none."""
+    """Description of each component of the action, with its unit."""
     rest: tuple[float, ...] | None = None
-    """The action that brings a robot to rest; None is all zero."""
+    """Action that brings a robot to rest; None means zeros."""
     check: Callable[[Curve, Formation, Robot, Noise, Task], None] = _nothing_to_check
-    """Raises a ValueError with the name of a field that this model does not take."""
+    """Function that raises ValueError for fields that this model does not support."""
     shape: Callable[[Robot], list[tuple[np.ndarray, str | None]]] | None = None
-    """Outlines (K, 2) of its parts for a radius of 1, heading right, the lowest first, each with the name of a colour
-    in `lissajous_env.render.palette`, or None for the robot's own; without it, a disc with a tip ahead."""
+    """Function that returns outlines (K, 2) for a radius of 1, heading right, lowest first, each with the name of a
+    colour in `lissajous_env.render.palette` or None for the robot's own; by default a disc with a tip."""
     keeps_to_curve: bool = False
-    """Whether a robot is always on the curve; `move` then writes its phase, which else follows its place by itself."""
+    """True if robots never leave the curve; `move` then writes the phase, otherwise derived from the position."""
 
     @property
     def action_size(self) -> int:
-        """Components of an action."""
+        """Number of components of an action."""
         return len(self.actions)
 
 
@@ -62,7 +62,7 @@ def register_robot_model(model: RobotModel) -> RobotModel:
     """Add a model to those that `robot.kind` can name, and return it.
 
     Raises:
-        ValueError: a name that another model has, or a model that cannot be one.
+        ValueError: the name is taken or invalid, or the model is invalid.
     """
     if not isinstance(model, RobotModel):
         raise ValueError(f"robot model must be a RobotModel, got {shown(model)}")
@@ -96,7 +96,7 @@ def model_of(kind: str) -> RobotModel:
     """Return the model of a name.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is no such model.
     """
     if kind not in _MODELS:
         raise ValueError(f"robot.kind must be one of {few_of(_MODELS, kind)}, got {shown(kind)}")
@@ -104,10 +104,10 @@ def model_of(kind: str) -> RobotModel:
 
 
 def is_shipped(kind: str) -> bool:
-    """Return True for the name of a model that ships with the package."""
+    """Return True if a model ships with the package."""
     return kind in _SHIPPED
 
 
 def robot_kinds() -> tuple[str, ...]:
-    """Names of the models."""
+    """Return the names of the models."""
     return tuple(_MODELS)
