@@ -17,7 +17,7 @@ from baselines.policies import factories
 from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Sheet, drawn_as
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
 from lissajous_env.device.devices import cores
-from lissajous_env.episodes.guarantee import Reach, check_follows, fastest_rogue, reach_of, unseen_over_time
+from lissajous_env.episodes.guarantee import Reach, check_follows, fastest_rogue, reach_of, worst_undetected_times
 from lissajous_env.parameters import named
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario import Scenario
@@ -91,7 +91,8 @@ def guarantee(
         unseen = {}
         for each in made if policies else ():
             curves = {
-                name: unseen_over_time(policy, each, range(episodes)) for name, policy in acting[each.name].items()
+                name: worst_undetected_times(policy, each, range(episodes))
+                for name, policy in acting[each.name].items()
             }
             unseen[each.name] = curves
             folder.write(f"unseen-{each.name}.{format}", picture_of_unseen(each, curves))

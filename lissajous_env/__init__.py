@@ -60,7 +60,7 @@ for _each in _SHIPPED:
 
 
 def __getattr__(name: str) -> _Any:
-    """Return what policies of one's own are made with, as `lissajous_env.Policy`: from `baselines`, when first used."""
+    """Return a base for custom policies, such as `lissajous_env.Policy`, imported from `baselines` on demand."""
     if name not in _BASES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return _base(name)

@@ -139,7 +139,7 @@ def test_the_command_scenarios_lists_all(capsys):
     with pytest.raises(SystemExit):
         main(["scenarios", "evaders"])
     printed = capsys.readouterr().out
-    assert "Assumptions of the paper that it violates:" in printed
+    assert "Violated assumptions of the paper:" in printed
     for words in violations(lissajous_env.scenario("evaders")):
         assert f"* {words}" in printed
     with pytest.raises(SystemExit):

@@ -297,7 +297,7 @@ def test_a_line_that_is_no_command_line_is_said_in_two_lines(arguments, capsys):
     assert (code, out) == (2, "")
     first, second = error.splitlines()
     assert first.startswith("error: ")
-    assert second == f"lissajous {arguments[0]} --help lists what it takes"
+    assert second == f"lissajous {arguments[0]} --help prints the options"
 
 
 @pytest.mark.parametrize(

@@ -75,16 +75,16 @@ def _print_designs(console: "Console", made: "list[Scenario]") -> None:
         for each in made:
             console.print(Text.assemble((each.name, "bold cyan"), f": {each.description}"), highlight=False)
         console.print()
-    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+    print_left_out(console, left_out, "--json prints them.")
     words = (
-        "N robots; r_s sensing radius; T_max = (2 pi / omega) / (N / kappa): the undisturbed formation detects every "
-        "target by then. - where that is not so, because r_s is below (8) or N is not a + b."
+        "N: number of robots; r_s: sensing radius; T_max = (2 pi / omega) / (N / kappa): detection-time bound of the "
+        "undisturbed formation. -: no bound, because r_s does not satisfy (8) or N is not a + b."
     )
     console.print(words, style="dim", highlight=False)
 
 
 def _print_settings(console: "Console", given: "Scenario") -> None:
-    """Print the fields in which a scenario differs from what its parts are by default."""
+    """Print the fields of a scenario that differ from their defaults."""
     rows = []
     for part in PARTS:
         values = getattr(given, part)
@@ -98,13 +98,15 @@ def _print_settings(console: "Console", given: "Scenario") -> None:
     console.print()
     columns = [Column("field", left=True), Column(given.name, prose=True), Column("default", left=True, rank=1)]
     left_out = print_table(console, columns, rows)
-    print_left_out(console, left_out, "--json has all fields.")
-    console.print(f"{given.name}: what differs from the defaults; digest {given.digest()}.", style="dim", markup=False)
+    print_left_out(console, left_out, "--json prints all fields.")
+    console.print(
+        f"{given.name}: fields that differ from the defaults; digest {given.digest()}.", style="dim", markup=False
+    )
 
 
 def _print_violations(console: "Console", sentences: Sequence[str]) -> None:
     """Print the assumptions of the paper that a scenario violates."""
     if sentences:
-        console.print("\nAssumptions of the paper that it violates:")
+        console.print("\nViolated assumptions of the paper:")
     for words in sentences:
         console.print(f"* {words}", markup=False, highlight=False, soft_wrap=True)

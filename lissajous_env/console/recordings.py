@@ -1,4 +1,4 @@
-"""Commands show a recording in a window or write it to a file."""
+"""Show recordings in a window or write them to files, for commands."""
 
 import math
 import os
@@ -18,10 +18,10 @@ _MOST_PICTURES = 20_000
 
 
 def check_pace(speed: float, fps: float) -> None:
-    """Refuse a pace at which nothing can be shown.
+    """Check the pace of a film.
 
     Raises:
-        ValueError: a speed below 0.01 or above 1000, or pictures a second below 0.1 or above 50.
+        ValueError: the speed is not from 0.01 to 1000, or the pictures per second are not from 0.1 to 50.
     """
     for name, value, least, most in (("speed", speed, 0.01, 1000), ("fps", fps, 0.1, 50)):
         if not least <= value <= most:
@@ -29,7 +29,7 @@ def check_pace(speed: float, fps: float) -> None:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened; without a display SDL would draw one that nobody can see or close."""
+    """Return True if a window can be opened; without a display, SDL would open an invisible one."""
     if sys.platform in ("win32", "darwin"):
         return True
     driver = os.environ.get("SDL_VIDEODRIVER", "")
@@ -38,11 +38,11 @@ def has_display() -> bool:
 
 
 def check_file(out: Path | None, *suffixes: str) -> None:
-    """Refuse a file that cannot be written or whose format is not there, before any work is done for it.
+    """Check that an output file can be written, before any work is done for it.
 
     Raises:
-        ValueError: another suffix, a folder in its place, or a folder around it that is not there or not writable.
-        MissingExtraError: an .mp4 without the library that encodes it.
+        ValueError: the suffix is unknown, the path is a folder, or its parent is missing or not writable.
+        MissingExtraError: the library for .mp4 is not installed.
     """
     if out is None:
         return
@@ -64,10 +64,10 @@ def show(
     fps: float = 10.0,
     against: "Recording | None" = None,
 ) -> None:
-    """Show a recording in a window or, given a file, write it there in the format of its suffix.
+    """Show a recording in a window or, if a file is given, write it in the format of its suffix.
 
     Raises:
-        ValueError: a GIF or a film of more than 20,000 pictures.
+        ValueError: a GIF or film would have more than 20,000 pictures.
     """
     from rich.progress import Progress
 
