@@ -1,4 +1,4 @@
-"""Shows a recording as an animated GIF, an MP4 film or a contact sheet, or plays it in a window."""
+"""Show a recording as an animated GIF, an MP4 film or a contact sheet, or play it in a window."""
 
 import math
 import time
@@ -20,23 +20,23 @@ from lissajous_env.storage.files import replacing
 from lissajous_env.wording import shown
 
 MOST_PICTURES = 100
-"""Pictures of a contact sheet, at most."""
+"""Limit on the pictures of a contact sheet."""
 
 STILLS = ".png", ".svg", ".pdf"
 """Suffixes of a contact sheet."""
 
 LONGEST = 655.35
-"""Time for which a GIF can show a picture [s]; a film does not do so for longer either."""
+"""Longest duration of a picture in a GIF [s]; also used for films."""
 
 DENSEST = 50.0
-"""Pictures a second of a GIF or a film, at most [1/s]."""
+"""Limit on the pictures per second of a GIF or a film [1/s]."""
 
 FASTEST = 30.0
-"""Pictures a second in a window [1/s]."""
+"""Pictures per second in a window [1/s]."""
 
 
 def frames(recording: Recording, renderer: Renderer | None = None, every: int = 1) -> Iterator[np.ndarray]:
-    """Draw every moment of a recording, or every so manieth: pictures (H, W, 3) uint8."""
+    """Yield pictures (H, W, 3) uint8 of a recording, one for each `every` moments."""
     renderer = renderer or Renderer(recording.scenario)
     for moment in range(0, len(recording), every):
         yield renderer.draw(recording.snapshot(moment))
@@ -73,7 +73,7 @@ def save_gif(
     renderer = Renderer(recording.scenario, size)
     moments = range(0, len(recording), every)
     samples = [renderer.draw(recording.snapshot(moments[k])) for k in _spread(len(moments), 5)]
-    # GIF counts in hundredths of a second, and most that show it cannot do less than two.
+    # The unit of a GIF is 0.01 s, and most viewers cannot show pictures shorter than two units.
     shown = max(round(100 * seconds), 2)
     with replacing(path) as temporary, open(temporary, "wb") as file:
         return _write(GifWriter(file, samples, shown), frames(recording, renderer, every), on_frame)
@@ -113,7 +113,7 @@ def save_mp4(
 
 
 def _paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
-    """Return every how manieth moment is shown, and for how long [s]."""
+    """Return the number of moments per picture and the duration of a picture [s]."""
     _require_positive(fps=fps, speed=speed)
     step = recording.scenario.task.step
     every = max(math.ceil(min(speed / (min(fps, DENSEST) * step), len(recording)) - 1e-9), 1)
@@ -127,7 +127,7 @@ def _paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
 
 
 def _write(writer: GifWriter | Mp4Writer, pictures: Iterator[np.ndarray], on_frame: Callable[[], None] | None) -> int:
-    """Write all pictures, and return how many they were."""
+    """Write all pictures and return their number."""
     count = 0
     for picture in pictures:
         writer.add(picture)
@@ -213,20 +213,20 @@ def play(recording: Recording, *, speed: float = 1.0, size: Sequence[int] | None
             if key == pygame.K_ESCAPE:
                 window.close()
             elif key == pygame.K_SPACE:
-                # At the end there is nothing to go on with but the beginning.
+                # At the end, playing restarts.
                 at, paused = (0.0, False) if moment == last else (at, not paused)
             elif key in (pygame.K_LEFT, pygame.K_RIGHT):
                 moment = min(max(moment + (1 if key == pygame.K_RIGHT else -1), 0), last)
                 at, paused = float(moment), True
         now = time.perf_counter()
         if not paused:
-            # A machine too slow for real time plays in slow motion, without gaps.
+            # A machine that is too slow plays in slow motion instead of skipping moments.
             at = min(at + min(now - before, 0.2) * speed / step, float(last))
         before = now
 
 
 def _spread(count: int, wanted: int) -> list[int]:
-    """Pick some of 0 ... count - 1, evenly, the first and the last among them."""
+    """Pick evenly spaced numbers of 0 ... count - 1, including the first and the last."""
     return sorted(set(np.linspace(0, count - 1, wanted).round().astype(int).tolist()))
 
 
