@@ -76,8 +76,7 @@ def show(
 
     output = output or Output()
     suffix = "" if out is None else out.suffix.lower()
-    films = {".gif": film.save_gif, ".mp4": film.save_mp4}
-    if suffix in films and (pictures := recording.duration * fps / speed) > _MOST_PICTURES:
+    if suffix in film.FILMS and (pictures := recording.duration * fps / speed) > _MOST_PICTURES:
         raise ValueError(
             f"speed must be such that a film has at most {_MOST_PICTURES:,} pictures, got {speed:g} with "
             f"{math.ceil(pictures):,}"
@@ -90,8 +89,8 @@ def show(
         task = progress.add_task("drawing", total=max(recording.duration * fps / speed, 1))
         if suffix == ".html":
             Replay(recording, against).save(out)
-        elif suffix in films:
-            films[suffix](recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
+        elif suffix in film.FILMS:
+            film.save_film(recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
         elif suffix in film.STILLS:
             film.save_sheet(recording, out)
         else:

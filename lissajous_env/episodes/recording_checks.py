@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.parameters.scenario import PARTS, Scenario
+from lissajous_env.parameters.plain_scenario import scenario_of
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.state import NEVER
 
 _PLAIN = (str, int, float, type(None))
@@ -18,16 +19,13 @@ def made_scenario(saved: dict[str, Any]) -> Scenario:
     Raises:
         ValueError: the scenario is invalid, or a derived field is not filled in.
     """
-    parts: dict[str, Any] = {name: part(**saved.pop(name)) for name, part in PARTS.items()}
+    made = scenario_of(saved)
     derived = {"robot": ("count", "phase_rate_max"), "formation": ("p", "alpha", "ring"), "sensing": ("radius",)}
     for part, fields in derived.items():
         for field in fields:
-            if getattr(parts[part], field) is None:
+            if getattr(getattr(made, part), field) is None:
                 raise ValueError(f"its {part}.{field} must be given")
-    words = {name: saved.pop(name) for name in ("name", "description")}
-    if saved or not all(isinstance(text, str) for text in words.values()):
-        raise ValueError("its scenario must hold a name, a description and the parts")
-    return Scenario(**words, **parts)
+    return made
 
 
 def check(recording: Any, fixed: Sequence[str]) -> None:

@@ -18,6 +18,8 @@ def scenario_of(plain: Mapping[str, Any], extensions: Iterable[Extension] = ()) 
         ValueError: a part or a field is missing or unknown, or a value is invalid; the message names it.
     """
     try:
+        if unknown := sorted(plain.keys() - {"name", "description", "extensions", *PARTS}):
+            raise ValueError(f"scenario must hold no {unknown[0]}")
         parts: dict[str, Any] = {
             part: kind(**{field: _number(value) for field, value in plain[part].items()})
             for part, kind in PARTS.items()
