@@ -79,7 +79,7 @@ def _entries(section: str) -> dict[str, str]:
 def _options(function: Callable[..., Any], texts: dict[str, str]) -> Iterator[_Option]:
     for parameter in inspect.signature(function, eval_str=True).parameters.values():
         kind = typing.get_args(parameter.annotation)[:1]
-        if kind and dataclasses.is_dataclass(kind[0]):
+        if kind and isinstance(kind[0], type) and dataclasses.is_dataclass(kind[0]):
             hints, words = typing.get_type_hints(kind[0], include_extras=True), meanings(kind[0])
             for field in dataclasses.fields(kind[0]):
                 if tyro.conf.Suppress not in typing.get_args(hints[field.name]):
