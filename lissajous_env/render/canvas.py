@@ -35,7 +35,7 @@ class View:
     scale: float
     """Pixels per metre."""
     centre: tuple[float, float]
-    """Where the middle of the rectangle lies [px]."""
+    """Centre of the rectangle [px]."""
     half: tuple[float, float]
     """Half of the rectangle's width and height [m]."""
 

@@ -27,7 +27,7 @@ class Ground:
         """Idleness that is drawn in full colour [s]."""
         self._task = scenario.task
         self.base = opaque(view.fine_size)
-        """What lies under everything; a place to draw what never changes."""
+        """Bottom layer, with the constant parts."""
         self.base.fill(palette.PAPER)
         self.base.fill(palette.GROUND, self.rectangle)
         self._curve = _curve(scenario, view)

@@ -22,7 +22,7 @@ class Team:
     def __init__(self, scenario: Scenario, view: View):
         self.scenario, self.view = scenario, view
         self.many = scenario.num_robots > 40
-        """Whether the robots are a crowd: drawn small, without numbers."""
+        """True for a crowd, which is drawn small and without numbers."""
         smallest = 3.6 if self.many else 6.5
         self.radius = max(view.scale * scenario.robot.radius, smallest)
         """Radius with which a robot is drawn [px]."""
