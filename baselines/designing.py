@@ -10,9 +10,9 @@ from baselines.policies import registry
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
-from lissajous_env.parameters.parts import Formation, Robot, Targets, Task
+from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.theory.assumptions import AssumptionWarning
+from lissajous_env.settings.parts import Formation, Robot, Targets, Task
 from lissajous_env.theory.candidate import Candidate
 from lissajous_env.theory.geometry import curve_length
 from lissajous_env.world.columns import (

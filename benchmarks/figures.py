@@ -51,8 +51,8 @@ def load() -> dict[str, Table]:
 
 def made_now() -> dict[str, Table]:
     """Tables that are not stored: entries of an observation, terms of the reward, columns of the score, the gist."""
-    from lissajous_env.parameters.checks import meanings
     from lissajous_env.parameters.scenario import Task
+    from lissajous_env.settings.checks import meanings
     from lissajous_env.world import columns, observation, reward
 
     parts = {

@@ -2,21 +2,24 @@
 
 from typing import Any as _Any
 
+# Before all others: a scenario can be made only once the robot models are registered.
+from lissajous_env.world import robots as _robots  # noqa: F401
+
+# isort: split
 from lissajous_env.envs.gymnasium_env import LissajousEnv
 from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
-from lissajous_env.envs.ids import register_ids as _register_ids
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv, env, parallel_env
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.policies import BASES as _BASES
 from lissajous_env.episodes.policies import base as _base
 from lissajous_env.episodes.policies import load, policies, policy
 from lissajous_env.parameters.extensions import observation_entry, reward_term, score_column, target_motion
+from lissajous_env.parameters.ids import register_ids as _register_ids
 from lissajous_env.parameters.named import register_scenario, scenario, scenarios
+from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.parameters.scenario import Curve, Faults, Formation, Noise, Robot, Scenario, Sensing, Targets, Task
 from lissajous_env.parameters.shipped import SHIPPED as _SHIPPED
 from lissajous_env.siblings import import_ours
-from lissajous_env.world.robots.model import RobotModel
-from lissajous_env.world.robots.table import register_robot_model
 from lissajous_env.world.simulation import Simulation
 
 __all__ = [
@@ -57,7 +60,7 @@ for _each in _SHIPPED:
 
 
 def __getattr__(name: str) -> _Any:
-    """Return what policies of one's own are made with, as `lissajous_env.Policy`: from `baselines`, when first used."""
+    """Return a base for custom policies, such as `lissajous_env.Policy`, imported from `baselines` on demand."""
     if name not in _BASES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return _base(name)

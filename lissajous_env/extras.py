@@ -1,13 +1,13 @@
-"""The extras: what is installed only where it is asked for, and the words for where it is missing."""
+"""Errors for optional dependencies that are not installed."""
 
 
 class MissingExtraError(ValueError, ImportError):
-    """Libraries of an extra are not installed; the message says how to install them."""
+    """Error for missing libraries of an extra; the message explains how to install them."""
 
 
 def missing(what: str, extra: str, error: ImportError) -> MissingExtraError:
-    """Error that says which extra brings what could not be imported, and how to install it."""
+    """Return the error that names the extra to install."""
     return MissingExtraError(
-        f'{what} must have the libraries of the extra {extra} ({error}): pip install ".[{extra}]" in a checkout, '
+        f'{what} requires the libraries of the extra {extra} ({error}): pip install ".[{extra}]" in a checkout, '
         f'pip install "lissajous-env[{extra}]" elsewhere'
     )

@@ -1,7 +1,7 @@
-"""What the current folder holds that a user may mean by a name: modules that register it, and files.
+"""Find names in the current folder: modules that register them, and files.
 
-Modules are read, not run, until a name that one of them registers is asked for. A name has to be written there, as in
-`register("my-policy")` or `Scenario(name="my-scenario")`; one that a program makes up is not found.
+Modules are parsed, and imported only if the requested name is registered there. The name must be a literal, as in
+`register("my-policy")` or `Scenario(name="my-scenario")`.
 """
 
 import ast
@@ -14,21 +14,21 @@ from lissajous_env.plugins import import_module
 from lissajous_env.wording import where_raised
 
 _LARGEST = 1 << 20
-"""Size of a module that is read [bytes]."""
+"""Limit on the size of a parsed module [bytes]."""
 _MOST = 1000
-"""Files of the folder that are looked at."""
+"""Limit on the number of files in the folder."""
 
 
 def load_module_of(name: str, thing: str, *functions: str) -> None:
-    """Import the module of the current folder that registers a name, if there is one.
+    """Import the module in the current folder that registers a name, if there is one.
 
     Args:
-        name: What was asked for. `my-method-mpcc` may also be what the registration of `my-method` brings.
-        thing: What it names, as messages call it.
-        functions: Names of the functions that register such things.
+        name: The name. `my-method-mpcc` may also result from the registration of `my-method`.
+        thing: Kind of the named object, for messages.
+        functions: Names of the registering functions.
 
     Raises:
-        ValueError: the module cannot be imported; the message says why.
+        ValueError: the module cannot be imported.
     """
     begun = {name, *(name[:k] for k, letter in enumerate(name) if letter == "-")}
     for given, module in registered_here(*functions):
@@ -41,7 +41,7 @@ def load_module_of(name: str, thing: str, *functions: str) -> None:
 
 
 def registered_here(*functions: str) -> Iterator[tuple[str, str]]:
-    """Names that modules of the current folder register with functions of these names, each with its module's."""
+    """Yield the names that modules in the current folder register with these functions, each with its module."""
     for path in _entries():
         try:
             source = path.read_text(encoding="utf-8") if path.suffix == ".py" and path.stat().st_size < _LARGEST else ""
@@ -58,23 +58,23 @@ def registered_here(*functions: str) -> Iterator[tuple[str, str]]:
 
 
 def beside(name: Any, suffix: str) -> list[str]:
-    """Files with a suffix in the folder of a path that a user gave, the current one for a mere name."""
+    """Return the files with a suffix in the folder of a path, which for a mere name is the current folder."""
     return [str(path) for path in _entries(name) if path.suffix == suffix and path.is_file()]
 
 
 def folders_beside(name: Any, file: str) -> list[str]:
-    """Folders that hold a file of some name, beside a path that a user gave."""
+    """Return the folders beside a path that contain a file of some name."""
     return [str(path) for path in _entries(name) if (path / file).is_file()]
 
 
 def _entries(name: Any = "") -> list[Path]:
     try:
         return sorted(islice(Path(name).parent.iterdir(), _MOST))
-    except (OSError, ValueError, TypeError):  # there is no such folder, or it must not be read
+    except (OSError, ValueError, TypeError):  # missing or unreadable folder
         return []
 
 
 def _name_of(call: ast.Call) -> str:
-    """Name of the function that is called, without that of its module."""
+    """Return the name of the called function, without its module."""
     function = call.func
     return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")

@@ -1,8 +1,7 @@
-"""What tells one piece of code from another: which modules it is in, and which values it was made with.
+"""Identify code by its sources and the values that it uses, so that results of different code are never mixed.
 
-Results that belong together are played by the same code. Names do not tell: the source of a module changes, and so do
-values that a function has captured. `parts_of` names the parts, each with its value where that is short, or with a
-digest; they are the same in every process.
+A name does not suffice: the source of a module changes, and so do values that a function has captured. `parts_of`
+returns parts by name, each with a short value or a digest, which are the same in every process.
 """
 
 import ast
@@ -22,20 +21,19 @@ from typing import Any
 import numpy as np
 
 OURS = ("lissajous_env", "baselines", "training")
-"""Packages of ours: their version tells."""
+"""Packages of this distribution, identified by their version."""
 MODULE = "module "
-"""What the names of those parts begin with that are the source of a module."""
+"""Prefix of the names of parts that are the source of a module."""
 _PLAIN = (str, int, float, complex, bool, bytes, type(None))
 _LONGEST = 40
 
 
 def parts_of(value: Any) -> dict[str, str]:
-    """Name the parts of a function, class, partial, Warp kernel or other object, which together tell what it does.
+    """Return the parts of a function, class, partial, Warp kernel or other object, which determine its behaviour.
 
-    Of a module, all of the source counts, and that of the modules which it uses, as far as they are neither installed
-    nor Python's own. Of a function in a script or at a prompt, its own source counts, and what it refers to. To these
-    come the values in closures, defaults, partials and attributes. Of objects of libraries only arrays and what
-    `state_dict` returns count.
+    The parts of a module are its source and those of the modules that it imports, unless installed. A function in a
+    script or at a prompt has its own source and the objects to which it refers. Values in closures, defaults, partials
+    and attributes are added. Objects of libraries have only arrays and `state_dict`.
     """
     parts: dict[str, str] = {}
     _collect(value, "", parts, ())
@@ -43,7 +41,7 @@ def parts_of(value: Any) -> dict[str, str]:
 
 
 def _collect(value: Any, at: str, parts: dict[str, str], within: tuple[int, ...]) -> None:
-    """Add the parts of a value, by names that begin with where it was found."""
+    """Add the parts of a value; their names begin with `at`."""
     if id(value) in within:
         return
     within = (*within, id(value))
@@ -80,12 +78,12 @@ def _has_parts(value: Any) -> bool:
 def _module_of(value: Any) -> str:
     try:
         return str(getattr(value, "__module__", ""))
-    except Exception:  # what is loaded when it is first asked for
+    except Exception:  # lazily loaded modules
         return ""
 
 
 def _class(cls: type, parts: dict[str, str], at: str) -> dict[str, Any]:
-    """Sources of a class, what its methods have captured, and its attributes."""
+    """Return the sources of a class, the values captured by its methods, and its attributes."""
     found = _code(cls, parts, at)
     if _module_of(cls).partition(".")[0] in OURS or not _is_own(_module_of(cls)):
         return found
@@ -97,7 +95,7 @@ def _class(cls: type, parts: dict[str, str], at: str) -> dict[str, Any]:
 
 
 def _code(made: Any, parts: dict[str, str], at: str) -> dict[str, Any]:
-    """Sources of a function or class; its name goes among the parts."""
+    """Return the sources of a function or class, and add its name to the parts."""
     place, module = _module_of(made), sys.modules.get(_module_of(made))
     parts[f"{at} code".strip()] = f"{place}:{made.__qualname__}"
     if place.partition(".")[0] in OURS or (isinstance(made, type) and module is not None and _is_installed(module)):
@@ -110,7 +108,7 @@ def _code(made: Any, parts: dict[str, str], at: str) -> dict[str, Any]:
 
 
 def _sources(module: types.ModuleType) -> dict[str, Any]:
-    """Digests of the sources of a module, and of those that it imports and that are not installed."""
+    """Return digests of the sources of a module and of the imported modules that are not installed."""
     found, waiting = {}, [(module.__name__, str(module.__file__))]
     while waiting:
         name, file = waiting.pop()
@@ -123,10 +121,10 @@ def _sources(module: types.ModuleType) -> dict[str, Any]:
 
 
 def _imports(source: bytes, module: str) -> set[str]:
-    """Names of the modules that a module may import."""
+    """Return the names of the modules that a module may import."""
     try:
         nodes = list(ast.walk(ast.parse(source)))
-    except (SyntaxError, ValueError):  # no source of Python
+    except (SyntaxError, ValueError):  # not Python source
         return set()
     names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     for node in nodes:
@@ -138,9 +136,9 @@ def _imports(source: bytes, module: str) -> set[str]:
 
 
 def _own_file(module: str) -> str:
-    """File of a module of the user, by its name; "" for another one."""
+    """Return the file of a module of the user, or "" for other modules."""
     top = module.partition(".")[0]
-    with contextlib.suppress(Exception):  # there is none, or it cannot be found without running it
+    with contextlib.suppress(Exception):  # missing, or not found without importing it
         there = importlib.util.find_spec(top)
         if top not in OURS and there is not None and there.has_location and not _is_in_libraries(str(there.origin)):
             return str(getattr(importlib.util.find_spec(module), "origin", ""))
@@ -148,7 +146,7 @@ def _own_file(module: str) -> str:
 
 
 def _is_own(module: str) -> bool:
-    """Whether a module, by its name, is one of a user: neither ours nor installed."""
+    """Return True for the name of a module of the user, which is neither ours nor installed."""
     there = sys.modules.get(module)
     return there is not None and module.partition(".")[0] not in OURS and not _is_installed(there)
 
@@ -170,7 +168,7 @@ def _installed() -> tuple[str, ...]:
 
 
 def _source(made: Any, functions: Iterable[types.FunctionType]) -> str:
-    """Digest of the source of a function or class; of the compiled code where there is no source."""
+    """Return a digest of the source of a function or class, or of its code if there is no source."""
     try:
         return _digest(inspect.getsource(made).encode())
     except (OSError, TypeError):
@@ -190,7 +188,7 @@ def _functions(cls: type) -> list[types.FunctionType]:
 
 
 def _globals(function: types.FunctionType) -> dict[str, Any]:
-    """What a function refers to by name, outside of it: plain values, and what is a user's own."""
+    """Return the globals that a function uses: plain values and objects of the user."""
     names = {name for code in _codes(function.__code__) for name in code.co_names}
     there = {name: function.__globals__[name] for name in names if name in function.__globals__}
     return {
@@ -208,12 +206,12 @@ def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
 
 
 def _captured(function: types.FunctionType) -> dict[str, Any]:
-    """Values of a function's closure and of its defaults, by name."""
+    """Return the values of a function's closure and defaults by name."""
     found: dict[str, Any] = {}
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         try:
             found[name] = cell.cell_contents
-        except ValueError:  # it has not been assigned yet
+        except ValueError:  # not assigned yet
             found[name] = None
     names = function.__code__.co_varnames[: function.__code__.co_argcount]
     defaults = function.__defaults__ or ()
@@ -223,9 +221,9 @@ def _captured(function: types.FunctionType) -> dict[str, Any]:
 
 
 def _state(value: Any) -> dict[str, Any]:
-    """What an object holds that makes it behave as it does, by name."""
+    """Return the attributes that determine the behaviour of an object."""
     held = getattr(value, "__dict__", {})
-    if made_with := held.get("_made_with"):  # what it remembers changes while it is played
+    if made_with := held.get("_made_with"):  # its memory changes during an episode
         public = {name: each for name, each in held.items() if name[0] != "_" and isinstance(each, _PLAIN)}
         return {f"argument {k}": each for k, each in enumerate(made_with[0])} | dict(made_with[1]) | public
     if callable(weights := getattr(value, "state_dict", None)):
@@ -247,7 +245,7 @@ def _short(value: Any, within: tuple[int, ...]) -> str:
 
 
 def _text(value: Any, within: tuple[int, ...]) -> str:
-    """A value in words that are the same in every process."""
+    """Return a text for a value that is the same in every process."""
     if isinstance(value, _PLAIN):
         return repr(value)
     if id(value) in within:

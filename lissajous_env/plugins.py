@@ -1,4 +1,4 @@
-"""What users and other packages bring: `module:attribute`, of the current folder too, and entry points."""
+"""Load objects of users and other packages: `module:attribute`, also from the current folder, and entry points."""
 
 import functools
 import importlib
@@ -16,14 +16,14 @@ from lissajous_env.wording import nearest, where_raised
 
 
 def import_attribute(reference: str, rule: str) -> Any:
-    """Import `module:attribute`; a module in the current folder is found too.
+    """Import `module:attribute`, also from the current folder.
 
     Args:
-        reference: Names of the module and of what is in it, as `my_module:mine` or `package.module:Class.method`.
-        rule: What the message says that it must be.
+        reference: Module and attribute, such as `my_module:mine` or `package.module:Class.method`.
+        rule: Start of the error message.
 
     Raises:
-        ValueError: it cannot be loaded; the message says why, and where that was raised.
+        ValueError: the object cannot be loaded; the message contains the reason and the line.
     """
     module, _, attribute = reference.partition(":")
     try:
@@ -40,7 +40,7 @@ def import_attribute(reference: str, rule: str) -> Any:
 
 
 def import_module(module: str) -> types.ModuleType:
-    """Import a module, of the current folder too; what it imports later is looked for there last."""
+    """Import a module, also from the current folder; later imports search that folder last."""
     try:
         here = os.getcwd()
     except OSError:  # the folder was removed
@@ -56,32 +56,32 @@ def import_module(module: str) -> types.ModuleType:
 
 
 class EntryPoints:
-    """What other packages bring under one group of entry points, loaded when it is first asked for.
+    """Objects of other packages in a group of entry points, loaded on first use.
 
-    One that cannot be loaded is a warning with its name, and the others are there all the same.
+    An entry point that cannot be loaded causes a warning; the others are loaded all the same.
 
     Args:
         group: Name of the group.
-        things: What it brings, as messages call it.
-        take: Called with what an entry point names, in the order of their names; a module alone is only imported.
+        things: Kind of the objects, for messages.
+        register: Function called with each object in the order of the names; modules are only imported.
     """
 
-    def __init__(self, group: str, things: str, take: Callable[[Any], Any]):
-        self.group, self.things, self.take = group, things, take
+    def __init__(self, group: str, things: str, register: Callable[[Any], Any]):
+        self.group, self.things, self.register = group, things, register
         self.broken: list[str] = []
-        """What is wrong with those that could not be loaded, in words."""
+        """Messages for entry points that could not be loaded."""
         self._asked = False
 
     def load(self) -> None:
-        """Load what has not been loaded."""
+        """Load the entry points, once."""
         if self._asked:
             return
-        self._asked = True  # at once: what is loaded may ask for names itself
+        self._asked = True  # at once, since loaded code may look up names
         for entry in sorted(entry_points(group=self.group), key=lambda entry: entry.name):
             try:
                 brought = load_entry_point(entry)
                 if not isinstance(brought, types.ModuleType):
-                    self.take(brought)
+                    self.register(brought)
             except (Exception, SystemExit) as error:
                 words = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
                 named = f"the {self.things} of the entry point {entry.name} ({entry.value})"

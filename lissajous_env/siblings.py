@@ -1,8 +1,8 @@
-"""The packages that ship beside this one, `baselines` and `training`, also where a user's own modules hide them.
+"""Import the packages `baselines` and `training` of this distribution even if modules of the user hide them.
 
-A user's own `training/` or `baselines.py` may come first on the path, or be imported already. Then the user's module
-keeps its name, and ours are imported as `lissajous_env.siblings.baselines` and `lissajous_env.siblings.training`; the
-import statements inside them are directed there. Where nothing hides ours they have their plain names.
+If a user's own `training/` or `baselines.py` precedes them on the path or is already imported, the packages are
+imported as `lissajous_env.siblings.baselines` and `lissajous_env.siblings.training`, and import statements inside them
+are redirected. Otherwise they have their plain names.
 """
 
 import builtins
@@ -22,30 +22,30 @@ from typing import Any
 
 NAMES = "baselines", "training"
 PARENT = Path(__file__).resolve().parents[1]
-"""Folder in which our packages lie."""
+"""Folder of the packages."""
 
-__path__: list[str] = []  # what makes this module a package, whose modules the finder below finds
+__path__: list[str] = []  # makes this module a package, with the finder below
 _first: list[str] = []
-"""Folders in which modules of the user are looked for before all others."""
+"""Folders that are searched first for modules of the user."""
 
 
 def is_ours(file: str) -> bool:
-    """Whether a file belongs to one of our packages."""
+    """Return True if a file belongs to one of our packages."""
     path = Path(file).resolve()
     return any(path.is_relative_to(PARENT / name) for name in ("lissajous_env", *NAMES))
 
 
 def look_first_in(folder: str) -> None:
-    """Have a folder count as the first on the path: where a command looks for modules of the user."""
+    """Treat a folder as the first on the path when looking for modules of the user."""
     _first.append(folder)
 
 
 def import_ours(name: str) -> types.ModuleType:
-    """Import a module of `baselines` or `training`, such as "training.sb3": ours, whatever else has the name.
+    """Import our module of `baselines` or `training`, such as "training.sb3", even if another one has its name.
 
     Raises:
-        ValueError: a module of something else.
-        ImportError: there is no such module, or it needs a library that is not installed.
+        ValueError: the name belongs to another package.
+        ImportError: the module is missing, or requires a library that is not installed.
     """
     top = name.partition(".")[0]
     if top not in NAMES:
@@ -54,7 +54,7 @@ def import_ours(name: str) -> types.ModuleType:
 
 
 def load_entry_point(entry: EntryPoint) -> Any:
-    """Load what an entry point names; if that is one of our packages, ours, whatever else has the name."""
+    """Load the object of an entry point; entry points of this distribution load our packages."""
     if entry.module.partition(".")[0] not in NAMES or entry.dist is None or entry.dist.name != "lissajous-env":
         return entry.load()
     module = import_ours(entry.module)
@@ -62,18 +62,18 @@ def load_entry_point(entry: EntryPoint) -> Any:
 
 
 def _is_hidden(top: str) -> bool:
-    # Ours would import what hides `baselines`.
+    # Our `training` would import the other `baselines`.
     return _hides(top) or (top == "training" and _hides("baselines"))
 
 
 @cache
 def _hides(top: str) -> bool:
-    """Whether something else has the name of one of our packages; a warning says what, once."""
+    """Return True if another module has the name of one of our packages, and warn once."""
     path = sys.path
     try:
         sys.path = [*_first, *path]
         spec = importlib.util.find_spec(top)
-    except ValueError:  # a module that was made by hand and does not say where it is from
+    except ValueError:  # a module without a spec
         spec = None
     finally:
         sys.path = path
@@ -88,7 +88,7 @@ def _hides(top: str) -> bool:
 
 
 def _warn(words: str) -> None:
-    """Warn at the line of the user's code that led here."""
+    """Issue a warning that points to the user's code."""
     level, frame = 1, inspect.currentframe()
     while frame is not None and (is_ours(frame.f_code.co_filename) or "importlib" in frame.f_code.co_filename):
         level, frame = level + 1, frame.f_back
@@ -96,12 +96,12 @@ def _warn(words: str) -> None:
 
 
 class _Finder(MetaPathFinder):
-    """Finds the modules of our packages under this module's name."""
+    """Import finder for our packages below the name of this module."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: types.ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return where a module is, with a loader that directs its imports."""
+        """Return the spec of a module, with a loader that redirects its imports."""
         above, _, last = name.rpartition(".")
         if not name.startswith(f"{__name__}.") or (above == __name__ and last not in NAMES):
             return None
@@ -112,7 +112,7 @@ class _Finder(MetaPathFinder):
 
 
 class _Loader(SourceFileLoader):
-    """Loads a module in which `import baselines` means ours."""
+    """Loader of modules whose imports of `baselines` and `training` are redirected to ours."""
 
     def exec_module(self, module: types.ModuleType) -> None:
         """Run the module."""
@@ -127,7 +127,7 @@ def _import(
     fromlist: Sequence[str] | None = (),
     level: int = 0,
 ) -> types.ModuleType:
-    """Do what an import statement of one of our modules does."""
+    """Replace `__import__` in our modules."""
     top = name.partition(".")[0]
     if level > 0 or top not in NAMES or not _is_hidden(top):
         return builtins.__import__(name, globals, locals, fromlist or (), level)
@@ -135,4 +135,4 @@ def _import(
     return module if fromlist else sys.modules[f"{__name__}.{top}"]
 
 
-sys.meta_path.insert(0, _Finder())  # before the one that would load the modules as they stand
+sys.meta_path.insert(0, _Finder())  # before the standard finder, which would not redirect imports

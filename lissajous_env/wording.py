@@ -1,4 +1,4 @@
-"""Values and errors of others in our messages."""
+"""Format values, names and errors for messages."""
 
 import difflib
 import os
@@ -10,32 +10,31 @@ from typing import Any
 from lissajous_env import siblings
 
 _LONGEST = 160
-"""Letters of a value that are shown."""
+"""Limit on the length of a formatted value."""
 _ALIKE, _AS_GOOD = 0.6, 0.1
-"""Least likeness of a word that is offered, by `difflib`, and by how much it may be below the best one's."""
+"""Least similarity of a suggestion by `difflib`, and its largest distance from the best one."""
 _IMPORTS = "importlib"
-"""In the names of the files of Python's import system, frozen or not."""
+"""Part of the file names of Python's import system, frozen or not."""
 _INSTALLED = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
-"""Folders of Python's own and of installed modules."""
-
+"""Folders of the standard library and of installed packages."""
 
 _MOST_NAMES, _FEW = 30, 6
-"""Names that are listed in full; of more, so many."""
+"""Largest number of names that are listed in full, and number listed otherwise."""
 
 
 def shown(value: Any) -> str:
-    """Return what a value looks like, in one line and not too long: arrays fill pages."""
+    """Return the `repr` of a value on one line, shortened."""
     try:
         words = " ".join(repr(value).split())
-    except Exception:  # what cannot say what it is can still be named
+    except Exception:  # a failing `repr`
         words = f"a {type(value).__name__}"
     return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 3]}..."
 
 
 def nearest(word: Any, words: Iterable[str]) -> str:
-    """Return "; did you mean ...?" with the words that resemble a word, at most three of them; "" if none does.
+    """Return "; did you mean ...?" with at most three similar words, or "" if there is none.
 
-    A name that begins with the whole word and a dot, as `hall.toml` with `hall`, comes before all others.
+    Names that begin with the word and a dot, such as `hall.toml` for `hall`, come first.
     """
     given, known = str(word), dict.fromkeys(words)
     begun = [each for each in known if given and each.startswith(f"{given}.")]
@@ -46,7 +45,7 @@ def nearest(word: Any, words: Iterable[str]) -> str:
 
 
 def few_of(names: Iterable[Any], word: Any = "") -> str:
-    """Put names into a line: all of them where they are few, else those nearest to a word, and how many more."""
+    """Join names to a line; of many names, only those similar to `word` and the number of others."""
     known = list(dict.fromkeys(map(str, names)))
     if len(known) <= _MOST_NAMES:
         return ", ".join(known)
@@ -55,13 +54,13 @@ def few_of(names: Iterable[Any], word: Any = "") -> str:
 
 
 def where_raised(error: BaseException) -> str:
-    """Put an error into one line, with the file and the line of the user's code in which it was raised.
+    """Format an error on one line, with the file and the line of the user's code that raised it.
 
-    Positions in this package and in the import system are left out, and those in installed libraries where the code of
-    the user is among the callers.
+    Positions in this package and in the import system are skipped, and so are those in installed libraries if the
+    user's code is among the callers.
     """
     words = str(error).strip().partition("\n")[0]
-    frames = [] if isinstance(error, SyntaxError) else traceback.extract_tb(error.__traceback__)  # that says its place
+    frames = [] if isinstance(error, SyntaxError) else traceback.extract_tb(error.__traceback__)  # says where
     others = [frame for frame in frames if not siblings.is_ours(frame.filename) and _IMPORTS not in frame.filename]
     own = [frame for frame in others if not frame.filename.startswith(_INSTALLED)] or others
     place = f" ({os.path.basename(own[-1].filename)}, line {own[-1].lineno})" if own else ""

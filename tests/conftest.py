@@ -10,8 +10,7 @@ import pytest
 
 import baselines
 from baselines.policies import registry
-from lissajous_env.parameters import named
-from lissajous_env.world.robots import table
+from lissajous_env.parameters import named, robot_models
 
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 os.environ["MPLBACKEND"] = "Agg"
@@ -30,7 +29,12 @@ def _same_draws():
 def _own_registries(monkeypatch):
     # What one test registers, another must not see.
     baselines.names()
-    for module, name in ((registry, "_REGISTRY"), (registry, "_WRAPPERS"), (table, "_MODELS"), (named, "_REGISTERED")):
+    for module, name in (
+        (registry, "_REGISTRY"),
+        (registry, "_WRAPPERS"),
+        (robot_models, "_MODELS"),
+        (named, "_REGISTERED"),
+    ):
         monkeypatch.setattr(module, name, dict(getattr(module, name)))
 
 

@@ -12,10 +12,10 @@ import pytest
 import lissajous_env
 from lissajous_env.console.cli import main
 from lissajous_env.parameters import named
-from lissajous_env.parameters.parts import Curve, Formation, Robot, Sensing
+from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import Curve, Formation, Robot, Sensing
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.assumptions import AssumptionWarning, violations
 
 
 @pytest.fixture(autouse=True)
@@ -139,7 +139,7 @@ def test_the_command_scenarios_lists_all(capsys):
     with pytest.raises(SystemExit):
         main(["scenarios", "evaders"])
     printed = capsys.readouterr().out
-    assert "Assumptions of the paper that it violates:" in printed
+    assert "Violated assumptions of the paper:" in printed
     for words in violations(lissajous_env.scenario("evaders")):
         assert f"* {words}" in printed
     with pytest.raises(SystemExit):

@@ -13,7 +13,7 @@ from baselines.benchmark.clairvoyant import Clairvoyant, assigned, waiting_place
 from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from lissajous_env.episodes.evaluation import episodes
-from lissajous_env.theory.limits import mean_time_limit
+from lissajous_env.episodes.limits import mean_time_limit
 
 
 def played(scenario, seeds):

@@ -8,12 +8,16 @@ import signal
 import subprocess
 import sys
 import time
+from typing import Literal
 
 import pytest
+import tyro
 
 import baselines
 import lissajous_env
 from lissajous_env.console.cli import commands, main
+from lissajous_env.console.help import print_help
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
 from lissajous_env.world.columns import NAMES
 
 BENCHMARK = (
@@ -63,11 +67,45 @@ def called(capsys, *arguments):
 
 @pytest.mark.parametrize("name", sorted(commands()))
 def test_every_command_has_help(name, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main([name, "--help"])
-    out, error = capsys.readouterr()
-    assert (ended.value.code, error) == (0, "")
-    assert f"usage: lissajous {name}" in out
+    # Oracle: the options that tyro, which parses the command line, lists for the function.
+    function, options = commands()[name].load(), r"^\W*(?:-h, )?(--\w[\w-]*)"
+    code, out, error = called(capsys, name, "--help")
+    assert (code, error) == (0, "")
+    assert out.startswith(f"usage: lissajous {name}")
+    assert re.search(rf"^example\n +lissajous {name} ", out, re.MULTILINE)
+    with pytest.raises(SystemExit):
+        tyro.cli(function, args=["--help"])
+    listed = re.findall(options, capsys.readouterr().out, re.MULTILINE)
+    assert sorted(re.findall(options, out, re.MULTILINE)) == sorted(listed)
+
+
+def test_help_sorts_options_into_groups(capsys):
+    def paint(
+        wall: str, colour: Literal["red", "blue"] = "red", coats: int = 2, output: OutputOptions = DEFAULT_OUTPUT
+    ):
+        """Paint a wall.
+
+        Example:
+            lissajous paint north --coats 3
+
+        Options:
+            paint: coats, colour
+
+        Args:
+            wall: name of the wall,
+                or of the room.
+            colour: colour of the paint
+            coats: number of coats.
+            output: Console output.
+        """
+
+    print_help(paint, "lissajous paint")
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert lines[:5] == ["usage: lissajous paint [OPTIONS]", "", "Paint a wall.", "", "example"]
+    assert lines[lines.index("options") + 1] == "--wall TEXT Name of the wall, or of the room."
+    first = lines.index("paint") + 1
+    assert lines[first] == "--coats INT Number of coats (default: 2)."
+    assert lines[first + 1] == "--colour {red,blue} Colour of the paint (default: red)."
 
 
 @pytest.mark.parametrize("width", [80, 120])
@@ -259,7 +297,7 @@ def test_a_line_that_is_no_command_line_is_said_in_two_lines(arguments, capsys):
     assert (code, out) == (2, "")
     first, second = error.splitlines()
     assert first.startswith("error: ")
-    assert second == f"lissajous {arguments[0]} --help lists what it takes"
+    assert second == f"lissajous {arguments[0]} --help prints the options"
 
 
 @pytest.mark.parametrize(

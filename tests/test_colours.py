@@ -115,5 +115,5 @@ def test_robots_and_marks_of_a_replay_page_are_told_apart_by_every_reader(theme,
     assert len(robots) == 8
     for one, other in combinations([*robots, others["ground"]], 2):
         assert distance(from_hex(one), from_hex(other), seen) > APART, (one, other)
-    for one, other in combinations(("rogue", "found", "stuck", "touch", "unseen", "ground"), 2):
+    for one, other in combinations(("target", "found", "stuck", "touch", "unseen", "ground"), 2):
         assert distance(from_hex(others[one]), from_hex(others[other]), seen) > APART, (one, other)

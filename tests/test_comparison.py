@@ -17,7 +17,7 @@ from baselines.benchmark.running import run
 from baselines.benchmark.shown_columns import OVER_LIMIT, SHOWN
 from baselines.benchmark.statistics import summarize
 from baselines.benchmark.types import Benchmark
-from lissajous_env.theory.limits import mean_time_limit
+from lissajous_env.episodes.limits import mean_time_limit
 from lissajous_env.world.columns import COLUMNS, OPEN
 
 INTRUDERS = {"intruders": lissajous_env.scenario("intruders")}

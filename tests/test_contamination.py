@@ -7,7 +7,7 @@ from reference_contamination import Field, sensors_of
 
 import baselines
 import lissajous_env
-from lissajous_env.episodes.evaluation import Referee
+from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.parameters.spreading import HOPS
 from lissajous_env.world.discs import swept_run
 from lissajous_env.world.introduction import introduced_at
@@ -37,7 +37,7 @@ def played(policy, seed=0, slices=0, **overrides):
         if slices:
             sensors.append(sensors_of(simulation, slices))
 
-    Referee(baselines.make(policy, scenario, 1), simulation).play([seed], keep)
+    EpisodeRunner(baselines.make(policy, scenario, 1), simulation).play([seed], keep)
     return simulation, np.array(ages), np.array(sensors)
 
 
@@ -192,7 +192,7 @@ def test_a_simulated_rogue_that_knows_the_future_is_unseen_for_as_long_as_the_fi
     scenario = lissajous_env.scenario(scenario, extensions=[known_way])
     simulation = lissajous_env.Simulation(scenario, seed=5)
     seen = []
-    Referee(baselines.make("kuramoto-mpcc", scenario, 1), simulation).play(
+    EpisodeRunner(baselines.make("kuramoto-mpcc", scenario, 1), simulation).play(
         [5], lambda taken: seen.append(int(simulation.targets.in_sight.numpy()[0, 0]))
     )
     unseen = seen[born // 2 + 1 : until // 2 + 1]
@@ -258,7 +258,10 @@ def test_what_a_disc_sweeps_is_a_stadium():
         ({"task.contamination": (90, 10)}, "sides differ by 1.5 times at most"),
         ({"task.contamination": (90, 0)}, "each from 1 to 4096"),
         ({"task.contamination": (90,)}, "must be .columns, rows. or None"),
-        ({"task.contamination": (900, 400), "targets.speed_limit": 9.0}, "1/32 of what a rogue moves in a step"),
+        (
+            {"task.contamination": (900, 400), "targets.speed_limit": 9.0},
+            "of what an evading target moves in a step",
+        ),
         ({"targets.speed_limit": 0.1}, "at least what these targets move at, 0.2 m/s"),
         (
             {"task.contamination": (90, 40), "targets.custom": 0.5, "targets.wandering": 0.5},

@@ -14,8 +14,8 @@ from baselines.commands.design import design
 from baselines.designing import Played, first_that_works, play, scenario_of
 from lissajous_env.console.cli import main
 from lissajous_env.console.terminal import Output
-from lissajous_env.parameters.parts import Robot
 from lissajous_env.parameters.scenario_file import as_toml
+from lissajous_env.settings.parts import Robot
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory import design as theory
 

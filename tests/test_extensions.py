@@ -8,8 +8,8 @@ import warp as wp
 
 import baselines
 import lissajous_env
+from lissajous_env.parameters import robot_models
 from lissajous_env.parameters.extensions import load_extension
-from lissajous_env.world.robots import table
 from lissajous_env.world.state import Clock, Robots
 
 SHORT = {"task.duration": 4.0}
@@ -275,7 +275,7 @@ def test_a_model_is_drawn_as_a_disc_with_a_tip_or_in_its_own_shape(slider, monke
     shaped = lissajous_env.RobotModel(
         "slider", slider.actions, slider.table, slide, slider.speed_unit, shape=lambda robot: [(square, None)]
     )
-    monkeypatch.setitem(table._MODELS, "slider", shaped)
+    monkeypatch.setitem(robot_models._MODELS, "slider", shaped)
     assert (picture() != plain).any()
 
 

@@ -38,7 +38,7 @@ def recording() -> Recording:
 )
 def test_a_film_shows_every_moment_that_it_has_time_for(recording, tmp_path, settings, pictures, seconds):
     path, ticks = tmp_path / "a.mp4", []
-    assert film.save_mp4(recording, path, size=(360, 240), on_frame=lambda: ticks.append(1), **settings) == pictures
+    assert film.save_film(recording, path, size=(360, 240), on_frame=lambda: ticks.append(1), **settings) == pictures
     assert len(ticks) == pictures
     with av.open(str(path)) as opened:
         stream = opened.streams.video[0]
@@ -50,7 +50,7 @@ def test_a_film_shows_every_moment_that_it_has_time_for(recording, tmp_path, set
 
 def test_a_film_shows_what_was_drawn(recording, tmp_path):
     # Oracle: the pictures themselves; a decoded film loses colour where it changes from pixel to pixel, and no more.
-    film.save_mp4(recording, tmp_path / "a.mp4")
+    film.save_film(recording, tmp_path / "a.mp4")
     drawn = list(film.frames(recording, Renderer(recording.scenario)))
     with av.open(str(tmp_path / "a.mp4")) as opened:
         shown = [frame.to_ndarray(format="rgb24") for frame in opened.decode(video=0)]
@@ -63,7 +63,7 @@ def test_a_film_shows_what_was_drawn(recording, tmp_path):
 
 @pytest.mark.parametrize("size", [(361, 241), (360, 241), (160, 160)])
 def test_sides_of_a_film_are_even(recording, tmp_path, size):
-    film.save_mp4(recording, tmp_path / "a.mp4", size=size)
+    film.save_film(recording, tmp_path / "a.mp4", size=size)
     with av.open(str(tmp_path / "a.mp4")) as opened:
         frame = next(opened.decode(video=0))
         assert (frame.width, frame.height) == tuple(length + length % 2 for length in size)
@@ -71,7 +71,7 @@ def test_sides_of_a_film_are_even(recording, tmp_path, size):
 
 def test_a_browser_can_begin_before_it_has_the_whole_film(recording, tmp_path):
     # Format: the index ("moov") stands before the pictures ("mdat").
-    film.save_mp4(recording, tmp_path / "a.mp4", size=(240, 160))
+    film.save_film(recording, tmp_path / "a.mp4", size=(240, 160))
     data = (tmp_path / "a.mp4").read_bytes()
     assert 0 < data.index(b"moov") < data.index(b"mdat")
 
@@ -79,7 +79,7 @@ def test_a_browser_can_begin_before_it_has_the_whole_film(recording, tmp_path):
 @pytest.mark.parametrize("settings", [{"fps": 0}, {"speed": -1}, {"speed": float("nan")}, {"speed": 1e-9}])
 def test_a_pace_that_makes_no_sense_is_refused(recording, tmp_path, settings):
     with pytest.raises(ValueError, match=r"must be positive|at most 655\.35 s"):
-        film.save_mp4(recording, tmp_path / "a.mp4", **settings)
+        film.save_film(recording, tmp_path / "a.mp4", **settings)
     assert not list(tmp_path.iterdir())
 
 
@@ -105,7 +105,7 @@ def test_the_command_writes_a_film(tmp_path, monkeypatch, capsys):
 
 def test_a_browser_plays_a_film_in_its_colours(recording, tmp_path, browser):  # noqa: F811
     # Oracle: Chromium's own decoder and colours; compared with the last picture where it is even, off all edges.
-    film.save_mp4(recording, tmp_path / "a.mp4", size=(480, 320))
+    film.save_film(recording, tmp_path / "a.mp4", size=(480, 320))
     data = base64.b64encode((tmp_path / "a.mp4").read_bytes()).decode()
     (tmp_path / "page.html").write_text(f'<video src="data:video/mp4;base64,{data}" muted></video><canvas></canvas>')
     browser.get((tmp_path / "page.html").as_uri())

@@ -11,7 +11,7 @@ import pytest
 import baselines
 import lissajous_env
 from lissajous_env.console import cli
-from lissajous_env.episodes.guarantee import critical_speed, guaranteed_time, in_formation, unseen_over_time
+from lissajous_env.episodes.guarantee import critical_speed, guaranteed_time, in_formation, worst_undetected_times
 
 # Longest time unseen [s] by exact discs on cells of a tenth of a step's motion; inf where a rogue is never found.
 FIVE = [
@@ -75,7 +75,7 @@ def test_the_guarantee_comes_back_after_a_fault():
 
 def test_over_time_it_is_the_score():
     scenario = lissajous_env.scenario("evaders", **{"task.duration": 10.0})
-    curve = unseen_over_time(baselines.make("kuramoto-mpcc", scenario, 3), scenario, range(3))
+    curve = worst_undetected_times(baselines.make("kuramoto-mpcc", scenario, 3), scenario, range(3))
     rows = lissajous_env.evaluate(baselines.make("kuramoto-mpcc", scenario, 3), scenario, seeds=range(3))
     assert curve.shape == (3, 101)
     assert curve.max(axis=1) == pytest.approx([row["guaranteed_detection_time"] for row in rows])
@@ -83,7 +83,7 @@ def test_over_time_it_is_the_score():
     intruders = lissajous_env.scenario("intruders")
     still = baselines.make("still", intruders)
     with pytest.raises(ValueError, match=r"task\.contamination of intruders must be"):
-        unseen_over_time(still, intruders, [0])
+        worst_undetected_times(still, intruders, [0])
 
 
 def test_a_rogue_must_be_faster_where_sensors_are_larger():
@@ -125,7 +125,7 @@ def test_the_command_draws_what_it_says(tmp_path, capsys):
         (["intruders", "--policies", "still"], "task.contamination of intruders must be"),
         (["nowhere"], "scenario must be one of"),
         (["--policies", "kuramto"], "kuramto"),
-        (["experiment", "--set", "targets.speed_limit=50"], "the speed of rogues must be at most 12 m/s"),
+        (["experiment", "--set", "targets.speed_limit=50"], "the speed of targets must be at most 12 m/s"),
     ],
 )
 def test_the_command_refuses_by_name(arguments, words, tmp_path, capsys):

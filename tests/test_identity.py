@@ -18,7 +18,7 @@ from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from baselines.policies import registry
 from lissajous_env.identity import parts_of
-from lissajous_env.world.robots import table
+from lissajous_env.parameters import robot_models
 from lissajous_env.world.robots.point import POINT
 
 LONG = pytest.mark.long
@@ -247,8 +247,8 @@ def test_a_folder_holds_one_version_of_a_model_of_robots(tmp_path, monkeypatch):
     settings = Benchmark(("failure",), (), 1, batch=1, out=tmp_path, replays=("none",))
     still = {"still": lambda observation: np.zeros((*observation.shape[:2], 1), dtype=np.float32)}
     for rows, refused in ((((-1.0,), (1.0,)), False), (((-0.5,), (1.0,)), True)):
-        table._MODELS.pop("mine", None)
-        table.register_robot_model(dataclasses.replace(POINT, name="mine", table=rows))
+        robot_models._MODELS.pop("mine", None)
+        robot_models.register_robot_model(dataclasses.replace(POINT, name="mine", table=rows))
         scenario = lissajous_env.scenario("ideal", **{"robot.kind": "mine", "task.duration": 1.0})
         if refused:
             with pytest.raises(ValueError, match=r"played\.robots of kind mine"):

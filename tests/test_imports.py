@@ -1,4 +1,4 @@
-"""Which package may import which, and no circle of modules, by reading the imports; the core without the extras."""
+"""Imports run one way between packages and folders, without circles of modules; the core runs without the extras."""
 
 import ast
 import subprocess
@@ -94,6 +94,42 @@ def test_a_circle_is_found_wherever_its_imports_stand(tmp_path):
     graph = graph_of(tmp_path, ["ours"])
     assert set(circle_in(graph).split(" -> ")) == {"ours.a", "ours.b", "ours.c"}
     assert circle_in(without(graph, {("ours.c", "ours.a")})) == ""
+
+
+def folder_graphs(graph, root):
+    """For each folder of a package that contains folders: which of these import which, subfolders included.
+
+    Modules that lie directly in the folder are left out: they combine its folders, or are shared by them.
+    """
+    graphs = {}
+    for name, others in graph.items():
+        for other in others:
+            here, there = name.split("."), other.split(".")
+            depth = next((k for k, (a, b) in enumerate(zip(here, there, strict=False)) if a != b), 0)
+            pair = ".".join(here[: depth + 1]), ".".join(there[: depth + 1])
+            if depth and all((root / each.replace(".", "/")).is_dir() for each in pair):
+                arrows = graphs.setdefault(".".join(here[:depth]), {})
+                arrows.setdefault(pair[0], set()).add(pair[1])
+    return graphs
+
+
+def test_no_circle_of_folders():
+    # Oracle: the graph of all imports, its modules merged by folder, sorted topologically.
+    graphs = folder_graphs(graph_of(ROOT, ["lissajous_env"]), ROOT)
+    assert "lissajous_env.settings" in graphs["lissajous_env"]["lissajous_env.parameters"]
+    assert [circle for graph in graphs.values() if (circle := circle_in(graph))] == []
+
+
+def test_a_circle_of_folders_is_found(tmp_path):
+    # Story: no module is in a circle, but a.b.one imports a.c.two and a.c.one imports a.b.two.
+    for name, text in {"b/one": "import a.c.two", "b/two": "", "c/one": "from a.b import two", "c/two": ""}.items():
+        path = tmp_path / "a" / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    graph = graph_of(tmp_path, ["a"])
+    assert circle_in(graph) == ""
+    assert set(circle_in(folder_graphs(graph, tmp_path)["a"]).split(" -> ")) == {"a.b", "a.c"}
+    assert circle_in(folder_graphs(without(graph, {("a.c.one", "a.b.two")}), tmp_path)["a"]) == ""
 
 
 def clashes(root, packages):

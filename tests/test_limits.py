@@ -8,7 +8,7 @@ import pytest
 import baselines
 import lissajous_env
 from lissajous_env.episodes.guarantee import guaranteed_time
-from lissajous_env.theory.limits import (
+from lissajous_env.episodes.limits import (
     guaranteed_time_limit,
     mean_time_inside,
     mean_time_limit,

@@ -13,11 +13,10 @@ import pytest
 import baselines
 import lissajous_env
 from lissajous_env.console.cli import main
-from lissajous_env.parameters import named
+from lissajous_env.parameters import named, robot_models
 from lissajous_env.storage.files import check_writable_file
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import few_of
-from lissajous_env.world.robots import table
 from lissajous_env.world.robots.point import POINT
 
 
@@ -62,11 +61,11 @@ def test_entries_of_the_observation_have_names_of_their_own():
 )
 def test_a_model_of_robots_that_cannot_be_one(changed, words):
     # Oracle: the message, and that the table of models is as before.
-    before = table.robot_kinds()
+    before = robot_models.robot_kinds()
     with pytest.raises(ValueError, match="robot model") as error:
         lissajous_env.register_robot_model(dataclasses.replace(POINT, **{"name": "mine"} | changed))
     assert words in str(error.value)
-    assert table.robot_kinds() == before
+    assert robot_models.robot_kinds() == before
 
 
 def test_an_extension_that_exits_is_an_error():

@@ -7,8 +7,8 @@ import baselines
 import lissajous_env
 from lissajous_env.envs.actions import action_table
 from lissajous_env.envs.true_state import state_names
-from lissajous_env.episodes import guarantee, recording
-from lissajous_env.theory import closed_forms, limits
+from lissajous_env.episodes import guarantee, limits, recording
+from lissajous_env.theory import closed_forms
 from lissajous_env.world.observation import layout
 
 SHORT = {"task.duration": 1.0}

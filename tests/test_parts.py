@@ -54,7 +54,7 @@ def test_help_without_source_still_says_the_rules():
     # Story: a class that was made where there is no file, as in an interactive session.
     space = {"__name__": "nowhere"}
     exec(
-        "from lissajous_env.parameters.checks import *\nclass Part(Checked):\n    size: float = number(1.0, 0, 2, 'm')",
+        "from lissajous_env.settings.checks import *\nclass Part(Checked):\n    size: float = number(1.0, 0, 2, 'm')",
         space,
     )
     assert "size: (from 0 to 2 [m]; default 1.0)" in space["Part"].__doc__

@@ -15,7 +15,7 @@ from pettingzoo.test import api_test, max_cycles_test, parallel_api_test, parall
 
 import lissajous_env
 from lissajous_env.envs.actions import action_table
-from lissajous_env.theory.assumptions import AssumptionWarning
+from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.world.reward import TERMS
 
 SHORT = {"task.duration": 3.0}

@@ -192,7 +192,7 @@ def test_pictures_of_a_recording_are_those_of_the_simulation(recording):
 )
 def test_gif_shows_every_moment_that_it_has_time_for(recording, tmp_path, settings, pictures, shown):
     path, ticks = tmp_path / "a.gif", []
-    assert film.save_gif(recording, path, size=(360, 240), on_frame=lambda: ticks.append(1), **settings) == pictures
+    assert film.save_film(recording, path, size=(360, 240), on_frame=lambda: ticks.append(1), **settings) == pictures
     assert len(ticks) == pictures
     with Image.open(path) as gif:
         assert (gif.size, gif.n_frames) == ((360, 240), pictures)
@@ -202,7 +202,7 @@ def test_gif_shows_every_moment_that_it_has_time_for(recording, tmp_path, settin
 
 
 def test_gif_shows_what_was_drawn(recording, tmp_path):
-    film.save_gif(recording, tmp_path / "a.gif", size=(360, 240))
+    film.save_film(recording, tmp_path / "a.gif", size=(360, 240))
     drawn = list(film.frames(recording, Renderer(recording.scenario, (360, 240))))
     with Image.open(tmp_path / "a.gif") as gif:
         for k, picture in enumerate(drawn):
@@ -230,7 +230,7 @@ def test_contact_sheet_holds_the_pictures_at_its_times(recording, tmp_path):
 @pytest.mark.parametrize("settings", [{"fps": 0}, {"speed": -1}, {"speed": float("nan")}])
 def test_times_that_make_no_sense_are_refused(recording, tmp_path, settings):
     with pytest.raises(ValueError, match="must be positive"):
-        film.save_gif(recording, tmp_path / "a.gif", **settings)
+        film.save_film(recording, tmp_path / "a.gif", **settings)
     assert not list(tmp_path.iterdir())
 
 
@@ -308,7 +308,7 @@ def test_player_ends_when_its_window_is_closed(recording, monkeypatch):
 def test_positions_far_away_are_drawn(recording, tmp_path):
     far = dataclasses.replace(recording, position=recording.position + np.float32(1e30))
     far.save(tmp_path / "far.npz")
-    assert film.save_gif(recordings.load(tmp_path / "far.npz"), tmp_path / "far.gif", size=(240, 160)) == 13
+    assert film.save_film(recordings.load(tmp_path / "far.npz"), tmp_path / "far.gif", size=(240, 160)) == 13
 
 
 @pytest.mark.parametrize(
@@ -316,7 +316,7 @@ def test_positions_far_away_are_drawn(recording, tmp_path):
     [({"fps": 1e-9}, 1), ({"fps": 1e300}, 13), ({"speed": 1e300}, 1), ({"speed": 1e308, "fps": 1e-308}, 1)],
 )
 def test_any_pace_of_a_gif(recording, tmp_path, settings, pictures):
-    assert film.save_gif(recording, tmp_path / "a.gif", size=(240, 160), **settings) == pictures
+    assert film.save_film(recording, tmp_path / "a.gif", size=(240, 160), **settings) == pictures
     with Image.open(tmp_path / "a.gif") as gif:
         assert gif.n_frames == pictures
 
@@ -325,7 +325,7 @@ def test_a_gif_too_slow_to_be_shown_is_refused(recording, tmp_path):
     with pytest.raises(
         ValueError, match=r"fps and speed must show a picture for at most 655\.35 s, got .* speed 1e-09"
     ):
-        film.save_gif(recording, tmp_path / "a.gif", speed=1e-9)
+        film.save_film(recording, tmp_path / "a.gif", speed=1e-9)
     assert not list(tmp_path.iterdir())
 
 

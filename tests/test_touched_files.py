@@ -25,7 +25,7 @@ class Half(Policy):
 
 ROBOT = """
 import warp as wp
-from lissajous_env.world.robots.model import RobotModel
+from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.world.state import Clock, Robots
 
 
@@ -36,7 +36,7 @@ def stay(first: int, lanes: int, clock: Clock, robots: Robots):
         robots.speed[first + tid, i] = 0.0
 
 
-POST = RobotModel("post", ("nothing",), ((0.0,),), stay, lambda curve, formation, robot: 1.0)
+register_robot_model(RobotModel("post", ("nothing",), ((0.0,),), stay, lambda curve, formation, robot: 1.0))
 """
 
 COLUMN = """
@@ -81,10 +81,7 @@ assert len(lissajous_env.evaluate(baselines.make("{policy}", made, 2), made, see
         pytest.param(
             {"lissajous_env/world/robots/post.py": ROBOT},
             {
-                "lissajous_env/world/robots/table.py": [
-                    ("(CAR, POINT)}", "(CAR, POINT, POST)}"),
-                    ("import warp as wp\n", "import warp as wp\nfrom lissajous_env.world.robots.post import POST\n"),
-                ]
+                "lissajous_env/world/robots/__init__.py": [("import car, point", "import car, point, post")],
             },
             evaluated("still", "post"),
             marks=pytest.mark.long,

@@ -49,10 +49,10 @@ def test_the_papers_method_is_the_base_and_the_rival(given, base, rivals, imitat
 def test_a_robot_of_ones_own_has_no_base(monkeypatch):
     import dataclasses
 
-    from lissajous_env.world.robots import table
+    from lissajous_env.parameters import robot_models
     from lissajous_env.world.robots.point import POINT
 
-    monkeypatch.setitem(table._MODELS, "hovering", dataclasses.replace(POINT, name="hovering"))
+    monkeypatch.setitem(robot_models._MODELS, "hovering", dataclasses.replace(POINT, name="hovering"))
     settings = TrainingSettings("perturbation", overrides={"robot.kind": "hovering"})
     assert (settings.chosen_base, settings.chosen_rivals, settings.imitated) == (None, (), None)
     assert settings.reason_for_base == "there is none for robots of kind hovering"

@@ -5,16 +5,33 @@ import importlib
 
 import tyro
 
-from lissajous_env.console.terminal import AS_USUAL, Speech, make_console
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, make_console
 from lissajous_env.extras import missing
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from training.settings import TrainingSettings
 
 
 def train(
-    settings: tyro.conf.OmitArgPrefixes[TrainingSettings], output: Speech = AS_USUAL, overrides: Overrides = ()
+    settings: tyro.conf.OmitArgPrefixes[TrainingSettings],
+    output: OutputOptions = DEFAULT_OUTPUT,
+    overrides: Overrides = (),
 ) -> None:
     """Train a policy; it can be stopped or killed at any moment, the same command goes on.
+
+    Example:
+        lissajous train --scenario intruders --out runs/intruders
+
+    Options:
+        training: scenario, set, algorithm, steps, seed, start, out
+        start and base: base, residual, residual_penalty, teacher, imitation, imitation_steps, imitation_batch,
+            imitation_epochs
+        worlds: worlds, short, short_time, rollout, caution
+        network: inputs, layers, activation, critic, critic_steps
+        optimizer: learning_rate, batch_size, epochs, gamma, gae_lambda, clip_range, entropy, value_weight,
+            gradient_max, averaging
+        exploration: log_std, log_std_end, noise_steps
+        evaluation: evaluate_every, evaluation_episodes, rivals
+        where it runs: device, threads, engine, address, workers
 
     Args:
         settings: What is trained, how, and where it goes.
@@ -32,4 +49,4 @@ def train(
     # Its lines tell how it goes: where stdout is for the result alone, they go to stderr.
     console = make_console(stderr=output.json, quiet=output.quiet)
     history = engine.train(settings, console)
-    output.give({"out": settings.out, **dataclasses.asdict(history)})
+    output.print_json({"out": settings.out, **dataclasses.asdict(history)})

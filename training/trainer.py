@@ -13,8 +13,8 @@ import baselines
 from baselines.policies import registry
 from lissajous_env import Scenario, evaluate
 from lissajous_env.identity import parts_of
+from lissajous_env.parameters.robot_models import is_shipped, model_of
 from lissajous_env.storage.folder import Folder
-from lissajous_env.world.robots.table import is_shipped, model_of
 from training.display import Display
 from training.learned import checkpoint
 from training.learned.card import Card

@@ -6,8 +6,8 @@ from functools import cache
 from typing import NamedTuple
 
 from lissajous_env.episodes.guarantee import guaranteed_time
+from lissajous_env.episodes.limits import guaranteed_time_limit, mean_time_limit
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.theory.limits import guaranteed_time_limit, mean_time_limit
 
 
 class Bounds(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any
 
 from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.types import Cell
-from lissajous_env.episodes.evaluation import Referee
+from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.replay.contents import BRIEF, contents
 from lissajous_env.world.simulation import Simulation, fold_seed
@@ -122,7 +122,7 @@ def record_together(cell: Cell, seeds: Sequence[int], device: Any = "cpu") -> li
     simulation = Simulation(cell.scenario, policy.num_worlds, device=device)
     if isinstance(policy, Clairvoyant):
         policy.watch(simulation)
-    referee, recordings = Referee(policy, simulation), []
+    runner, recordings = EpisodeRunner(policy, simulation), []
     # A policy that was made already plays as many worlds as it was made for.
     for first in range(0, len(seeds), policy.num_worlds):
         batch = [fold_seed(seed) for seed in seeds[first : first + policy.num_worlds]]
@@ -134,7 +134,7 @@ def record_together(cell: Cell, seeds: Sequence[int], device: Any = "cpu") -> li
                 if steps[recorder.world] == taken:  # it may end before its time
                     recorder.take()
 
-        referee.play(batch + batch[-1:] * (policy.num_worlds - len(batch)), take)
+        runner.play(batch + batch[-1:] * (policy.num_worlds - len(batch)), take)
         recordings += [recorder.recording(cell.policy) for recorder in recorders]
     return recordings
 

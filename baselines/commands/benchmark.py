@@ -6,17 +6,24 @@ import tyro
 
 from baselines.benchmark.running import Benchmark, measure
 from baselines.commands.playing import progress_console
-from lissajous_env.console.terminal import AS_USUAL, CommandError, Speech
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, CommandError, OutputOptions
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 
 
 def benchmark(
-    settings: tyro.conf.OmitArgPrefixes[Benchmark], output: Speech = AS_USUAL, overrides: Overrides = ()
+    settings: tyro.conf.OmitArgPrefixes[Benchmark], output: OutputOptions = DEFAULT_OUTPUT, overrides: Overrides = ()
 ) -> int:
     """Compare policies on scenarios, with the same seeds for all: tables, files and a report page.
 
-    An interrupted benchmark resumes when the same command is run again. Example: lissajous benchmark --scenarios
-    evaders team --policies kuramoto-mpcc sweep --episodes 8
+    An interrupted benchmark resumes when the same command is run again.
+
+    Example:
+        lissajous benchmark --scenarios evaders team --policies kuramoto-mpcc sweep --episodes 8
+
+    Options:
+        what is played: scenarios, policies, episodes, seed, set
+        report: out, against, clairvoyant, replays
+        where it runs: device, batch, engine, address
 
     Args:
         settings: Episodes to play, and the folder of the results.
@@ -35,7 +42,7 @@ def benchmark(
     if output.json:
         comparisons = compare(outcome.rows, outcome.scenarios, settings.against)
         summary = summary_files.summarized(outcome, outcome.rows, comparisons)
-        output.give({**summary, "episodes": outcome.rows})
+        output.print_json({**summary, "episodes": outcome.rows})
     if outcome.failures:
         names = dict.fromkeys(f"{each.policy} on {each.scenario}" for each in outcome.failures)
         raise CommandError(f"{', '.join(names)} failed; {settings.out / 'summary.json'} has the tracebacks")

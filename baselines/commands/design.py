@@ -11,14 +11,14 @@ import tyro
 from rich.console import Console
 
 from baselines.designing import Played, first_that_works, scenario_of
-from lissajous_env.console.commands import check_file
-from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_left_out, print_table
+from lissajous_env.console.recordings import check_file
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_left_out, print_table
 from lissajous_env.device.devices import cores
 from lissajous_env.episodes.guarantee import Reach, reach_of
 from lissajous_env.parameters import named
-from lissajous_env.parameters.parts import Curve, Robot
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import as_toml
+from lissajous_env.settings.parts import Curve, Robot
 from lissajous_env.storage.files import replacing
 from lissajous_env.theory import design as theory
 from lissajous_env.theory.candidate import Candidate
@@ -51,14 +51,23 @@ def design(
     rows: int = 5,
     seed: int = 0,
     out: _Out = None,
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
 ) -> int:
     """Find the curve and the number of robots for a rectangle, play the design, and write it as a scenario's file.
 
     The formation moves as fast as the robots can drive the curve, less the headroom. Robots are cars if a turning
     circle is given or the scenario has cars; otherwise they turn on the spot and are simulated as points on the curve.
-    The exit code is 1 if no design works. Example: lissajous design --half-width 10 --half-height 5 --robot-radius 0.1
-    --sensor-radius 4 --speed-max 2
+    The exit code is 1 if no design works.
+
+    Example:
+        lissajous design --half-width 5 --half-height 5 --robot-radius 0.1 --sensor-radius 1.5 --speed-max 2
+
+    Options:
+        area and sensor: half_width, half_height, sensor_radius
+        robots: num_robots, robot_radius, speed_max, turning_radius, wheelbase, steering_max, grip
+        formation: phase_rate, headroom
+        evading targets: rogue_speed
+        results: rows, seed, out
 
     Args:
         scenario: name of a scenario, .toml file, or module:attribute from which missing options are taken; by default
@@ -198,7 +207,7 @@ def _answer(
     text = None if made is None else as_toml(made)
     if text is not None:
         _print_file(console, text, played, out)
-    output.give({
+    output.print_json({
         "recommendation": None if chosen is None else _as_plain(chosen),
         "words": words,
         "episodes": [] if played is None else played.rows,

@@ -11,8 +11,8 @@ from baselines.benchmark.running import Benchmark, plan, play
 from baselines.commands.playing import made, naming, progress_console
 from baselines.policies import registry
 from baselines.policies.factories import split_scenarios_and_policy
-from lissajous_env.console.commands import check_file
-from lissajous_env.console.terminal import AS_USUAL, Speech, print_left_out
+from lissajous_env.console.recordings import check_file
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
@@ -30,12 +30,18 @@ def evaluate(
     batch: int = 16,
     device: str = "cpu",
     out: _Out = None,
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Play one policy on scenarios and print statistics of every score.
 
-    Example: lissajous evaluate evaders kuramoto-mpcc --episodes 16
+    Example:
+        lissajous evaluate evaders kuramoto-mpcc --episodes 16
+
+    Options:
+        what is played: episodes, seed, set
+        where it runs: device, batch
+        files: out
 
     Args:
         names: scenarios (names, .toml files, module:attribute); then the policy: a name, a checkpoint's folder, or
@@ -80,4 +86,4 @@ def evaluate(
         summary_files.write_csv(out, rows)
         console.print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
     of = {name: {column: asdict(of) for column, of in by[policy].items()} for name, by in statistics.items()}
-    output.give({"policy": policy, "statistics": of, "episodes": rows})
+    output.print_json({"policy": policy, "statistics": of, "episodes": rows})

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from lissajous_env.console.terminal import AS_USUAL, Speech
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
 from lissajous_env.storage.folder import Folder
 
 TABLE = "table.tex"
@@ -18,13 +18,16 @@ def figures(
     format: Literal["pdf", "svg", "png"] = "pdf",
     out: _Out = None,
     against: str | None = None,
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
 ) -> list[Path]:
     """Draw the results of a benchmark for a paper, and write its table in LaTeX; no episode is played.
 
     The figures are performance profiles, the probability of improvement over the reference, and aggregates for each
     robot kind, with 95 % bootstrap intervals stratified by scenario; and distributions of the scores for each scenario.
-    All are 7.16 inch wide, both columns of a paper. Example: lissajous figures results/benchmark --format svg
+    All are 7.16 inch wide, both columns of a paper.
+
+    Example:
+        lissajous figures results/mine --format pdf
 
     Args:
         folder: folder with the results of `lissajous benchmark`.
@@ -66,5 +69,5 @@ def figures(
     output.console().print(
         f"{len(drawn)} figures and {TABLE} are in {place}", markup=False, highlight=False, soft_wrap=True
     )
-    output.give([str(path) for path in written])
+    output.print_json([str(path) for path in written])
     return written

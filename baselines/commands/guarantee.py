@@ -15,9 +15,9 @@ from rich.text import Text
 
 from baselines.policies import factories
 from baselines.reproduce.drawing import DARK, GREY, SERIES, Format, Sheet, drawn_as
-from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_table
 from lissajous_env.device.devices import cores
-from lissajous_env.episodes.guarantee import Reach, check_follows, fastest_rogue, reach_of, unseen_over_time
+from lissajous_env.episodes.guarantee import Reach, check_follows, fastest_rogue, reach_of, worst_undetected_times
 from lissajous_env.parameters import named
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario import Scenario
@@ -41,13 +41,21 @@ def guarantee(
     episodes: int = 8,
     out: Path = Path("guarantee"),
     format: Format = "png",
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Compute how fast a target must be to evade a formation for ever, and the worst-case undetected time of policies.
 
     The critical speed is printed and drawn for a range of sensing radii. It holds for targets that know the robots'
-    future and are anywhere at the start. Example: lissajous guarantee experiment --radii 8
+    future and are anywhere at the start.
+
+    Example:
+        lissajous guarantee evaders --policies kuramoto-mpcc open-loop-mpcc
+
+    Options:
+        formation: radii, cells
+        policies: policies, episodes, set
+        pictures: out, format
 
     Args:
         scenarios: names of scenarios, .toml files, or module:attribute; by default the paper's two curves.
@@ -84,12 +92,13 @@ def guarantee(
         unseen = {}
         for each in made if policies else ():
             curves = {
-                name: unseen_over_time(policy, each, range(episodes)) for name, policy in acting[each.name].items()
+                name: worst_undetected_times(policy, each, range(episodes))
+                for name, policy in acting[each.name].items()
             }
             unseen[each.name] = curves
             folder.write(f"unseen-{each.name}.{format}", picture_of_unseen(each, curves))
     console.print(f"wrote {', '.join(written)} in {out}", markup=False, highlight=False, soft_wrap=True)
-    output.give({
+    output.print_json({
         "formations": {name: [each._asdict() for each in rows] for name, rows in known.items()},
         "unseen": {
             name: {policy: curve.max(axis=1).tolist() for policy, curve in curves.items()}

@@ -6,15 +6,16 @@ from typing import Annotated
 import tyro
 
 from baselines.policies import registry
-from lissajous_env.console.terminal import AS_USUAL, Column, Speech, print_left_out, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_left_out, print_table
 
 _ScenarioOrNone = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]")]
 
 
-def policies(scenario: _ScenarioOrNone = None, output: Speech = AS_USUAL) -> None:
+def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_OUTPUT) -> None:
     """List the policies, each with the robots that it drives and a description.
 
-    Example: lissajous policies team
+    Example:
+        lissajous policies team
 
     Args:
         scenario: name of a scenario, .toml file, or module:attribute; with it, only policies that drive its robots are
@@ -22,7 +23,7 @@ def policies(scenario: _ScenarioOrNone = None, output: Speech = AS_USUAL) -> Non
         output: Console output.
     """
     listed = [registry.describe(name) for name in registry.names(scenario)]
-    output.give(listed)
+    output.print_json(listed)
     console = output.console()
     columns = [
         Column("name", left=True, style="bold cyan"),

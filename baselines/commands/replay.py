@@ -8,8 +8,8 @@ import tyro
 from baselines.benchmark.running import Benchmark, plan
 from baselines.commands.playing import FORMATS, record_one
 from baselines.policies.factories import split_scenarios_and_policy
-from lissajous_env.console.commands import check_file, check_pace, has_display, show
-from lissajous_env.console.terminal import AS_USUAL, Output, Speech
+from lissajous_env.console.recordings import check_file, check_pace, has_display, show
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Output, OutputOptions
 from lissajous_env.here import beside
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.wording import nearest
@@ -34,12 +34,17 @@ def replay(
     device: str = "cpu",
     speed: float = 1.0,
     fps: float = 10.0,
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Show an episode, played now or recorded before: as a page, in a window, or as MP4, GIF, PNG, SVG or PDF.
 
-    Example: lissajous replay evaders sweep --against kuramoto-mpcc --out replay.html
+    Example:
+        lissajous replay evaders sweep --against kuramoto-mpcc --out replay.html
+
+    Options:
+        episode: seed, device, set
+        what is shown: out, against, speed, fps
 
     Args:
         names: scenario and policy, as for `lissajous run`; or a recording, a .npz file of `lissajous run --out`.
@@ -73,7 +78,7 @@ def replay(
         other = record_one(rival, output, recording.scenario)
     show(recording, out, output, speed, fps, other)
     scores = {"score": recording.score} | ({} if other is None else {"against": other.score})
-    output.give({"wrote": out, **scores})
+    output.print_json({"wrote": out, **scores})
 
 
 def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, overrides: Overrides) -> "Recording":

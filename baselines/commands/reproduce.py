@@ -29,7 +29,7 @@ from baselines.reproduce import (
 from baselines.reproduce.claims import Claim, Part
 from baselines.reproduce.drawing import Format, Picture, drawn_as
 from baselines.reproduce.episodes import Player
-from lissajous_env.console.terminal import AS_USUAL, Speech, make_console
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, make_console
 from lissajous_env.device.devices import as_device
 from lissajous_env.storage.folder import Folder
 from lissajous_env.wording import nearest, shown
@@ -68,12 +68,15 @@ def reproduce(
     seed: int = 0,
     device: str = "cpu",
     format: Format = "png",
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
 ) -> list[Claim]:
     """Simulate the paper's figures and claims again: pictures, and a table of the claims that agree.
 
     The folder receives a picture for each figure, the table as table.csv and table.md, and a page, README.md. All parts
-    together take about a minute. Example: lissajous reproduce fig6 theorem4
+    together take about a minute.
+
+    Example:
+        lissajous reproduce fig6 theorem4
 
     Args:
         figures: parts of the paper: fig2 to fig9, theorem1 to theorem4, lemmas, bounds, rogues, knot, experiment1,
@@ -111,7 +114,7 @@ def reproduce(
     claims.print_claims(console, found)
     words = f"\n{claims.summary(found)}. {len(pictures)} pictures, table.csv, table.md and README.md are in {out}"
     console.print(words, markup=False, highlight=False, soft_wrap=True)
-    output.give([dataclasses.asdict(claim) for claim in found])
+    output.print_json([dataclasses.asdict(claim) for claim in found])
     return found
 
 

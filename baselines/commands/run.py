@@ -8,8 +8,8 @@ import tyro
 from baselines.benchmark.running import Benchmark
 from baselines.commands.playing import FORMATS, progress_console, record_one
 from baselines.policies.factories import split_scenarios_and_policy
-from lissajous_env.console.commands import check_file, has_display, show
-from lissajous_env.console.terminal import AS_USUAL, Speech
+from lissajous_env.console.recordings import check_file, has_display, show
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
@@ -23,12 +23,13 @@ def run(
     seed: int = 0,
     device: str = "cpu",
     out: _Out = None,
-    output: Speech = AS_USUAL,
+    output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
     """Play one episode and print its scores; show it in a window, or write a page, a film, a picture or a recording.
 
-    Example: lissajous run evaders kuramoto-mpcc --seed 3 --out episode.html
+    Example:
+        lissajous run evaders kuramoto-mpcc --seed 3 --out episode.html
 
     Args:
         scenario: name of a scenario, .toml file, or module:attribute.
@@ -48,7 +49,7 @@ def run(
     recording = record_one(settings, output)
     row = recording.score
     tables.print_row(output.console(), row)
-    output.give(row)
+    output.print_json(row)
     if out is not None or has_display():
         show(recording, out, output)
     else:

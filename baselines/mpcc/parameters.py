@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from baselines.similarity import EXPERIMENT, motion_scale
-from lissajous_env.parameters.checks import Checked, number, whole
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked, number, whole
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from baselines.policies import registry
 from lissajous_env import scenarios
-from lissajous_env.episodes.evaluation import ActingPolicy, OfFunction
+from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
 from lissajous_env.identity import parts_of
 from lissajous_env.parameters import named as named_scenarios
 from lissajous_env.parameters.scenario import Scenario
@@ -72,7 +72,7 @@ def as_factory(policy: Any, name: str) -> Factory:
             f"policy {name} must be a policy or factory(scenario, num_worlds, device), got {shown(policy)}"
         )
     if inspect.isfunction(policy) and _takes_one(policy):
-        return lambda scenario, num_worlds, device: OfFunction(policy, num_worlds)
+        return lambda scenario, num_worlds, device: FunctionPolicy(policy, num_worlds)
 
     def make(scenario: Scenario, num_worlds: int, device: Any) -> ActingPolicy:
         made: Any = policy(scenario, num_worlds, device)

@@ -23,8 +23,8 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_struct, point2
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.robots.table import model_of
 
 wp.set_module_options(OPTIONS)
 

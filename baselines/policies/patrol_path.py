@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from baselines.similarity import motion_scale
-from lissajous_env.parameters.checks import Checked, number, whole
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import top_speed, turning_radius
 
 _CRUISE = 0.85

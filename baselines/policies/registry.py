@@ -11,10 +11,10 @@ from baselines.policies.base import Policy
 from lissajous_env import here
 from lissajous_env import scenario as make_scenario
 from lissajous_env.identity import parts_of
+from lissajous_env.parameters.robot_models import robot_kinds
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import EntryPoints
 from lissajous_env.wording import few_of, nearest, shown
-from lissajous_env.world.robots.table import robot_kinds
 from lissajous_env.world.selection import whole_number
 
 

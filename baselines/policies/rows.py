@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from lissajous_env import scenario as make_scenario
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import nearest, shown
 from lissajous_env.world.observation import layout
-from lissajous_env.world.robots.table import model_of
 
 
 class Rows:

@@ -9,7 +9,7 @@ import numpy as np
 from baselines.policies import registry
 from baselines.policies.base import Policy
 from lissajous_env import scenario as make_scenario
-from lissajous_env.episodes.evaluation import Referee
+from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.columns import Column
@@ -150,7 +150,7 @@ class Player:
             arrays = (robots.phase, robots.position, robots.heading, robots.status, simulation.tally.phase_error)
             kept.append([np.array(array.numpy()) for array in arrays])
 
-        Referee(acting, simulation).play(on_moment=keep)
+        EpisodeRunner(acting, simulation).play(on_moment=keep)
         phase, position, heading, status, deviation = (np.stack(moments) for moments in zip(*kept, strict=True))
         scores = simulation.score()
         waited, found = map(list, zip(*map(simulation.detection_times, range(worlds)), strict=True))

@@ -27,8 +27,8 @@ from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import struct_of
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.parameters.checks import Checked, number, whole
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked, number, whole
 
 wp.set_module_options(OPTIONS)
 

@@ -15,9 +15,9 @@ from attacks import Attack, held_back
 from attacks.terminal import pick
 from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
+from lissajous_env.parameters import robot_models
 from lissajous_env.storage.files import check_writable_file
 from lissajous_env.storage.folder import Folder
-from lissajous_env.world.robots import table
 from lissajous_env.world.robots.point import POINT
 
 _QUIET = Console(quiet=True)
@@ -123,15 +123,15 @@ def models(draw: np.random.Generator) -> str | None:
         "rest": (pick(draw, _NUMBERS),) if draw.random() < 0.7 else pick(draw, [(), (0.0, 0.0)]),
         "actions": pick(draw, [(), ("",), ("a", "a"), (3,), (" a",)]),
     }[wrong]
-    before = table.robot_kinds()
+    before = robot_models.robot_kinds()
     seen: list[Any] = []
 
     def register() -> None:
         seen.append(lissajous_env.register_robot_model(dataclasses.replace(POINT, **{"name": "new", wrong: value})))
 
     words = held_back(register)
-    for name in set(table.robot_kinds()) - set(before):
-        del table._MODELS[name]
+    for name in set(robot_models.robot_kinds()) - set(before):
+        del robot_models._MODELS[name]
     return words or (f"{wrong} = {value!r:.80} was taken" if seen else None)
 
 

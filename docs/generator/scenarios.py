@@ -16,11 +16,11 @@ from docs.generator import replays
 from docs.generator.files import table, write_changed
 from docs.generator.pictures import MOST_TARGETS, picture_of
 from lissajous_env.envs.actions import action_table
-from lissajous_env.parameters.checks import meanings
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import PARTS, Scenario, Task
+from lissajous_env.settings.checks import meanings
 from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import FORMULAS
-from lissajous_env.world.robots.table import model_of
 
 _HERE = Path(__file__).parent
 _BOUNDARY = {

@@ -1,1 +1,1 @@
-"""The command line."""
+"""The command line: entry point, help, output, and the display of recordings."""

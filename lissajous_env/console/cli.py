@@ -1,7 +1,7 @@
-"""The command `lissajous`: finds the commands that are installed, runs one, and turns errors into one clear line.
+"""The command `lissajous`: run an installed command, and print errors as one clear line.
 
-A command is a typed function named by an entry point in the group `lissajous_env.commands`, so that packages which
-build on this one can add their own. Its signature is its command line; its docstring is its help.
+A command is a typed function named by an entry point in the group `lissajous_env.commands`, so that other
+packages can add commands. The signature of the function is the command line; its docstring is the help.
 """
 
 import ast
@@ -22,6 +22,7 @@ from typing import Any
 import tyro
 
 from lissajous_env import siblings
+from lissajous_env.console.help import print_help
 from lissajous_env.console.terminal import CommandError, complain, make_console
 from lissajous_env.device import kernel_cache
 from lissajous_env.wording import few_of, nearest, shown, where_raised
@@ -31,17 +32,17 @@ FAILED = 1
 BAD_INPUT = 2
 INTERRUPTED = 130
 TRACEBACK = "LISSAJOUS_TRACEBACK"
-"""Environment variable: where it is set, an error is shown with all that led to it."""
+"""Environment variable that enables tracebacks."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run `lissajous`; ends the process with the command's exit code: 2 for bad input, 130 after Ctrl-C."""
+    """Run `lissajous` and end the process with an exit code: 2 for bad input, 130 after Ctrl-C."""
     _open_streams()
     code = _ended(list(sys.argv[1:] if arguments is None else arguments))
     try:
         sys.stdout.flush()
     except OSError as error:
-        # Who read the output has seen enough, or the disk is full; what is left must not fail again at the very end.
+        # The reader closed the pipe, or the disk is full; the remaining output must not fail again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = code or FAILED
         if not isinstance(error, BrokenPipeError):
@@ -50,32 +51,32 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def commands() -> dict[str, EntryPoint]:
-    """Return the commands that are installed, by name."""
+    """Return the installed commands by name."""
     return {entry.name: entry for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name)}
 
 
 def _ended(arguments: list[str]) -> int:
-    """Run a command and return its exit code, an error said in one line."""
+    """Run a command and return its exit code; print errors as one line."""
     try:
         with _short_warnings():
             return _dispatch(arguments)
-    except SystemExit as ended:  # help was asked for, or nobody reads
+    except SystemExit as ended:  # the reader closed the pipe
         return ended.code if isinstance(ended.code, int) else 0
     except ValueError as error:
-        return _said(BAD_INPUT, error, str(error))
+        return _failed(BAD_INPUT, error, str(error))
     except BrokenPipeError:
         return FAILED
     except (CommandError, OSError) as error:
-        return _said(FAILED, error, str(error))
+        return _failed(FAILED, error, str(error))
     except KeyboardInterrupt as interrupt:
-        # What a command has to say about how to go on travels with the interrupt.
+        # The arguments of the interrupt explain how to resume.
         complain(f"interrupted{''.join(f'; {word}' for word in interrupt.args)}")
         return INTERRUPTED
     except Exception as error:
-        return _said(FAILED, error, f"{type(error).__name__}: {error}; with {TRACEBACK}=1 it says where")
+        return _failed(FAILED, error, f"{type(error).__name__}: {error}; set {TRACEBACK}=1 for the traceback")
 
 
-def _said(code: int, error: Exception, words: str) -> int:
+def _failed(code: int, error: Exception, words: str) -> int:
     if os.environ.get(TRACEBACK):
         print("".join(traceback.format_exception(error)), file=sys.stderr)
     complain(f"error: {words}")
@@ -99,28 +100,32 @@ def _dispatch(arguments: list[str]) -> int:
     quiet = "--quiet" in arguments
     kernel_cache.listener = None if quiet else complain
     if quiet:
-        warnings.simplefilter("ignore")  # what libraries say of their own accord
+        warnings.simplefilter("ignore")  # warnings of libraries
     with contextlib.suppress(OSError):  # the folder was removed
         siblings.look_first_in(os.getcwd())
     try:
         function = siblings.load_entry_point(known[name])
     except Exception as error:
         raise CommandError(f"the command {name} cannot be loaded: {type(error).__name__}: {error}") from error
-    given, named = _bound(function, f"lissajous {name}", arguments[1:])
+    program = f"lissajous {name}"
+    if {"-h", "--help"} & set(arguments):
+        print_help(function, program)
+        return 0
+    given, named = _bound(function, program, arguments[1:])
     try:
         result = function(*given, **named)
     except SystemExit as ended:
-        if isinstance(ended.__context__, BrokenPipeError):  # Rich found nobody reading
+        if isinstance(ended.__context__, BrokenPipeError):  # Rich found a closed pipe
             raise
         raise CommandError(f"{name} was ended from within: {where_raised(ended)}") from ended
     return result if isinstance(result, int) else 0
 
 
 def _bound(function: Callable[..., Any], program: str, arguments: list[str]) -> tuple[tuple, dict[str, Any]]:
-    """Arguments of a command's function, as a command line gives them; the function does not run yet.
+    """Return the arguments of a command's function from a command line, without calling it.
 
     Raises:
-        ValueError: the command line is not one of this command.
+        ValueError: the command line is invalid.
     """
 
     @functools.wraps(function)
@@ -128,22 +133,19 @@ def _bound(function: Callable[..., Any], program: str, arguments: list[str]) -> 
         return given, named
 
     said = io.StringIO()
-    asks_for_help = any(argument in ("-h", "--help") for argument in arguments)
     try:
-        with contextlib.redirect_stderr(said), contextlib.nullcontext() if asks_for_help else _wide_frames():
+        with contextlib.redirect_stderr(said), _wide_frames():
             return tyro.cli(bind, prog=program, args=arguments)
-    except SystemExit as ended:
-        if not ended.code:
-            raise
+    except SystemExit:
         words = _without_frame(said.getvalue())
-        # What the settings themselves refuse is said in their own words.
+        # Errors of the settings themselves need no hint.
         refused = re.fullmatch(r"error parsing \w+: (.*)", words)
-        raise ValueError(refused[1] if refused else f"{words}\n{program} --help lists what it takes") from None
+        raise ValueError(refused[1] if refused else f"{words}\n{program} --help prints the options") from None
 
 
 @contextlib.contextmanager
 def _short_warnings() -> Iterator[None]:
-    """Print warnings in a line each, without a place in our code."""
+    """Print each warning on one line, without its place in the code."""
     before = warnings.formatwarning
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
@@ -154,7 +156,7 @@ def _short_warnings() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _wide_frames() -> Iterator[None]:
-    """Let tyro frame what it says in lines that are not broken."""
+    """Make tyro print its messages without line breaks."""
     before = os.environ.get("COLUMNS")
     os.environ["COLUMNS"] = "10000"
     try:
@@ -166,9 +168,9 @@ def _wide_frames() -> Iterator[None]:
 
 
 def _without_frame(said: str) -> str:
-    """One line of what tyro says in a frame: what is wrong, and the options that were perhaps meant."""
+    """Return the message in tyro's frame as one line, with similar options."""
     lines = re.sub(r"\x1b\[[0-9;]*m", "", said).splitlines()
-    # Around it are a title and a last line; without lines to draw with, the title is underlined.
+    # The frame has a title and a last line; without line characters the title is underlined.
     underlined = bool(lines[1:]) and not lines[1].strip(" -")
     inside = "\n".join(line.strip("\u2502| ") for line in lines[1 + underlined : -1])
     first, *others = re.split(r"\n?^[\u2500-]{3,}$\n?", inside, flags=re.MULTILINE)
@@ -181,7 +183,7 @@ def _without_frame(said: str) -> str:
 
 
 def _check_text(arguments: list[str]) -> None:
-    """Refuse what no argument can be: empty, or no text.
+    """Check that no argument is empty or invalid text.
 
     Raises:
         ValueError: an argument is empty or holds bytes that are no UTF-8.
@@ -197,18 +199,18 @@ def _check_text(arguments: list[str]) -> None:
 
 
 def _open_streams() -> None:
-    """Give a closed stream somewhere to go, and let no character that a terminal lacks stop a command."""
+    """Replace closed streams, and replace characters that the terminal cannot print."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            # This takes the lowest number that is free, which else a file would get, and with it what is printed.
+            # Occupy the descriptor; otherwise a file would get it, and with it the printed output.
             os.open(os.devnull, os.O_RDWR)
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "r" if number == 0 else "w"))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a character that a terminal lacks becomes "?"
+            stream.reconfigure(errors="replace")  # prints "?" instead
 
 
 def _print_help(known: dict[str, EntryPoint]) -> None:
@@ -223,12 +225,12 @@ def _print_help(known: dict[str, EntryPoint]) -> None:
     for name, entry in known.items():
         table.add_row(f"  [bold cyan]{name}", Text(_summary(entry)))
     console.print(table)
-    words = "\n[b]lissajous COMMAND --help[/b] lists the options of a command; [b]lissajous --version[/b] says which."
+    words = "\n[b]lissajous COMMAND --help[/b] prints the options of a command, [b]--version[/b] the version."
     console.print(words, highlight=False)
 
 
 def _summary(entry: EntryPoint) -> str:
-    """First line of a command's docstring, read from its source: importing every command would take seconds."""
+    """Return the first line of a command's docstring from its source, since imports would take seconds."""
     name = entry.module.partition(".")[0]
     top = None if name in siblings.NAMES else importlib.util.find_spec(name)
     for folder in [siblings.PARENT / name] if top is None else top.submodule_search_locations or ():

@@ -1,4 +1,4 @@
-"""What commands say: one pair of options for all of them, tables that never cut a number, and JSON for programs."""
+"""Output of commands: the options that all of them have, tables that never cut a number, JSON, and errors."""
 
 import contextlib
 import json
@@ -17,39 +17,39 @@ from rich.table import Table
 from rich.text import Text
 
 _PIPE = 120
-"""Columns of a table where the output goes to no terminal and COLUMNS is not set."""
+"""Width of the output without a terminal and without COLUMNS."""
 _GAP = 2
-"""Columns between two columns of a table."""
+"""Characters between two columns of a table."""
 _NARROWEST = 16
 """Least width of a column of prose."""
 
 
 class CommandError(Exception):
-    """What was asked for is well-formed, but did not work: exit code 1 and one line."""
+    """Failure of a well-formed command: exit code 1 and one line."""
 
 
 @dataclass(frozen=True)
 class Output:
-    """How a command speaks."""
+    """Options for a command's output."""
 
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Print the result as JSON, and nothing else, to stdout; a number that does not exist is null."""
+    """Print only the result, as JSON; a number that does not exist is null."""
     quiet: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Print nothing but errors, and what --json asks for; files are still written."""
+    """Print nothing but errors and the JSON; files are still written."""
 
     def console(self) -> Console:
-        """Console for what people read of the result."""
+        """Return the console for readable results; silent with --json or --quiet."""
         return make_console(quiet=self.quiet or self.json)
 
-    def give(self, result: Any) -> None:
-        """Print a result as JSON where that is asked for."""
+    def print_json(self, result: Any) -> None:
+        """Print a result if --json is given."""
         if self.json:
             print(json.dumps(plain(result), indent=2, allow_nan=False))
 
 
-AS_USUAL = Output()
-Speech = tyro.conf.OmitArgPrefixes[Output]
-"""Type of a command's parameter `output`: the options --json and --quiet."""
+DEFAULT_OUTPUT = Output()
+OutputOptions = tyro.conf.OmitArgPrefixes[Output]
+"""Type of a command's parameter `output`, which adds the options --json and --quiet."""
 
 
 @dataclass(frozen=True)
@@ -57,20 +57,20 @@ class Column:
     """A column of a table."""
 
     title: str
-    """Over it; more lines are allowed."""
+    """Title; several lines are allowed."""
     prose: bool = False
-    """Text that may be broken between words; everything else stands whole in its line."""
+    """True for text that may be wrapped; other cells are never broken."""
     left: bool = False
     rank: int = 0
-    """Of the columns that can be spared, the highest ranks go first, from the right."""
+    """Rank; if the width is insufficient, columns of the highest rank are omitted first, from the right."""
     style: str = ""
     name: str = ""
-    """What it is called where it is left out; the title, if empty."""
+    """Name in the list of omitted columns; by default the title."""
 
 
 def make_console(stderr: bool = False, quiet: bool = False) -> Console:
-    """Console as wide as COLUMNS says or the terminal is, or 120 columns where the output goes to a file."""
-    # A name between two colons is a name, not a little picture.
+    """Return a console with the width of COLUMNS or the terminal, or of 120 characters without either."""
+    # A name between two colons is not an emoji.
     console = Console(stderr=stderr, quiet=quiet, emoji=False)
     asked = os.environ.get("COLUMNS", "")
     if asked.isdecimal() and int(asked) > 0:
@@ -85,15 +85,15 @@ def make_console(stderr: bool = False, quiet: bool = False) -> Console:
 def print_table(
     console: Console, columns: Sequence[Column], rows: Sequence[Sequence[str | Text]], sections: Sequence[int] = ()
 ) -> list[str]:
-    """Print a table, leave out columns that do not fit whole, and return their names.
+    """Print a table without the columns that do not fit, and return the names of these.
 
-    The first column and one more always stand, and are broken by a terminal that is narrower still.
+    The first column and one more are always printed, and wrapped in a very narrow terminal.
 
     Args:
-        console: Where to print.
-        columns: Its columns.
-        rows: Cells; a string is shown as it stands, brackets and all.
-        sections: Numbers of the rows that a rule is drawn below.
+        console: The console.
+        columns: The columns.
+        rows: The cells; strings are printed without markup.
+        sections: Indices of the rows that are followed by a rule.
     """
     if console.quiet:
         return []
@@ -107,7 +107,7 @@ def print_table(
     widths = {k: least[k] for k in kept}
     room = console.width - _width(least, kept)
     while room > 0 and (growing := [k for k in kept if widths[k] < whole[k]]):
-        # The column that lacks most grows first, so that prose of equal length gets equal room.
+        # The column that lacks most grows first, so that equally long texts get equal widths.
         widths[max(growing, key=lambda k: whole[k] - widths[k])] += 1
         room -= 1
     table = Table(box=box.SIMPLE_HEAD, header_style="bold", pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
@@ -124,14 +124,14 @@ def print_table(
 
 
 def print_left_out(console: Console, names: Sequence[str], where: str) -> None:
-    """Say which columns there was no room for, and where they are."""
+    """Print which columns were omitted, and `where` they can be found."""
     if names:
-        words = f"No room at this width for: {', '.join(dict.fromkeys(names))}. {where}"
+        words = f"Columns that do not fit the terminal: {', '.join(dict.fromkeys(names))}. {where}"
         console.print(words, style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
 def plain(value: Any) -> Any:
-    """Turn a value into what JSON can hold: NaN becomes null, infinity a word."""
+    """Convert a value to JSON types; NaN becomes null, infinity a word."""
     if isinstance(value, dict):
         return {str(name): plain(entry) for name, entry in value.items()}
     if isinstance(value, (list, tuple)):
@@ -144,9 +144,9 @@ def plain(value: Any) -> Any:
 
 
 def complain(text: str) -> None:
-    """Print an error to stderr, each of its lines short and without characters that move the cursor."""
+    """Print an error to stderr, in short lines without control characters."""
     shown = "\n".join(_shortened(line) for line in text.strip().splitlines())
-    with contextlib.suppress(OSError):  # nobody reads it
+    with contextlib.suppress(OSError):  # stderr is closed
         print(shown, file=sys.stderr, flush=True)
 
 

@@ -14,7 +14,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import to_struct
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.parameters.parts import Curve
+from lissajous_env.settings.parts import Curve
 
 wp.set_module_options(OPTIONS)
 

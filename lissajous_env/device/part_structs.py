@@ -1,7 +1,7 @@
 """The parts of a scenario as kernels see them."""
 
 from lissajous_env.device.structs import struct_of
-from lissajous_env.parameters import parts
+from lissajous_env.settings import parts
 
 FormationStruct = struct_of(parts.Formation)
 RobotStruct = struct_of(parts.Robot)

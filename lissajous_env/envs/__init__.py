@@ -1,1 +1,1 @@
-"""The environments: PettingZoo, Gymnasium, and a batch of either."""
+"""Environments for PettingZoo and Gymnasium, single and in batches."""

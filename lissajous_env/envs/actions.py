@@ -1,4 +1,4 @@
-"""Actions of one world, as users give them: spaces, the discrete table, and the checks of what comes in."""
+"""Actions of one world: spaces, the table of discrete actions, and checks."""
 
 from typing import Any
 
@@ -6,28 +6,28 @@ import gymnasium
 import numpy as np
 
 from lissajous_env.parameters import named
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.robots.table import model_of
 
 LARGE = 1e30
-"""Sum of squares above which actions are looked at one by one."""
+"""Sum of squares above which actions are checked one by one."""
 
 
 def action_table(scenario: str | Scenario) -> np.ndarray:
-    """(K, action_size) rows that a discrete action chooses from: steering x throttle, or phase rates."""
+    """Return (K, action_size) the actions from which a discrete action selects: steering x throttle, or phase rates."""
     return np.array(model_of(named.scenario(scenario).robot.kind).table, dtype=np.float32)
 
 
 def action_space(scenario: Scenario, discrete: bool, seed: int | None = None) -> gymnasium.Space:
-    """Action space of one robot: `Box(-1, 1, (action_size,))`, or `Discrete` over the rows of the table."""
+    """Return the action space of one robot: `Box(-1, 1, (action_size,))`, or `Discrete` over the rows of the table."""
     if discrete:
         return gymnasium.spaces.Discrete(len(action_table(scenario)), seed=seed)
     return gymnasium.spaces.Box(-1.0, 1.0, (scenario.action_size,), np.float32, seed=seed)
 
 
 def team_action_space(scenario: Scenario, discrete: bool, flat: bool) -> gymnasium.Space:
-    """Action space of the team: `Box(-1, 1, (N, action_size))`, flat `(N * action_size,)`, or `MultiDiscrete` (N,)."""
+    """Return the action space of the team: `Box(-1, 1, (N, action_size))`, flattened, or `MultiDiscrete` (N,)."""
     n, size = scenario.num_robots, scenario.action_size
     if discrete:
         return gymnasium.spaces.MultiDiscrete([len(action_table(scenario))] * n)
@@ -35,7 +35,7 @@ def team_action_space(scenario: Scenario, discrete: bool, flat: bool) -> gymnasi
 
 
 class ActionReader:
-    """Writes one world's actions into an array, refusing what is not an action by the name of its agent."""
+    """Writes the actions of one world into an array; errors name the agent."""
 
     def __init__(self, scenario: Scenario, discrete: bool):
         self._table = action_table(scenario) if discrete else None
@@ -45,7 +45,7 @@ class ActionReader:
         """Write one agent's action into its row.
 
         Raises:
-            ValueError: another shape, an index outside the table, or a number that is not finite.
+            ValueError: a wrong shape, an index outside the table, or a number that is not finite.
         """
         if self._table is not None:
             index = action.item() if isinstance(action, np.ndarray) and action.size == 1 else action
@@ -55,15 +55,15 @@ class ActionReader:
             row_out[:] = self._table[index]
             return
         values = np.asarray(action)
-        # A number alone stands for an action of one: some libraries squeeze it.
+        # Some libraries squeeze an action with one component to a number.
         fits = values.shape == self._shape or (values.shape == () and self._shape == (1,))
         if not fits or values.dtype.kind not in "fiu":
             raise ValueError(f"action of {agent} must be numbers of shape {self._shape}, got {shown(action)}")
         row_out[:] = values
 
     def check(self, agents: list[str], rows: np.ndarray) -> None:
-        """Refuse rows that are not finite, and clip what float32 could not hold."""
-        # One sum of squares tells for all of them: it is not finite if any number is not.
+        """Raise ValueError for rows that are not finite, and clip values beyond float32."""
+        # The sum of squares is not finite if any number is not.
         if not np.vdot(rows, rows) < LARGE:
             for agent, row in zip(agents, rows, strict=True):
                 if not np.isfinite(row).all():

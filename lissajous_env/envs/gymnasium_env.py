@@ -1,4 +1,4 @@
-"""The Gymnasium environment of one world: the whole team as one agent."""
+"""The Gymnasium environment of one world, in which the whole team is one agent."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def team_spaces(simulation: Simulation, discrete: bool, flat: bool) -> tuple[gymnasium.spaces.Box, gymnasium.Space]:
-    """Observation space (N, D) and action space of the team of one world."""
+    """Return the observation space (N, D) and the action space of the team of one world."""
     layout, n = simulation.layout, simulation.num_robots
     low, high = np.tile(layout.low, (n, 1)), np.tile(layout.high, (n, 1))
     observation = gymnasium.spaces.Box(low, high, dtype=np.float32)
@@ -26,19 +26,19 @@ def team_spaces(simulation: Simulation, discrete: bool, flat: bool) -> tuple[gym
 class LissajousEnv(gymnasium.Env):
     """One world as a `gymnasium.Env`; the agent is the team, as in `LissajousVectorEnv`.
 
-    The observation is (N, D), the reward the mean over the robots. The info holds `robot_reward` (N,), `reward_terms`
-    (N, terms), in the order of `lissajous_env.world.reward.TERMS`, and, when the episode ends, `score`.
+    The observation is (N, D), the reward the mean over the robots. The info contains `robot_reward` (N,),
+    `reward_terms` (N, terms) in the order of `lissajous_env.world.reward.TERMS`, and `score` when the episode ends.
 
     Args:
-        scenario: Name of a scenario, or one that was made.
+        scenario: Name of a scenario, or a `Scenario`.
         render_mode: None, `rgb_array`, or `human` for a window.
-        flat_actions: Whether actions are (N * action_size,) instead of (N, action_size). Discrete ones, (N,), are flat
-            already.
+        flat_actions: True for actions (N * action_size,) instead of (N, action_size). Discrete actions (N,) are always
+            flat.
         **settings: Settings of `LissajousParallelEnv`, and fields of the scenario.
 
     Raises:
-        UnknownSettingError: a keyword that is neither of these nor a field; a `ValueError` and a `TypeError`.
-        ValueError: a setting that a rule forbids.
+        UnknownSettingError: an unknown keyword (a `ValueError` and a `TypeError`).
+        ValueError: an invalid setting.
     """
 
     metadata = LissajousParallelEnv.metadata
@@ -66,11 +66,11 @@ class LissajousEnv(gymnasium.Env):
         return self._observed(), self._info(dict.fromkeys(observations, 0.0), infos)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
-        """Take one control step with the actions of all robots, as the action space lays them out.
+        """Take one control step with the actions of all robots.
 
         Raises:
             ResetNeeded: before the first reset, or after the end of an episode.
-            ValueError: an action is misshapen or not finite; nothing has moved.
+            ValueError: an action has a wrong shape or is not finite; the state is unchanged.
         """
         if self._rows is not None:
             if np.shape(action) != self.action_space.shape:
@@ -95,7 +95,7 @@ class LissajousEnv(gymnasium.Env):
         return self.parallel.render()
 
     def replay(self, policy: str = "") -> "Replay":
-        """Return the episode so far as a page, as `LissajousParallelEnv.replay`, of one made with `record=True`."""
+        """Return the episode so far as a page, as `LissajousParallelEnv.replay`; requires `record=True`."""
         return self.parallel.replay(policy)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""The Gymnasium environment of a batch of worlds, whose rows are teams or, for one agent each, robots."""
+"""The Gymnasium environment of a batch of worlds; a row is a team, or a robot with `agents_as_rows`."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -26,36 +26,36 @@ if TYPE_CHECKING:
 class LissajousVectorEnv(VectorEnv):
     """A batch of W worlds as a Gymnasium `VectorEnv`.
 
-    **A row is a team**, as long as `agents_as_rows` is not set. Observations are (W, N, D), actions (W, N, action_size)
-    or, discrete, (W, N) rows of the action table; the reward is the mean over the robots. A world is terminated when
-    all of its robots are. Infos hold `robot_reward` (W, N).
+    **A row is a team** by default. Observations are (W, N, D), actions (W, N, action_size) or, if discrete, indices
+    (W, N) of the action table; the reward is the mean over the robots. A world is terminated when all of its robots
+    are. Infos contain `robot_reward` (W, N).
 
-    **A row is a robot** with `agents_as_rows`: there are W N of them, row k N + i is robot i of world k, with spaces of
-    one robot. All rows of a world end together when its time is over. The row of a robot that is removed before that
-    is terminated in that step; from then on it stands still, with reward 0 and actions without effect, until its
-    world ends, when it is closed as terminated once more; then it begins anew with its world.
+    **A row is a robot** with `agents_as_rows`: row k N + i of the W N rows is robot i of world k, with the spaces of
+    one robot. All rows of a world end together when its time is over. The row of a robot that is removed earlier is
+    terminated in that step. Afterwards it stands still, with reward 0 and actions without effect, until its world
+    ends, when it is reported as terminated again and restarts with its world.
 
-    Infos also hold `invalid`, whether an action of the row's episode was not finite and zero was taken instead; when
-    worlds end, `score`, an array of the score rows of the episodes that ended (None elsewhere) with its mask
-    `_score`; and with SAME_STEP also `final_obs`, and the score in `final_info`.
+    Infos also contain `invalid`, True if an action in the row's episode was not finite and replaced by zero; when
+    worlds end, `score`, an array of the score rows of the ended episodes (None elsewhere) with its mask `_score`; and
+    with SAME_STEP also `final_obs`, and the score in `final_info`.
 
     Args:
-        scenario: Name of a scenario, or one that was made.
-        num_envs: W.
+        scenario: Name of a scenario, or a `Scenario`.
+        num_envs: Number of worlds W.
         render_mode: None, or `rgb_array`.
-        max_cycles: Steps of an episode, at least 1, in place of `task.duration`.
-        discrete_actions: Whether actions are rows of the table in `lissajous_env.envs.actions`.
-        flat_actions: Whether actions are (W, N * action_size). Discrete ones, and those of one robot, are flat already.
-        agents_as_rows: Whether a row is a robot.
+        max_cycles: Number of steps of an episode, instead of `task.duration`.
+        discrete_actions: True for actions that are indices of the table in `lissajous_env.envs.actions`.
+        flat_actions: True for actions (W, N * action_size). Discrete actions and those of one robot are always flat.
+        agents_as_rows: True for one row per robot.
         autoreset_mode: `NEXT_STEP` (the step after the end resets), `SAME_STEP` or `DISABLED`, or the enum.
         device: Warp device.
         threads: CPU threads; all cores by default.
-        record: World whose episodes are kept as they are played, for `replay`; None keeps none.
+        record: Index of the world whose episodes are recorded for `replay`; None records none.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
 
     Raises:
-        UnknownSettingError: a keyword that is neither of these nor a field; a `ValueError` and a `TypeError`.
-        ValueError: a setting that a rule forbids.
+        UnknownSettingError: an unknown keyword (a `ValueError` and a `TypeError`).
+        ValueError: an invalid setting.
     """
 
     def __init__(
@@ -114,12 +114,11 @@ class LissajousVectorEnv(VectorEnv):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin an episode in every world, or in those of `options["reset_mask"]`, bool (num_envs,).
 
-        A whole number as `seed` gives world k the seed + k; a list gives each world its own. Without one, a world's
-        first episode has a seed from the operating system, and each later one the next that the world draws from its
-        last.
+        With a whole number, world k has the seed `seed` + k; a list contains a seed for each world. Without a seed,
+        that of a world's first episode comes from the operating system, and each later one follows from the previous.
 
         Raises:
-            ValueError: a seed or a mask that is none, or a mask of some of a world's rows and not of all.
+            ValueError: an invalid seed or mask, or a mask with only some of the rows of a world.
         """
         worlds = self._masked(options)
         if isinstance(seed, (int, np.integer)):
@@ -141,11 +140,11 @@ class LissajousVectorEnv(VectorEnv):
         return self._observed(), {}
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Take a step in every world; worlds that ended are reset as `autoreset_mode` says.
+        """Take a step in every world; `autoreset_mode` determines when worlds that ended are reset.
 
         Raises:
             ResetNeeded: a world has not been reset yet.
-            ValueError: the actions have another shape, or discrete ones are not rows of the table.
+            ValueError: the actions have a wrong shape, or an index is outside the table.
         """
         if not self._begun.all():
             raise ResetNeeded("step needs running episodes: call reset first, for every world")
@@ -154,7 +153,7 @@ class LissajousVectorEnv(VectorEnv):
         sim.step(self._of_robots(actions))
         self._look()
         if begins.any():
-            # A world that ended stood still in the step above; what it returns is its new beginning.
+            # A world that ended stood still in the step above; it returns its first observation.
             sim.reset(begins)
             self._gone[begins] = False
             self._look()
@@ -176,9 +175,9 @@ class LissajousVectorEnv(VectorEnv):
         return self._observed(), reward, terminated, truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """Draw every row's world: (H, W, 3) uint8 each, smaller the more there are, as `lissajous_env.render.Gallery`.
+        """Draw the world of every row: (H, W, 3) uint8 each, smaller for more worlds (`lissajous_env.render.Gallery`).
 
-        Rows of one world share its picture. None without a render mode.
+        Rows of one world share its picture. Return None without a render mode.
         """
         if self.render_mode is None:
             gymnasium.logger.warn("render was called on an environment that was made without a render_mode")
@@ -191,10 +190,10 @@ class LissajousVectorEnv(VectorEnv):
         return tuple(picture for picture in pictures for _ in range(self._rows_each))
 
     def replay(self, policy: str = "") -> "Replay":
-        """Return the latest episode of the recorded world that has ended, or else the one that is played, as a page.
+        """Return the latest complete episode of the recorded world, or else the current one, as a page.
 
         Args:
-            policy: Name of who plays, for the page.
+            policy: Name of the policy, for the page.
 
         Raises:
             ValueError: the environment was made without `record`, or there was no reset yet.
@@ -202,7 +201,7 @@ class LissajousVectorEnv(VectorEnv):
         return replay_of(self._follower, policy, "record=0, the number of a world", ended=True)
 
     def close_extras(self, **_: Any) -> None:
-        """Free what pictures were drawn on."""
+        """Free the resources for drawing."""
         self._gallery = None
 
     def _look(self) -> None:
@@ -210,7 +209,7 @@ class LissajousVectorEnv(VectorEnv):
             self._follower.look()
 
     def _masked(self, options: Any) -> np.ndarray:
-        """Indices of the worlds that the options of a reset ask for."""
+        """Return the indices of the worlds that the options of a reset select."""
         if options is not None and not isinstance(options, Mapping):
             raise ValueError(f"options must be a dict, got {shown(options)}")
         mask = (options or {}).get("reset_mask")
@@ -224,7 +223,7 @@ class LissajousVectorEnv(VectorEnv):
         return np.flatnonzero(of_worlds.all(axis=1))
 
     def _of_robots(self, actions: Any) -> Any:
-        """Lay actions out as the simulation takes them, (W, N, action_size)."""
+        """Convert actions to shape (W, N, action_size)."""
         due, shape = self.simulation.action_shape, self.action_space.shape
         if self._table is not None:
             rows, last = np.asarray(actions), len(self._table) - 1
@@ -237,15 +236,15 @@ class LissajousVectorEnv(VectorEnv):
             if actions.dtype.kind not in "fiu":
                 raise ValueError(f"actions must be numbers of shape {shape}, got {shown(actions)}")
             if actions.dtype != np.float32:
-                actions = np.clip(actions, -1, 1).astype(np.float32)  # float32 could not hold all that is clipped
+                actions = np.clip(actions, -1, 1).astype(np.float32)  # clip first: float32 has a smaller range
         if shape == due:
-            return actions  # the simulation looks at their shape itself
+            return actions  # the simulation checks the shape
         if tuple(actions.shape) != shape:
             raise ValueError(f"actions must have shape {shape}, got {tuple(actions.shape)}")
         return actions.reshape(due)
 
     def _flags(self, ended: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Whether each row is terminated, and whether it is truncated."""
+        """Return the flags `terminated` and `truncated` of the rows."""
         gone, late = self.simulation.terminated.numpy().astype(bool), self.simulation.truncated.numpy().astype(bool)
         if not self._agents_as_rows:
             terminated = gone.all(axis=1)
@@ -255,13 +254,13 @@ class LissajousVectorEnv(VectorEnv):
         return terminated.reshape(-1), (late & ~gone).reshape(-1)
 
     def _scores(self, newly: np.ndarray) -> np.ndarray:
-        """(num_envs,) score rows of the worlds that have just ended, None elsewhere."""
+        """Return (num_envs,) the score rows of the worlds that have just ended, None elsewhere."""
         scores = np.full(len(newly), None, dtype=object)
         scores[newly] = self.simulation.score(newly)
         return np.repeat(scores, self._rows_each)
 
     def _begin_again(self, newly: np.ndarray, done: np.ndarray, infos: dict[str, Any]) -> None:
-        """Reset the worlds that have just ended, and keep in the infos what their rows, and others done, ended with."""
+        """Reset the worlds that have just ended, and store the final observations and infos of the done rows."""
         if not done.any():
             return
         last = self._observed()

@@ -1,4 +1,4 @@
-"""The PettingZoo environment: one world, one agent for each robot."""
+"""The PettingZoo environment of one world, with one agent per robot."""
 
 import operator
 from collections.abc import Mapping
@@ -24,26 +24,26 @@ if TYPE_CHECKING:
 
 
 class LissajousParallelEnv(ParallelEnv):
-    """Robots that monitor a rectangle and detect rogue targets, as a PettingZoo `ParallelEnv`.
+    """Robots that monitor a rectangle and detect targets, as a PettingZoo `ParallelEnv`.
 
-    The agents are `robot_0` ... and stay the same through an episode: a robot that a fault stops keeps observing, with
-    `works` at 0 and actions without effect. Only `task.on_collision` and `task.boundary`, where they are `remove`,
-    terminate agents. Every episode is truncated after `task.duration`. Without a seed the first episode is another one
-    each time. Observation rows are laid out in `lissajous_env.world.observation`; the reward of an agent is the sum
-    of the terms in its info under `reward_terms`, in the order of `lissajous_env.world.reward.TERMS`.
+    The agents are `robot_0` ... A failed robot remains an agent: it still observes, with `works` at 0 and actions
+    without effect. Agents are terminated only if `task.on_collision` or `task.boundary` is `remove`. Every episode is
+    truncated after `task.duration`. Without a seed, every run starts with a different random episode.
+    `lissajous_env.world.observation` describes the observation. The reward of an agent is the sum of the terms in
+    `reward_terms` of its info, in the order of `lissajous_env.world.reward.TERMS`.
 
     Args:
-        scenario: Name of a scenario, or one that was made.
+        scenario: Name of a scenario, or a `Scenario`.
         render_mode: None, `rgb_array`, or `human` for a window.
-        discrete_actions: Whether actions are rows of `lissajous_env.envs.actions.action_table` instead of numbers.
-        max_cycles: Steps of an episode, at least 1, in place of `task.duration`.
+        discrete_actions: True for actions that are indices of `lissajous_env.envs.actions.action_table`.
+        max_cycles: Number of steps of an episode, instead of `task.duration`.
         device: Warp device.
-        record: Whether episodes are kept as they are played, for `replay`; a step takes up to a millisecond longer.
+        record: True to record episodes for `replay`; a step takes up to 1 ms longer.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
 
     Raises:
-        UnknownSettingError: a keyword that is neither of these nor a field; a `ValueError` and a `TypeError`.
-        ValueError: a setting that a rule forbids.
+        UnknownSettingError: an unknown keyword (a `ValueError` and a `TypeError`).
+        ValueError: an invalid setting.
     """
 
     metadata = {  # noqa: RUF012 - PettingZoo declares it so
@@ -95,9 +95,9 @@ class LissajousParallelEnv(ParallelEnv):
         return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
-        """Begin an episode: with the given seed, or with the next that the world draws from its last.
+        """Begin an episode with the given seed, or with one that follows from the previous seed.
 
-        The seed of a first episode that is given none comes from the operating system; `score()["seed"]` tells it.
+        Without a seed, that of the first episode comes from the operating system; `score()["seed"]` contains it.
         """
         if seed is not None:
             self.simulation.reset(seeds=[fold_seed(seed)])
@@ -121,7 +121,8 @@ class LissajousParallelEnv(ParallelEnv):
 
         Raises:
             ResetNeeded: before the first reset, or after the end of an episode.
-            ValueError: an agent is missing or unknown, or an action is misshapen or not finite; nothing has moved.
+            ValueError: an agent is missing or unknown, or an action has a wrong shape or is not finite; the state is
+                unchanged.
         """
         agents = self.agents
         if not agents:
@@ -143,7 +144,7 @@ class LissajousParallelEnv(ParallelEnv):
             observation, rewards, terminated, truncated, infos = (
                 [column[i] for i in live] for column in (observation, rewards, terminated, truncated, infos)
             )
-        # The columns are as long as the agents; to have zip check it would take as long as to make a dict.
+        # The lengths are equal; a strict zip would double the time.
         results = (
             dict(zip(agents, observation)),  # noqa: B905
             dict(zip(agents, rewards)),  # noqa: B905
@@ -158,15 +159,15 @@ class LissajousParallelEnv(ParallelEnv):
         return results
 
     def score(self) -> dict[str, Any]:
-        """Score of the episode so far: the columns of `lissajous_env.world.columns.NAMES`."""
+        """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`."""
         return self.simulation.score()[0]
 
     def state(self) -> np.ndarray:
-        """Return the true state of the world, for critics that may see it, as `lissajous_env.envs.true_state`."""
+        """Return the true state of the world, for centralized critics; see `lissajous_env.envs.true_state`."""
         return state_rows(self.simulation)[0]
 
     def render(self) -> np.ndarray | None:
-        """Draw the world: returns (H, W, 3) uint8 for `rgb_array`, shows it and returns None for `human`."""
+        """Draw the world: return (H, W, 3) uint8 for `rgb_array`, or open a window and return None for `human`."""
         if self.render_mode is None:
             gymnasium.logger.warn("render was called on an environment that was made without a render_mode")
             return None
@@ -181,10 +182,10 @@ class LissajousParallelEnv(ParallelEnv):
         return None
 
     def replay(self, policy: str = "") -> "Replay":
-        """Return the episode so far as a page that a notebook shows and that `save` writes to a file.
+        """Return the episode so far as a page, which notebooks display and `save` writes to a file.
 
         Args:
-            policy: Name of who plays, for the page.
+            policy: Name of the policy, for the page.
 
         Raises:
             ValueError: the environment was made without `record=True`, or there was no reset yet.
@@ -201,11 +202,11 @@ class LissajousParallelEnv(ParallelEnv):
         return len(state_names(self.scenario))
 
     def _bind(self) -> None:
-        """Keep what a step needs at hand: on the CPU, views of the simulation's own memory."""
+        """Set up the arrays of a step, which on the CPU are views of the simulation's memory."""
         sim, count = self.simulation, len(self.possible_agents)
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
         self._reader = ActionReader(self.scenario, self._discrete_actions)
-        self._rows = np.zeros(sim.action_shape[1:])  # float64: what float32 cannot hold is clipped first
+        self._rows = np.zeros(sim.action_shape[1:])  # float64, to clip values beyond float32
         self._on_device = not sim.device.is_cpu
         self._fetch()
         self._action = sim.action.numpy().reshape(-1)
@@ -214,7 +215,7 @@ class LissajousParallelEnv(ParallelEnv):
         self._renderer = None
 
     def _read_at_once(self, actions: Any) -> bool:
-        """Take actions that are as the spaces sample them, one for every agent; False where they must be looked at."""
+        """Copy regular actions, one float32 array per agent; return False if the actions need individual checks."""
         if self._pick is None or type(actions) is not dict or len(actions) != len(self.agents):
             return False
         try:
@@ -223,14 +224,14 @@ class LissajousParallelEnv(ParallelEnv):
             regular = [row.shape for row in rows] == self._shapes
         except (KeyError, TypeError, ValueError, AttributeError):
             return False
-        # One sum of squares tells for all of them: it is not finite if any number is not.
+        # The sum of squares is not finite if any number is not.
         return regular and bool(self._action.dot(self._action) < LARGE)
 
     def _read(self, actions: Any) -> None:
-        """Take the actions one by one.
+        """Check and copy the actions one by one.
 
         Raises:
-            ValueError: an agent is missing or unknown, or an action is misshapen or not finite.
+            ValueError: an agent is missing or unknown, or an action has a wrong shape or is not finite.
         """
         if not isinstance(actions, Mapping):
             raise ValueError(f"actions must be a dict of agents and their actions, got {shown(actions)}")
@@ -243,7 +244,7 @@ class LissajousParallelEnv(ParallelEnv):
         self._action[:] = self._rows.ravel()
 
     def _fetch(self) -> None:
-        """Bring what a step returns to the host: views of the simulation's own memory where that is on the CPU."""
+        """Copy the results of a step to the host; on the CPU they are views of the simulation's memory."""
         sim = self.simulation
         arrays = sim.observation, sim.reward, sim.reward_terms, sim.terminated, sim.truncated
         self._observation, self._reward, self._terms, self._terminated, self._truncated = (
@@ -286,10 +287,10 @@ class LissajousParallelEnv(ParallelEnv):
 
 
 class _NamedAgents(wrappers.OrderEnforcingWrapper):
-    """The AEC environment, with an error in words for a name that is no agent's."""
+    """AEC environment with a clear error for an unknown agent."""
 
     def observe(self, agent: str) -> Any:
-        self.observation_space(agent)  # which checks the name
+        self.observation_space(agent)  # checks the name
         return super().observe(agent)
 
 
@@ -301,5 +302,5 @@ def parallel_env(
 
 
 def env(scenario: str | Scenario = "experiment", render_mode: str | None = None, **settings: Any) -> AECEnv:
-    """Make the same as an `AECEnv`, in which the agents act in turn."""
+    """Make the `AECEnv` of a scenario, in which the agents act in turn."""
     return _NamedAgents(parallel_to_aec(parallel_env(scenario, render_mode, **settings)))

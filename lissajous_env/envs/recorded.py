@@ -1,4 +1,4 @@
-"""Episodes of an environment that are kept while they are played. What draws is imported when it is asked for."""
+"""Recording of the episodes of an environment; modules for drawing are imported on demand."""
 
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def followed(simulation: Simulation, world: int | None) -> "Follower | None":
-    """Return what records a world of a simulation; None where none is to be recorded.
+    """Return a recorder of a world of a simulation, or None for no world.
 
     Raises:
         ValueError: there is no such world.
@@ -26,10 +26,10 @@ def followed(simulation: Simulation, world: int | None) -> "Follower | None":
 
 
 def replay_of(follower: "Follower | None", policy: str, how: str, ended: bool = False) -> "Replay":
-    """Return the episode that is played as a page, or where asked for the latest that has `ended`, if one has.
+    """Return the current episode as a page or, if `ended`, the latest complete one if there is one.
 
     Raises:
-        ValueError: nothing was recorded; the message says `how` it would be.
+        ValueError: nothing was recorded; the message contains `how` to enable it.
     """
     if follower is None:
         raise ValueError(f"replay needs an environment that was made with {how}")

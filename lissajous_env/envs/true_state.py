@@ -1,8 +1,8 @@
-"""The true state of each world, for critics that may see more than a robot does.
+"""The true state of each world, for centralized critics.
 
-Of each robot x [half_width], y [half_height], cos and sin of its heading, its speed [top speed of a car; of a point in
-the equilibrium], cos and sin of its phase, 1 where it works; of each target slot 1 where a target is present and
-undetected, and its x [half_width], y [half_height], all 0 otherwise; then the share of the episode that is over.
+It contains, for each robot, x [half_width], y [half_height], cos and sin of the heading, the speed [top speed of a car,
+or of a point in the equilibrium], cos and sin of the phase, and 1 if it works; for each target slot, 1 if its target is
+present and undetected, with x [half_width] and y [half_height], otherwise zeros; and the elapsed share of the episode.
 """
 
 from typing import Any, NamedTuple
@@ -29,11 +29,11 @@ class TrueState(NamedTuple):
     targets: Any
     """(W, T, 3) columns `OF_TARGET`."""
     elapsed: Any
-    """(W, 1) share of the episode that is over."""
+    """(W, 1) elapsed share of the episode."""
 
 
 def state_names(scenario: str | Scenario) -> tuple[str, ...]:
-    """Names of the S = 8 N + 3 T + 1 numbers of a world's state, in their order."""
+    """Return the names of the S = 8 N + 3 T + 1 numbers of a world's state, in order."""
     scenario = named.scenario(scenario)
     robots = [f"robot_{i}_{name}" for i in range(scenario.num_robots) for name in OF_ROBOT]
     targets = [f"target_{t}_{name}" for t in range(scenario.target_capacity) for name in OF_TARGET]
@@ -41,11 +41,11 @@ def state_names(scenario: str | Scenario) -> tuple[str, ...]:
 
 
 def state_rows(simulation: Simulation, library: Any = np) -> Any:
-    """True state of every world in one row each, (W, S), in the order of `state_names`.
+    """Return the true states as rows (W, S), in the order of `state_names`.
 
     Args:
         simulation: The worlds.
-        library: `numpy`, or `torch` for a tensor on the simulation's device, which does not pass through the host.
+        library: `numpy`, or `torch` for a tensor on the simulation's device, without a copy to the host.
     """
     worlds = simulation.num_worlds
     parts = [part.reshape(worlds, -1) for part in true_state(simulation, library)]
@@ -53,12 +53,12 @@ def state_rows(simulation: Simulation, library: Any = np) -> Any:
 
 
 def true_state(simulation: Simulation, library: Any = np) -> TrueState:
-    """Robots, targets and time of every world; `library` as for `state_rows`."""
+    """Return robots, targets and time of every world; `library` as for `state_rows`."""
     read = wp.array.numpy if library is np else wp.to_torch
     robots, targets, scenario = simulation.robots, simulation.targets, simulation.scenario
 
     def columns(*each: Any) -> Any:
-        # The phase is kept in float64.
+        # The phase is float64.
         return library.stack([library.asarray(column, dtype=library.float32) for column in each], -1)
 
     def place(position: Any) -> tuple[Any, Any]:

@@ -1,1 +1,1 @@
-"""Episodes that a policy plays: the one loop, its score rows, its recording."""
+"""Episodes: the loop in which a policy acts, score rows, recordings and bounds."""

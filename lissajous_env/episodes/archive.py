@@ -1,4 +1,4 @@
-"""Arrays out of .npz files that anyone can have made: what a file claims is looked at before memory is given to it."""
+"""Read arrays from untrusted .npz files: headers are checked before memory is allocated."""
 
 import json
 import math
@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 MOST_BYTES = 2**30
-"""What the arrays of one file may hold together [bytes]."""
+"""Limit on the total size of the arrays of a file [bytes]."""
 
 _MOST_WORDS = 2**24
-"""What its text may hold [bytes]."""
+"""Limit on the size of its text [bytes]."""
 
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
@@ -20,9 +20,8 @@ def read_arrays(stored: zipfile.ZipFile, dtypes: dict[str, np.dtype]) -> dict[st
     """Read arrays by their names; nothing is unpickled.
 
     Raises:
-        KeyError: an array is not there.
-        ValueError: one has another type than it should, or says of itself what does not hold, or together they hold
-            more than a gibibyte.
+        KeyError: an array is missing.
+        ValueError: an array has a wrong type or a false header, or together they exceed a gibibyte.
     """
     left, arrays = MOST_BYTES, {}
     for name, dtype in dtypes.items():
@@ -37,11 +36,11 @@ def read_arrays(stored: zipfile.ZipFile, dtypes: dict[str, np.dtype]) -> dict[st
 
 
 def read_json(stored: zipfile.ZipFile, name: str) -> Any:
-    """Read a text that is kept as an array, as JSON.
+    """Parse a text that is stored as an array, as JSON.
 
     Raises:
-        KeyError: it is not there.
-        ValueError: it is no text, no JSON, or too long.
+        KeyError: the text is missing.
+        ValueError: the array is no text, no JSON, or too long.
     """
     claimed, size = _claims(stored, name)
     if claimed.kind != "U" or size > _MOST_WORDS:
@@ -60,7 +59,7 @@ def _member(stored: zipfile.ZipFile, name: str) -> zipfile.ZipInfo:
 
 
 def _claims(stored: zipfile.ZipFile, name: str) -> tuple[np.dtype, int]:
-    """Type of an array and how many bytes it holds, as its header says and as the archive says."""
+    """Return the type and size [bytes] of an array after checking its header against the archive."""
     member = _member(stored, name)
     with stored.open(member) as file:
         version = np.lib.format.read_magic(file)
@@ -76,5 +75,5 @@ def _claims(stored: zipfile.ZipFile, name: str) -> tuple[np.dtype, int]:
 def _read(stored: zipfile.ZipFile, name: str) -> np.ndarray:
     with stored.open(_member(stored, name)) as file:
         array = np.lib.format.read_array(file, allow_pickle=False)
-        file.read(1)  # at its end the sum over the member is checked
+        file.read(1)  # reading to the end verifies the checksum
         return array

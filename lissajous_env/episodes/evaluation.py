@@ -1,6 +1,6 @@
-"""Policies against scenarios: episodes that a policy plays to the end, as score rows.
+"""Evaluate a policy: play episodes to the end and return their score rows.
 
-A policy whose actions are not numbers, or not finite, is stopped: what it scored would say nothing.
+A policy whose actions are not finite numbers is stopped with an error, because its score would be meaningless.
 """
 
 import contextlib
@@ -17,26 +17,26 @@ from lissajous_env.world.columns import NAMES, brought_columns
 from lissajous_env.world.simulation import Simulation
 
 _TOGETHER = 16
-"""Episodes that a function is asked for together."""
+"""Number of episodes that a function plays together."""
 
 
 class ActingPolicy(Protocol):
-    """What an evaluation asks of a policy; `baselines.policies.base.Policy` says more."""
+    """Interface of a policy in an evaluation; see `baselines.policies.base.Policy`."""
 
     num_worlds: int
 
     def reset(self, worlds: Any = None) -> None:
-        """Forget what was kept of some worlds, or of all."""
+        """Reset the memory of some worlds, or of all."""
 
     def act(self, observation: Any) -> Any:
-        """Actions (num_worlds, N, action_size) for observations (num_worlds, N, D)."""
+        """Return actions (num_worlds, N, action_size) for observations (num_worlds, N, D)."""
 
 
-class OfFunction:
-    """A function `act(observation) -> action` on NumPy arrays (W, N, D), (W, N, action_size) as a policy.
+class FunctionPolicy:
+    """Policy made from a function `act(observation) -> action` on NumPy arrays (W, N, D) and (W, N, action_size).
 
     Args:
-        function: What decides; nothing tells it when an episode begins, so it should remember nothing.
+        function: Stateless function; it is not notified when an episode begins.
         num_worlds: W.
     """
 
@@ -45,26 +45,26 @@ class OfFunction:
         self.name = getattr(function, "__name__", type(function).__name__)
 
     def reset(self, worlds: Any = None) -> None:
-        """Forget nothing."""
+        """Do nothing: a function has no memory."""
 
     def act(self, observation: Any) -> Any:
-        """Return what the function returns for the observation as an array of its own."""
+        """Return the actions of the function for a copy of the observation."""
         rows = observation.numpy() if isinstance(observation, wp.array) else observation
         return self._function(np.array(rows))
 
 
 class InvalidActionError(ValueError):
-    """A policy's actions are misshapen or not finite."""
+    """Error for actions of a policy that have a wrong shape or are not finite."""
 
 
-class Referee:
-    """Lets a policy act in a simulation, and stops it where an action is not what it must be.
+class EpisodeRunner:
+    """Plays episodes of a policy in a simulation, and raises an error for invalid actions.
 
-    On a CPU every step is looked at; on a GPU, which would have to be waited for, one of `EVERY` and the last.
+    On a CPU every step is checked; on a GPU, to avoid waiting for it, one of `EVERY` steps and the last.
 
     Args:
-        policy: What acts.
-        simulation: Where.
+        policy: The policy.
+        simulation: The simulation.
     """
 
     EVERY = 64
@@ -79,7 +79,7 @@ class Referee:
         """Take a step of the simulation with the policy's actions.
 
         Raises:
-            InvalidActionError: an action is misshapen or not finite; the message names policy, scenario, world, step.
+            InvalidActionError: an action has a wrong shape or is not finite; the message names policy and step.
         """
         self.simulation.step(self._checked(self.policy.act(self.simulation.observation)))
         self._steps += 1
@@ -90,8 +90,8 @@ class Referee:
         """Play an episode to its end in every world.
 
         Args:
-            seeds: Seed of each world's new episode; None goes on from a simulation and a policy that are new.
-            on_moment: Called with the number of steps taken, at the beginning and after each.
+            seeds: Seed of each world's new episode; None requires a new simulation and a new policy.
+            on_moment: Called with the number of steps taken, at the beginning and after each step.
 
         Raises:
             InvalidActionError: as `step`.
@@ -107,10 +107,10 @@ class Referee:
         self.check()
 
     def check(self) -> None:
-        """Look for actions of the running episodes that were not finite.
+        """Check that all actions of the running episodes were finite.
 
         Raises:
-            InvalidActionError: there was one.
+            InvalidActionError: an action was not finite.
         """
         seen = self.simulation.invalid.numpy() if self._seen is None else self._seen
         if seen.any():
@@ -134,7 +134,7 @@ class Referee:
 
 
 def name_of(policy: ActingPolicy) -> str:
-    """Name of a policy, or of its class where it has none."""
+    """Return the name of a policy, or of its class if it has none."""
     return str(getattr(policy, "name", type(policy).__name__))
 
 
@@ -148,26 +148,26 @@ def evaluate(
     """Play one episode for each seed, `policy.num_worlds` at a time.
 
     Args:
-        policy: What acts; or a function alone, `act(observation) -> action` on NumPy arrays (W, N, D), which is asked
-            for 16 worlds together.
-        scenario: What it is played on.
+        policy: A policy, or a function `act(observation) -> action` on NumPy arrays (W, N, D), which is called for
+            16 worlds together.
+        scenario: The scenario.
         seeds: Seed of each episode.
         device: Warp device of the simulation.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Returns:
-        A score row for each seed, in their order, with the columns of `lissajous_env.world.columns.NAMES`.
+        A score row for each seed in order, with the columns of `lissajous_env.world.columns.NAMES`.
 
     Raises:
-        InvalidActionError: the policy returned actions that are misshapen or not finite (a ValueError).
-        ValueError: what is no policy, no scenario or no seed.
+        InvalidActionError: the policy returned actions that have a wrong shape or are not finite (a ValueError).
+        ValueError: an invalid policy, scenario or seed.
     """
     seeds, made = list(seeds), named.scenario(scenario, **overrides)
     if isinstance(policy, type) or not (callable(policy) or hasattr(policy, "act")):
         raise ValueError(f"policy must have reset, act and num_worlds, or be a function, got {shown(policy)}")
     acting: Any = policy
     if not hasattr(policy, "act"):
-        acting = OfFunction(acting, max(min(len(seeds), _TOGETHER), 1))
+        acting = FunctionPolicy(acting, max(min(len(seeds), _TOGETHER), 1))
     return [row for rows in episodes(acting, made, seeds, device) for row in rows]
 
 
@@ -181,21 +181,21 @@ def episodes(
 ) -> Iterator[list[dict[str, Any]]]:
     """Yield the score rows of each batch of episodes when it has ended.
 
-    `on_start` is called before the first step of all, `on_step` after each step.
+    `on_start` is called once, before the first step, and `on_step` after each step.
     """
     seeds = list(seeds)
     simulation = Simulation(named.scenario(scenario), policy.num_worlds, device=device)
     if on_start is not None:
         on_start(simulation)
-    referee = Referee(policy, simulation)
+    runner = EpisodeRunner(policy, simulation)
     for first in range(0, len(seeds), policy.num_worlds):
         batch = seeds[first : first + policy.num_worlds]
-        # A last batch that is not full plays its last seed in the worlds left over; their rows are dropped.
+        # Surplus worlds of the last batch repeat its last seed; their rows are dropped.
         padded = batch + batch[-1:] * (policy.num_worlds - len(batch))
-        referee.play(padded, None if on_step is None else lambda taken: on_step(simulation) if taken else None)
+        runner.play(padded, None if on_step is None else lambda taken: on_step(simulation) if taken else None)
         rows = simulation.score(np.arange(len(batch)))
         columns = (*NAMES, *brought_columns(simulation.scenario))
         yield [
-            {column: ({"policy": referee.name, "episode": first + k} | row)[column] for column in columns}
+            {column: ({"policy": runner.name, "episode": first + k} | row)[column] for column in columns}
             for k, row in enumerate(rows)
         ]

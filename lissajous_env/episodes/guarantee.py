@@ -1,7 +1,7 @@
-"""How long a rogue that can think stays unseen: by a policy as time passes, and by a formation in its equilibrium.
+"""Worst-case undetected time of evading targets: of a policy over time, and of a formation in its equilibrium.
 
-The paper's bounds are of rogues at rest, or of discs that overlap at any time; against rogues that move the answer is
-computed, by the field of `lissajous_env.world.contamination`, of a formation with points that keep (2) exactly.
+The paper's bounds apply to targets at rest, or to discs that always overlap. For moving targets, the worst case is
+computed by the contamination field (`lissajous_env.world.contamination`) with points that stay exactly in (2).
 """
 
 import math
@@ -11,73 +11,75 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lissajous_env.episodes.evaluation import ActingPolicy, Referee
+from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
 from lissajous_env.parameters import named
-from lissajous_env.parameters.parts import Faults, Noise, Robot, Targets, Task
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import Faults, Noise, Robot, Targets, Task
 from lissajous_env.theory.geometry import largest_speed
 from lissajous_env.world.score import is_open
 from lissajous_env.world.simulation import Simulation
 
 ROUNDS = 12
-"""Times T_max that a formation is followed for: a guarantee that is open then counts as none."""
+"""Length of an episode of the formation in units of T_max; a worst case that still grows then counts as unbounded."""
 CELLS = 90
-"""Cells along the longer side of the rectangle, unless they are asked for."""
+"""Default number of cells along the longer side of the rectangle."""
 _HALVINGS = 9
 
 
 class Reach(NamedTuple):
-    """What a formation with one sensor guarantees."""
+    """Guarantee of a formation with one sensing radius."""
 
     radius: float
-    """r_s [m]."""
+    """Sensing radius r_s [m]."""
     critical_speed: float
-    """How fast a rogue must be to stay unseen for ever [m/s]; inf where none that was tried can."""
+    """Speed above which an evading target can stay undetected for ever [m/s]; inf if no tried speed suffices."""
     guaranteed_time: float
-    """Longest time for which a rogue of a given speed can stay unseen [s]; inf for ever."""
+    """Longest time for which a target of a given speed can stay undetected [s]; may be infinite."""
 
 
 def reach_of(scenario: str | Scenario, speed: float, radius: float | None = None, cells: int = CELLS) -> Reach:
-    """What the formation of a scenario guarantees against rogues of a speed [m/s].
+    """Return the guarantee of the formation of a scenario against targets of a speed [m/s].
 
     Args:
-        scenario: Whose formation.
-        speed: Of the rogues [m/s].
-        radius: r_s [m]; that of the scenario by default.
-        cells: Of the grid, along the longer side of the rectangle.
+        scenario: The scenario.
+        speed: Speed of the targets [m/s].
+        radius: Sensing radius r_s [m]; by default that of the scenario.
+        cells: Grid cells along the longer side of the rectangle.
     """
     scenario = named.scenario(scenario)
     radius = scenario.sensing_radius if radius is None else radius
     return Reach(radius, critical_speed(scenario, radius, cells), guaranteed_time(scenario, radius, speed, cells))
 
 
-def unseen_over_time(
+def worst_undetected_times(
     policy: ActingPolicy, scenario: str | Scenario, seeds: Sequence[int], device: Any = "cpu"
 ) -> np.ndarray:
-    """How long a rogue can have gone unseen at the reset and after each control step, t - min e.
+    """Return the longest time for which a target can have stayed undetected, at the reset and after each control step.
 
     Args:
-        policy: What acts, in as many worlds as there are seeds.
-        scenario: With `task.contamination`.
-        seeds: Of the episodes.
+        policy: The policy, with as many worlds as there are seeds.
+        scenario: The scenario, with `task.contamination`.
+        seeds: Seeds of the episodes.
         device: Warp device of the simulation.
 
     Returns:
         (episodes, steps + 1) [s].
 
     Raises:
-        ValueError: the scenario does not follow contamination.
+        ValueError: `task.contamination` of the scenario is None.
     """
     scenario = named.scenario(scenario)
     check_follows(scenario)
     simulation = Simulation(scenario, policy.num_worlds, device=device)
     ages: list[np.ndarray] = []
-    Referee(policy, simulation).play(seeds, lambda taken: ages.append(simulation.contamination.age.numpy().copy()))
+    EpisodeRunner(policy, simulation).play(
+        seeds, lambda taken: ages.append(simulation.contamination.age.numpy().copy())
+    )
     return np.stack(ages, axis=1) * scenario.task.step
 
 
 def check_follows(scenario: str | Scenario) -> None:
-    """Raise ValueError where a scenario does not follow contamination."""
+    """Raise ValueError if `task.contamination` of a scenario is None."""
     scenario = named.scenario(scenario)
     if scenario.task.contamination is None:
         raise ValueError(f"task.contamination of {scenario.name} must be (columns, rows), got None")
@@ -86,16 +88,16 @@ def check_follows(scenario: str | Scenario) -> None:
 def in_formation(
     scenario: str | Scenario, radius: float | None = None, speed: float = 0.0, cells: int = CELLS
 ) -> Scenario:
-    """Points in the equilibrium (2) of a scenario, without faults, among rogues that may be anywhere at any time.
+    """Return a scenario with points in the equilibrium (2), no faults, and targets that may be anywhere at any time.
 
     Args:
-        scenario: Whose curve, formation and times.
-        radius: r_s [m]; that of the scenario by default.
-        speed: Of the rogues [m/s].
-        cells: Of the grid, along the longer side of the rectangle.
+        scenario: The scenario with the curve, formation and times.
+        radius: Sensing radius r_s [m]; by default that of the scenario.
+        speed: Speed of the targets [m/s].
+        cells: Grid cells along the longer side of the rectangle.
 
     Raises:
-        ValueError: rogues that are too fast for the grid.
+        ValueError: the targets are too fast for the grid.
     """
     scenario = named.scenario(scenario)
     curve, known = scenario.curve, scenario.resolve()
@@ -103,7 +105,7 @@ def in_formation(
     limit = 30 * side / scenario.task.step
     if speed > limit:
         rule = f"must be at most {limit:.3g} m/s where cells are {side:.3g} m and a step {scenario.task.step:g} s"
-        raise ValueError(f"the speed of rogues {rule}, got {speed:g}")
+        raise ValueError(f"the speed of targets {rule}, got {speed:g}")
     columns, rows = (max(round(2 * half / side), 1) for half in (curve.half_width, curve.half_height))
     rate = scenario.formation.phase_rate / scenario.alpha
     duration = math.ceil(ROUNDS * scenario.detection_time_bound / scenario.task.step) * scenario.task.step
@@ -123,13 +125,13 @@ def in_formation(
 def guaranteed_time(
     scenario: str | Scenario, radius: float | None = None, speed: float = 0.0, cells: int = CELLS
 ) -> float:
-    """Longest time for which a rogue can stay unseen by the formation in its equilibrium [s]; inf where for ever.
+    """Return the longest time for which a target can evade the formation in its equilibrium [s]; may be infinite.
 
     Args:
-        scenario: Whose formation.
-        radius: r_s [m]; that of the scenario by default.
-        speed: Of the rogue [m/s].
-        cells: Of the grid, along the longer side of the rectangle.
+        scenario: The scenario.
+        radius: Sensing radius r_s [m]; by default that of the scenario.
+        speed: Speed of the target [m/s].
+        cells: Grid cells along the longer side of the rectangle.
     """
     simulation = Simulation(in_formation(scenario, radius, speed, cells), threads=1)
     ages = _played(simulation, until_cleared=False)
@@ -137,15 +139,15 @@ def guaranteed_time(
 
 
 def critical_speed(scenario: str | Scenario, radius: float | None = None, cells: int = CELLS) -> float:
-    """Speed from which on a rogue can stay unseen by the formation for ever [m/s], to a part in 500 of the range.
+    """Return the speed from which on a target can evade the formation for ever [m/s], to 1/500 of the searched range.
 
     Args:
-        scenario: Whose formation.
-        radius: r_s [m]; that of the scenario by default.
-        cells: Of the grid, along the longer side of the rectangle.
+        scenario: The scenario.
+        radius: Sensing radius r_s [m]; by default that of the scenario.
+        cells: Grid cells along the longer side of the rectangle.
 
     Returns:
-        0 where even one at rest can, inf where none up to `fastest_rogue` can.
+        0 if even a target at rest can, inf if none up to `fastest_rogue` can.
     """
     scenario = named.scenario(scenario)
     if not _clears(scenario, radius, 0.0, cells):
@@ -160,7 +162,7 @@ def critical_speed(scenario: str | Scenario, radius: float | None = None, cells:
 
 
 def fastest_rogue(scenario: str | Scenario, cells: int = CELLS) -> float:
-    """Speed up to which `critical_speed` looks [m/s]: four times the robots' own, or what the grid can follow."""
+    """Return the largest speed that `critical_speed` tries [m/s]: 4 times that of the robots or the grid's limit."""
     scenario = named.scenario(scenario)
     curve = scenario.curve
     side = 2 * max(curve.half_width, curve.half_height) / cells
@@ -173,10 +175,10 @@ def _clears(scenario: Scenario, radius: float | None, speed: float, cells: int) 
 
 
 def _played(simulation: Simulation, until_cleared: bool) -> int | None:
-    """Return the longest age of an episode, or up to when the start's rogues were all seen [step]; None where open.
+    """Return the largest age until the end, or until all initial targets are detected [step]; None if it still grows.
 
-    The formation repeats itself, so what a rogue can do for ever from some moment on, one of the start can do from the
-    beginning on: once these were all seen, none can.
+    The formation is periodic, so a target that can evade for ever from some moment on could also do so from the start:
+    once all targets of the start are detected, none can.
     """
     simulation.action.fill_(1.0)
     field, steps = simulation.contamination, simulation.scenario.task.steps

@@ -1,6 +1,6 @@
-"""The policies of `baselines` and `training`, for users of `lissajous_env` alone: also where their names are hidden.
+"""Access to the policies of `baselines` and `training` from `lissajous_env`, even where a user's modules hide them.
 
-`lissajous_env.siblings` says when that is.
+`lissajous_env.siblings` explains when that happens.
 """
 
 import os
@@ -18,7 +18,7 @@ BASES = {
     "register_policy": "register",
     "with_tracker": "with_tracker",
 }
-"""What policies of one's own are made with: its name in `lissajous_env`, and in `baselines`."""
+"""Base classes and functions for custom policies: name in `lissajous_env`, and in `baselines`."""
 
 
 def policy(
@@ -29,22 +29,22 @@ def policy(
     Args:
         name: A name of `policies()`; the folder of a checkpoint; `module:factory`, also of the current folder; or the
             name that a module of the current folder registers.
-        scenario: What it is played on: a name, a `.toml` file, `module:attribute`, or a `Scenario`.
-        num_worlds: Worlds for which it acts together.
+        scenario: The scenario: a name, a `.toml` file, `module:attribute`, or a `Scenario`.
+        num_worlds: Number of worlds for which it acts together.
         device: Warp device.
 
     Returns:
-        A `Policy`, or whatever with `reset` and `act` the factory returns.
+        A `Policy`, or the object with `reset` and `act` that the factory returns.
 
     Raises:
-        ValueError: there is no such policy or scenario, or the policy does not fit the scenario.
+        ValueError: the policy or the scenario is unknown, or they do not fit.
     """
     factories = import_ours("baselines.policies.factories")
     return factories.named(os.fspath(name))(named.scenario(scenario), num_worlds, device)
 
 
 def policies(scenario: str | os.PathLike[str] | Scenario | None = None) -> tuple[str, ...]:
-    """Names of the policies; with a scenario, of those that drive its robots."""
+    """Return the names of the policies, or of those that can drive the robots of a scenario."""
     return import_ours("baselines").names(scenario)
 
 
@@ -54,16 +54,16 @@ def load(
     num_worlds: int = 1,
     device: Any = "cpu",
 ) -> Any:
-    """Make a learned policy of a shipped name or of a checkpoint's folder: `training.load`.
+    """Make a learned policy from a shipped name or the folder of a checkpoint, by `training.load`.
 
-    By default it is made for the scenario that it was trained on.
+    The default scenario is the one on which it was trained.
 
     Raises:
-        ValueError: no such name or folder, a damaged checkpoint, or a scenario that the policy does not fit.
+        ValueError: the name or folder is unknown, the checkpoint is damaged, or the scenario does not fit.
     """
     return import_ours("training").load(name, scenario, num_worlds, device)
 
 
 def base(name: str) -> Any:
-    """Return what `lissajous_env.NAME` is for a name of `BASES`."""
+    """Return the object `lissajous_env.NAME` for a name of `BASES`."""
     return getattr(import_ours("baselines"), BASES[name])

@@ -1,4 +1,4 @@
-"""Recordings: an episode as arrays, to keep in a file, look at again, and turn into pictures."""
+"""Recordings: episodes as arrays, which can be saved, loaded and drawn."""
 
 import dataclasses
 import json
@@ -11,34 +11,34 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from lissajous_env.episodes import archive
-from lissajous_env.episodes.evaluation import ActingPolicy, Referee
+from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
 from lissajous_env.episodes.recording_checks import check, made_scenario
+from lissajous_env.episodes.snapshot import Snapshot, of_world
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.render.snapshot import Snapshot, of_world
 from lissajous_env.storage.files import replacing
 from lissajous_env.world.introduction import introduced_at
 from lissajous_env.world.simulation import Simulation, fold_seed
 
 FORMAT = "lissajous recording 3"
-"""Written into every file; one with another is refused."""
+"""Format written into every file; other formats are rejected."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One episode.
+    """A recorded episode.
 
     F = steps + 1 moments from the reset on, N robots, T target slots, R rows and C columns of the coverage grid, P rows
     and Q columns of that of contamination, D entries of an observation, A of an action, K terms of the reward.
     """
 
     scenario: Scenario
-    """What was played."""
+    """The scenario."""
     score: dict[str, Any]
     """Score row of the episode: the columns of `lissajous_env.world.columns.NAMES`."""
     observation_names: tuple[str, ...]
-    """Names of the D entries, as `lissajous_env.world.observation.layout` has them."""
+    """Names of the D entries, from `lissajous_env.world.observation.layout`."""
     reward_names: tuple[str, ...]
-    """Names of the K terms: `lissajous_env.world.reward.TERMS`, then those that extensions brought."""
+    """Names of the K terms: `lissajous_env.world.reward.TERMS`, then those of extensions."""
     position: np.ndarray
     """(F, N, 3) float32 x, y, z of the robots [m]."""
     heading: np.ndarray
@@ -50,13 +50,13 @@ class Recording:
     status: np.ndarray
     """(F, N) int8 WORKING, STUCK or REMOVED of `lissajous_env.world.state`."""
     target_position: np.ndarray
-    """(F, T, 2) float32 x, y of the targets [m]; before one appears, where it will, unless it does so unseen."""
+    """(F, T, 2) float32 x, y of the targets [m]; before a target appears, where it will, unless it appears unseen."""
     motion: np.ndarray
     """(T,) int32 STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets`."""
     appears_at: np.ndarray
     """(T,) int32 step in which a target appears."""
     found_at: np.ndarray
-    """(T,) int32 step in which it was detected; NEVER of `lissajous_env.world.state` where it was not."""
+    """(T,) int32 step in which it was detected, or NEVER of `lissajous_env.world.state`."""
     found_early: np.ndarray
     """(T,) float32 share of that step that was left then, in [0, 1]."""
     sensed_at: np.ndarray
@@ -66,15 +66,15 @@ class Recording:
     collisions: np.ndarray
     """(F,) int32 collisions so far."""
     heard_at: np.ndarray
-    """(F, N, 2) int32 step in which what a robot last heard of its ring neighbours was sent; -1 for nothing yet."""
+    """(F, N, 2) int32 step in which the latest message from each ring neighbour was sent; -1 for none yet."""
     introduced_at: np.ndarray
-    """(F, P, Q) int32 step from which on a rogue in a cell can have gone unseen; NEVER where none can be, and (F, 1, 1)
-    NEVER where `task.contamination` is None."""
+    """(F, P, Q) int32 step since which a target in a cell can have stayed undetected, NEVER in cleared cells; (F, 1, 1)
+    NEVER if `task.contamination` is None."""
     observation: np.ndarray
-    """(F, N, D) float32 what the robots observed."""
+    """(F, N, D) float32 observations of the robots."""
     action: np.ndarray
-    """(F, N, A) float32 action of the step that led to a moment, in [-1, 1]; zero at the reset. The answer to
-    `observation[f]` is `action[f + 1]`."""
+    """(F, N, A) float32 action of the step that led to a moment, in [-1, 1]; zero at the reset. `action[f + 1]`
+    follows `observation[f]`."""
     reward_terms: np.ndarray
     """(F, N, K) float32 terms of the reward of that step; zero at the reset."""
 
@@ -87,7 +87,7 @@ class Recording:
         return (len(self) - 1) * self.scenario.task.step
 
     def snapshot(self, moment: int) -> Snapshot:
-        """Return the world after a number of steps, with the robots' whole way there as its trail."""
+        """Return the state after a number of steps, with the positions so far as the trail."""
         return Snapshot(
             step=moment,
             world=0,
@@ -107,13 +107,13 @@ class Recording:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write a compressed .npz file that `load` reads: under a temporary name first, then renamed.
+        """Write a compressed .npz file for `load`, first under a temporary name.
 
         Raises:
-            ValueError: the arrays hold more than a gibibyte.
+            ValueError: the arrays exceed a gibibyte.
         """
         scenario = self.scenario.resolve().to_dict()
-        del scenario["extensions"]  # a file must not say what is imported
+        del scenario["extensions"]  # a file must not cause imports
         names = {"observation_names": self.observation_names, "reward_names": self.reward_names}
         about = {"format": FORMAT, "scenario": scenario, "score": self.score, **names}
         arrays = {name: getattr(self, name).astype(dtype, copy=False) for name, dtype in ARRAYS.items()}
@@ -133,14 +133,14 @@ ARRAYS = {
     for field in dataclasses.fields(Recording)
     if field.type is np.ndarray
 }
-"""The arrays of a recording, and their types."""
+"""Arrays of a recording with their types."""
 
 _FIXED = ("motion", "appears_at", "found_at", "found_early")
-"""Those that do not change from moment to moment, or whose last state tells all."""
+"""Arrays that are constant, or whose last state contains all."""
 
 
 class Recorder:
-    """Keeps the moments of one world of a simulation: `take` one after the reset and one after every step."""
+    """Records one world of a simulation: call `take` after the reset and after every step."""
 
     def __init__(self, simulation: Simulation, world: int = 0):
         self.simulation, self.world = simulation, world
@@ -150,11 +150,10 @@ class Recorder:
         self._bytes = 0
 
     def take(self) -> None:
-        """Keep the world as it is now.
+        """Record the current state.
 
         Raises:
-            ValueError: this is not one step after the moment before, or the first is not the beginning; or the
-                recording would hold more than a gibibyte.
+            ValueError: this is not exactly one step after the previous call, or the recording exceeds a gibibyte.
         """
         now = Snapshot.of(self.simulation, self.world)
         due = 0 if self._last is None else self._last.step + 1
@@ -170,7 +169,7 @@ class Recorder:
         self._last = now
 
     def _others(self) -> dict[str, np.ndarray]:
-        """What a picture does not show."""
+        """Return the arrays that are not part of a snapshot."""
         sim, w = self.simulation, self.world
         action = np.clip(np.nan_to_num(of_world(sim.action, w)), -1.0, 1.0)
         return {
@@ -184,7 +183,7 @@ class Recorder:
         }
 
     def recording(self, policy: str = "") -> Recording:
-        """Make the recording of what was taken so far, with the score of now and the name of who played."""
+        """Return the recording so far, with the current score and the name of the policy."""
         if self._last is None:
             raise ValueError("a recording must hold at least one moment, got none")
         arrays = {name: np.stack(kept) for name, kept in self._moments.items()}
@@ -197,11 +196,11 @@ class Recorder:
 
 
 class Follower:
-    """Records whatever episode a world is in: `look` after each reset and each step; a reset begins a new recording.
+    """Records all episodes of a world: call `look` after each reset, which begins a new recording, and after each step.
 
     Args:
-        simulation: Of which a world is followed.
-        world: Which one.
+        simulation: The simulation.
+        world: Index of the world.
     """
 
     def __init__(self, simulation: Simulation, world: int = 0):
@@ -210,7 +209,7 @@ class Follower:
         self._recorder, self._taken = Recorder(simulation, world), -1
 
     def look(self) -> None:
-        """Keep the world as it is now, where it has moved since it was looked at."""
+        """Record the current state, unless it is already recorded."""
         step = int(self.simulation.clock.step.numpy()[self.world])
         if step == 0:
             self._recorder, self._taken = Recorder(self.simulation, self.world), -1
@@ -222,7 +221,7 @@ class Follower:
             self._ended = self._recorder.recording()
 
     def recording(self, policy: str = "", ended: bool = False) -> Recording:
-        """Make the recording of the episode so far, or where asked for of the latest that was played to its end.
+        """Return the recording of the episode so far or, if `ended`, of the latest complete one.
 
         Raises:
             ValueError: there was no reset yet.
@@ -240,44 +239,44 @@ def record(
     on_step: Callable[[], None] | None = None,
     **overrides: Any,
 ) -> Recording:
-    """Play one episode and record it; of a policy for a batch of worlds, its first world.
+    """Play one episode and record it; a policy for a batch of worlds is recorded in the first world.
 
     Args:
-        policy: What acts, as in `lissajous_env.evaluate`.
-        scenario: Name of a scenario, or one that was made.
+        policy: The policy, as in `lissajous_env.evaluate`.
+        scenario: Name of a scenario, or a `Scenario`.
         seed: Seed of the episode.
         device: Warp device.
         on_step: Called after each step.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
-        InvalidActionError: the policy returned actions that are misshapen or not finite (a ValueError).
+        InvalidActionError: the policy returned actions that have a wrong shape or are not finite (a ValueError).
     """
     simulation = Simulation(scenario, policy.num_worlds, device=device, **overrides)
-    referee = Referee(policy, simulation)
+    runner = EpisodeRunner(policy, simulation)
     recorder = Recorder(simulation)
 
     def take(taken: int) -> None:
-        if simulation.clock.step.numpy()[0] == taken:  # it may end before its time
+        if simulation.clock.step.numpy()[0] == taken:  # the episode may end early
             recorder.take()
             if on_step is not None and taken > 0:
                 on_step()
 
-    referee.play([fold_seed(seed)] * policy.num_worlds, take)
-    return recorder.recording(referee.name)
+    runner.play([fold_seed(seed)] * policy.num_worlds, take)
+    return recorder.recording(runner.name)
 
 
 def load(path: str | Path) -> Recording:
-    """Read a recording that `Recording.save` wrote; nothing is unpickled.
+    """Read a file of `Recording.save`; nothing is unpickled.
 
     Raises:
-        ValueError: the file is damaged or something else; the message names it.
+        ValueError: the file is damaged or no recording; the message names it.
         OSError: the file cannot be read.
     """
     with open(path, "rb") as file:
         try:
             return _loaded(file)
-        except Exception as error:  # bytes that are not what they should be make the readers raise almost anything
+        except Exception as error:  # damaged bytes make the readers raise almost any error
             raise ValueError(f"{path} must be an undamaged recording (.npz), but {_reason(error)}") from error
 
 

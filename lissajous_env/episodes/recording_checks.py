@@ -1,40 +1,38 @@
-"""What a recording's file says must hold: its scenario can be made, and its arrays fit it and each other."""
+"""Checks of a recording's file: its scenario is valid, and its arrays fit the scenario and each other."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from lissajous_env.parameters.scenario import PARTS, Scenario
+from lissajous_env.parameters.plain_scenario import scenario_of
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.state import NEVER
 
 _PLAIN = (str, int, float, type(None))
-"""Types of what a score row may hold; a bool is an int."""
+"""Valid types of values in a score row; a bool is an int."""
 
 
 def made_scenario(saved: dict[str, Any]) -> Scenario:
     """Make the scenario of a recording.
 
     Raises:
-        ValueError: a rule forbids it, or what is derived from other fields is not filled in.
+        ValueError: the scenario is invalid, or a derived field is not filled in.
     """
-    parts: dict[str, Any] = {name: part(**saved.pop(name)) for name, part in PARTS.items()}
+    made = scenario_of(saved)
     derived = {"robot": ("count", "phase_rate_max"), "formation": ("p", "alpha", "ring"), "sensing": ("radius",)}
     for part, fields in derived.items():
         for field in fields:
-            if getattr(parts[part], field) is None:
+            if getattr(getattr(made, part), field) is None:
                 raise ValueError(f"its {part}.{field} must be given")
-    words = {name: saved.pop(name) for name in ("name", "description")}
-    if saved or not all(isinstance(text, str) for text in words.values()):
-        raise ValueError("its scenario must hold a name, a description and the parts")
-    return Scenario(**words, **parts)
+    return made
 
 
 def check(recording: Any, fixed: Sequence[str]) -> None:
-    """Refuse a recording whose arrays do not fit the scenario or each other; `fixed` ones are (T,).
+    """Check that the arrays of a recording fit the scenario and each other; `fixed` ones have shape (T,).
 
     Raises:
-        ValueError: an array, a name or the score is not what it must be.
+        ValueError: an array, a name or the score is invalid.
     """
     f, scenario, latest = len(recording.position), recording.scenario, int(NEVER)
     for name, shape in _shapes(recording, fixed).items():

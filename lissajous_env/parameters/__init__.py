@@ -1,1 +1,1 @@
-"""What a scenario is made of, with every field's meaning, unit and range; and the scenarios that have names."""
+"""Scenarios: their parts put together, their names, their files and the assumptions of the paper that they violate."""

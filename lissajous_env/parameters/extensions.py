@@ -1,15 +1,15 @@
-"""What a scenario brings of its own: terms of the reward, columns of the score, entries of the observation, a motion.
+"""Extensions of a scenario: reward terms, score columns, observation entries and a motion of targets.
 
-Each is a function of a `lissajous_env.world.view.WorldView`, NumPy views of the state, or a Warp kernel over the
-structs of `lissajous_env.world.state`, which runs as a stage among those of `lissajous_env.world.stages`:
+An extension is a function of a `lissajous_env.world.view.WorldView` (NumPy views of the state), or a Warp kernel over
+the structs of `lissajous_env.world.state` that runs as a stage of `lissajous_env.world.stages`:
 
     @lissajous_env.reward_term(weight=-0.1)
     def near_wall(world):
         return abs(world.robots.position[..., 0]) > world.scenario.curve.half_width - 0.2
 
-A scenario names them in `extensions`: as the object itself, as `module:name`, or as a table with its settings, such as
-{"place": "module:name", "weight": -0.5}. Then every environment, every command and every adapter has them. A kernel
-takes what it needs by the names of its parameters, and `value_out` for its result.
+A scenario lists extensions as objects, as `module:name`, or as tables with settings, such as
+{"place": "module:name", "weight": -0.5}; all environments, commands and adapters then use them. The arguments of a
+kernel are matched by name; its result goes to `value_out`.
 """
 
 import dataclasses
@@ -26,19 +26,19 @@ from lissajous_env.wording import few_of, nearest, shown
 
 REDUCTIONS = ("mean", "sum", "max", "min", "last")
 LARGEST = 1e30
-"""Largest number that an extension may bring, its weight included: sums of some of them are finite in 32 bits."""
+"""Limit on the values of an extension, including the weight, so that sums are finite in 32 bits."""
 
 
 @dataclass(frozen=True)
 class Extension:
-    """Something that a scenario brings."""
+    """Base of the extensions of a scenario."""
 
     name: str
     """Name of the function or kernel."""
     run: Any
-    """`run(world)`, or a Warp kernel."""
+    """Function `run(world)` or Warp kernel."""
     place: str
-    """Where it can be imported from, as `module:name`."""
+    """Import path, `module:name`."""
 
     def __post_init__(self) -> None:
         if not callable(self.run) and not isinstance(self.run, wp.Kernel):
@@ -48,23 +48,23 @@ class Extension:
 
     @property
     def kind(self) -> str:
-        """What it is, in words."""
+        """Kind in words, such as "reward term"."""
         return re.sub(r"(?<=.)([A-Z])", r" \1", type(self).__name__).lower()
 
     @property
     def about(self) -> str:
-        """What it does, in a line."""
+        """First line of the docstring of the function."""
         function = self.run.func if isinstance(self.run, wp.Kernel) else self.run
         return (function.__doc__ or "").strip().partition("\n")[0]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values that tell it from another one: its settings, and the parts of its function."""
+        """Return plain values that identify the extension: its settings and the parts of its function."""
         plain = {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name != "run"}
         return {"kind": self.kind, **plain, "parts": parts_of(self.run)}
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What a scenario may set, by name: such as the weight of a term of the reward."""
+        """Settings by name, such as the weight of a reward term."""
         made_of = {field.name for field in dataclasses.fields(Extension)}
         return {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name not in made_of}
 
@@ -74,10 +74,10 @@ class Extension:
 
 @dataclass(frozen=True)
 class RewardTerm(Extension):
-    """A term of the reward: (W, N) numbers of each step, times a weight; a robot that was removed gets none."""
+    """Reward term: (W, N) numbers of each step, times a weight; 0 for removed robots."""
 
     weight: float = 1.0
-    """What the numbers are multiplied by."""
+    """Factor of the numbers."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -88,10 +88,10 @@ class RewardTerm(Extension):
 
 @dataclass(frozen=True)
 class ScoreColumn(Extension):
-    """A column of the score: (W,) numbers of each step, made into one of the episode."""
+    """Score column: (W,) numbers of each step, reduced to one per episode."""
 
     reduce: str = "mean"
-    """How: one of `REDUCTIONS`."""
+    """Reduction, one of `REDUCTIONS`."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -101,10 +101,10 @@ class ScoreColumn(Extension):
 
 @dataclass(frozen=True)
 class ObservationEntry(Extension):
-    """Entries at the end of each robot's row of the observation: (W, N) or (W, N, size) numbers, clipped to a range."""
+    """Entries appended to the observation of each robot: (W, N) or (W, N, size) numbers, clipped to a range."""
 
     size: int = 1
-    """How many entries; more than one are called name_0, name_1 ..."""
+    """Number of entries; several are named name_0, name_1 ..."""
     low: float = -1.0
     """Least value."""
     high: float = 1.0
@@ -129,30 +129,30 @@ class ObservationEntry(Extension):
 
 @dataclass(frozen=True)
 class TargetMotion(Extension):
-    """How the share `targets.custom` of the targets moves: (W, T, 2) new places [m] of all targets.
+    """Motion of the share `targets.custom` of the targets: (W, T, 2) new positions [m] of all targets.
 
-    Only those are taken that move so, are there and are not yet gone; a place outside the rectangle is moved to its
-    edge. A kernel writes `targets.position` itself, where `targets.motion` is CUSTOM and the stage is PRESENT or FOUND.
+    Only the positions of present targets with this motion are used, clipped to the rectangle. A kernel writes
+    `targets.position` itself, where `targets.motion` is CUSTOM and the stage is PRESENT or FOUND.
     """
 
 
 def reward_term(weight: float = 1.0) -> Callable[[Any], RewardTerm]:
-    """Make a function or kernel a term of the reward; see `RewardTerm`."""
+    """Return a decorator that makes a function or kernel a `RewardTerm`."""
     return lambda run: RewardTerm(*_origin(run), weight=float(weight))
 
 
 def score_column(reduce: str = "mean") -> Callable[[Any], ScoreColumn]:
-    """Make a function or kernel a column of the score; see `ScoreColumn`."""
+    """Return a decorator that makes a function or kernel a `ScoreColumn`."""
     return lambda run: ScoreColumn(*_origin(run), reduce=reduce)
 
 
 def observation_entry(size: int = 1, low: float = -1.0, high: float = 1.0) -> Callable[[Any], ObservationEntry]:
-    """Make a function or kernel entries of the observation; see `ObservationEntry`."""
+    """Return a decorator that makes a function or kernel an `ObservationEntry`."""
     return lambda run: ObservationEntry(*_origin(run), size=size, low=float(low), high=float(high))
 
 
 def target_motion(run: Any) -> TargetMotion:
-    """Make a function or kernel the motion of the targets of `targets.custom`; see `TargetMotion`."""
+    """Make a function or kernel a `TargetMotion`."""
     return TargetMotion(*_origin(run))
 
 
@@ -160,11 +160,11 @@ def load_extension(place: str, settings: Mapping[str, Any] | None = None) -> Ext
     """Import an extension by `module:name`, also from the current folder.
 
     Args:
-        place: Where it can be imported from.
-        settings: What is set differently than it is there, such as {"weight": -0.5}.
+        place: Import path, `module:name`.
+        settings: Overridden settings, such as {"weight": -0.5}.
 
     Raises:
-        ValueError: it cannot be imported, or is none; or a setting that it does not have or that a rule forbids.
+        ValueError: the object cannot be imported or is no extension, or a setting is unknown or invalid.
     """
     found = import_attribute(place, "extension must be module:name")
     if not isinstance(found, Extension):
@@ -183,12 +183,12 @@ def load_extension(place: str, settings: Mapping[str, Any] | None = None) -> Ext
 
 
 def as_extensions(given: Any) -> tuple[Extension, ...]:
-    """Make a tuple of extensions, given as a sequence, or as text with commas between.
+    """Return a tuple of extensions from a sequence, or from text separated by commas.
 
-    Each is an object, `module:name`, or a table of its `place` and settings.
+    Each is an object, `module:name`, or a table with `place` and settings.
 
     Raises:
-        ValueError: one of another kind, or two of the same name.
+        ValueError: an entry is no extension, or two have the same name.
     """
     one_alone = isinstance(given, (Extension, Mapping))
     each = given.split(",") if isinstance(given, str) else (given,) if one_alone else given
@@ -220,7 +220,7 @@ def _loaded(one: Any) -> Any:
 
 
 def _origin(run: Any) -> tuple[str, Any, str]:
-    """Name, function or kernel, and place of what was decorated."""
+    """Return name, function or kernel, and import path of a decorated object."""
     function = run.func if isinstance(run, wp.Kernel) else run
     name = str(getattr(function, "__name__", run))
     return name, run, f"{getattr(function, '__module__', '')}:{getattr(function, '__qualname__', name)}"

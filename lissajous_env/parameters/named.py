@@ -1,4 +1,4 @@
-"""Scenarios by what a person gives for one: a name, a TOML file, `module:attribute`; any field can be overridden."""
+"""Make scenarios from a name, a TOML file or `module:attribute`, with any field overridden."""
 
 import dataclasses
 import os
@@ -11,49 +11,48 @@ from typing import Any
 import numpy as np
 
 from lissajous_env import here
-from lissajous_env.envs.ids import register_ids
-from lissajous_env.parameters.parts import Robot
+from lissajous_env.parameters.assumptions import AssumptionWarning, violations
+from lissajous_env.parameters.ids import register_ids
 from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.parameters.scenario_file import SUFFIX, read_scenario_file
 from lissajous_env.parameters.shipped import SHIPPED
 from lissajous_env.plugins import EntryPoints, import_attribute
-from lissajous_env.theory.assumptions import AssumptionWarning, violations
+from lissajous_env.settings.parts import Robot
 from lissajous_env.wording import nearest, shown, where_raised
 
 _SHIPPED = {each.name: each for each in SHIPPED}
 _REGISTERED: dict[str, Scenario] = {}
-"""Those of users and of other packages, by name."""
+"""Scenarios of users and of other packages, by name."""
 _reported: set[str] = set()
-"""Violated assumptions of which this process has warned."""
+"""Violated assumptions about which this process has already warned."""
 
 _OF_THE_NUMBER = "ring", "p", "alpha"
-"""Fields of the formation that say nothing of another number of robots than that for which they were set."""
+"""Fields of the formation that are valid only for the number of robots for which they were set."""
 _MOST_STEPS = 2**20
-"""Steps of the longest episode."""
+"""Limit on the steps of an episode."""
 
 
 class UnknownSettingError(ValueError, TypeError):
-    """A setting that no part of a scenario has.
+    """Error for a field that no part of a scenario has.
 
-    It is a `ValueError`, as every wrong setting, and a `TypeError`, as every unexpected keyword argument: libraries
-    that try which keywords an environment takes go on from that.
+    It is a `ValueError`, like that of every invalid setting, and a `TypeError`, like that of an unexpected keyword
+    argument: some libraries probe which keywords an environment accepts and handle only the latter.
     """
 
 
 def scenarios() -> tuple[str, ...]:
-    """Names of the scenarios: those that ship with the package, then those that were registered, by alphabet."""
+    """Return the names of the shipped scenarios, then those of the registered ones in alphabetical order."""
     _BROUGHT.load()
     return (*_SHIPPED, *sorted(_REGISTERED))
 
 
 def register_scenario(made: Scenario) -> Scenario:
-    """Add a scenario, by its name, to those that every command and every environment can be asked for.
+    """Register a scenario, so that every command and environment accepts its name, and return it.
 
-    Gymnasium and PettingZoo then make it as `lissajous/NAME-v0`. Returns the scenario.
+    Gymnasium and PettingZoo then make it as `lissajous/NAME-v0`.
 
     Raises:
-        ValueError: no scenario, a name that no command line can hold, or one that another scenario has; the same
-            scenario may be registered again.
+        ValueError: the argument is no scenario, its name is invalid, or a different scenario has that name.
     """
     if not isinstance(made, Scenario):
         raise ValueError(f"scenario must be a Scenario to be registered, got {shown(made)}")
@@ -78,12 +77,12 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
             change the number of robots, `formation.ring`, `p` and `alpha` are derived anew unless they are given too.
 
     Raises:
-        UnknownSettingError: an unknown field; the message offers the nearest.
-        ValueError: an unknown scenario, one that cannot be read or loaded, or a value that a rule forbids.
+        UnknownSettingError: an unknown field; the message suggests the closest match.
+        ValueError: an unknown scenario, one that cannot be read or loaded, or an invalid value.
 
     Warns:
-        AssumptionWarning: it violates assumptions of the paper that no scenario that ships violates by the same
-            numbers; each is reported once in a process. `lissajous_env.theory.assumptions.violations` lists all.
+        AssumptionWarning: the scenario violates an assumption of the paper in a way that no shipped scenario does; each
+            violation is reported once per process. `lissajous_env.parameters.assumptions.violations` lists all.
     """
     made = build(name, **overrides)
     if overrides or name not in _SHIPPED:
@@ -92,16 +91,16 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
 
 
 def build(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenario:
-    """Make a scenario as `scenario` does, without a warning: for what reports violated assumptions by itself."""
+    """Make a scenario like `scenario`, without warnings, for callers that report violated assumptions themselves."""
     made = name if isinstance(name, Scenario) else _found(name)
     return _overridden(made, overrides) if overrides else made
 
 
 def registered_scenario(name: Any) -> Scenario:
-    """Return a scenario by its name alone, where a file or a module must not be loaded: names that files hold.
+    """Return the scenario of a name without loading a file or module, as is safe for names read from files.
 
     Raises:
-        ValueError: there is none of that name; the message offers the nearest.
+        ValueError: there is no such scenario; the message suggests the closest match.
     """
     if isinstance(name, str):
         if name not in _SHIPPED and name not in _REGISTERED:
@@ -112,7 +111,7 @@ def registered_scenario(name: Any) -> Scenario:
 
 
 def unknown_scenario(name: Any, others: Iterable[str] = ()) -> ValueError:
-    """Error that says that there is no scenario of a name, and offers the nearest, also of other things by name."""
+    """Return the error for an unknown scenario, which suggests the closest match among scenarios and `others`."""
     known = scenarios()
     hint = nearest(name, [*known, *others])
     words = f"scenario must be one of the {len(known)} that `lissajous scenarios` lists, got {shown(name)}{hint}"
@@ -120,7 +119,7 @@ def unknown_scenario(name: Any, others: Iterable[str] = ()) -> ValueError:
 
 
 def bring_scenario(name: str) -> None:
-    """Import the module of the current folder that registers a scenario of a name, where there is none of it yet.
+    """Import the module in the current folder that registers a scenario, unless the scenario is known already.
 
     Raises:
         ValueError: the module cannot be imported.
@@ -130,22 +129,22 @@ def bring_scenario(name: str) -> None:
 
 
 def _is_known(name: str) -> bool:
-    # What packages bring is loaded last, for names that are in neither.
+    # Scenarios of other packages are loaded last, for names that are in neither table.
     return name in _SHIPPED or name in _REGISTERED or name in scenarios()
 
 
 def meant_here(name: Any) -> list[str]:
-    """What a user may mean by a name that no scenario has: files beside it, scenarios of modules that are here."""
+    """Return candidates for a mistyped scenario: files beside it, and scenarios that modules here register."""
     return [*here.beside(name, SUFFIX), *(each for each, _ in here.registered_here("register_scenario"))]
 
 
 def is_scenario_file(name: Any) -> bool:
-    """Whether what is given for a scenario is the path of a file."""
+    """Return True if a scenario is given as the path of a file."""
     return isinstance(name, str) and name.lower().endswith(SUFFIX)
 
 
 def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
-    """Give a scenario an episode of so many steps in place of its `task.duration`; None leaves it as it is.
+    """Return a scenario whose episodes last `max_cycles` steps instead of `task.duration`; None changes nothing.
 
     Raises:
         ValueError: not a whole number from 1 to 2^20.
@@ -159,7 +158,7 @@ def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
 
 
 def _warn(made: Scenario) -> None:
-    """Warn of violated assumptions that are new to this process, and of no scenario that ships."""
+    """Warn about violated assumptions not yet reported in this process and not violated by a shipped scenario."""
     if new := [words for words in violations(made) if words not in _reported and words not in _violated_on_purpose()]:
         _reported.update(new)
         warnings.warn(f"scenario {made.name}: {'; '.join(new)}", AssumptionWarning, stacklevel=3)
@@ -184,7 +183,7 @@ def _found(name: Any) -> Scenario:
 
 
 def _of_file(path: str) -> Scenario:
-    """Make the scenario of a file; it is named as the file is where that holds no name, not as its base."""
+    """Make the scenario of a file; its default name is that of the file, not that of its base."""
     given = read_scenario_file(path)
     words = {"name": os.path.basename(path)[: -len(SUFFIX)], "description": ""}
     words |= {key: given.pop(key) for key in words if key in given}
@@ -209,26 +208,26 @@ def _imported(reference: str) -> Scenario:
     return made
 
 
-def _take(brought: Any) -> None:
-    """Take what an entry point names: a scenario, or a function that registers some."""
+def _register_brought(brought: Any) -> None:
+    """Register the object of an entry point: a scenario, or a function that registers some."""
     if isinstance(brought, Scenario):
         register_scenario(brought)
     else:
         brought()
 
 
-_BROUGHT = EntryPoints("lissajous_env.scenarios", "scenarios", _take)
+_BROUGHT = EntryPoints("lissajous_env.scenarios", "scenarios", _register_brought)
 
 
 def _check_name(name: str) -> None:
-    """Refuse a name that an id cannot hold, or that stands for a file or a module."""
+    """Raise ValueError for a name that is invalid in an id, or that denotes a file or a module."""
     if not re.fullmatch(r"\w[\w.-]{0,98}", name) or is_scenario_file(name):
         rule = f"must be a word of letters, digits, _, - and . that does not end in {SUFFIX}"
         raise ValueError(f"name of a scenario {rule}, got {shown(name)}")
 
 
 def _nearest_field(key: str) -> str:
-    """Return "; did you mean task.duration?" for `duration`, or for another name that some field resembles."""
+    """Return "; did you mean task.duration?" for `duration` or a similar name."""
     dotted = [f"{part}.{field.name}" for part, each in PARTS.items() for field in dataclasses.fields(each)]
     if "." in key:
         return nearest(key, dotted)
@@ -246,7 +245,7 @@ def _overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
             whole[key] = value
             continue
         if part not in PARTS:
-            # The last words are Python's own, by which TorchRL knows a keyword that it may leave out.
+            # TorchRL recognizes an optional keyword by Python's own words at the end.
             raise UnknownSettingError(
                 f"override must name one of {', '.join(PARTS)}, got {key!r}{_nearest_field(key)} "
                 f"(unexpected keyword argument {key!r})"
@@ -280,10 +279,9 @@ def _overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
 
 
 def _one_limit(robot: Robot, fields: dict[str, Any]) -> dict[str, Any]:
-    """Derive anew which of a robot's `throttle_max` and `speed_max` was not overridden.
+    """Reset `throttle_max` or `speed_max` to None where the other one, or the motor, is overridden.
 
-    Overriding either of them derives the other. Overriding the motor of a robot that has both, as a resolved one,
-    keeps the throttle, as it does where the speed was not given.
+    A new motor preserves the throttle of a robot that has both values, such as a resolved one.
     """
     pair = {"throttle_max", "speed_max"}
     given = pair & {name for name, value in fields.items() if value is not None}
@@ -296,7 +294,7 @@ def _one_limit(robot: Robot, fields: dict[str, Any]) -> dict[str, Any]:
 
 
 def _origin(words: str, base: Scenario, given: Container[str]) -> str:
-    """Say which field of an error came from the scenario that was changed, and how to have its default; "" if none."""
+    """Return a hint if the field of an error was not overridden but inherited from `base`; "" otherwise."""
     dotted = words.partition(" ")[0]
     part, _, name = dotted.partition(".")
     field = {each.name: each for each in dataclasses.fields(PARTS[part])}.get(name) if part in PARTS else None

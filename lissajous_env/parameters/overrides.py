@@ -1,4 +1,4 @@
-"""What `--set` takes: `name=value`, the value a Python literal that is read, never run."""
+"""The option `--set name=value`; the value is a Python literal, which is parsed and never run."""
 
 import ast
 import math
@@ -17,12 +17,12 @@ Overrides = Annotated[
 
 
 def parse_overrides(groups: Iterable[Iterable[str]]) -> dict[str, Any]:
-    """Read what `--set` was given: `name=value`.
+    """Parse the arguments of `--set`.
 
-    The value is a Python literal, in which `inf` may stand, a bare word, or `module:name`.
+    A value is a Python literal (which may contain `inf`), a bare word, or `module:name`.
 
     Raises:
-        ValueError: an entry without a name, one that is given twice, or a value that is none of these.
+        ValueError: an entry has no name, is given twice, or has another kind of value.
     """
     overrides: dict[str, Any] = {}
     for entry in (entry for group in groups for entry in tuple(group) or ("",)):
@@ -36,7 +36,7 @@ def parse_overrides(groups: Iterable[Iterable[str]]) -> dict[str, Any]:
 
 
 _PLACES = r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*(,[A-Za-z_][\w.]*:[A-Za-z_][\w.]*)*"
-"""`module:name`, or some of these with commas between."""
+"""`module:name`, or several separated by commas."""
 
 
 def _value(name: str, text: str) -> Any:
@@ -52,7 +52,7 @@ def _value(name: str, text: str) -> Any:
 
 
 def _literal(node: ast.expr) -> Any:
-    """Value of a literal; ValueError for whatever else an expression can be."""
+    """Return the value of a literal; raise ValueError for any other expression."""
     if isinstance(node, ast.Constant) and isinstance(node.value, (bool, int, float, str, type(None))):
         return node.value
     if isinstance(node, ast.Name) and node.id == "inf":

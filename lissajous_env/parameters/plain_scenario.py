@@ -1,4 +1,4 @@
-"""A scenario from the plain values that a file holds: nothing is looked up by name, and nothing is imported."""
+"""Make a scenario from the plain values of a file, without looking up names or importing anything."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -8,16 +8,18 @@ from lissajous_env.parameters.scenario import PARTS, Scenario
 
 
 def scenario_of(plain: Mapping[str, Any], extensions: Iterable[Extension] = ()) -> Scenario:
-    """Make the scenario of what `Scenario.to_dict` returned, as JSON holds it: lists, and infinity as a word.
+    """Make a scenario from the values of `Scenario.to_dict` after JSON, with lists and with infinity as a word.
 
     Args:
-        plain: The values; what they say of extensions is not read.
-        extensions: What the scenario brings.
+        plain: The values; their extensions are ignored.
+        extensions: The scenario's extensions.
 
     Raises:
-        ValueError: a part or a field is missing or unknown, or a value breaks a rule; the message says which.
+        ValueError: a part or a field is missing or unknown, or a value is invalid; the message names it.
     """
     try:
+        if unknown := sorted(plain.keys() - {"name", "description", "extensions", *PARTS}):
+            raise ValueError(f"scenario must hold no {unknown[0]}")
         parts: dict[str, Any] = {
             part: kind(**{field: _number(value) for field, value in plain[part].items()})
             for part, kind in PARTS.items()

@@ -1,46 +1,45 @@
-"""How far a rogue can have come, in cells: what `task.conservative` is made of.
+"""Cells that an evading target can reach, for `task.conservative`.
 
-Labels L[n, c] are on the safe side when every rogue that is unseen until step n and in cell c then was introduced at
-L[n, c] or later. They stay so where L[n, c'] is not above the least L[n - k, c] of all cells c from which a rogue comes
-to c' within k steps: those whose least distance from c' is at most k v dt, v the speed limit. That holds for every lag
-k, so the largest of these bounds holds as well: `lissajous_env.world.conservative` takes it, and has the proof.
+Labels L[n, c] are conservative if every target that is undetected until step n and then in cell c was introduced at
+L[n, c] or later. They remain so if L[n, c'] does not exceed the least L[n - k, c] of all cells c from which a target
+reaches c' within k steps: those whose least distance from c' is at most k v dt, v being the speed limit. This is true
+for every lag k, hence also for the largest of the bounds, which `lissajous_env.world.conservative` uses and proves.
 
-Short lags see where sensors were a moment ago, long ones how slow a rogue is: what is reached in k v dt sticks out by
-less than a cell and its diagonal. Lags are chosen so that k v dt is just below a whole number of cells, as it then
-sticks out by nothing along the axes.
+Short lags account for recent positions of sensors, long lags for the speed limit: rounding to cells enlarges the
+reachable set by less than a cell and its diagonal. With k v dt just below a whole number of cells, as chosen here, it
+is not enlarged along the axes.
 """
 
 import math
 from dataclasses import dataclass
 
 _CELLS = (1, 2, 4, 8, 16, 24)
-"""Below how many cells the way of a rogue is kept, of each lag but the first."""
+"""Limits on the distance of each lag but the first [cell]."""
 _SHARE = 0.5
-"""Of a cell, what a rogue passes in a tick at most where that is several control steps."""
+"""Largest distance of a target in a tick of several control steps [cell]."""
 _ROUNDING = 1e-6
-"""By what a rogue is made faster, for numbers of 32 bits."""
+"""Relative increase of the speed limit that covers rounding to 32 bits."""
 
 
 @dataclass(frozen=True)
 class Reaches:
-    """Cells that a rogue can have come from, for some times that have passed.
+    """Cells from which an evading target can have come, for several lags.
 
-    Labels are kept of each tick, one or several control steps; within a tick they stay where they are, and what they
-    stand for spreads around their cell.
+    Labels are stored for each tick of one or several control steps and do not change within it.
     """
 
     period: int
-    """Control steps in a tick."""
+    """Control steps per tick."""
     moved: float
-    """What a rogue passes in a control step [m]."""
+    """Largest distance of a target in a control step [m]."""
     lags: tuple[int, ...]
-    """Ticks that have passed, from 1 on."""
+    """Lags, from 1 on [tick]."""
     widths: tuple[tuple[int, ...], ...]
-    """For each of the lags, by rows up or down: how many columns to either side a rogue can have come from."""
+    """Reachable columns to either side, for each lag and each number of rows up or down."""
 
 
 def reaches_of(sides: tuple[float, float], moved: float, steps: int) -> Reaches:
-    """Reaches on cells of these sides [m], of rogues that pass `moved` [m] in one of the `steps` of an episode."""
+    """Return the reaches for cells with these sides [m] and targets that move at most `moved` [m] per control step."""
     moved *= 1 + _ROUNDING
     share = moved / min(sides)
     period = min(max(int(_SHARE / share), 1), steps + 1) if share > 0 else steps + 1
@@ -50,7 +49,7 @@ def reaches_of(sides: tuple[float, float], moved: float, steps: int) -> Reaches:
     return Reaches(period, moved, tuple(lags), tuple(_widths(sides, lag * period * moved) for lag in lags))
 
 
-def _widths(sides: tuple[float, float], way: float) -> tuple[int, ...]:
-    """Columns to either side, for 0, 1, 2 ... rows up or down, of cells whose least distance is at most `way` [m]."""
-    up = [max(row - 1, 0) * sides[1] for row in range(int(way / sides[1]) + 2)]
-    return tuple(int(math.sqrt(max(way**2 - height**2, 0.0)) / sides[0]) + 1 for height in up)
+def _widths(sides: tuple[float, float], distance: float) -> tuple[int, ...]:
+    """Return, for 0, 1, 2 ... rows up or down, the columns to either side of cells within a least distance [m]."""
+    up = [max(row - 1, 0) * sides[1] for row in range(int(distance / sides[1]) + 2)]
+    return tuple(int(math.sqrt(max(distance**2 - height**2, 0.0)) / sides[0]) + 1 for height in up)

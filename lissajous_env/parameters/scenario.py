@@ -1,4 +1,4 @@
-"""A scenario: what is fixed during an episode, as frozen dataclasses that are checked once, at construction.
+"""The scenario: all constants of an episode, as frozen dataclasses that are checked once, at construction.
 
 Units are SI, angles radians. Fields that are None by default are derived from others; `Scenario.resolve` fills them in.
 """
@@ -16,7 +16,9 @@ import numpy as np
 
 from lissajous_env.device.turns import with_own_locks
 from lissajous_env.parameters.extensions import Extension, as_extensions
-from lissajous_env.parameters.parts import (
+from lissajous_env.parameters.robot_models import model_of
+from lissajous_env.parameters.spreading import Spreading, spreading_of
+from lissajous_env.settings.parts import (
     MOST_TARGETS,
     SPRINT,
     Curve,
@@ -28,22 +30,20 @@ from lissajous_env.parameters.parts import (
     Targets,
     Task,
 )
-from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.theory import closed_forms
-from lissajous_env.world.robots.table import model_of
 
 __all__ = ["PARTS", "Curve", "Faults", "Formation", "Noise", "Robot", "Scenario", "Sensing", "Targets", "Task"]
 
 PARTS = {part.__name__.lower(): part for part in (Curve, Formation, Robot, Sensing, Targets, Faults, Noise, Task)}
 
 _OUTSIDE = 1.002
-"""By what factor a curve of harmonics may be larger than its rectangle: `Curve.through` is right to a thousandth."""
+"""Factor by which a curve of harmonics may exceed its rectangle; `Curve.through` has an error of up to 0.1 %."""
 
 
 @with_own_locks
 @dataclass(frozen=True)
 class Scenario:
-    """Everything that is fixed during an episode. The parts are checked on their own, then together here."""
+    """All constants of an episode. Each part checks its own fields; rules across parts are checked here."""
 
     name: str = "custom"
     description: str = ""
@@ -56,7 +56,7 @@ class Scenario:
     noise: Noise = field(default_factory=Noise)
     task: Task = field(default_factory=Task)
     extensions: tuple[Extension, ...] = ()
-    """What it brings of its own, as objects, `module:name` or tables: `lissajous_env.parameters.extensions`."""
+    """Extensions, as objects, `module:name` or tables; see `lissajous_env.parameters.extensions`."""
 
     def __post_init__(self) -> None:
         for name, part in PARTS.items():
@@ -116,7 +116,7 @@ class Scenario:
         _ = self.spreading
 
     def _check_times(self) -> None:
-        """What is rounded to steps must not vanish."""
+        """Check that times do not round to zero steps."""
         step = self.task.step
         for fault in self.faults.schedule:
             if fault[2] < math.inf and round(fault[2] / step) == round(fault[1] / step):
@@ -128,7 +128,7 @@ class Scenario:
 
     @cached_property
     def num_robots(self) -> int:
-        """N, a + b where `robot.count` does not say."""
+        """N: `robot.count`, or a + b by default."""
         return self.curve.a + self.curve.b if self.robot.count is None else int(self.robot.count)
 
     @cached_property
@@ -138,13 +138,13 @@ class Scenario:
 
     @property
     def coupling(self) -> float:
-        """K of (1), omega / (0.3 rad) where `formation.coupling` does not say [1/s]."""
+        """K of (1) [1/s]: `formation.coupling`, or omega / (0.3 rad) by default."""
         given = self.formation.coupling
         return self.time_unit**-1 if given is None else given
 
     @property
     def time_unit(self) -> float:
-        """Unit of time of the coordination [s], in which the formation moves on by 0.3 rad: 1 s in the experiment."""
+        """Unit of time of the coordination [s], in which the formation advances by 0.3 rad; 1 s in the experiment."""
         return 0.3 / self.formation.phase_rate
 
     @cached_property
@@ -156,7 +156,7 @@ class Scenario:
 
     @cached_property
     def clusters(self) -> int:
-        """kappa, how many robots share a place on the curve in the equilibrium (Lemma 1)."""
+        """kappa: number of robots that share a place on the curve in the equilibrium (Lemma 1)."""
         return closed_forms.cluster_size(self.num_robots, self.p, self.alpha)
 
     @cached_property
@@ -166,7 +166,7 @@ class Scenario:
 
     @cached_property
     def neighbours(self) -> np.ndarray:
-        """(N, 2) the robots before and after each one on the ring, -1 for none (N < 3)."""
+        """(N, 2) previous and next robot of each one on the ring; -1 for none (N < 3)."""
         n, ring = self.num_robots, self.ring
         table = np.full((n, 2), -1, dtype=np.int32)
         for place, robot in enumerate(ring):
@@ -186,10 +186,10 @@ class Scenario:
 
     @cached_property
     def places(self) -> tuple[int, ...]:
-        """Place of each robot: robots on the same place overlap by design, and no collision of theirs is counted.
+        """Place of each robot; robots of the same place overlap by design, so their collisions are not counted.
 
-        Points on the curve have kappa robots on each place of the equilibrium (Lemma 1), where bodies cannot but
-        overlap. Of all other robots each has a place of its own: two cars on one place do collide.
+        Points on the curve share each place of the equilibrium with kappa - 1 others (Lemma 1). All other robots have a
+        place of their own: two cars in one place do collide.
         """
         shared = self.num_robots // self.clusters if model_of(self.robot.kind).keeps_to_curve else self.num_robots
         return tuple(self.ring.index(robot) % shared for robot in range(self.num_robots))
@@ -211,20 +211,20 @@ class Scenario:
 
     @property
     def sensing_radius(self) -> float:
-        """r_s, the smallest by (8) where `sensing.radius` does not say [m]."""
+        """r_s [m]: `sensing.radius`, or the smallest that satisfies (8) by default."""
         return self.detection_radius if self.sensing.radius is None else self.sensing.radius
 
     @cached_property
     def detection_time_bound(self) -> float:
-        """T_max [s]."""
+        """Detection-time bound T_max [s]; it holds only where `detection_time_is_bounded`."""
         return closed_forms.detection_time_bound(self.formation.phase_rate, self.num_robots, self.clusters)
 
     @property
     def detection_time_is_bounded(self) -> bool:
-        """Whether T_max bounds the detection time in the undisturbed formation.
+        """True if T_max bounds the detection time in the undisturbed formation.
 
-        It does where the equilibrium (2) is stable, the places of the robots are as many as a + b, and the sensors
-        reach as far as (8) requires, so that the discs of neighbours on the ellipse (5) overlap at all times.
+        This requires that the equilibrium (2) is stable, that the robots have a + b places, and that the sensing radius
+        satisfies (8), so that the discs of neighbours on the ellipse (5) always overlap.
         """
         n, curve = self.num_robots, self.curve
         if curve.harmonics or n != self.clusters * (curve.a + curve.b):
@@ -234,34 +234,34 @@ class Scenario:
 
     @property
     def detection_time_label(self) -> str:
-        """Name of `detection_time_bound` in tables and pictures, which says where it bounds nothing."""
+        """Label of `detection_time_bound` in tables and pictures: "T_max", or "T_max (no bound)"."""
         return "T_max" if self.detection_time_is_bounded else "T_max (no bound)"
 
     @property
     def rogue_speed(self) -> float:
-        """Speed that no rogue is above [m/s]: that of the fastest target where `targets.speed_limit` does not say."""
+        """Speed limit of evading targets [m/s]: `targets.speed_limit`, or by default that of the fastest target."""
         limit = self.targets.speed_limit
         return self.targets.speed_max if limit is None else limit
 
     @cached_property
     def spreading(self) -> Spreading:
-        """How contamination spreads on its grid."""
+        """Constants of the spreading of contamination on its grid."""
         return spreading_of(self.curve, self.task, self.sensing_radius, self.rogue_speed)
 
     @cached_property
     def target_capacity(self) -> int:
-        """Most targets of one episode: those of the start, and arrivals up to six deviations above the mean."""
+        """Limit on the targets of an episode: those of the start, and arrivals up to six deviations above the mean."""
         mean = self.targets.arrival_rate * self.task.duration
         arrivals = math.ceil(mean + 6 * math.sqrt(mean))
         return self.targets.count + arrivals
 
     @property
     def action_size(self) -> int:
-        """Components of a robot's action, such as phase rate, or steering and throttle."""
+        """Number of components of a robot's action, such as one phase rate, or steering and throttle."""
         return model_of(self.robot.kind).action_size
 
     def resolve(self) -> "Scenario":
-        """Return the same scenario with every derived field filled in; changes nothing in how it runs."""
+        """Return the same scenario with every derived field filled in; it runs identically."""
         rate_max = self.robot.phase_rate_max
         if rate_max is None:
             rate_max = SPRINT * self.formation.phase_rate / self.alpha
@@ -282,13 +282,13 @@ class Scenario:
         return dataclasses.replace(self, robot=robot, formation=formation, sensing=sensing, targets=targets)
 
     def scaled(self, length: float = 1.0, time: float = 1.0) -> "Scenario":
-        """Return the similar scenario whose lengths are multiplied by `length`, and whose times by `time`.
+        """Return the similar scenario with all lengths multiplied by `length` and all times by `time`.
 
-        Speeds, rates, accelerations and reward weights change with them, so the task is the same in scaled units.
-        Extensions are kept as they are.
+        Speeds, rates, accelerations and reward weights are scaled too, so the task is the same in scaled units.
+        Extensions do not change.
 
         Raises:
-            ValueError: a factor is not a positive number, or a field leaves its range.
+            ValueError: a factor is not a positive number, or a scaled field is out of its range.
         """
         for name, factor in (("length", length), ("time", time)):
             if not (isinstance(factor, (int, float)) and 0 < factor < math.inf):
@@ -296,18 +296,18 @@ class Scenario:
         return dataclasses.replace(self, **{name: getattr(self, name).scaled(length, time) for name in PARTS})
 
     def to_dict(self) -> dict:
-        """Nested plain values, as written beside results."""
+        """Return nested plain values, as written beside results."""
         plain = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
         plain |= {name: dataclasses.asdict(plain[name]) for name in PARTS}
         return plain | {"extensions": [each.to_dict() for each in self.extensions]}
 
     def digest(self) -> str:
-        """Hash of all that makes the scenario, name and description left out."""
+        """Return a hash of the scenario without its name and description."""
         return digest_of(self.to_dict())
 
 
 def digest_of(plain: Mapping[str, Any]) -> str:
-    """`Scenario.digest` of what `Scenario.to_dict` returned."""
+    """Return `Scenario.digest` from the values of `Scenario.to_dict`."""
     made_of = (*PARTS, "extensions") if plain["extensions"] else PARTS
     numbers = {name: value for name, value in plain.items() if name in made_of}
     return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""Scenarios as TOML files: a name, a description, a scenario to begin with, and a table for each part that differs.
+"""Scenarios as TOML files: name, description, base scenario, and a table for each part that differs from the base.
 
     base = "failure"
     [curve]
@@ -6,8 +6,7 @@
     [faults]
     schedule = [[0, 5.0, inf]]
 
-It is named as its file where it does not say otherwise. `extensions`, before the first table, lists what the scenario
-brings of its own, which is imported:
+The default name is that of the file. `extensions`, before the first table, lists extensions to import:
 
     extensions = ["my_extras:fastest", {place = "my_extras:near_wall", weight = -0.5}]
 """
@@ -25,15 +24,15 @@ from lissajous_env.wording import nearest
 
 SUFFIX = ".toml"
 WORDS = ("name", "description", "base")
-"""Keys of text beside the parts."""
+"""Keys whose values are text."""
 _LARGEST = 1 << 16
 """Size of a file [bytes]."""
 _MOST_DOTS = 500
-"""Dots in a line: what the reader of TOML needs for a dotted key grows with the square of their number."""
+"""Limit on the dots in a line: the time to parse a dotted key grows with the square of their number."""
 
 
 def read_scenario_file(path: str) -> dict[str, Any]:
-    """Read the keys of a scenario's file; a link is followed. What the parts hold is not checked yet.
+    """Read the keys of a scenario's file, following links; the parts are not checked yet.
 
     Raises:
         ValueError: it is missing, no plain file, above 64 KiB, no TOML, or has an unknown key; the message names it.
@@ -59,10 +58,10 @@ def read_scenario_file(path: str) -> dict[str, Any]:
 
 
 def as_toml(scenario: Scenario) -> str:
-    """Return the text of a file that makes a scenario: its name, its description and what differs from the defaults.
+    """Return the text of a scenario's file: name, description and every field that differs from its default.
 
     Raises:
-        ValueError: a field that no such file can hold: an extension, or None where that is not the default.
+        ValueError: the scenario has extensions, or a field is None where that is not the default.
     """
     if scenario.extensions:
         raise ValueError(f"extensions must be empty for a scenario's file, got {len(scenario.extensions)}")
@@ -76,7 +75,7 @@ def as_toml(scenario: Scenario) -> str:
 
 
 def _value(name: str, value: Any) -> str:
-    """Return a value as TOML writes it."""
+    """Format a value as TOML."""
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(_value(name, entry) for entry in value)}]"
     if isinstance(value, str):

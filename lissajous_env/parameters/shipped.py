@@ -1,4 +1,4 @@
-"""The scenarios that ship with the package: the paper's, and ours."""
+"""The shipped scenarios: those of the paper, and others."""
 
 import dataclasses
 

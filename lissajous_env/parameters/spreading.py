@@ -1,67 +1,66 @@
-"""How contamination spreads over a grid: the hops of a rogue between cells, and the time that each takes.
+"""The spreading of contamination over a grid: the hops of an evading target between cells, and their durations.
 
-A rogue hops from the centre of a cell to that of one of the sixteen around it that are a move of a chess king or knight
-away, when it has been there for as long as its speed asks for. Straight ways between centres are at most 2.7 % longer
-by such hops than they are (cells that are square), so a rogue of the grid is slower by that at worst.
+The target hops between centres of cells that are a move of a chess king or knight apart, at its speed limit. In square
+cells such a path is at most 2.7 % longer than the straight line, so the target is too slow by at most that much.
 
-What a hop takes is no whole number of control steps. It is counted in ticks: several in a step where a rogue passes
-more than a cell in one, one in several steps where it needs many for a cell; and what is left over is carried along as
-a share of a tick, so that no hop is late because the one before it ended between two ticks. A rogue that is introduced
-between two ticks counts from the one before: it is early, by less than it needs for a cell.
+The duration of a hop is not a whole number of control steps. It is counted in ticks (several per step for a target
+that passes more than a cell in one step, one per several steps for a slow target), and the remainder is carried along
+as a fraction of a tick, so that rounding does not accumulate. A target introduced between two ticks counts from the
+earlier one, which is early by less than the time for one cell.
 """
 
 import math
 from dataclasses import dataclass
 
-from lissajous_env.parameters.parts import Curve, Task
 from lissajous_env.parameters.reaches import Reaches, reaches_of
+from lissajous_env.settings.parts import Curve, Task
 
 SHARES = 255
-"""Into how many a tick is divided."""
+"""Number of fractions of a tick."""
 HOPS = ((1, 0), (0, 1), (1, 1), (2, 1), (1, 2))
-"""Columns and rows of the hops in the first quadrant, one for each length that there is."""
+"""Columns and rows of the hops in the first quadrant, one for each length."""
 _SHORTEST, _TICKS_MAX = 0.99, 32
-"""Ticks that the shortest hop takes at least where a tick is several steps, or close to it; most ticks of a step."""
+"""Least duration of the shortest hop where a tick lasts several steps [tick]; limit on the ticks per step."""
 _STRETCH_MAX = 1.5
 _STILL = Reaches(1, 0.0, (), ())
 
 
 @dataclass(frozen=True)
 class Spreading:
-    """Hops of the rogues of a scenario on its grid."""
+    """Constants of the hops of evading targets on the grid of a scenario."""
 
     columns: int
     rows: int
     radius: float
-    """Radius of the robots' sensors [m]."""
+    """Sensing radius of the robots [m]."""
     ticks: int
-    """Ticks in a control step."""
+    """Ticks per control step."""
     period: int
-    """Control steps in a tick; one of the two is 1."""
+    """Control steps per tick; `ticks` or this is 1."""
     delays: tuple[int, ...]
-    """Whole ticks that each of `HOPS` takes; empty where rogues stand still."""
+    """Duration of each of `HOPS` in whole ticks; empty for targets at rest."""
     shares: tuple[int, ...]
-    """What it takes beyond them, in `SHARES` of a tick."""
+    """Remaining duration of each hop, in `SHARES` of a tick."""
     reaches: Reaches = _STILL
-    """What takes the place of hops for `task.conservative`."""
+    """Replacement of hops for `task.conservative`."""
 
     @property
     def ring(self) -> int:
-        """Ticks for which labels are kept."""
+        """Number of past ticks whose labels are stored."""
         return max(self.reaches.lags, default=max(self.delays, default=0) + 1) + 1
 
 
 def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Spreading:
-    """Hops for `task.contamination`.
+    """Return the hops for `task.contamination`.
 
     Args:
-        curve: With it the rectangle.
+        curve: Curve, which defines the rectangle.
         task: Grid and control step.
-        radius: Of the robots' sensors [m].
-        speed: That no rogue is above [m/s].
+        radius: Sensing radius of the robots [m].
+        speed: Speed limit of evading targets [m/s].
 
     Raises:
-        ValueError: cells that are no squares, or far smaller than what a rogue moves in a step.
+        ValueError: the cells are not square, or are far smaller than the distance that a target moves in a step.
     """
     if task.contamination is None:
         return Spreading(1, 1, 0.0, 1, 1, (), ())
@@ -74,12 +73,12 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
     moved = speed * task.step
     ticks = math.ceil(moved / shortest)
     if ticks > _TICKS_MAX:
-        rule = f"must make cells of at least 1/{_TICKS_MAX} of what a rogue moves in a step, {moved:.3g} m"
+        rule = f"must make cells of at least 1/{_TICKS_MAX} of what an evading target moves in a step, {moved:.3g} m"
         raise ValueError(f"task.contamination {rule}, got {columns} x {rows} of {shortest:.3g} m")
     if task.conservative:
         reaches = reaches_of(sides, moved, task.steps)
         return Spreading(columns, rows, radius, 1, reaches.period, (), (), reaches)
-    if moved * task.steps < shortest:  # no rogue leaves its cell
+    if moved * task.steps < shortest:  # no target leaves its cell
         return Spreading(columns, rows, radius, 1, 1, (), ())
     period = max(int(shortest / moved / _SHORTEST), 1)
     takes = [max(math.hypot(i * sides[0], j * sides[1]) / moved * ticks / period, 1.0) for i, j in HOPS]

@@ -1,12 +1,12 @@
-"""Pictures of a world: drawn on an off-screen surface with pygame; a window opens only when one is asked for."""
+"""Pictures and films of a world, drawn off-screen with pygame; windows open only on request."""
 
 import os
 
-# pygame greets on standard output when it is imported, which would end up in what commands print.
+# On import, pygame prints a greeting to stdout, where it would disturb the output of commands.
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 
+from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.render.gallery import Gallery
 from lissajous_env.render.renderer import Renderer
-from lissajous_env.render.snapshot import Snapshot
 
 __all__ = ["Gallery", "Renderer", "Snapshot"]

@@ -1,4 +1,4 @@
-"""Where the world lies on the picture, and drawing on a finer surface that is then averaged down: smooth edges."""
+"""Coordinates of the picture, and drawing on a finer surface that is averaged down for smooth edges."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class View:
     scale: float
     """Pixels per metre."""
     centre: tuple[float, float]
-    """Where the middle of the rectangle lies [px]."""
+    """Centre of the rectangle [px]."""
     half: tuple[float, float]
     """Half of the rectangle's width and height [m]."""
 
@@ -52,7 +52,7 @@ class View:
             scale = float(min(960 / extent[0], 680 / extent[1]))
             wide, high = (round(scale * length) for length in extent)
             size = max(wide + 2 * MARGIN, 720), high + HEADER + FOOTER + 2 * MARGIN
-            # Video codecs want even numbers.
+            # Video codecs require even numbers.
             size = size[0] + size[0] % 2, size[1] + size[1] % 2
         elif not _is_size(size):
             raise ValueError(
@@ -71,15 +71,15 @@ class View:
         return FINE * self.size[0], FINE * self.size[1]
 
     def place(self, points: np.ndarray) -> np.ndarray:
-        """Pixels (..., 2) of the picture for points (..., 2) of the world [m]."""
+        """Return pixels (..., 2) of the picture for points (..., 2) of the world [m]."""
         return np.asarray(self.centre) + np.asarray(points, dtype=float) * (self.scale, -self.scale)
 
     def fine(self, points: np.ndarray) -> np.ndarray:
-        """Pixels (..., 2) of the fine surface for points (..., 2) of the world [m]."""
+        """Return pixels (..., 2) of the fine surface for points (..., 2) of the world [m]."""
         return FINE * self.place(points)
 
     def plot(self) -> pygame.Rect:
-        """Return the part of the fine surface in which the world is drawn, between status line and legend."""
+        """Return the part of the fine surface between status line and legend."""
         width, height = self.fine_size
         return pygame.Rect(0, FINE * HEADER, width, height - FINE * (HEADER + FOOTER))
 
@@ -101,12 +101,12 @@ def _is_size(size: Sequence[int]) -> bool:
 
 
 def within(points: np.ndarray, room: pygame.Rect) -> np.ndarray:
-    """(...,) bool: points (..., 2) that lie in a rectangle."""
+    """Return (...,) bool: True for points (..., 2) in a rectangle."""
     return np.asarray(((points >= room.topleft) & (points < room.bottomright)).all(axis=-1))
 
 
 def cut(start: np.ndarray, end: np.ndarray, room: pygame.Rect) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the ends of the part of a line that lies in a rectangle, None if none does.
+    """Return the ends of the part of a line in a rectangle, or None if it is outside.
 
     pygame walks along the whole of a line, however little of it can be seen.
     """
@@ -169,7 +169,7 @@ def stamp(
 
 
 def _covered(places: np.ndarray, offsets: np.ndarray, pixels: int) -> np.ndarray:
-    """Indices of the pixels at all offsets from all places; each once where there are many, for the memory's sake."""
+    """Return the indices of the pixels at all offsets from all places, without duplicates if there are many."""
     if len(places) * len(offsets) <= _AT_ONCE:
         return (places[:, None] + offsets).ravel()
     covered, some = np.zeros(pixels, dtype=bool), max(_AT_ONCE // len(offsets), 1)

@@ -1,4 +1,4 @@
-"""Shows a recording as an animated GIF, an MP4 film or a contact sheet, or plays it in a window."""
+"""Show a recording as an animated GIF, an MP4 film or a contact sheet, or play it in a window."""
 
 import math
 import time
@@ -20,29 +20,32 @@ from lissajous_env.storage.files import replacing
 from lissajous_env.wording import shown
 
 MOST_PICTURES = 100
-"""Pictures of a contact sheet, at most."""
+"""Limit on the pictures of a contact sheet."""
+
+FILMS = ".gif", ".mp4"
+"""Suffixes of films."""
 
 STILLS = ".png", ".svg", ".pdf"
 """Suffixes of a contact sheet."""
 
 LONGEST = 655.35
-"""Time for which a GIF can show a picture [s]; a film does not do so for longer either."""
+"""Longest duration of a picture in a GIF [s]; also used for films."""
 
 DENSEST = 50.0
-"""Pictures a second of a GIF or a film, at most [1/s]."""
+"""Limit on the pictures per second of a GIF or a film [1/s]."""
 
 FASTEST = 30.0
-"""Pictures a second in a window [1/s]."""
+"""Pictures per second in a window [1/s]."""
 
 
 def frames(recording: Recording, renderer: Renderer | None = None, every: int = 1) -> Iterator[np.ndarray]:
-    """Draw every moment of a recording, or every so manieth: pictures (H, W, 3) uint8."""
+    """Yield pictures (H, W, 3) uint8 of a recording, one for each `every` moments."""
     renderer = renderer or Renderer(recording.scenario)
     for moment in range(0, len(recording), every):
         yield renderer.draw(recording.snapshot(moment))
 
 
-def save_gif(
+def save_film(
     recording: Recording,
     path: str | Path,
     *,
@@ -51,69 +54,51 @@ def save_gif(
     size: Sequence[int] | None = None,
     on_frame: Callable[[], None] | None = None,
 ) -> int:
-    """Write a recording as an animated GIF that repeats.
+    """Write a recording as an animated GIF that repeats, or as an MP4 film (H.264), by the suffix of the path.
 
     Args:
-        recording: What to draw.
-        path: Where to write; under a temporary name first, then renamed.
-        fps: Pictures a second at most, up to 50; moments between them are skipped.
-        speed: Seconds of the episode in a second of the GIF.
-        size: Width and height [px]; None is three quarters of the size that `Renderer` takes.
+        recording: The recording.
+        path: File to write, .gif or .mp4; written under a temporary name first.
+        fps: Largest number of pictures per second, up to 50; moments between them are skipped.
+        speed: Seconds of the episode per second of the film.
+        size: Width and height [px], made even for a film; by default that of `Renderer`, or 3/4 of it for a GIF.
         on_frame: Called after each picture.
 
     Returns:
-        How many pictures it has.
+        The number of pictures.
 
     Raises:
-        ValueError: fps or speed are not positive, or so slow that a picture would be shown for more than 655.35 s.
+        ValueError: the suffix is unknown, fps or speed are not positive, or a picture would last more than 655.35 s.
+        MissingExtraError: a film without the extra `video`.
     """
+    suffix = Path(path).suffix.lower()
+    if suffix not in FILMS:
+        raise ValueError(f"path must end in {' or '.join(FILMS)}, got {path}")
     every, seconds = _paced(recording, fps, speed)
-    if size is None:
-        size = [length * 3 // 4 for length in View.of(recording.scenario).size]
-    renderer = Renderer(recording.scenario, size)
-    moments = range(0, len(recording), every)
-    samples = [renderer.draw(recording.snapshot(moments[k])) for k in _spread(len(moments), 5)]
-    # GIF counts in hundredths of a second, and most that show it cannot do less than two.
-    shown = max(round(100 * seconds), 2)
-    with replacing(path) as temporary, open(temporary, "wb") as file:
-        return _write(GifWriter(file, samples, shown), frames(recording, renderer, every), on_frame)
-
-
-def save_mp4(
-    recording: Recording,
-    path: str | Path,
-    *,
-    fps: float = 10.0,
-    speed: float = 1.0,
-    size: Sequence[int] | None = None,
-    on_frame: Callable[[], None] | None = None,
-) -> int:
-    """Write a recording as an MP4 film (H.264) that browsers play.
-
-    Args:
-        recording: What to draw.
-        path: Where to write; under a temporary name first, then renamed.
-        fps: Pictures a second at most, up to 50; moments between them are skipped.
-        speed: Seconds of the episode in a second of the film.
-        size: Width and height [px], odd ones made even; None is the size that `Renderer` takes.
-        on_frame: Called after each picture.
-
-    Returns:
-        How many pictures it has.
-
-    Raises:
-        ValueError: fps or speed are not positive, or so slow that a picture would be shown for more than 655.35 s.
-        MissingExtraError: the extra `video` is not installed.
-    """
-    every, seconds = _paced(recording, fps, speed)
-    wide, high = (length + length % 2 for length in View.of(recording.scenario, size).size)
+    wide, high = View.of(recording.scenario, size).size
+    if suffix == ".mp4":
+        wide, high = wide + wide % 2, high + high % 2
+    elif size is None:
+        wide, high = wide * 3 // 4, high * 3 // 4
     renderer = Renderer(recording.scenario, (wide, high))
-    with replacing(path) as temporary:
-        return _write(Mp4Writer(temporary, (wide, high), seconds), frames(recording, renderer, every), on_frame)
+    moments = range(0, len(recording), every)
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        if suffix == ".mp4":
+            writer = Mp4Writer(temporary, (wide, high), seconds)
+        else:
+            samples = [renderer.draw(recording.snapshot(moments[k])) for k in _spread(len(moments), 5)]
+            # The unit of a GIF is 0.01 s, and most viewers cannot show pictures shorter than two units.
+            writer = GifWriter(file, samples, max(round(100 * seconds), 2))
+        for picture in frames(recording, renderer, every):
+            writer.add(picture)
+            if on_frame is not None:
+                on_frame()
+        writer.close()
+    return len(moments)
 
 
 def _paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
-    """Return every how manieth moment is shown, and for how long [s]."""
+    """Return the number of moments per picture and the duration of a picture [s]."""
     _require_positive(fps=fps, speed=speed)
     step = recording.scenario.task.step
     every = max(math.ceil(min(speed / (min(fps, DENSEST) * step), len(recording)) - 1e-9), 1)
@@ -124,18 +109,6 @@ def _paced(recording: Recording, fps: float, speed: float) -> tuple[int, float]:
             f"{seconds:.3g} s"
         )
     return every, seconds
-
-
-def _write(writer: GifWriter | Mp4Writer, pictures: Iterator[np.ndarray], on_frame: Callable[[], None] | None) -> int:
-    """Write all pictures, and return how many they were."""
-    count = 0
-    for picture in pictures:
-        writer.add(picture)
-        count += 1
-        if on_frame is not None:
-            on_frame()
-    writer.close()
-    return count
 
 
 def save_sheet(
@@ -213,20 +186,20 @@ def play(recording: Recording, *, speed: float = 1.0, size: Sequence[int] | None
             if key == pygame.K_ESCAPE:
                 window.close()
             elif key == pygame.K_SPACE:
-                # At the end there is nothing to go on with but the beginning.
+                # At the end, playing restarts.
                 at, paused = (0.0, False) if moment == last else (at, not paused)
             elif key in (pygame.K_LEFT, pygame.K_RIGHT):
                 moment = min(max(moment + (1 if key == pygame.K_RIGHT else -1), 0), last)
                 at, paused = float(moment), True
         now = time.perf_counter()
         if not paused:
-            # A machine too slow for real time plays in slow motion, without gaps.
+            # A machine that is too slow plays in slow motion instead of skipping moments.
             at = min(at + min(now - before, 0.2) * speed / step, float(last))
         before = now
 
 
 def _spread(count: int, wanted: int) -> list[int]:
-    """Pick some of 0 ... count - 1, evenly, the first and the last among them."""
+    """Pick evenly spaced numbers of 0 ... count - 1, including the first and the last."""
     return sorted(set(np.linspace(0, count - 1, wanted).round().astype(int).tolist()))
 
 

@@ -1,4 +1,4 @@
-"""A batch of worlds, each in a picture of its own."""
+"""Pictures of a batch of worlds, one each."""
 
 import math
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ _SMALLEST = 240, 180
 
 
 class Gallery:
-    """Draws the worlds of a batch, the smaller the more there are: side by side they are about as large as one alone.
+    """Draws the worlds of a batch, in a total size similar to that of one picture.
 
     Only the first 64 are drawn; the rest share one empty picture.
 
@@ -32,14 +32,14 @@ class Gallery:
         """Worlds that are drawn."""
         along = math.ceil(math.sqrt(self.drawn))
         width, height = View.of(scenario).size
-        around = HEADER + FOOTER + 2 * MARGIN  # stays as high as it is
+        around = HEADER + FOOTER + 2 * MARGIN  # constant height
         sizes = width / along, (height - around) / along + around
-        # Video codecs want even numbers.
+        # Video codecs require even numbers.
         size = [max(round(length / 2) * 2, least) for length, least in zip(sizes, _SMALLEST, strict=True)]
         self._renderer = Renderer(scenario, size)
         self._empty = np.full((size[1], size[0], 3), palette.PAPER, dtype=np.uint8)
 
     def draw(self, simulation: "Simulation") -> list[np.ndarray]:
-        """Draw every world: (H, W, 3) uint8 each, all of one size."""
+        """Return pictures (H, W, 3) uint8 of all worlds."""
         pictures = [self._renderer.draw(simulation, world) for world in range(self.drawn)]
         return pictures + [self._empty] * (simulation.num_worlds - self.drawn)

@@ -1,4 +1,4 @@
-"""Animated GIFs, written picture by picture: Pillow's own writer keeps every one in memory until the last."""
+"""Animated GIFs, written picture by picture, because Pillow's writer stores all pictures in memory."""
 
 import struct
 from typing import BinaryIO
@@ -28,10 +28,10 @@ class GifWriter:
         height, width, _ = samples[0].shape
         table = bytes(self._colours.getpalette() or b"").ljust(3 * 256, b"\0")
         file.write(b"GIF89a" + struct.pack("<HHBBB", width, height, 0b1111_0111, 0, 0) + table)
-        file.write(b"\x21\xff\x0bNETSCAPE2.0\x03\x01" + struct.pack("<HB", 0, 0))  # repeat for ever
+        file.write(b"\x21\xff\x0bNETSCAPE2.0\x03\x01" + struct.pack("<HB", 0, 0))  # repeats endlessly
 
     def add(self, picture: np.ndarray) -> None:
-        """Write one picture: of it, the smallest rectangle that holds all that has changed."""
+        """Write the smallest rectangle of a picture that contains all changes."""
         indexed = np.array(Image.fromarray(picture).quantize(palette=self._colours, dither=Image.Dither.NONE))
         top, left, bottom, right = 0, 0, *indexed.shape
         shown = indexed
@@ -52,9 +52,9 @@ class GifWriter:
 
 
 def _chosen_colours(samples: list[np.ndarray]) -> Image.Image:
-    """Choose 255 colours; the last one of 256 is kept for what shows through."""
+    """Choose 255 colours; index 255 is transparent."""
     own = [colour for colour in vars(palette).values() if isinstance(colour, tuple)]
-    # Dots are too few pixels to be given a colour by their number alone.
+    # Dots have too few pixels to get a colour by frequency.
     shares = (1.0, 0.8, 0.6, 0.45, 0.3, 0.15)
     swatches = np.array([palette.mixed(palette.GROUND, colour, share) for colour in own for share in shares], np.uint8)
     _, width, _ = samples[0].shape

@@ -1,13 +1,13 @@
-"""What lies on the ground: the rectangle, its idleness, the curve; the discs of the sensors lie on it."""
+"""The ground of a picture: the rectangle with its idleness, the curve, and the sensing discs."""
 
 import numpy as np
 import pygame
 
+from lissajous_env.episodes.snapshot import thinned
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, opaque, transparent
 from lissajous_env.render.sensors import Sensors
-from lissajous_env.render.snapshot import thinned
 from lissajous_env.theory import closed_forms
 
 IDLE_BOUNDS = 2.0
@@ -18,7 +18,7 @@ _MOST_POINTS = 60_000
 
 
 class Ground:
-    """Draws the ground of one scenario on the fine surface; what never changes is drawn once."""
+    """Draws the ground of one scenario on the fine surface; constant parts are drawn once."""
 
     def __init__(self, scenario: Scenario, view: View):
         self.view = view
@@ -27,7 +27,7 @@ class Ground:
         """Idleness that is drawn in full colour [s]."""
         self._task = scenario.task
         self.base = opaque(view.fine_size)
-        """What lies under everything; a place to draw what never changes."""
+        """Bottom layer, with the constant parts."""
         self.base.fill(palette.PAPER)
         self.base.fill(palette.GROUND, self.rectangle)
         self._curve = _curve(scenario, view)
@@ -36,7 +36,7 @@ class Ground:
         """Rows and columns of the grid that are drawn at most."""
 
     def draw(self, surface: pygame.Surface, sensed_at: np.ndarray, step: int, sensing: np.ndarray) -> None:
-        """Draw the ground; `sensing` (n, 2) is where the working robots are [m], `sensed_at` as in the snapshot."""
+        """Draw the ground; `sensing` (n, 2) are the positions of working robots [m], `sensed_at` as in the snapshot."""
         surface.blit(self.base, (0, 0))
         surface.set_clip(self.rectangle)
         if self._task.grid is not None:
@@ -51,20 +51,20 @@ class Ground:
         idle = np.clip((step - sensed_at) * self._task.step / self.idle_full, 0.0, 1.0)[..., None]
         colours = np.array(palette.GROUND) + idle * (np.array(palette.IDLE) - palette.GROUND)
         cells = opaque(sensed_at.shape[::-1])
-        # Rows go up in the world and down in a picture.
+        # Rows count upwards in the world and downwards in a picture.
         pygame.surfarray.blit_array(cells, np.rint(colours[::-1]).astype(np.uint8).swapaxes(0, 1))
         return pygame.transform.smoothscale(cells, self.rectangle.size)
 
 
 def _curve(scenario: Scenario, view: View) -> pygame.Surface:
-    """Draw the Lissajous curve; seen from above, what lies lower is interrupted where it is crossed."""
+    """Draw the Lissajous curve; at crossings, the lower branch is interrupted."""
     curve, rectangle = scenario.curve, view.rectangle(fine=True)
     surface = transparent(view.fine_size)
-    # Many lobes would make one grey area of lines of full strength.
+    # Dense curves are drawn fainter.
     share = float(np.clip(16 / (curve.oscillations), 0.35, 1.0)) ** 0.5
     width, colour = max(round(1.3 * share * FINE), 2), (*palette.CURVE, round(235 * share))
     if curve.oscillations > max(rectangle.size) / width:
-        surface.fill(colour, rectangle)  # its lines leave no room between them
+        surface.fill(colour, rectangle)  # the lines are too dense
         return surface
     lap = np.linspace(0.0, 2 * np.pi, min(max(180 * (curve.oscillations), 2000), _MOST_POINTS))
     points = view.fine(closed_forms.curve_point(curve, lap))

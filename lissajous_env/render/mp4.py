@@ -1,4 +1,4 @@
-"""MP4 films, encoded picture by picture by PyAV, which the extra `video` brings."""
+"""MP4 films, encoded picture by picture by PyAV of the extra `video`."""
 
 from fractions import Fraction
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Colours of the pictures, as RGB: a light ground, one blue for the team, red for what it looks for.
+"""Colours of the pictures as RGB: a light ground, blue for the team, red for targets.
 
 Things that meet in a film stay apart for readers without red, green or blue cones too.
 """
@@ -29,6 +29,6 @@ CONTACT = (222, 44, 196)
 
 
 def mixed(low: Colour, high: Colour, share: float) -> Colour:
-    """Colour at a share in [0, 1] of the way from one colour to another."""
+    """Return the colour at a share in [0, 1] between two colours."""
     red, green, blue = (round(a + (b - a) * share) for a, b in zip(low, high, strict=True))
     return red, green, blue

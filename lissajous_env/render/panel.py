@@ -1,14 +1,14 @@
-"""What stands around the plot: the status line above it, scale bar and legend below."""
+"""The surroundings of the plot: the status line above, scale bar and legend below."""
 
 import math
 
 import numpy as np
 import pygame
 
+from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, FOOTER, HEADER, MARGIN, View
-from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.targets import draw_dots, draw_flash
 from lissajous_env.render.text import width_of, write
 from lissajous_env.render.times import decimals_of
@@ -20,12 +20,12 @@ _RAMP = 64
 
 
 class Panel:
-    """Writes and draws the surroundings of one scenario's plot. Entries that find no room are left out."""
+    """Draws the surroundings of one scenario's plot; entries that do not fit are omitted."""
 
     def __init__(self, scenario: Scenario, view: View, idle_full: float, dot: float):
         self.scenario, self.view, self.idle_full = scenario, view, idle_full
         plot, wide = view.rectangle(fine=False), view.size[0] >= 560
-        # The lines are as wide as the plot, or wider where it is narrow.
+        # The lines have at least the width of the plot.
         spare = max(620 - plot.width, 0) // 2
         self.left = max(plot.left - spare, MARGIN)
         self.right = min(plot.right + spare, view.size[0] - MARGIN)
@@ -36,7 +36,7 @@ class Panel:
         self._bar = _round_length(0.16 * (self.right - self.left) / view.scale)
 
     def draw_fixed(self, fine: pygame.Surface) -> None:
-        """Draw what never changes: the scenario's name and the legend."""
+        """Draw the constant parts: the scenario's name and the legend."""
         write(fine, self.scenario.name, self._status_at, self.large, palette.INK)
         y, x = self._legend_at, float(self.left)
         for kind, indent, words in self._legend():
@@ -51,14 +51,14 @@ class Panel:
             write(fine, words, (start, y), self.small, palette.MUTED)
 
     def draw(self, fine: pygame.Surface, snapshot: Snapshot) -> None:
-        """Write the numbers of now, and draw how much of the episode is over."""
+        """Draw the current numbers and the progress of the episode."""
         line = pygame.Rect(FINE * self.left, FINE * (HEADER - 6), FINE * (self.right - self.left), 2 * FINE)
         pygame.draw.rect(fine, palette.HAIRLINE, line)
         line.width = round(line.width * min(snapshot.step / self.scenario.task.steps, 1.0))
         pygame.draw.rect(fine, palette.ROBOT, line)
         entries = self._status(snapshot)
         room = self.right - self.left - width_of(self.scenario.name, self.large)
-        # Where there is no room, what matters least goes first.
+        # The least important entries are omitted first.
         for _, least in sorted((rank, k) for k, (rank, *_) in enumerate(entries)):
             wide = sum(_GAP + sum(width_of(word, self.medium) for word in words) for _, *words in entries if words)
             if wide > room:
@@ -77,7 +77,7 @@ class Panel:
                 x = write(fine, word, (x, self._status_at[1]), self.medium, colour)
 
     def _status(self, snapshot: Snapshot) -> list[tuple]:
-        """Entries of the status line: rank, words before the value, the value, words after it."""
+        """Return the entries of the status line: rank, prefix, value and suffix."""
         task = self.scenario.task
         decimals = decimals_of(task.step)
         entries: list[tuple] = [(4, "", f"{snapshot.step * task.step:.{decimals}f} s", f" of {task.duration:g} s")]
@@ -91,7 +91,7 @@ class Panel:
         return [*entries, (2, "collisions ", f"{snapshot.collisions}", "")]
 
     def _legend(self) -> list[tuple[str, float, str]]:
-        """Entries of the legend: what is drawn, how much room it takes [px], and its words."""
+        """Return the entries of the legend: sign, width [px] and text."""
         targets = self.scenario.targets
         entries = [("bar", self._bar * self.view.scale + 8, f"{self._bar:g} m")]
         if self.scenario.target_capacity > 0:
@@ -122,6 +122,6 @@ class Panel:
 
 
 def _round_length(about: float) -> float:
-    """Return the largest of 1, 2, 5 times a power of ten that is not above a length [m]."""
+    """Return the largest of 1, 2, 5 times a power of ten up to a length [m]."""
     power = 10.0 ** math.floor(math.log10(about))
     return next(factor * power for factor in (5, 2, 1) if factor * power <= about)

@@ -1,4 +1,4 @@
-"""The renderer: puts ground, targets, team and panel together into one picture."""
+"""The renderer, which combines ground, targets, team and panel to one picture."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pygame
 
+from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render.canvas import View, opaque, pixels
 from lissajous_env.render.ground import Ground
 from lissajous_env.render.panel import Panel
-from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.targets import Targets
 from lissajous_env.render.team import Team
 from lissajous_env.render.window import Window
@@ -29,7 +29,7 @@ MOST_WORLDS = 64
 
 
 class Renderer:
-    """Draws worlds of one scenario, on a surface in memory; only `show` opens a window.
+    """Draws worlds of one scenario in memory; only `show` opens a window.
 
     Args:
         scenario: Name of a scenario, or one that was made.
@@ -54,7 +54,7 @@ class Renderer:
         self._past: dict[int, tuple[int, deque[tuple[int, np.ndarray]]]] = {}
 
     def draw(self, simulation: "Simulation | Snapshot", world: int = 0) -> np.ndarray:
-        """Draw one world of a simulation, which is only read, or a snapshot of one.
+        """Return the picture of one world of a simulation, or of a snapshot.
 
         Trails show what was drawn of the same episode before, unless the snapshot brings its own.
 
@@ -77,13 +77,13 @@ class Renderer:
         return pixels(self.picture)
 
     def show(self, fps: float) -> None:
-        """Show the latest picture in a window, at most `fps` a second; once the user has closed it, do nothing."""
+        """Show the latest picture in a window, at most `fps` per second; do nothing once the user has closed it."""
         if self._window is None:
             self._window = Window(self.view.size, f"{self.scenario.name} - lissajous")
         self._window.show(self.picture, fps)
 
     def reset(self) -> None:
-        """Forget the trails."""
+        """Delete the trails."""
         self._past.clear()
 
     def close(self) -> None:
@@ -93,7 +93,7 @@ class Renderer:
             self._window = None
 
     def _trail(self, seen: Snapshot) -> tuple[np.ndarray, np.ndarray]:
-        """Steps (K,) and positions (K, N, 2) of the trails, the oldest first and the robots themselves last."""
+        """Return the steps (K,) and positions (K, N, 2) of the trails, oldest first, ending at the robots."""
         longest = self._team.trail_steps()
         apart = -(-longest // LONGEST_TRAIL)
         if seen.trail is not None:
@@ -112,7 +112,7 @@ class Renderer:
         return np.array([step for step, _ in trail]), np.stack([place for _, place in trail])
 
     def _past_of(self, seen: Snapshot) -> deque[tuple[int, np.ndarray]]:
-        """Steps and positions that were drawn of an episode; only of so many worlds, those that were drawn first go."""
+        """Return the drawn steps and positions of an episode; the oldest worlds are dropped beyond a limit."""
         seed, past = self._past.get(seen.world, (None, deque()))
         if seed != seen.seed:
             past.clear()

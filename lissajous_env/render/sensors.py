@@ -1,4 +1,4 @@
-"""The discs of the sensors: however large they are, only what lies in the rectangle is drawn."""
+"""The sensing discs; only their parts in the rectangle are drawn, however large they are."""
 
 import numpy as np
 import pygame
@@ -40,7 +40,7 @@ class Sensors:
         self._layer = None if fits else transparent((max(rectangle.width, 1), max(rectangle.height, 1)))
 
     def draw(self, surface: pygame.Surface, middles: np.ndarray) -> None:
-        """Draw the discs around (n, 2) middles in pixels of a surface, clipped to the rectangle by the caller."""
+        """Draw the discs around (n, 2) centres [px] on a surface that the caller clips to the rectangle."""
         corner = np.array(self.rectangle.topleft)
         near = np.abs(middles - self.rectangle.center) < self.radius + np.array(self.rectangle.size)
         middles = middles[near.all(axis=1)]
@@ -66,7 +66,7 @@ class Sensors:
         return surface
 
     def _lay_union(self, layer: pygame.Surface, middles: np.ndarray) -> None:
-        """Draw the union of the discs: its rim, and in it the union of those without their rims."""
+        """Draw the union of the discs with its rim."""
         layer.fill((*palette.SENSING, 0))
         alpha = pygame.surfarray.pixels_alpha(layer).T
         alpha[_union(middles, self.radius, alpha.shape)] = self._rim[3]
@@ -74,13 +74,13 @@ class Sensors:
 
 
 def _reach(rows: np.ndarray, middle: np.ndarray, radius: float) -> np.ndarray:
-    """How far a disc reaches to either side in some rows; 0 in those that it does not cross."""
+    """Return the half width of a disc in some rows; 0 in rows that it does not cross."""
     away = np.abs(rows - middle)
     return np.sqrt(np.maximum((radius - away) * (radius + away), 0.0))
 
 
 def _fill_disc(layer: pygame.Surface, middle: np.ndarray, radius: float, colour: tuple) -> None:
-    """Fill the part of a disc that lies on the layer: it is convex, and so is its outline row by row."""
+    """Fill the part of a disc on the layer, row by row."""
     width, height = layer.get_size()
     top, bottom = max(middle[1] - radius, -1.0), min(middle[1] + radius, height + 1.0)
     if radius <= 0 or top > bottom:
@@ -93,7 +93,7 @@ def _fill_disc(layer: pygame.Surface, middle: np.ndarray, radius: float, colour:
 
 
 def _union(middles: np.ndarray, radius: float, shape: tuple[int, int]) -> np.ndarray:
-    """(H, W) bool: pixels that lie in a disc around any of the middles (n, 2)."""
+    """Return (H, W) bool: pixels in a disc around any of the centres (n, 2)."""
     height, width = shape
     rows, entered = np.arange(height), np.zeros((height, width + 1), dtype=np.int32)
     for first in range(0, len(middles), _TOGETHER):

@@ -1,14 +1,14 @@
-"""The targets: dots while they are at large, and a ring that opens and fades when one was detected."""
+"""The targets: dots while undetected, and a widening, fading ring after detection."""
 
 import math
 
 import numpy as np
 import pygame
 
+from lissajous_env.episodes.snapshot import Snapshot
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, stamp
-from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.times import flash_time
 from lissajous_env.world.targets import FLEEING
 
@@ -20,7 +20,7 @@ SMALL = 2.2 * FINE
 
 
 class Targets:
-    """Draws the targets of one scenario, all of one kind at once: ten thousand take no longer than a few frames do."""
+    """Draws the targets of one scenario, all targets of a kind at once for speed."""
 
     def __init__(self, scenario: Scenario, view: View):
         self.view, self.scenario = view, scenario
@@ -32,7 +32,7 @@ class Targets:
         self._flash = flash_time(scenario) / scenario.task.step
 
     def draw(self, surface: pygame.Surface, snapshot: Snapshot) -> None:
-        """Draw the targets that are at large, and those that were detected just now."""
+        """Draw the undetected and the just detected targets."""
         places = self.view.fine(snapshot.target_position)
         found = snapshot.found
         if not self.scenario.targets.leave:
@@ -48,7 +48,7 @@ class Targets:
 
 
 def draw_dots(surface: pygame.Surface, points: np.ndarray, radius: float, flees: bool) -> None:
-    """Draw targets at large; those that flee have a light core."""
+    """Draw undetected targets; fleeing targets have a light core."""
     if radius > SMALL:
         stamp(surface, points, radius + FINE, palette.GROUND, alpha=0.85)
     stamp(surface, points, radius, palette.TARGET)
@@ -57,7 +57,7 @@ def draw_dots(surface: pygame.Surface, points: np.ndarray, radius: float, flees:
 
 
 def draw_flash(surface: pygame.Surface, points: np.ndarray, radius: float, age: float) -> None:
-    """Draw detections at an age in [0, 1): a fading dot, and around it a widening ring where there is room for one."""
+    """Draw detections of an age in [0, 1): a fading dot and, if there is space, a widening ring."""
     fading = 1.0 - age
     if radius > SMALL:
         outer = radius * (1.3 + 2.1 * age)

@@ -1,15 +1,15 @@
-"""The robots: cars to scale or discs, their trails, the ring that links them, faults and contacts."""
+"""The robots: cars or discs to scale, their trails, the communication ring, failures and collisions."""
 
 import numpy as np
 import pygame
 
+from lissajous_env.episodes.snapshot import Snapshot
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, cut, transparent, within
-from lissajous_env.render.snapshot import Snapshot
 from lissajous_env.render.text import write, write_outlined
 from lissajous_env.render.times import trail_time
-from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 
 MOST_CONTACTS = 2000
@@ -17,12 +17,12 @@ MOST_CONTACTS = 2000
 
 
 class Team:
-    """Draws the robots of one scenario. Robots too small to be seen to scale are drawn larger."""
+    """Draws the robots of one scenario, enlarged if they would be too small."""
 
     def __init__(self, scenario: Scenario, view: View):
         self.scenario, self.view = scenario, view
         self.many = scenario.num_robots > 40
-        """Whether the robots are a crowd: drawn small, without numbers."""
+        """True for a crowd, which is drawn small and without numbers."""
         smallest = 3.6 if self.many else 6.5
         self.radius = max(view.scale * scenario.robot.radius, smallest)
         """Radius with which a robot is drawn [px]."""
@@ -40,12 +40,12 @@ class Team:
         self._parts = [(fine * outline, getattr(palette, fill) if fill else None) for outline, fill in parts]
 
     def trail_steps(self) -> int:
-        """Steps that a trail goes back."""
+        """Length of a trail [step]."""
         longest = trail_time(self.scenario) * (0.2 if self.many else 1.0)
         return max(round(min(longest / self.scenario.task.step, 2**20)), 2)
 
     def draw_links(self, surface: pygame.Surface, snapshot: Snapshot, steps: np.ndarray, trail: np.ndarray) -> None:
-        """Draw the ring and the trails, positions (K, N, 2) at K steps; they lie under the robots."""
+        """Draw the communication ring and the trails, positions (K, N, 2) at K steps, below the robots."""
         soft, there = self._soft, snapshot.status != int(REMOVED)
         soft.fill((0, 0, 0, 0))
         places = self.view.fine(snapshot.position[:, :2])
@@ -53,7 +53,7 @@ class Team:
             seen = cut(places[i], places[j], self._room) if there[i] and there[j] else None
             if seen is not None:
                 pygame.draw.line(soft, (*palette.LINK, 84), *seen, FINE)
-        # Drawn without blending, oldest first: the joints of a trail do not show as darker spots.
+        # Drawn without blending, oldest first, so that joints do not appear darker.
         width = 0.42 * min(FINE * self.radius, 8 * FINE)
         for k in range(len(steps) - 1):
             fresh = 1 - (snapshot.step - steps[k + 1]) / (self.trail_steps() + 1)
@@ -66,7 +66,7 @@ class Team:
         surface.blit(soft, (0, 0))
 
     def draw(self, surface: pygame.Surface, snapshot: Snapshot) -> None:
-        """Draw the robots, the highest last, their numbers, and rings around pairs in contact."""
+        """Draw the robots, highest last, their numbers, and rings around colliding pairs."""
         places = self.view.fine(snapshot.position[:, :2])
         status, inside = snapshot.status, within(places, self._room)
         order = sorted(range(len(places)), key=lambda i: (status[i] != int(REMOVED), snapshot.position[i, 2]))
@@ -86,7 +86,7 @@ class Team:
                 self._draw_parts(surface, places[i], snapshot.heading[i], colour)
         for i, j in snapshot.contact[:: -(-len(snapshot.contact) // MOST_CONTACTS) or 1]:
             middle, apart = (places[i] + places[j]) / 2, float(np.linalg.norm(places[i] - places[j]))
-            # Who is in contact is close; a recording can say anything.
+            # Robots in contact are close; a recording may be inconsistent.
             reach = min(apart / 2, 2 * FINE * self.radius) + FINE * (1.1 * self.radius + 3)
             if within(middle, self._around):
                 pygame.draw.circle(surface, palette.CONTACT, middle, max(reach, 12 * FINE), 2 * FINE)
@@ -99,13 +99,13 @@ class Team:
         pygame.draw.polygon(surface, colour, (at + _turned(self._drop, heading)).tolist())
 
     def _draw_parts(self, surface: pygame.Surface, at: np.ndarray, heading: float, colour: palette.Colour) -> None:
-        # Collisions count the disc around the position, so the body stands in the middle of it.
+        # Collisions use the disc around the position, so the body is centred there.
         pygame.draw.circle(surface, palette.mixed(palette.GROUND, colour, 0.45), at, FINE * self.radius, FINE)
         for shape, fill in self._parts:
             pygame.draw.polygon(surface, colour if fill is None else fill, (at + _turned(shape, heading)).tolist())
 
     def _point_out(self, surface: pygame.Surface, robot: int, at: np.ndarray, colour: palette.Colour) -> None:
-        """Mark a robot that has left the picture by an arrow at its edge."""
+        """Mark a robot outside the picture by an arrow at the edge."""
         room = self._room.inflate(-26 * FINE, -26 * FINE)
         edge = np.clip(at, room.topleft, room.bottomright)
         away = (at - edge) / np.linalg.norm(at - edge)
@@ -133,7 +133,7 @@ class Team:
 
 
 def _turned(shape: np.ndarray, heading: float) -> np.ndarray:
-    """Turn points (k, 2) by a heading, y up, and flip them to the picture's y down."""
+    """Rotate points (k, 2) by a heading and flip y for the picture."""
     cos, sin = np.cos(heading), np.sin(heading)
     return shape @ np.array([[cos, -sin], [-sin, -cos]])
 
@@ -146,7 +146,7 @@ def _dashed_ring(surface: pygame.Surface, colour: palette.Colour, at: np.ndarray
 
 
 def _drop(radius: float, tip: float) -> np.ndarray:
-    """Disc with a tip at a distance ahead, whose sides are tangents of the disc."""
+    """Return the outline of a disc with a tip, whose sides are tangents."""
     touch = np.arccos(radius / tip)
     around = np.linspace(touch, 2 * np.pi - touch, 40)
     return np.concatenate([[[tip, 0.0]], radius * np.stack([np.cos(around), np.sin(around)], axis=-1)])

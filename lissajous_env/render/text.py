@@ -1,4 +1,4 @@
-"""Words on the fine surface: averaged down with the rest, letters keep their shape and spacing at any size."""
+"""Text on the fine surface, averaged down with the rest, so that letters scale smoothly."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -19,13 +19,13 @@ T = TypeVar("T")
 
 
 def plain(words: str) -> str:
-    """Return words as they can be drawn: one line of at most 80 letters, without what is no letter."""
+    """Return text as one line of at most 80 printable characters."""
     shown = words if len(words) <= _LONGEST else words[: _LONGEST - 3] + "..."
     return "".join(letter if letter.isprintable() else "?" for letter in shown)
 
 
 def width_of(words: str, size: int) -> float:
-    """Width of words [px of the picture] in a size [px]."""
+    """Return the width of a text [px of the picture] in a size [px]."""
     return _with_font(size, lambda font: font.size(plain(words)))[0] / FINE
 
 
@@ -38,7 +38,7 @@ def write(
     *,
     centred: bool = False,
 ) -> float:
-    """Write words; returns where they end along x.
+    """Write a text and return the x coordinate of its end.
 
     Args:
         fine: The fine surface.
@@ -58,7 +58,7 @@ def write(
 def write_outlined(
     fine: pygame.Surface, words: str, at: tuple[float, float], size: int, colour: palette.Colour
 ) -> None:
-    """Write words around a middle with a light outline, to be read on any ground."""
+    """Write a centred text with a light outline, readable on any ground."""
     for dx, dy in _AROUND:
         write(fine, words, (at[0] + 1.2 * dx, at[1] + 1.2 * dy), size, palette.GROUND, centred=True)
     write(fine, words, at, size, colour, centred=True)
@@ -70,8 +70,8 @@ def _rendered(words: str, size: int, colour: palette.Colour) -> pygame.Surface:
 
 
 def _with_font(size: int, use: Callable[[pygame.font.Font], T]) -> T:
-    """Use a font; where something else in the process has ended pygame since it was made, a new one."""
-    pygame.font.init()  # only the module for fonts is started, nothing of sound or display
+    """Use a font, and make it again if other code has quit pygame."""
+    pygame.font.init()  # starts fonts only, not sound or display
     try:
         return use(_font(size))
     except pygame.error:
@@ -81,5 +81,5 @@ def _with_font(size: int, use: Callable[[pygame.font.Font], T]) -> T:
 
 @lru_cache(maxsize=32)
 def _font(size: int) -> pygame.font.Font:
-    """Font that comes with pygame."""
+    """Return the font of pygame."""
     return pygame.font.Font(None, FINE * size)

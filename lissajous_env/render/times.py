@@ -1,4 +1,4 @@
-"""Times of a picture, from the scenario's own: pictures of scaled scenarios are alike."""
+"""Times of a picture, proportional to those of the scenario."""
 
 import math
 
@@ -19,11 +19,11 @@ def trail_time(scenario: Scenario) -> float:
 
 
 def flash_time(scenario: Scenario) -> float:
-    """Return the time for which a detection shows [s]: a quarter of T_max, at most a twentieth of the episode."""
+    """Return the time for which a detection is shown [s]: a quarter of T_max, at most a twentieth of the episode."""
     task = scenario.task
     return max(min(scenario.detection_time_bound / 4, task.duration / 20), task.step)
 
 
 def decimals_of(step: float) -> int:
-    """Return with how many decimals the times of control steps differ [s]."""
+    """Return the number of decimals that distinguishes the times of control steps [s]."""
     return max(math.ceil(-math.log10(step) - 1e-9), 0)

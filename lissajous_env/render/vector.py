@@ -1,4 +1,4 @@
-"""A contact sheet as a vector drawing, SVG or PDF, for papers and slides; it shows what that of pixels does."""
+"""Contact sheets as vector drawings (SVG or PDF) for papers and slides."""
 
 from typing import Any, BinaryIO
 
@@ -11,14 +11,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from lissajous_env.episodes.recording import Recording
+from lissajous_env.episodes.snapshot import Snapshot, thinned
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import View
-from lissajous_env.render.snapshot import Snapshot, thinned
 from lissajous_env.render.team import Team
 from lissajous_env.render.times import flash_time
 from lissajous_env.theory import closed_forms
-from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
 from lissajous_env.world.targets import FLEEING
 
@@ -30,11 +30,11 @@ _STYLE: dict[Any, Any] = {
     "pdf.fonttype": 42,
 }
 _WIDTH = 3.4
-"""Width of a picture [inch], a column of a paper."""
+"""Width of a picture [inch], that of a column of a paper."""
 _SMALLEST = 0.015
-"""Radius with which a robot is drawn at least [inch]."""
+"""Least radius of a drawn robot [inch]."""
 _MOST_CELLS = 200, 200
-"""Rows and columns of the grid that are drawn at most."""
+"""Limit on the drawn rows and columns of the grid."""
 
 
 def save_sheet(recording: Recording, file: BinaryIO, suffix: str, moments: list[int], columns: int) -> None:
@@ -49,7 +49,7 @@ def save_sheet(recording: Recording, file: BinaryIO, suffix: str, moments: list[
     """
     scenario, rows = recording.scenario, -(-len(moments) // columns)
     extent = scenario.curve.half_width, scenario.curve.half_height
-    # Cars overshoot the rectangle; who is further away than twice its size is left out.
+    # Cars overshoot the rectangle; robots farther away than twice its size are omitted.
     furthest = np.abs(recording.position[moments][..., :2]).max(axis=(0, 1))
     margin = 1.25 * scenario.robot.radius + 0.1 * min(extent)
     half = np.clip(furthest, extent, np.multiply(2, extent)) + margin
@@ -63,7 +63,7 @@ def save_sheet(recording: Recording, file: BinaryIO, suffix: str, moments: list[
             axes.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect="equal")
             _draw(axes, scenario, recording.snapshot(moment))
         figure.legend(handles=_signs(scenario), loc="outside lower left", ncols=6, frameon=False)
-        # A date would make each file another.
+        # Without a date, identical drawings have identical files.
         figure.savefig(file, format=suffix, metadata={"Date": None} if suffix == "svg" else {"CreationDate": None})
 
 
@@ -120,7 +120,7 @@ def _draw_robots(axes: Axes, scenario: Scenario, seen: Snapshot) -> None:
 def _draw_targets(axes: Axes, scenario: Scenario, seen: Snapshot) -> None:
     places, flees = seen.target_position, seen.motion == int(FLEEING)
     size = 2.5 if scenario.target_capacity < 1000 else 1.0
-    # Thousands of targets would make a file of many megabytes; these become one picture in the drawing.
+    # Thousands of targets are rasterized to limit the size of the file.
     dots: dict[str, Any] = {"ls": "", "ms": size, "zorder": 7, "rasterized": scenario.target_capacity > 5000}
     found = seen.found
     if scenario.targets.leave:
@@ -131,7 +131,7 @@ def _draw_targets(axes: Axes, scenario: Scenario, seen: Snapshot) -> None:
 
 
 def _signs(scenario: Scenario) -> list[Line2D]:
-    """Entries of the legend."""
+    """Return the entries of the legend."""
 
     def sign(words: str, colour: palette.Colour, **line: Any) -> Line2D:
         return Line2D([], [], color=_colour(colour), label=words, ls="", marker="o", ms=4, **line)
@@ -148,6 +148,6 @@ def _signs(scenario: Scenario) -> list[Line2D]:
 
 
 def _colour(colour: palette.Colour) -> tuple[float, float, float]:
-    """Return a colour of the palette as matplotlib takes it."""
+    """Convert a colour of the palette for matplotlib."""
     red, green, blue = colour
     return red / 255, green / 255, blue / 255

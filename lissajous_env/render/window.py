@@ -1,4 +1,4 @@
-"""A window: the only place that touches the display, so that pictures are drawn without one."""
+"""The window, the only module that uses the display."""
 
 import pygame
 
@@ -6,7 +6,7 @@ from lissajous_env.render.text import plain
 
 
 class Window:
-    """A window of a given size [px]. Once its close button was pressed it stays closed, and showing does nothing.
+    """A window of a given size [px]. After the user closes it, `show` does nothing.
 
     What else in the process closes it, as another environment that ends pygame, does not count: it is opened again.
 
@@ -30,16 +30,16 @@ class Window:
 
     @property
     def can_be_seen(self) -> bool:
-        """Whether there is a display; without one SDL draws on nothing, which nobody can close."""
+        """Return True if there is a display; without one, SDL opens an invisible window."""
         return pygame.display.get_driver() != "offscreen"
 
     def show(self, picture: pygame.Surface, fps: float) -> list[int]:
-        """Show a picture, wait so that no more than `fps` are shown a second, and return the keys that were pressed."""
+        """Show a picture for at least 1 / `fps` seconds and return the pressed keys."""
         if self.closed:
             return []
         shown = pygame.display.get_surface() if pygame.display.get_init() else None
         if shown is None or shown is not self._screen or shown.get_size() != self._size:
-            self._open()  # something else in the process has ended pygame, or taken its one window
+            self._open()  # other code has quit pygame or replaced its window
         self._screen.blit(picture, (0, 0))
         pygame.display.flip()
         self._clock.tick(fps)

@@ -1,4 +1,4 @@
-"""Replays: an episode, or two of one seed side by side, as one HTML file that a browser plays without a network."""
+"""Replay pages: an episode, or two side by side, as one HTML file that a browser plays offline."""
 
 from lissajous_env.replay.document import Replay, page
 

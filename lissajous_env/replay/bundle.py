@@ -1,7 +1,7 @@
-"""One HTML file of a template, style sheets, scripts and data: nothing of it is loaded from anywhere.
+"""Bundle a template, style sheets, scripts and data into one HTML file that loads nothing else.
 
-The scripts are ES modules, joined into one in the order of their imports. The page allows itself by their hashes to run
-these scripts and no others, and to ask no address for anything: whatever the data hold, it is never run.
+The scripts are ES modules, which are joined in the order of their imports. The page's security policy permits only
+these scripts, by their hashes, and no network access, so that data are never run.
 """
 
 import base64
@@ -25,7 +25,7 @@ _SLOT = re.compile(r"<!-- slot: (\w+) -->")
 _ALLOWED = re.compile(r"script-src ([^;]*); style-src ([^;]*);")
 
 Folders = tuple[Traversable, ...]
-"""Where templates, style sheets and modules are looked for, the first place first."""
+"""Folders of templates, style sheets and modules, in the order of search."""
 
 
 def bundled(
@@ -39,18 +39,18 @@ def bundled(
     blocks: Mapping[str, Any] | None = None,
     framed: str = "",
 ) -> str:
-    """Put a page together.
+    """Return a page made from a template.
 
     Args:
         template: Name of a template, with the slots `policy`, `styles`, `data`, `scripts` and those of `words`.
-        entry: Name of the module that runs.
-        data: What the page shows, as JSON can hold it; the page finds it as `script#data`.
-        words: Texts by the slot that they fill; they are escaped.
-        libraries: Vendored scripts by name, which run before; `uPlot` brings a style sheet.
+        entry: Name of the main module.
+        data: Data of the page as JSON values, in the element `script#data`.
+        words: Texts by slot; they are escaped.
+        libraries: Names of vendored scripts, which run first; `uPlot` includes a style sheet.
         styles: Names of the style sheets.
-        folders: Where the files are.
-        blocks: More data, each of which the page finds by its id and reads when it needs it: the slot `blocks`.
-        framed: A page that this one shows in a frame, made here as well: what that may run, this one has to allow.
+        folders: Folders of the files.
+        blocks: More data by the id of their elements, for the slot `blocks`.
+        framed: Page of this module that is shown in a frame; its scripts are permitted too.
 
     Returns:
         The page.
@@ -67,7 +67,7 @@ def bundled(
         "connect-src 'none'; base-uri 'none'; form-action 'none'"
     ).replace(" ;", ";")
     made = [_element("script", text) for text in scripts] + [_element("script", module, ' type="module"')]
-    # Half of a pair of surrogates is a character in Python, and none in UTF-8.
+    # A lone surrogate is a character in Python, but invalid in UTF-8.
     filled = {name: html.escape(text.encode(errors="replace").decode()) for name, text in words.items()}
     filled |= {"styles": "\n".join(_element("style", text) for text in sheets), "scripts": "\n".join(made)}
     filled |= {"policy": html.escape(policy, quote=True), "data": as_json(data)}
@@ -80,17 +80,17 @@ def bundled(
 
 
 def as_json(data: Any) -> str:
-    """JSON in which nothing can end the element around it or begin another."""
+    """Return JSON that cannot end the element around it or begin another."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 @functools.cache
 def joined(entry: str, folders: Folders = (ASSETS,)) -> str:
-    """One module of a module and all that it imports.
+    """Join a module and all modules that it imports.
 
     Raises:
-        ValueError: two of them declare one name, or one imports or exports in a way that this does not know.
+        ValueError: two modules declare the same name, or the form of an import or export is unsupported.
     """
     order: list[str] = []
     _visit(entry, order, folders)

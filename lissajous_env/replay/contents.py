@@ -1,8 +1,8 @@
-"""What a page holds of a recording: its numbers, thinned and quantised to what the eye and the plots need.
+"""Data of a recording for a page, thinned and quantised for display.
 
-Positions, speeds, rewards and observations are kept to 1/65,535 of the range that each takes, angles to 1/65,536 of a
-turn, times to a control step. Of long episodes every so manieth moment is kept, of fine grids every so manieth cell, of
-the ground a picture every other control step.
+Positions, speeds, rewards and observations are rounded to 1/65,535 of their range, angles to 1/65,536 of a turn, times
+to a control step. Long episodes are thinned in time, fine grids in space; the ground is stored every other control
+step.
 """
 
 import math
@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.episodes.recording import Recording
-from lissajous_env.render.snapshot import thinned
+from lissajous_env.episodes.snapshot import thinned
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.render.times import flash_time, trail_time
 from lissajous_env.replay.packing import FARTHEST, angles, counts, quantised
 from lissajous_env.theory import closed_forms
-from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.state import NEVER
 
 FORMAT = "lissajous replay 1"
@@ -24,30 +24,30 @@ FORMAT = "lissajous replay 1"
 
 @dataclass(frozen=True)
 class Detail:
-    """How much a page holds of an episode at most."""
+    """Limits on the data of an episode in a page."""
 
     moments: int = 6_000
-    """Moments of the episode."""
+    """Number of moments."""
     cells: tuple[int, int] = (128, 128)
-    """Rows and columns of a grid."""
+    """Number of rows and columns of a grid."""
     ground_every: int = 2
     """Control steps between two pictures of the ground."""
     observed: int = 6_000_000
-    """Numbers of all observations: those of robots beyond are left out."""
+    """Total number of observed values; further robots have no observations in the page."""
 
 
 WHOLE = Detail()
 BRIEF = Detail(moments=400, cells=(40, 40), ground_every=10, observed=0)
-"""What a page of many episodes holds of each."""
+"""Limits for a page with many episodes."""
 _MOST_GROUND = 2**24
-"""Numbers of all pictures of the ground."""
+"""Limit on the total number of values of the ground."""
 _MOST_PLACES = 6_000_000
-"""Places of all targets in all moments: targets beyond are left out."""
+"""Limit on the positions of all targets in all moments; further targets are omitted."""
 _MOST_CONTACTS = 2_000
 
 
 def contents(recording: Recording, detail: Detail = WHOLE) -> dict[str, Any]:
-    """Put a recording into what JSON can hold."""
+    """Convert a recording to JSON values."""
     scenario, every = recording.scenario, max(math.ceil(len(recording) / detail.moments), 1)
     kept = slice(None, None, every)
     return {
@@ -77,7 +77,7 @@ def quantised_each(table: np.ndarray) -> list[dict[str, Any]]:
 
 
 def _since_kept(values: np.ndarray, every: int) -> np.ndarray:
-    """Sum numbers (F, ...) of steps over those since the moment before that is kept."""
+    """Sum numbers (F, ...) of the steps since the previous stored moment."""
     return np.diff(np.cumsum(values, axis=0, dtype=np.float64)[::every], axis=0, prepend=0.0)
 
 
@@ -109,7 +109,7 @@ def _about(recording: Recording) -> dict[str, Any]:
 
 
 def _curve(recording: Recording) -> np.ndarray:
-    """(K, 3) points of the curve [m]."""
+    """Return (K, 3) points of the curve [m]."""
     curve = recording.scenario.curve
     lap = np.linspace(0.0, 2 * np.pi, int(np.clip(90 * curve.oscillations, 600, 12_000)))
     return closed_forms.curve_point_3d(curve, lap)
@@ -119,7 +119,7 @@ def _robots(recording: Recording, kept: slice, most: int) -> dict[str, Any]:
     observed = recording.observation[kept]
     f, n, d = observed.shape
     watched = min(n, most // max(f * d, 1))
-    # The answer to an observation is the action of the step after it.
+    # An observation is followed by the action of the next step.
     answers = np.concatenate([recording.action[1:], recording.action[-1:]])[kept]
     now = np.arange(len(recording))[:, None, None]
     return {
@@ -160,7 +160,7 @@ def _targets(recording: Recording, kept: slice) -> dict[str, Any]:
 
 
 def _ground(recording: Recording, every: int, detail: Detail) -> dict[str, Any]:
-    """Steps in which cells were last sensed, and since when a rogue can be in them unseen; series of age are exact."""
+    """Return when cells were last sensed, and since when a target can be undetected in them."""
     task, found = recording.scenario.task, {}
     stride = every * max(round(detail.ground_every / every), 1)
     if task.grid is not None:
@@ -180,21 +180,21 @@ def _pictures(cells: np.ndarray, stride: int, moments: int) -> dict[str, Any]:
 
 
 def _worst_and_mean(since: np.ndarray, every: int, step: float) -> list[dict[str, Any]]:
-    """Largest and mean age over all cells [s], 0 where there is none, in the moments that are kept."""
+    """Return the largest and the mean age over all cells in the stored moments [s]."""
     ages = [np.where(cells >= int(NEVER), 0, now - cells) for now, cells in list(enumerate(since))[::every]]
     worst, mean = (np.array([each.max() for each in ages]), np.array([each.mean() for each in ages]))
     return [quantised(step * worst), quantised(step * mean)]
 
 
 def _oldest(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:
-    """Of a grid that is too fine, the oldest rogue of each block of cells."""
+    """Thin a fine grid to the oldest undetected target in each block of cells."""
     sizes = [max(math.ceil(length / limit), 1) for length, limit in zip(cells.shape, most, strict=True)]
     rows, columns = (np.arange(0, length, size) for length, size in zip(cells.shape, sizes, strict=True))
     return np.minimum.reduceat(np.minimum.reduceat(cells, rows, axis=0), columns, axis=1)
 
 
 def _contacts(contact: np.ndarray, every: int) -> list[list[int]]:
-    """Touches as [first robot, second robot, first moment, last moment], of the moments that are kept."""
+    """Return contacts as [robot, robot, first moment, last moment] in stored moments."""
     order = contact[np.lexsort((contact[:, 0], contact[:, 2], contact[:, 1]))].astype(np.int64)
     apart = np.diff(order, axis=0, prepend=-2)
     begins = np.flatnonzero((apart[:, 0] != 1) | apart[:, 1:].any(axis=1))
@@ -204,7 +204,7 @@ def _contacts(contact: np.ndarray, every: int) -> list[list[int]]:
 
 
 def _plain(value: Any) -> Any:
-    """A value of a score row as JSON can hold it."""
+    """Convert a value of a score row to JSON."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value if isinstance(value, str) or value is None else min(max(value, -FARTHEST), FARTHEST)

@@ -1,4 +1,4 @@
-"""The replay page of a recording, and the object that shows it in a notebook."""
+"""The replay page of a recording, and its display in notebooks."""
 
 import html
 from pathlib import Path
@@ -13,11 +13,11 @@ FRAME_HEIGHT = 860
 
 
 def page(recording: Recording, against: Recording | None = None) -> str:
-    """Make the page of an episode, or of two side by side with one cursor.
+    """Return the page of an episode, or of two side by side with a common cursor.
 
     Args:
         recording: The episode.
-        against: Another, such as another policy's on the same seed.
+        against: Another episode, for example of another policy on the same seed.
 
     Returns:
         HTML that needs no other file and no network.
@@ -35,26 +35,26 @@ def page(recording: Recording, against: Recording | None = None) -> str:
 
 
 class Replay:
-    """A page that a notebook shows where it is the last value of a cell, and that can be saved.
+    """Replay page that notebooks display as the last value of a cell, and that can be saved.
 
     Args:
         recording: The episode.
-        against: Another, to stand beside it.
+        against: Another episode, shown beside it.
     """
 
     def __init__(self, recording: Recording, against: Recording | None = None):
         self.recording, self.against = recording, against
 
     def html(self) -> str:
-        """Return the page, as `page` makes it."""
+        """Return the page as HTML."""
         return page(self.recording, self.against)
 
     def save(self, path: str | Path) -> None:
-        """Write the page: under a temporary name first, then renamed."""
+        """Write the page, first under a temporary name."""
         with replacing(path) as temporary:
             temporary.write_text(self.html(), encoding="utf-8")
 
     def _repr_html_(self) -> str:
-        """Return a frame that holds the page, cut off from the notebook around it."""
+        """Return a frame that isolates the page from the notebook."""
         template = (ASSETS / "frame.html").read_text(encoding="utf-8")
         return template.replace("{height}", str(FRAME_HEIGHT)).replace("{page}", html.escape(self.html(), quote=True))

@@ -1,7 +1,7 @@
-"""Arrays as text for a page: quantised, then differences in time, packed by zlib, in base64.
+"""Encode arrays as text for a page: quantised, differenced in time, compressed by zlib, in base64.
 
-A page unpacks `value = low + scale * q`. `q` is an unsigned whole number of 8, 16 or 32 bits; of each series, the last
-axis, it holds the differences of one moment to the next, modulo 2^bits, the lower bytes of all first.
+A page decodes `value = low + scale * q`, where `q` is an unsigned integer of 8, 16 or 32 bits. Each series (the last
+axis) is stored as differences between moments modulo 2^bits, with the lower bytes of all numbers first.
 """
 
 import base64
@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 LEVELS = 65_535
-"""Steps between the smallest and the largest number of a quantised array."""
+"""Number of steps between the smallest and the largest number of a quantised array."""
 FARTHEST = 1e12
-"""What a page counts with: numbers beyond are taken as this."""
+"""Limit on the numbers of a page; larger ones are clipped."""
 
 
 def quantised(values: np.ndarray) -> dict[str, Any]:
-    """Pack numbers (F, ...), time first, to 1/65,535 of the range that they take; unpacked they are (..., F)."""
+    """Encode numbers (F, ...), time first, to 1/65,535 of their range; decoded they are (..., F)."""
     values = np.clip(np.asarray(values, dtype=np.float64), -FARTHEST, FARTHEST)
     low = float(values.min()) if values.size else 0.0
     scale = (float(values.max()) - low) / LEVELS if values.size else 0.0
@@ -26,7 +26,7 @@ def quantised(values: np.ndarray) -> dict[str, Any]:
 
 
 def angles(values: np.ndarray) -> dict[str, Any]:
-    """Pack angles (F, ...) [rad] to 1/65,536 of a turn; unpacked they are (..., F), in [0, 2 pi)."""
+    """Encode angles (F, ...) [rad] to 1/65,536 of a turn; decoded they are (..., F), in [0, 2 pi)."""
     turns = np.asarray(values, dtype=np.float64) / (2 * np.pi)
     return _packed(
         (np.rint(turns % 1.0 * 65_536).astype(np.uint32) & 0xFFFF).astype(np.uint16), 0.0, 2 * np.pi / 65_536
@@ -34,7 +34,7 @@ def angles(values: np.ndarray) -> dict[str, Any]:
 
 
 def counts(values: np.ndarray, most: int) -> dict[str, Any]:
-    """Pack whole numbers (F, ...) as they are; what is below 0 or above `most` becomes the next number after `most`."""
+    """Encode whole numbers (F, ...); numbers below 0 or above `most` become `most` + 1."""
     values = np.asarray(values, dtype=np.int64)
     values = np.where((values < 0) | (values > most), most + 1, values)
     dtype = next(each for each in (np.uint8, np.uint16, np.uint32) if most + 1 <= np.iinfo(each).max)

@@ -1,4 +1,4 @@
-"""Reports: one HTML file of many episodes, their numbers and their replays, that needs no server and no network."""
+"""Report pages: one HTML file with scores and replays of many episodes, which works offline."""
 
 from lissajous_env.report.document import report
 

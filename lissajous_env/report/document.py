@@ -1,4 +1,4 @@
-"""The page of a report: its own template and modules, the style of the replay page, and that page itself in a frame."""
+"""The page of a report, which shows replays in a frame."""
 
 from collections.abc import Mapping
 from importlib.resources import files
@@ -8,22 +8,22 @@ from lissajous_env.replay.bundle import ASSETS, Folders, as_json, bundled
 from lissajous_env.replay.contents import FORMAT
 
 FOLDERS: Folders = (files("lissajous_env.report") / "assets", ASSETS)
-"""Where templates, style sheets and modules of a report are."""
+"""Folders of templates, style sheets and modules of a report."""
 _EPISODES = "the episodes"
-"""What stands in the page of the frame where the episodes are put."""
+"""Placeholder of the episodes in the page of the frame."""
 
 
 def report(
     template: str, entry: str, data: Mapping[str, Any], words: Mapping[str, str], replays: Mapping[str, Mapping]
 ) -> str:
-    """Make a report.
+    """Return the page of a report.
 
     Args:
-        template: Name of its template.
-        entry: Name of the module that runs.
-        data: What it shows.
-        words: Texts by the slot of the template that they fill.
-        replays: Episodes that can be played in it, as `lissajous_env.replay.contents.contents` makes them, by id.
+        template: Name of the template.
+        entry: Name of the main module.
+        data: Data of the page.
+        words: Texts by the slot of the template.
+        replays: Playable episodes by id, from `lissajous_env.replay.contents.contents`.
 
     Returns:
         HTML that needs no other file and no network.
@@ -43,7 +43,7 @@ def report(
 
 
 def _viewer(in_space: bool) -> str:
-    """Make the page that plays episodes, without any."""
+    """Return the replay page without episodes."""
     libraries = ["uPlot", "three"] if in_space else ["uPlot"]
     data = {"format": FORMAT, "theme": "@theme@", "at": "@at@", "episodes": [_EPISODES]}
     return bundled("page.html", "main.js", data, {"title": "Replay"}, libraries)

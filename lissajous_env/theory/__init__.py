@@ -1,1 +1,1 @@
-"""The paper's closed forms, what is measured of a curve, and the design of a formation."""
+"""The paper's closed forms, numerical measures of a curve, and the design of a formation."""

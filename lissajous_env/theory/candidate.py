@@ -1,4 +1,4 @@
-"""One design: a curve and a formation for given bodies, sensors and speeds, and whether robots can drive it."""
+"""One design: a curve and a formation for given bodies, sensors and speeds, and its feasibility."""
 
 import dataclasses
 import math
@@ -7,15 +7,14 @@ from functools import cached_property
 from typing import Any
 
 from lissajous_env.device.turns import with_own_locks
-from lissajous_env.parameters.parts import Curve
+from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.assumptions import SLACK
 
 MOST_TIGHT = 0.1
-"""Largest share of the arc that may turn tighter than the cars can.
+"""Largest feasible share of the arc that turns tighter than the cars can.
 
-Cars cut these corners. On `experiment` without faults five cars with the package's controller keep their formation up
-to a share of 0.09 (spacing below 1.25 of (8), no collision), and lose it from 0.10 on.
+Cars cut these corners. On `experiment` without faults, five cars with the package's controller maintain their formation
+up to a share of 0.09 (spacing below 1.25 of (8), no collision), and lose it from 0.10 on.
 """
 
 
@@ -27,17 +26,17 @@ class Candidate:
     curve: Curve
     """The curve (3), and with it the rectangle."""
     num_robots: int
-    """N = a + b."""
+    """Number of robots, N = a + b."""
     phase_rate: float
-    """omega, along the curve [rad/s]."""
+    """Phase rate along the curve, omega [rad/s]."""
     robot_radius: float
-    """r_i, radius of a robot's body [m]."""
+    """Radius of a robot's body, r_i [m]."""
     sensor_radius: float
-    """r_s, radius of a robot's sensing disc [m]."""
+    """Sensing radius, r_s [m]."""
     speed_max: float
     """Top speed of the robots [m/s]."""
     wheelbase: float | None
-    """l of the cars [m]; None for robots that turn on the spot."""
+    """Distance between the axles of the cars, l [m]; None for robots that turn on the spot."""
     steering_max: float
     """Largest steering angle of the cars [rad]."""
     lateral_acceleration_max: float
@@ -47,58 +46,58 @@ class Candidate:
     alpha: int
     """alpha of Lemma 2, which makes ring neighbours neighbours on the ellipse (5)."""
     clusters: int
-    """kappa, robots that share a place (Lemma 1): 1, but for N = 4 and 6."""
+    """Number of robots that share a place, kappa (Lemma 1): 1 except for N = 4 and 6."""
     robot_radius_bound: float
-    """r_max of (6) [m], 0 where robots share a place; bodies must be below it."""
+    """Bound r_max of (6) [m], below which the bodies must be; 0 if robots share a place."""
     robot_radius_measured: float
     """Half of the smallest distance between two robots of the undisturbed formation [m]."""
     coverage_radius: float
-    """Sensing radius of (7) [m]; the sensor must be above it."""
+    """Bound (7), which the sensing radius must exceed [m]."""
     detection_radius: float
-    """Sensing radius of (8) [m]; the sensor must be at least this."""
+    """Bound (8), the least sensing radius [m]."""
     detection_time_bound: float
-    """T_max [s]."""
+    """Detection-time bound T_max [s]."""
     top_speed: float
-    """Speed that the fastest stretch of the curve requires, omega max ||r'|| [m/s]."""
+    """Speed on the fastest stretch of the curve, omega max ||r'|| [m/s]."""
 
     @property
     def avoids_collisions(self) -> bool:
-        """Whether (6) holds."""
+        """True if the bodies satisfy (6)."""
         return self.robot_radius < self.robot_radius_bound
 
     @property
     def covers(self) -> bool:
-        """Whether (7) holds."""
+        """True if the sensing radius satisfies (7)."""
         return self.sensor_radius > self.coverage_radius
 
     @property
     def detects(self) -> bool:
-        """Whether (8) holds."""
+        """True if the sensing radius satisfies (8)."""
         return self.sensor_radius >= self.detection_radius
 
     @property
     def is_fast_enough(self) -> bool:
-        """Whether the robots reach the speed of the fastest stretch."""
-        return self.top_speed <= self.speed_max * (1 + SLACK)
+        """True if the robots reach the speed of the fastest stretch."""
+        return self.top_speed <= self.speed_max * (1 + geometry.SLACK)
 
     @property
     def can_follow(self) -> bool:
-        """Whether at most `MOST_TIGHT` of the arc turns tighter than the robots can."""
+        """True if at most `MOST_TIGHT` of the arc turns tighter than the robots can."""
         return self.tight_share is None or self.tight_share <= MOST_TIGHT
 
     @property
     def is_drivable(self) -> bool:
-        """Whether the robots are fast enough and turn tightly enough for the curve."""
+        """True if the robots are fast enough and turn tightly enough for the curve."""
         return self.is_fast_enough and self.can_follow
 
     @property
     def feasible(self) -> bool:
-        """Whether (6), (7) and (8) all hold and the robots can drive the curve."""
+        """True if (6), (7) and (8) are satisfied and the robots can drive the curve."""
         return self.avoids_collisions and self.covers and self.detects and self.is_drivable
 
     @property
     def margin(self) -> float:
-        """By how much, relatively, the tightest of (6), (7) and (8) is met; below 0 where it is not."""
+        """Relative margin of the tightest of (6), (7) and (8); negative if it is violated."""
         required = max(self.coverage_radius, self.detection_radius)
         return min(self.robot_radius_bound / self.robot_radius, self.sensor_radius / required) - 1
 
@@ -134,12 +133,12 @@ class Candidate:
 
     @cached_property
     def coverage_radius_measured(self) -> float:
-        """Sensing radius with which a lap covers the rectangle, measured [m]."""
+        """Measured sensing radius with which a lap covers the rectangle [m]."""
         return geometry.measured_coverage_radius(self.curve)
 
     @property
     def works_measured(self) -> bool:
-        """Whether it works by what is measured in the undisturbed formation, where (6) or (7) may require too much."""
+        """True if measurements in the undisturbed formation meet the requirements; (6) and (7) are only sufficient."""
         apart = self.robot_radius < self.robot_radius_measured
         if not (apart and self.detects and self.is_drivable):
             return False
@@ -147,7 +146,7 @@ class Candidate:
 
     @property
     def reason(self) -> str:
-        """Why it does not work, in words; empty where it does."""
+        """Reasons why the design is infeasible; empty if it is feasible."""
         reasons = []
         if self.clusters > 1:
             reasons.append(f"{self.clusters} robots share each place: no p of N = {self.num_robots} parts them")
@@ -172,7 +171,7 @@ class Candidate:
         return "; ".join(reasons)
 
     def slowed(self, factor: float) -> "Candidate":
-        """Return the same design at a part of its phase rate."""
+        """Return the same design with its phase rate multiplied by `factor`."""
         return dataclasses.replace(
             self,
             phase_rate=factor * self.phase_rate,
@@ -218,8 +217,8 @@ def best_formation(curve: Curve, num_robots: int) -> tuple[int, int]:
     """Return p and alpha of the stable equilibrium (2) that recovers fastest, its ring neighbours adjacent on (5).
 
     At a coupling that is proportional to omega / alpha, deviations along the curve vanish at a rate proportional to
-    -cos(2 pi p / N) / alpha; alpha a p = 1 (mod N) by Lemma 2. Where no p gives each robot a place of its own, it is
-    the one that a scenario has by default.
+    -cos(2 pi p / N) / alpha; alpha a p = 1 (mod N) by Lemma 2. If no p gives each robot a place of its own, return
+    the default of a scenario.
     """
     best, rate = None, 0.0
     for alpha in range(1, num_robots):

@@ -1,8 +1,8 @@
 """Closed forms of the paper, in float64 NumPy: equations (1), (2), (4)-(10), Theorems 1 and 2, Lemmas 1 and 2.
 
 M. Boldrer, L. Lyons, L. Palopoli, D. Fontanelli, L. Ferranti, "Time-inverted Kuramoto Model Meets Lissajous Curves:
-Multi-Robot Persistent Monitoring and Target Detection". Equation numbers refer to it. What has no closed form is
-measured in `lissajous_env.theory.geometry`.
+Multi-Robot Persistent Monitoring and Target Detection". Equation numbers refer to it. Quantities without a closed form
+are computed numerically in `lissajous_env.theory.geometry`.
 """
 
 import math
@@ -10,18 +10,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lissajous_env.parameters.parts import Curve
+from lissajous_env.settings.parts import Curve
 
-# Radii and times of the formation: which curve, how many robots, which sensor.
+# Radii and times of the formation, as functions of curve, number of robots and sensor.
 
 
 def robot_radius_bound(curve: Curve, num_robots: int) -> float:
-    """r_max = sin(pi / N) A B / sqrt(A^2 a^2 + B^2 b^2) [m], equation (6): robots below it never touch in formation.
+    """r_max = sin(pi / N) A B / sqrt(A^2 a^2 + B^2 b^2) [m], equation (6): smaller robots never collide in formation.
 
     A sufficient bound; half of the smallest distance ever seen is about 1.5 times as large (pi / 2 for large a, b).
     """
     if curve.harmonics:
-        return math.nan  # known of Lissajous curves alone
+        return math.nan  # defined for Lissajous curves only
     A, B = curve.half_width, curve.half_height
     return math.sin(math.pi / num_robots) * A * B / math.hypot(A * curve.a, B * curve.b)
 
@@ -32,7 +32,7 @@ def coverage_radius(curve: Curve) -> float:
     Differs from the paper: the text above (7) swaps the two denominators; the formula is the one that holds.
     """
     if curve.harmonics:
-        return math.nan  # known of Lissajous curves alone
+        return math.nan  # defined for Lissajous curves only
     along_y = curve.half_height * math.sin(math.pi / (2 * curve.a))
     along_x = curve.half_width * math.sin(math.pi / (2 * curve.b))
     return max(along_y, along_x)
@@ -45,18 +45,18 @@ def detection_radius(curve: Curve, num_robots: int, clusters: int = 1) -> float:
     it is the half diagonal then, as for two places, with which a lap senses every point.
     """
     if curve.harmonics:
-        return math.nan  # known of Lissajous curves alone
+        return math.nan  # defined for Lissajous curves only
     places = max(num_robots / clusters, 2)
     return math.sin(math.pi / places) * math.hypot(curve.half_width, curve.half_height)
 
 
 def detection_time_bound(phase_rate: float, num_robots: int, clusters: int = 1) -> float:
-    """T_max = (2 pi / omega) / (N / kappa) [s], below equation (8)."""
+    """Return the detection-time bound T_max = (2 pi / omega) / (N / kappa) [s], below equation (8)."""
     return 2 * math.pi / phase_rate * clusters / num_robots
 
 
 def robot_radius_limit(half_width: float, half_height: float, num_robots: int) -> float:
-    """No curve with a + b = N lets (6) allow more than sin(pi / N) sqrt(A^2 + B^2) / N [m].
+    """Return the largest r_max of (6) over all curves with a + b = N, sin(pi / N) sqrt(A^2 + B^2) / N [m].
 
     This is (6) where A^2 a^2 + B^2 b^2 is least, at a / b = B^2 / A^2.
     """
@@ -64,7 +64,7 @@ def robot_radius_limit(half_width: float, half_height: float, num_robots: int) -
 
 
 def fewest_robots(half_width: float, half_height: float, sensor_radius: float) -> tuple[int, int, int]:
-    """Fewest robots that (7) and (8) leave for a sensor [m], then the smallest odd a and the smallest b of (7)."""
+    """Return the fewest robots that (7) and (8) permit for a sensor, and the smallest odd a and smallest b of (7)."""
 
     def steps(extent: float, half_turn: float) -> int:
         # A sensor of exactly the bound counts as large enough, whatever the last digit.
@@ -74,37 +74,37 @@ def fewest_robots(half_width: float, half_height: float, sensor_radius: float) -
     return max(a + b, steps(math.hypot(half_width, half_height), math.pi)), a, b
 
 
-# Equilibria: which p, how clustered, which alpha.
+# Equilibria: p, clusters and alpha.
 
 
 def stable_equilibria(num_robots: int) -> list[int]:
-    """All p in {0 ... N - 1} for which equilibrium (2) is stable: N / 4 < p < 3 N / 4 (Theorem 1)."""
+    """Return all p in {0 ... N - 1} for which equilibrium (2) is stable: N / 4 < p < 3 N / 4 (Theorem 1)."""
     return [p for p in range(num_robots) if num_robots < 4 * p < 3 * num_robots]
 
 
 def cluster_size(num_robots: int, p: int, alpha: int = 1) -> int:
-    """Kappa = gcd(N, alpha p), how many robots share a place on the curve in equilibrium (2) (Lemma 1 at alpha = 1)."""
+    """Return kappa = gcd(N, alpha p), the robots per place on the curve in equilibrium (2) (Lemma 1 for alpha = 1)."""
     return math.gcd(num_robots, alpha * p)
 
 
 def has_unclustered_equilibrium(num_robots: int) -> bool:
-    """Whether a stable equilibrium with one robot to a place exists: for every N > 2 but 4 and 6 (Theorem 2)."""
+    """Return True if a stable equilibrium with one robot per place exists: all N > 2 except 4 and 6 (Theorem 2)."""
     return any(cluster_size(num_robots, p) == 1 for p in stable_equilibria(num_robots))
 
 
 def default_p(num_robots: int) -> int:
-    """The stable p of the least clustered equilibrium, the largest of those not above N / 2; 0 where none is stable.
+    """Return the stable p of the least clustered equilibrium, the largest one up to N / 2; 0 if none is stable.
 
-    Coprime with N (one robot to a place) for every N > 2 but 4 and 6 (Theorem 2).
+    It is coprime with N (one robot per place) for every N > 2 but 4 and 6 (Theorem 2).
     """
     lower_half = [p for p in stable_equilibria(num_robots) if 2 * p <= num_robots]
     return min(lower_half, key=lambda p: (cluster_size(num_robots, p), -p), default=0)
 
 
 def alpha_for(num_robots: int, p: int, wanted_p: int) -> int | None:
-    """The smallest alpha >= 1 that turns equilibrium p into another, alpha p = wanted_p (mod N); None where none does.
+    """Return the smallest alpha >= 1 with alpha p = wanted_p (mod N), or None if there is none.
 
-    Lemma 2 is this for odd N and p = (N - 1) / 2, from which every equilibrium can be reached.
+    Lemma 2 is the case of odd N and p = (N - 1) / 2, from which every equilibrium can be reached.
     """
     shared = math.gcd(num_robots, p)
     if wanted_p % shared:
@@ -114,10 +114,10 @@ def alpha_for(num_robots: int, p: int, wanted_p: int) -> int | None:
 
 
 def default_alpha(curve: Curve, num_robots: int, p: int) -> int:
-    """The alpha with alpha p = a^-1 (mod N), so that the edges of the ring are the neighbours on ellipse (5) (Lemma 2).
+    """Return the alpha for which ring neighbours are neighbours on ellipse (5), alpha p = a^-1 (mod N) (Lemma 2).
 
-    For a clustered p, with kappa = gcd(N, p), the same holds of the N / kappa places: alpha p / kappa = a^-1 (mod
-    N / kappa). 1 where no such alpha exists: N sharing a factor with a (as it can when N is not a + b).
+    For a clustered p, with kappa = gcd(N, p), the condition applies to the N / kappa places: alpha p / kappa = a^-1
+    (mod N / kappa). If no such alpha exists (N shares a factor with a), the result is 1.
     """
     if curve.harmonics:
         return 1
@@ -126,12 +126,12 @@ def default_alpha(curve: Curve, num_robots: int, p: int) -> int:
 
 
 def ring_lies_on_ellipse(curve: Curve, num_robots: int, p: int, alpha: int = 1) -> bool:
-    """Whether ring neighbours are neighbours on ellipse (5): a alpha p = +-1 (mod N), for N = a + b."""
+    """Return True if ring neighbours are neighbours on ellipse (5): a alpha p = +-1 (mod N), for N = a + b."""
     return curve.a * alpha * p % num_robots in (1 % num_robots, num_robots - 1)
 
 
 def equilibrium_phases(num_robots: int, p: int, ring: Sequence[int]) -> np.ndarray:
-    """Equilibrium (2) with theta_0 = 0: the k-th robot of the ring has phase 2 pi p k / N.
+    """Return equilibrium (2) with theta_0 = 0: the k-th robot of the ring has phase 2 pi p k / N.
 
     Returns (N,) phases in [0, 2 pi) [rad], indexed by robot.
     """
@@ -141,7 +141,7 @@ def equilibrium_phases(num_robots: int, p: int, ring: Sequence[int]) -> np.ndarr
 
 
 def admissible_displacement(num_robots: int, p: int) -> tuple[float, float]:
-    """Displacements d of one robot's phase from which equilibrium p comes back, (9): cos(2 pi p / N +- d) < 0.
+    """Return the displacements d of one phase from which equilibrium p recovers, (9): cos(2 pi p / N +- d) < 0.
 
     Returns the ends of the open interval (-h, h), h = pi / 2 - |2 pi p / N - pi| [rad]; (0, 0) where p is not stable.
     The condition is sufficient, and on the phase theta: on the curve the displacement is alpha times as large.
@@ -185,7 +185,7 @@ def kuramoto_jacobian(phases: np.ndarray, neighbours: np.ndarray, coupling: floa
 
 
 def equilibrium_eigenvalues(num_robots: int, p: int, coupling: float = 1.0) -> np.ndarray:
-    """Eigenvalues of J at equilibrium (2): 2 K cos(2 pi p / N) (1 - cos(2 pi k / N)) [1/s], for N > 2.
+    """Return the eigenvalues of J at equilibrium (2), 2 K cos(2 pi p / N) (1 - cos(2 pi k / N)) [1/s], for N > 2.
 
     Returns (N,), k = 0 ... N - 1; that of k = 0 is the free choice of theta_0. All others are negative exactly for the
     p of Theorem 1, and the one of k = 1 is the rate at which the formation recovers.
@@ -233,7 +233,7 @@ def curve_derivatives(curve: Curve, curve_phase: np.ndarray) -> tuple[np.ndarray
 
 
 def _series(curve: Curve, gamma: np.ndarray, order: int) -> np.ndarray:
-    """The curve of the harmonics, or its first or second derivative by gamma (..., 2) [m/rad^order]."""
+    """Return the curve of the harmonics, or its first or second derivative by gamma (..., 2) [m/rad^order]."""
     k = np.arange(1, len(curve.harmonics) + 1)
     turn = gamma[..., None] * k + order * np.pi / 2
     rows = np.array(curve.harmonics) * (k**order)[:, None]
@@ -241,7 +241,7 @@ def _series(curve: Curve, gamma: np.ndarray, order: int) -> np.ndarray:
 
 
 def self_crossings(curve: Curve) -> np.ndarray:
-    """Where the plane curve (3) crosses itself, for gcd(a, b) = 1: the nodes of (7) that are not on the boundary.
+    """Return the self-crossings of the plane curve (3), for gcd(a, b) = 1: the nodes of (7) inside the rectangle.
 
     With gamma = u - v and u + v, either x and y agree at u = (2n + 1) pi / 2b, v = m pi / a, or at u = m pi / a,
     v = n pi / b.
@@ -261,7 +261,7 @@ def self_crossings(curve: Curve) -> np.ndarray:
 
 
 def ellipse_outline(curve: Curve, curve_phase: float, points: int = 128) -> np.ndarray:
-    """Ellipse (5) to draw: (A cos(phi - a gamma), B sin(phi + b gamma)) [m], equation (4), for phi from 0 to 2 pi.
+    """Return the outline of ellipse (5), (A cos(phi - a gamma), B sin(phi + b gamma)) [m] of (4), phi in [0, 2 pi].
 
     The robot that is at gamma + 2 pi k / N on the curve (3), N = a + b, is at phi = -2 pi a k / N. The phi of (4) is
     therefore not the phase theta of (2), although the paper writes both as theta.
@@ -269,7 +269,7 @@ def ellipse_outline(curve: Curve, curve_phase: float, points: int = 128) -> np.n
     Args:
         curve: the curve.
         curve_phase: gamma of any robot of the formation [rad], as gamma_0 + omega t at time t.
-        points: how many, the last one the same as the first.
+        points: number of points; the last one equals the first.
 
     Returns:
         (points, 2) [m].

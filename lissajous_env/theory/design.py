@@ -1,21 +1,20 @@
-"""Which curve, how many robots, how fast: every design for a rectangle, checked against (6) to (8) and the robots."""
+"""Designs for a rectangle: curve, number of robots and speed, checked against (6) to (8) and the robots."""
 
 import math
 from typing import Any
 
-from lissajous_env.parameters.parts import Curve
+from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
-from lissajous_env.theory.assumptions import needed_acceleration
 from lissajous_env.theory.candidate import Candidate, best_formation
 from lissajous_env.wording import shown
 
 HEADROOM = 0.1
-"""Part of the top speed, and of the grip, that the formation leaves to robots that have to catch up."""
+"""Part of the top speed and of the grip that is reserved for robots that have to catch up."""
 _MOST_ROBOTS = 200
 _MOST_MEASURED = 200
-"""Infeasible designs, those that fail by least first, of which it is measured whether they work all the same."""
+"""Limit on the infeasible designs that are measured, those with the best margin first."""
 _RANGE = 1e-6, 1e6
-"""Lengths that a design can be made for [m]: from a thousandth of a millimetre to a thousand kilometres."""
+"""Range of valid lengths [m]."""
 
 
 def design(
@@ -42,18 +41,18 @@ def design(
         robot_radius: r_i, radius of a robot's body [m].
         sensor_radius: r_s, radius of a robot's sensing disc [m].
         speed_max: v, top speed of the robots [m/s].
-        num_robots: N; None tries 2 up to what the body or the sensor could need, 200 at most.
-        phase_rate: omega, rate of the robots along the curve's parameter [rad/s]; None is the largest, as above.
+        num_robots: N; None tries all numbers from 2 to the largest useful one, at most 200.
+        phase_rate: omega, rate of the robots along the curve's parameter [rad/s]; None selects the largest, as above.
         wheelbase: distance between a car's axles [m]; None for robots that turn on the spot.
         steering_max: largest steering angle of a car [rad].
         lateral_acceleration_max: grip of a car [m/s^2].
-        headroom: part of the top speed and of the grip that is left to robots that have to catch up.
+        headroom: part of the top speed and of the grip that is reserved for robots that have to catch up.
 
     Returns:
-        The feasible ones by T_max, then the largest margin; after them the others, those that fail by least first.
+        The feasible designs by T_max and margin, then the infeasible ones by margin.
 
     Raises:
-        ValueError: a value that a rule forbids.
+        ValueError: an invalid value.
     """
     _require_positive(half_width=half_width, half_height=half_height, robot_radius=robot_radius)
     _require_positive(sensor_radius=sensor_radius)
@@ -84,7 +83,7 @@ def design(
             fastest = geometry.largest_speed(curve)
             rate = phase_rate or (1 - headroom) * speed_max / fastest
             if phase_rate is None and lateral_acceleration_max < math.inf:
-                grip = lateral_acceleration_max / needed_acceleration(curve, turning_radius)
+                grip = lateral_acceleration_max / geometry.needed_acceleration(curve, turning_radius)
                 rate = min(rate, (1 - headroom) * math.sqrt(grip))
             candidates.append(
                 Candidate(
@@ -112,20 +111,20 @@ def design(
 
 
 def worth_playing(candidates: list[Candidate]) -> list[Candidate]:
-    """Return the designs that work by the bounds or, where none does, by what is measured, the shortest T_max first.
+    """Return the feasible designs or, if there is none, those that work by measurement, the shortest T_max first.
 
     Args:
-        candidates: As `design` returns them.
+        candidates: The designs that `design` returned.
     """
     if candidates[0].feasible:
         return [each for each in candidates if each.feasible]
-    # Each try costs some milliseconds, and designs that fail by much do not work by measure either.
+    # A measurement takes some milliseconds, and designs with a poor margin fail by measurement too.
     measured = [each for each in candidates[:_MOST_MEASURED] if each.works_measured]
     return sorted(measured, key=lambda each: each.detection_time_bound)
 
 
 def what_fails(candidates: list[Candidate]) -> str:
-    """Name the conditions that no design meets."""
+    """Return a phrase with the conditions that no design meets."""
     rules = [
         ("(6), robots must not collide,", [each.avoids_collisions for each in candidates]),
         ("(7), a lap must leave no gap,", [each.covers for each in candidates]),
@@ -140,7 +139,7 @@ def what_fails(candidates: list[Candidate]) -> str:
 
 
 def what_would_help(candidates: list[Candidate]) -> str:
-    """Name the speed and the turning circle that are needed, the sensors for these bodies, and the robots for these."""
+    """Return a sentence with the required speed, turning circle, sensors and number of robots."""
     any_one = candidates[0]
     words = []
     if not any(each.is_fast_enough for each in candidates):
@@ -170,12 +169,12 @@ def what_would_help(candidates: list[Candidate]) -> str:
 
 
 def in_words(each: Candidate) -> str:
-    """Name a design by its robots and its curve."""
+    """Return a phrase with the robots and the curve of a design."""
     return f"{each.num_robots} robots on a = {each.curve.a}, b = {each.curve.b}"
 
 
 def _largest_num_robots(half_width: float, half_height: float, robot_radius: float, sensor_radius: float) -> int:
-    """Most robots worth a try: those that bodies leave room for, or those that sensors need."""
+    """Return the largest useful number of robots, limited by their bodies and required by their sensors."""
     needed = closed_forms.fewest_robots(half_width, half_height, sensor_radius)[0]
     roomy = (
         n

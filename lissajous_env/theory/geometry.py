@@ -1,32 +1,35 @@
-"""What is measured on the curve rather than known in closed form: lengths, curvature, distances in formation, coverage.
+"""Numerical measures of a curve: lengths, curvature, distances in formation and coverage.
 
-Float64 NumPy. The bounds (6) and (7) are only sufficient; what they bound is measured here: lengths and distances to
-about nine digits, the share of tight turns and the coverage radius to about four.
+Float64 NumPy. The bounds (6) and (7) are only sufficient; the quantities that they bound are computed here. Lengths and
+distances are accurate to about nine digits, the share of tight turns and the coverage radius to about four.
 """
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
-from lissajous_env.parameters.parts import Curve
+from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms
 
 _SAMPLES_PER_OSCILLATION = 64
+SLACK = 1e-3
+"""Relative excess over a limit up to which a speed, a turning radius or an acceleration still counts as within it."""
 
 
 def curve_length(curve: Curve) -> float:
-    """Length of one lap of the plane curve, the integral of ||r'(gamma)|| over [0, 2 pi) [m]."""
+    """Return the length of one lap of the plane curve, the integral of ||r'(gamma)|| over [0, 2 pi) [m]."""
     # The trapezoidal rule converges geometrically on a periodic function without kinks.
     return 2 * np.pi * float(np.mean(closed_forms.curve_speed(curve, lap_phases(curve))))
 
 
 def largest_speed(curve: Curve, places: int | None = None) -> float:
-    """Largest ||r'(gamma)|| of the plane curve [m/rad]; omega times this is the top speed of the formation.
+    """Return the largest ||r'(gamma)|| of the plane curve [m/rad]; omega times this is the top speed of the formation.
 
     Args:
         curve: the curve.
-        places: look at so many places of a lap, both ends among them, instead of searching to nine digits.
+        places: number of samples on a lap including both ends; None searches to nine digits.
     """
     if places is not None:
         return float(closed_forms.curve_speed(curve, np.linspace(0, 2 * np.pi, places)).max())
@@ -34,45 +37,65 @@ def largest_speed(curve: Curve, places: int | None = None) -> float:
 
 
 def smallest_speed(curve: Curve) -> float:
-    """Smallest ||r'(gamma)|| of the plane curve [m/rad]."""
+    """Return the smallest ||r'(gamma)|| of the plane curve [m/rad]."""
     return _minimum(lambda gamma: closed_forms.curve_speed(curve, gamma), lap_phases(curve, 1))
 
 
 def top_speed(curve: Curve, phase_rate: float) -> float:
-    """Speed of a formation of `phase_rate` omega [rad/s] where the curve is fastest [m/s], as policies have it.
+    """Return the speed of a formation on the fastest stretch of the curve [m/s], for `phase_rate` omega [rad/s].
 
-    Of 4096 places, so that all of them have the same bits: too low by less than 1e-5 of it in the paper's scenarios.
+    4096 samples ensure identical bits in all policies; the relative error is below 1e-5 in the paper's scenarios.
     """
     return phase_rate * largest_speed(curve, places=4096)
 
 
 def curvature_radius(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
-    """||r'||^3 / |x' y'' - y' x''| [m] of the plane curve at gamma [rad], any shape; infinite where it is straight."""
+    """Return the radius of curvature ||r'||^3 / |x' y'' - y' x''| [m] at gamma [rad]; infinite where straight."""
     gamma = np.asarray(curve_phase, dtype=float)
     (dx, dy), (ddx, ddy) = (np.moveaxis(each, -1, 0) for each in closed_forms.curve_derivatives(curve, gamma))
     with np.errstate(divide="ignore"):
         return np.hypot(dx, dy) ** 3 / np.abs(dx * ddy - dy * ddx)
 
 
+@lru_cache(maxsize=64)
+def along_lap(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
+    """Return ||r'|| [m/rad] and the radius of curvature [m] along a lap of the plane curve."""
+    gamma = lap_phases(curve)
+    return closed_forms.curve_speed(curve, gamma), curvature_radius(curve, gamma)
+
+
+def needed_acceleration(curve: Curve, turning_radius: float = 0.0) -> float:
+    """Return the largest lateral acceleration along the curve, over the square of the phase rate [m/rad^2].
+
+    It is max ||r'||^2 / max(radius of curvature, turning radius): cars cut the bends that are tighter than they turn.
+
+    Args:
+        curve: The curve.
+        turning_radius: Radius of the tightest circle of a car [m].
+    """
+    speed, radius = along_lap(curve)
+    return float(np.max(speed**2 / np.maximum(radius, turning_radius)))
+
+
 def smallest_curvature_radius(curve: Curve) -> float:
-    """Radius of the sharpest turn of the plane curve [m]."""
+    """Return the radius of the sharpest turn of the plane curve [m]."""
     return _minimum(lambda gamma: curvature_radius(curve, gamma), lap_phases(curve, 4))
 
 
 def turning_radius(wheelbase: float, steering_max: float) -> float:
-    """Tightest circle of the car's rear axle, l / tan(delta_max) [m]."""
+    """Return the radius of the tightest circle of a car's rear axle, l / tan(delta_max) [m]."""
     return wheelbase / math.tan(steering_max)
 
 
 def tight_share(curve: Curve, radius: float) -> float:
-    """Share of the arc of the plane curve that turns tighter than `radius` [m], between 0 and 1."""
+    """Return the share of the arc of the plane curve that turns tighter than `radius` [m], between 0 and 1."""
     gamma = lap_phases(curve)
     speed = closed_forms.curve_speed(curve, gamma)
     return float(speed[curvature_radius(curve, gamma) < radius].sum() / speed.sum())
 
 
 def chord_length(curve: Curve, middle: np.ndarray, half: np.ndarray | float) -> np.ndarray:
-    """Distance between two robots at gamma = u - v and u + v [m], in three dimensions where `half_depth` is above 0.
+    """Return the distance between two robots at gamma = u - v and u + v [m], in 3D if `half_depth` is positive.
 
     2 sqrt((A sin(a u) sin(a v))^2 + (B cos(b u) sin(b v))^2 + (C cos(c u) sin(c v))^2), from (10) by the addition
     theorems. For N = a + b and v = pi k / N the factors sin(a v) and sin(b v) are the same size.
@@ -89,9 +112,9 @@ def chord_length(curve: Curve, middle: np.ndarray, half: np.ndarray | float) -> 
 
 
 def smallest_distance(curve: Curve, num_robots: int, clusters: int = 1) -> float:
-    """Smallest distance of two robots over a lap in equilibrium, 2 pi kappa / N apart along the curve [m].
+    """Return the smallest distance of two robots over a lap in equilibrium, 2 pi kappa / N apart on the curve [m].
 
-    0 for robots that share a place (kappa > 1). In three dimensions this is what Fig. 5 shows the half of.
+    It is 0 for robots that share a place (kappa > 1). Fig. 5 shows half of it in three dimensions.
     """
     if clusters > 1:
         return 0.0
@@ -101,7 +124,7 @@ def smallest_distance(curve: Curve, num_robots: int, clusters: int = 1) -> float
 
 
 def measured_robot_radius(curve: Curve, num_robots: int, clusters: int = 1) -> float:
-    """Half of the smallest distance in formation [m]: the largest body that never touches, which (6) bounds from below.
+    """Return half of the smallest distance in formation [m]: the largest body without collisions; (6) is a lower bound.
 
     For a plane curve and N = a + b only one short stretch has to be searched. All distances are then
     2 sin(pi k / N) sqrt((A sin(a u))^2 + (B cos(b u))^2), and no zero of sin(a u) is nearer to a zero of cos(b u) than
@@ -119,27 +142,27 @@ def measured_robot_radius(curve: Curve, num_robots: int, clusters: int = 1) -> f
 
 
 def largest_neighbour_distance(curve: Curve, num_robots: int, p: int, alpha: int = 1) -> float:
-    """Largest distance of ring neighbours over a lap in equilibrium p [m]: 2 r_s of (8) at most, if they are on (5)."""
+    """Return the largest distance of ring neighbours over a lap in equilibrium p [m]; at most 2 r_s of (8) on (5)."""
     half = math.pi * p * alpha / num_robots
     return -_minimum(lambda u: -chord_length(curve, u, half), lap_phases(curve, 1))
 
 
 def measured_coverage_radius(curve: Curve, precision: float = 1e-4) -> float:
-    """Sensing radius with which one lap of the plane curve covers the rectangle [m], which (7) bounds from above.
+    """Return the least sensing radius with which one lap covers the rectangle [m]; (7) is an upper bound.
 
-    It is the largest distance of a point of the rectangle from the curve. That distance changes by no more than a point
-    moves, so a cell of a grid is done with once its centre's distance plus half of its diagonal is at most the largest
-    distance found, give or take `precision` times the half diagonal of the rectangle; all other cells are divided.
+    It is the largest distance of a point of the rectangle from the curve. Since the distance
+    is 1-Lipschitz, a cell of a grid needs no division once its centre's distance plus half of its diagonal is at most
+    the largest distance found, up to `precision` times the half diagonal of the rectangle.
     """
     half_extent = np.array([curve.half_width, curve.half_height])
     tolerance = precision * math.hypot(*half_extent)
     # A chord of length s hides s^2 / 8 d of the distance d; d is about the width of a mesh of the curve.
     mesh = math.hypot(curve.half_width / curve.b, curve.half_height / curve.a)
     gamma = np.linspace(0, 2 * np.pi, int(4 * curve_length(curve) / math.sqrt(tolerance * mesh)))
-    from scipy.spatial import KDTree  # which takes longer to import than all of ours
+    from scipy.spatial import KDTree  # slow to import
 
     tree = KDTree(closed_forms.curve_point(curve, gamma))
-    cells = np.ceil(half_extent / half_extent.min()).astype(int)  # about square, or long cells are never decided
+    cells = np.ceil(half_extent / half_extent.min()).astype(int)  # roughly square, so that the division ends
     half_cell = half_extent / cells
     columns, rows = np.indices(cells).reshape(2, -1)
     centres, found = half_cell * (2 * np.stack([columns, rows], axis=-1) + 1) - half_extent, 0.0
@@ -154,10 +177,10 @@ def measured_coverage_radius(curve: Curve, precision: float = 1e-4) -> float:
 
 
 def crossing_clearance(curve: Curve) -> float:
-    """Smallest |z1 - z2| of the two branches of (10) over all crossings of its plane projection [m]; infinite for none.
+    """Return the smallest |z1 - z2| of (10) over all crossings of its plane projection [m]; infinite for none.
 
-    Above 0 exactly if the curve in three dimensions does not cross itself.
-    Differs from the paper: it asks that a, b, c be co-prime. They have to be so in pairs, and one of b and c has to be
+    It is positive exactly if the curve does not cross itself in three dimensions.
+    Differs from the paper: it requires that a, b, c be co-prime. They must be pairwise co-prime, and b or c must be
     even: at gamma = pi / 2 -+ pi m / a two odd ones make z1 = z2, whatever C is.
     """
     crossings = closed_forms.self_crossings(curve)
@@ -166,7 +189,7 @@ def crossing_clearance(curve: Curve) -> float:
 
 
 def lap_phases(curve: Curve, density: int = 16) -> np.ndarray:
-    """Evenly spaced phases over a lap [rad], `density` times as many as it takes to see every local minimum."""
+    """Return evenly spaced phases over a lap [rad], `density` times as many as needed to resolve all local minima."""
     oscillations = len(curve.harmonics) or max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
     return np.linspace(0, 2 * np.pi, density * _SAMPLES_PER_OSCILLATION * oscillations, endpoint=False)
 
@@ -174,7 +197,7 @@ def lap_phases(curve: Curve, density: int = 16) -> np.ndarray:
 def _minimum(
     function: Callable[[np.ndarray], np.ndarray], samples: np.ndarray, periodic: bool = True, rounds: int = 6
 ) -> float:
-    """Smallest value of a smooth function: every local minimum of the samples is sampled again, ever more finely."""
+    """Return the smallest value of a smooth function by refining every local minimum of the samples."""
     values = function(samples)
     before, after = np.roll(values, 1), np.roll(values, -1)
     if not periodic:

@@ -18,7 +18,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.structs import place_of
-from lissajous_env.parameters import parts
+from lissajous_env.settings import parts
 from lissajous_env.world.bits import half_of, run_of_bits
 from lissajous_env.world.discs import along, mark_disc, mark_way
 from lissajous_env.world.labels import MARGIN, Hops, forget_seen, label_cells, now_of, slot_of

@@ -22,7 +22,7 @@ import warp as wp
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, newton, series_around
-from lissajous_env.parameters.parts import Curve
+from lissajous_env.settings.parts import Curve
 from lissajous_env.theory.closed_forms import curve_point
 from lissajous_env.world.distance_table import AROUND, EXTENT, GRIDS, SPLIT, distance_table
 

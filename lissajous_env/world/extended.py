@@ -16,14 +16,13 @@ from lissajous_env.parameters.extensions import (
     ScoreColumn,
     TargetMotion,
 )
+from lissajous_env.parameters.robot_models import RobotModel, is_shipped, model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown, where_raised
 from lissajous_env.world.columns import NAMES
 from lissajous_env.world.extension_kernels import keep_column, take_entries, take_places, take_term
 from lissajous_env.world.observation import layout
 from lissajous_env.world.reward import TERMS
-from lissajous_env.world.robots.model import RobotModel
-from lissajous_env.world.robots.table import is_shipped, model_of
 from lissajous_env.world.view import WorldView
 
 _LARGEST = LARGEST * (1 + 1e-6)

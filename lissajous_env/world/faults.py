@@ -5,7 +5,7 @@ import warp as wp
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import FaultsStruct, TaskStruct
-from lissajous_env.parameters.parts import Faults
+from lissajous_env.settings.parts import Faults
 from lissajous_env.world.state import NEVER, REMOVED, STUCK, WORKING, Clock, Robots
 
 wp.set_module_options(OPTIONS)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.parameters.checks import is_whole
+from lissajous_env.settings.checks import is_whole
 from lissajous_env.wording import shown
 
 

@@ -10,9 +10,9 @@ from lissajous_env.device.devices import as_device, check_room, compile_quietly,
 from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, Program, split_of
 from lissajous_env.device.turns import Turn, in_turn
 from lissajous_env.parameters import named
-from lissajous_env.parameters.checks import is_whole
 from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import is_whole
 from lissajous_env.wording import shown
 from lissajous_env.world.bins import bins_of, has_bins
 from lissajous_env.world.columns import plain, score_of

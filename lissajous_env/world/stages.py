@@ -8,6 +8,7 @@ takes is found by the names of its parameters, among the state (`lissajous_env.w
 from collections.abc import Iterable
 
 from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, WORLD, Stage
+from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Faults, Scenario
 from lissajous_env.world.bins import clear_bins, has_bins, join_lists, list_everywhere, list_robots
 from lissajous_env.world.boundary import watch_boundary
@@ -29,7 +30,6 @@ from lissajous_env.world.messages import hear, reset_messages, send
 from lissajous_env.world.observation import keep_final, observe
 from lissajous_env.world.reward import give_reward
 from lissajous_env.world.robots.placing import follow_curve, reset_robots
-from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.tally import keep_score, reset_tally
 from lissajous_env.world.targets import place_unseen, reset_arrivals, reset_targets
 

@@ -8,7 +8,7 @@ from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import atan2, cos_sin
-from lissajous_env.parameters import parts
+from lissajous_env.settings import parts
 from lissajous_env.world.sight import nearest_sensor
 from lissajous_env.world.state import FOUND, HIDDEN, NEVER, PRESENT, Clock, Counted, Robots, Targets
 

@@ -34,8 +34,8 @@ from baselines.similarity import motion_scale
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import TWO_PI
 from lissajous_env.device.program import launcher
-from lissajous_env.parameters.checks import Checked, number
 from lissajous_env.parameters.scenario import Curve, Scenario
+from lissajous_env.settings.checks import Checked, number
 from lissajous_env.theory import closed_forms
 
 wp.set_module_options(OPTIONS)

@@ -30,8 +30,8 @@ from baselines.policies.own_row import own_phase, own_works
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.program import launcher
-from lissajous_env.parameters.checks import Checked, flag, number
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked, flag, number
 
 wp.set_module_options(OPTIONS)
 

@@ -45,8 +45,8 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, point2, tangent2, wrap
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.parameters.checks import Checked, number
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked, number
 from lissajous_env.theory.geometry import curve_length
 
 wp.set_module_options(OPTIONS)

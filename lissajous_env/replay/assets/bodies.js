@@ -1,4 +1,4 @@
-// The robots on the picture: their bodies to scale, numbers, faults and touches.
+// Draws the robots: bodies to scale, numbers, failures and collisions.
 
 import { faded, robotColour } from "./colours.js";
 import { REMOVED, STUCK } from "./episode.js";
@@ -6,7 +6,7 @@ import { REMOVED, STUCK } from "./episode.js";
 const PARTS = { WHEEL: "wheel", GROUND: "card", GLASS: "glass" };
 
 export class Bodies {
-  // For a stage of its present size.
+  // Prepare for the current size of the stage.
   constructor(stage) {
     Object.assign(this, { stage, context: stage.context, size: stage.body });
     this.shapes = stage.episode.about.shape.map(([outline, fill]) => [pathOf(outline, this.size), fill]);
@@ -38,7 +38,7 @@ export class Bodies {
       const place = places[i],
         colour = place.status === REMOVED ? colours.removed : robotColour(colours, i);
       if (this.isOutside(place)) {
-        // Of a crowd, arrows all around would say nothing.
+        // No arrows for a crowd.
         if (!this.stage.many || i === view.selected) this.paintArrow(place, i, colour, colours);
         continue;
       }
@@ -52,7 +52,7 @@ export class Bodies {
     this.paintNumbers(places, order, view);
   }
 
-  // Numbers in their robots where there is room, else beside them; of a crowd when one looks closely.
+  // Numbers inside the robots if they fit, otherwise beside them; for a crowd only when zoomed in.
   paintNumbers(places, order, { colours, selected }) {
     const numbered = order
       .filter((i) => !this.isOutside(places[i]) && (!this.stage.many || this.size > 9 || i === selected))
@@ -113,13 +113,13 @@ export class Bodies {
     context.stroke();
   }
 
-  // Whether a robot's middle is not in the picture.
+  // Return true if the centre of a robot is outside the picture.
   isOutside({ x, y }) {
     const { width, height } = this.stage;
     return !(x > 0 && x < width && y > 0 && y < height);
   }
 
-  // A robot that has left the picture: an arrow at its edge.
+  // Draw an arrow at the edge for a robot outside the picture.
   paintArrow(place, robot, colour, colours) {
     const { context } = this;
     const x = Math.min(Math.max(place.x, 14), this.stage.width - 14),

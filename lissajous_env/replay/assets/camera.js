@@ -1,4 +1,4 @@
-// The part of the world that the pictures from above show: zoom and middle, one for all of them.
+// Zoom and centre of the pictures from above, shared by all of them.
 
 const LEAST_ZOOM = 0.25;
 const MOST_ZOOM = 64;
@@ -8,7 +8,7 @@ export class Camera {
     this.whole();
   }
 
-  // The whole rectangle, in the middle.
+  // Show the whole rectangle.
   whole() {
     this.zoom = 1;
     this.x = this.y = 0;
@@ -18,11 +18,11 @@ export class Camera {
     return this.zoom === 1 && this.x === 0 && this.y === 0;
   }
 
-  // Zoom so that a point of the world [m] stays where it is; `reach` bounds the middle [m].
+  // Zoom around a point of the world [m]; `reach` bounds the centre [m].
   zoomBy(factor, x, y, reach) {
     const zoom = Math.min(Math.max(this.zoom * factor, LEAST_ZOOM), MOST_ZOOM),
       by = this.zoom / zoom;
-    // Zoomed out again the picture is exactly what it was at first.
+    // Zooming out completely restores the initial picture.
     if (Math.abs(zoom - 1) < 1e-3) return this.whole();
     this.zoom = zoom;
     this.moveTo(x + (this.x - x) * by, y + (this.y - y) * by, reach);

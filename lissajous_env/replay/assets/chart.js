@@ -1,4 +1,4 @@
-// A chart over time with one playhead: drawn once by uPlot; the playhead and the reading move with the player.
+// A chart over time, drawn once by uPlot; the playhead and the reading move with the player.
 
 import { faded } from "./colours.js";
 import { element, mark, number } from "./words.js";
@@ -35,14 +35,14 @@ export class Chart {
     }
   }
 
-  // The lines; what takes long is computed once.
+  // Return the lines; slow computations are cached.
   lines(colours) {
     const { chart, kind } = this;
     if (!this.computed.has(kind)) this.computed.set(kind, chart.compute(kind));
     return chart.dress(this.computed.get(kind), colours, kind);
   }
 
-  // The ends of the vertical axis, so that charts side by side can share them.
+  // Return the range of the vertical axis, which charts side by side share.
   range(colours) {
     const made = this.lines(colours);
     let low = made.least ?? Infinity,
@@ -55,7 +55,7 @@ export class Chart {
         if (value > high) high = value;
       }
     }
-    // A bound that is far from the numbers would press them together.
+    // A bound far from the values would compress them.
     for (const [value] of made.bounds || []) if (value < 2.2 * high) high = Math.max(high, value);
     return low <= high ? [low, high] : [0, 1];
   }
@@ -84,7 +84,7 @@ export class Chart {
       grid: { stroke: colours.grid, width: 1 },
     };
     const plain = { ...axis, grid: { show: false } };
-    // The 0 of this axis would stand beside the last time.
+    // Omit the 0, which would overlap with the last time.
     const values = (_, marks) => marks.map((value) => (value === 0 ? "" : mark(value)));
     const right = { ...plain, scale: "count", side: 1, size: 26, gap: 4, space: 30, incrs: COUNTS, values };
     return {
@@ -163,7 +163,7 @@ export class Chart {
     this.read(moment);
   }
 
-  // What the lines say now: of one line for each robot the largest, else each by its name.
+  // Return the current values: the largest of lines per robot, otherwise each with its name.
   read(moment) {
     const made = this.made,
       bounds = this.boundsShown().map(([value, words, colour]) => entryOf(colour, `${words} ${number(value)}`, "dashed"));
@@ -181,7 +181,7 @@ export class Chart {
     this.reading.replaceChildren(...lines, ...bounds);
   }
 
-  // The bounds that lie within the chart; their words stand above it, where they cover no line.
+  // Draw the bounds within the chart, labelled above it, where labels cover no line.
   boundsShown() {
     const [low, high] = this.span;
     return (this.made.bounds || []).filter(([value]) => low <= value && value <= high);

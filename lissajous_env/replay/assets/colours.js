@@ -1,4 +1,4 @@
-// Colours by theme. Those of the robots are told apart with two kinds of cones too; tests/test_colours.py measures it.
+// Colours by theme. Colours of robots are distinguishable with colour blindness; tests/test_colours.py checks it.
 
 const LIGHT = {
   robots: ["#0b62d0", "#c96e00", "#009758", "#e05aa8", "#5a108e", "#00b8f0", "#5d2b23", "#ddb000"],
@@ -14,7 +14,7 @@ const LIGHT = {
   sensing: "#3d82c4",
   idle: "#d9b46a",
   unseen: "#6a2c74",
-  rogue: "#d3202f",
+  target: "#d3202f",
   found: "#00a06d",
   stuck: "#d97b00",
   removed: "#8d95a0",
@@ -38,7 +38,7 @@ const DARK = {
   sensing: "#5fa5e6",
   idle: "#bfa468",
   unseen: "#9a5fd0",
-  rogue: "#ff5a63",
+  target: "#ff5a63",
   found: "#2fd39b",
   stuck: "#ffab3d",
   removed: "#7c8795",

@@ -27,7 +27,7 @@ export function bindControls(page) {
   document.addEventListener("keydown", (event) => {
     const { target } = event;
     if (event.ctrlKey || event.metaKey || event.altKey || target.tagName === "SELECT") return;
-    // On a button the space bar is a click on it.
+    // On a button, the space bar clicks it.
     if (event.key === " " && target.tagName === "BUTTON") return;
     const act = /^\d$/.test(event.key) ? () => page.selectIfThere(Number(event.key)) : keys[event.key];
     if (!act) return;
@@ -38,7 +38,7 @@ export function bindControls(page) {
 
 const CLOSER = 1.5;
 const ASIDE = 0.12;
-// How the picture is zoomed and moved.
+// Zoom and pan of the picture.
 const LOOKS = {
   closer: (page) => page.steer((stage) => stage.zoomBy(CLOSER)),
   farther: (page) => page.steer((stage) => stage.zoomBy(1 / CLOSER)),
@@ -82,7 +82,7 @@ function pace(player, by) {
   player.speed = Number(speeds.value);
 }
 
-// Speeds in steps of about two or three, from an episode that takes a minute to one that takes some seconds.
+// Speeds in steps of about two or three, so that an episode lasts from a minute to some seconds.
 function addSpeeds(box, duration) {
   const speeds = [0.1, 0.25, 0.5, 1, 2, 4, 8, 30];
   while (duration / speeds[0] < 60) speeds.unshift(Number((speeds[0] / 4).toPrecision(1)));
@@ -90,7 +90,7 @@ function addSpeeds(box, duration) {
   for (const speed of speeds) box.append(new Option(`${speed}×`, String(speed), speed === 1, speed === 1));
 }
 
-// A button that copies a link to what is looked at; hidden where there is no address to link to.
+// Button that copies a link to the current view; hidden without an address.
 function bindLink(page) {
   const button = control("link"),
     words = button.textContent;
@@ -109,7 +109,7 @@ function showKeys(shown) {
   control("help").setAttribute("aria-expanded", String(shown));
 }
 
-// The marks lie under the slider: it is what is clicked, and says what the nearest mark is.
+// The slider lies above the marks, so it handles clicks and names the nearest mark.
 function bindTimeline(page) {
   const { timeline } = page,
     scrub = control("scrub");

@@ -1,10 +1,10 @@
-// What is derived of an episode for the charts. A row is an array over the moments.
+// Quantities derived from an episode for the charts. A row is an array over the moments.
 
 import { REMOVED, turned } from "./episode.js";
 
 const MOST_PAIRS = 20000;
 
-// Deviation of each phase from the equilibrium, turned so that it is zero on the mean [rad].
+// Deviation of each phase from the equilibrium, rotated to zero mean [rad].
 export function deviations(episode) {
   const { count, moments } = episode,
     phase = episode.robots.phase;
@@ -23,7 +23,7 @@ export function deviations(episode) {
   return rows;
 }
 
-// Phases in [0, 2 pi), with a gap where one begins anew.
+// Phases in [0, 2 pi), with gaps where they wrap.
 export function wrapped(episode) {
   const { count, moments } = episode,
     phase = episode.robots.phase;
@@ -51,7 +51,7 @@ export function ringDistances(episode) {
   return edges(episode).map(([i, j]) => Float32Array.from(episode.x, (_, f) => distance(episode, i, j, f)));
 }
 
-// Smallest distance of any two robots that are there; null for crowds, of which it would take too long.
+// Smallest distance of any two robots; null for crowds, which would take too long.
 export function separations(episode) {
   const { count, moments } = episode,
     status = episode.robots.status;
@@ -96,7 +96,7 @@ export function stepRewards(episode) {
   return { used, all };
 }
 
-// The same, summed up to each moment.
+// Cumulative sums of the same.
 export function returns(episode) {
   const { used, all } = stepRewards(episode);
   const summed = (values) => {

@@ -1,5 +1,5 @@
-// One episode: what the page holds of it, unpacked; what is derived from it for the charts and the timeline.
-// Arrays of robots are series: robot i at moment f stands at [i * moments + f].
+// One episode: its decoded data, and values derived for the charts and the timeline.
+// Arrays of robots are series: robot i at moment f has index [i * moments + f].
 
 import { reals, wholes } from "./unpacking.js";
 import { number } from "./words.js";
@@ -73,21 +73,21 @@ export class Episode {
     this.losesMessages = losesMessages(this);
   }
 
-  // The moment that a time [s] lies in, and how far it is to the next one.
+  // Return the moment before a time [s] and the fraction to the next one.
   at(time) {
     const exact = Math.min(Math.max(time / this.step, 0), this.moments - 1);
     const moment = Math.min(Math.floor(exact + 1e-6), this.moments - 1);
     return { moment, share: Math.max(Math.min(exact - moment, 1), 0), now: exact };
   }
 
-  // A number between its values at two moments.
+  // Interpolate a value between two moments.
   between(values, row, { moment, share }) {
     const first = row * this.moments + moment;
     const value = values[first];
     return share > 0 && moment + 1 < this.moments ? value + share * (values[first + 1] - value) : value;
   }
 
-  // The same on a smooth way through the values at all moments (Catmull-Rom): cars do not go in corners.
+  // Interpolate smoothly through the values at all moments (Catmull-Rom).
   glide(values, row, { moment, share }) {
     const first = row * this.moments,
       last = this.moments - 1;
@@ -102,7 +102,7 @@ export class Episode {
     return share > 0 && moment + 1 < this.moments ? value + share * turned(values[first + 1] - value) : value;
   }
 
-  // Whether a message of the neighbour on a side (0, 1) came in the step of a moment, or should have.
+  // Return whether a message of the neighbour on a side (0, 1) arrived in the step of a moment, or was due.
   isLost(robot, side, moment) {
     const raw = this.about,
       step = moment * this.raw.every;
@@ -111,7 +111,7 @@ export class Episode {
     return silent > raw.delay + this.raw.every - 1;
   }
 
-  // Whether a message between two ring neighbours, in either direction, did not come.
+  // Return true if a message between two ring neighbours, in either direction, was lost.
   isCut(i, j, moment) {
     const lost = (of, from) =>
       [0, 1].some((side) => this.about.neighbours[of][side] === from && this.isLost(of, side, moment));
@@ -131,7 +131,7 @@ function losesMessages(episode) {
   return false;
 }
 
-// What happened: [{kind, time, until, robots, words}], by time.
+// Events: [{kind, time, until, robots, words}], by time.
 function eventsOf(episode) {
   const { moments, step, count } = episode,
     every = episode.raw.every,

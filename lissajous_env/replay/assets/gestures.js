@@ -1,4 +1,4 @@
-// Wheel, drag and pinch on a picture from above: they zoom it and move it. What was no drag stays a click.
+// Wheel, drag and pinch zoom and move a picture from above; other touches are clicks.
 
 const STILL = 4;
 
@@ -14,7 +14,7 @@ export function bindGestures(canvas, stage, onLook) {
     "wheel",
     (event) => {
       const lines = event.deltaMode === 1 ? 33 : 1;
-      // Of the whole picture there is no more to show: the page scrolls on.
+      // When zoomed out completely, the page scrolls.
       if (event.deltaY > 0 && stage.camera.isWhole && !event.ctrlKey) return;
       event.preventDefault();
       const factor = Math.exp(-0.002 * lines * event.deltaY * (event.ctrlKey ? 4 : 1));
@@ -51,7 +51,7 @@ export function bindGestures(canvas, stage, onLook) {
   canvas.addEventListener("click", (event) => moved && event.stopImmediatePropagation(), true);
 }
 
-// The middle of the fingers, and how far two of them are apart [px].
+// Return the centre of the fingers and the distance of two of them [px].
 function spanOf(fingers) {
   const [first, second] = [...fingers.values()];
   if (!first) return null;

@@ -1,4 +1,4 @@
-// What lies on the ground: for how long cells were not sensed, or for how long a target can be in them undetected.
+// The ground: time since cells were last sensed, or for which a target can have stayed there undetected.
 
 import { faded } from "./colours.js";
 import { quantile } from "./words.js";
@@ -21,7 +21,7 @@ export class Ground {
     }
   }
 
-  // The layers that the scenario keeps: [name, words].
+  // Return the layers of the scenario: [name, words].
   layers() {
     const found = [];
     if (this.episode.ground.unseen) found.push(["unseen", "Undetected time"]);
@@ -33,8 +33,8 @@ export class Ground {
     return { unseen: this.episode.ground.unseen, idle: this.episode.ground.sensed }[layer] || null;
   }
 
-  // The age that is drawn in full, and the longest [s]: a multiple of T_max, so that pictures of policies compare,
-  // unless most ages of the episode are beyond it or all far below.
+  // Age with the full colour, and the longest age [s]: a multiple of T_max, so that pictures are comparable,
+  // unless most ages of the episode exceed it or all are far below.
   scaleOf(layer, usual) {
     const kept = this.kept(layer),
       ages = [];
@@ -50,7 +50,7 @@ export class Ground {
     return { full: most < usual / 2 ? most || usual : Math.max(usual, quantile(ages, USUAL)), most };
   }
 
-  // A canvas of one pixel a cell at a moment, the highest row first; null where nothing is to be drawn.
+  // Return a canvas with a pixel per cell at a moment, highest row first; null if there is nothing to draw.
   picture(layer, exact, colours) {
     const kept = this.kept(layer);
     if (!kept) return null;
@@ -72,7 +72,7 @@ export class Ground {
       for (let column = 0; column < columns; column++) {
         const since = kept.values[(row * columns + column) * pictures + index];
         const shade = Math.min(Math.max(Math.ceil((now - since) * scale), 0), RAMP - 1);
-        // A cell that a rogue can be in shows at once, however short it is there.
+        // A cell where a target can be is visible at once.
         const least = layer === "unseen" ? 9 : 0;
         pixels[(rows - 1 - row) * columns + column] = since === kept.none ? 0 : ramp[Math.max(shade, least)];
       }
@@ -82,7 +82,7 @@ export class Ground {
   }
 }
 
-// Pictures side by side have one scale of colours.
+// Give pictures side by side a common colour scale.
 export function shareScales(grounds) {
   for (const layer of ["unseen", "idle"]) {
     const scales = grounds.map((ground) => ground.scales[layer]);

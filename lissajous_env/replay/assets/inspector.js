@@ -1,4 +1,4 @@
-// What one robot sees and does at this moment: its observation row, named, and its action.
+// Observation and action of one robot at the current moment.
 
 import { robotColour } from "./colours.js";
 import { REMOVED, STUCK } from "./episode.js";
@@ -43,7 +43,7 @@ export class Inspector {
     else this.lay(robot);
   }
 
-  // With no robot, how the whole episode was scored.
+  // Without a robot, show the score of the episode.
   invite() {
     const words = "Select a robot, here or in the picture, to see its observation and action at this moment.";
     const section = element("section", "rows"),
@@ -71,7 +71,7 @@ export class Inspector {
         element(
           "p",
           "invite",
-          "This page keeps to a size and holds no observations of this robot; a page of this episode alone has them.",
+          "Observations of this robot are omitted to limit the size of the page; a replay of this episode alone has them.",
         ),
       );
     }
@@ -91,7 +91,7 @@ export class Inspector {
     });
   }
 
-  // Rows of index, name, value and a bar of [-1, 1], in groups of one sender or one thing seen.
+  // Rows of index, name, value and a bar of [-1, 1], grouped by neighbour, robot or target.
   table(title, names, columns, robot, indexed) {
     const section = element("section", "rows");
     section.append(element("h3", "", title));
@@ -142,7 +142,7 @@ export class Inspector {
   }
 }
 
-// "neighbour_0_cos_phase" is "cos phase" of "neighbour 0"; other names are of the robot itself.
+// Split "neighbour_0_cos_phase" into "neighbour 0" and "cos phase"; other entries belong to the robot itself.
 function parted(name) {
   const found = /^(neighbour|robot|target)_(\d+)_(.+)$/.exec(name);
   return found ? [`${found[1]} ${found[2]}`, found[3].replaceAll("_", " ")] : ["itself", name.replaceAll("_", " ")];

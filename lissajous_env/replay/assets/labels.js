@@ -1,4 +1,4 @@
-// Where the robots' numbers stand: beside their robots, over no other number and no other robot where there is room.
+// Places of the robots' numbers: beside their robots, if possible without overlaps.
 
 const SIDES = [
   [1, -1],
@@ -18,8 +18,8 @@ export class Labels {
     this.sides = new Map();
   }
 
-  // Places [px] of the numbers of robots {i, x, y} with bodies of a size, in a picture; a number stays on its side
-  // for as long as there is room.
+  // Return places [px] of the numbers of robots {i, x, y} with bodies of a size; a number stays on its side
+  // while there is space.
   place(robots, size, width, height) {
     const boxes = robots.map(({ x, y }) => [x - size, y - size, x + size, y + size]),
       placed = [];
@@ -49,7 +49,7 @@ export class Labels {
   }
 }
 
-// Area that two boxes share [px^2].
+// Return the overlap of two boxes [px^2].
 function overlap(one, other) {
   const wide = Math.min(one[2], other[2]) - Math.max(one[0], other[0]),
     high = Math.min(one[3], other[3]) - Math.max(one[1], other[1]);

@@ -1,13 +1,13 @@
-// What the signs on the picture mean.
+// The legend of a picture.
 
 import { FLEEING } from "./episode.js";
 
-// [[sign, words]] for what an episode shows.
+// Return [[sign, words]] for an episode.
 export function legendOf(episode, ground, layer) {
   const { targets } = episode.raw,
     entries = [];
   const kinds = new Set(episode.events.map((event) => event.kind));
-  if (targets.count > 0) entries.push(["rogue", "target"]);
+  if (targets.count > 0) entries.push(["target", "target"]);
   if (targets.motion.includes(FLEEING)) entries.push(["flees", "evading target"]);
   if (kinds.has("missed")) entries.push(["missed", "never detected"]);
   if (targets.count > 0) entries.push(["found", "just detected"]);
@@ -19,7 +19,7 @@ export function legendOf(episode, ground, layer) {
   return entries;
 }
 
-// What the colours mean, and what is beyond the last of them.
+// Return the range of the colours, and the longest age beyond it.
 function span({ full, most }) {
   const words = (value) => String(Number(value.toPrecision(2)));
   return `0 – ${words(full)} s${most > 1.02 * full ? ` and more (longest ${words(most)} s)` : ""}`;

@@ -1,9 +1,9 @@
-// The moment and the robot that are looked at, as the end of the page's address: #t=12.3&robot=2.
+// The current moment and robot in the page's address: #t=12.3&robot=2.
 
 const PATIENCE = 200;
 
 export class Link {
-  // `listened`: whether the page is in a frame of a page that keeps the address instead.
+  // `listened`: true in a frame, whose outer page maintains the address.
   constructor(page, listened) {
     Object.assign(this, { page, listened, timer: 0 });
     this.own = ["file:", "http:", "https:"].includes(location.protocol);
@@ -18,7 +18,7 @@ export class Link {
     return `t=${player.words()}${selected < 0 ? "" : `&robot=${selected}`}`;
   }
 
-  // Go to the moment and the robot of an address's end; what it does not say stays.
+  // Go to the moment and the robot in an address, if given.
   follow(fragment) {
     const said = new URLSearchParams(fragment.replace(/^#/, "")),
       time = Number(said.get("t") || NaN),
@@ -28,7 +28,7 @@ export class Link {
     this.shown = this.fragment;
   }
 
-  // Keep the address at what is looked at; browsers allow few changes a second.
+  // Update the address; browsers limit the changes per second.
   note() {
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.show(), PATIENCE);
@@ -52,9 +52,9 @@ export class Link {
   }
 }
 
-// Copy words; whether that was allowed.
+// Copy text; return true on success.
 export async function copied(words) {
-  // Only the page that has the focus may write, and not the one in its frame.
+  // Only the focused page may write, not its frame.
   globalThis.focus();
   try {
     await navigator.clipboard.writeText(words);

@@ -1,7 +1,7 @@
-// The page: puts episodes, charts and player together, and keeps them at one moment.
+// The page: combines episodes, charts and player, and synchronizes them.
 
 import { Camera } from "./camera.js";
-import { Chart } from "./chart.js";
+import { placeCharts } from "./charts.js";
 import { coloursOf } from "./colours.js";
 import { bindControls } from "./controls.js";
 import { bindGestures } from "./gestures.js";
@@ -9,17 +9,17 @@ import { gradientOf, shareScales } from "./ground.js";
 import { Inspector } from "./inspector.js";
 import { Link } from "./link.js";
 import { Player } from "./player.js";
-import { chartsOf } from "./series.js";
 import { Space } from "./space.js";
 import { shareExtents, Stage } from "./stage.js";
+import { Tiles } from "./tiles.js";
 import { numeral, Timeline } from "./timeline.js";
-import { element, number } from "./words.js";
+import { element } from "./words.js";
 
 const byId = (name) => document.getElementById(name);
 
 export class Page {
-  // Of a theme that is not given, the one that the reader's system has. `at` is given where the page stands in another
-  // one that keeps the address: its end, the moment and the robot to begin with.
+  // The default theme is that of the system. `at`, the moment and the robot to begin with, is given in a frame, whose
+  // outer page maintains the address.
   constructor(episodes, theme, at) {
     this.episodes = episodes;
     this.camera = new Camera();
@@ -32,7 +32,7 @@ export class Page {
     this.views = episodes.map((episode) => this.view(episode));
     shareScales(this.views.map((view) => view.stage.ground));
     this.layer = this.views[0].stage.ground.layers()[0][0];
-    this.charts = this.addCharts();
+    this.charts = placeCharts(byId("charts"), byId("chart"), episodes, (each) => this.named(each), this.player);
     this.link = new Link(this, at !== undefined);
     bindControls(this);
     new ResizeObserver(() => this.resize()).observe(byId("episodes"));
@@ -84,9 +84,9 @@ export class Page {
       this.select(robot === this.selected ? -1 : robot);
     });
     byId("episodes").append(box);
-    const view = { box, canvas, stage, inspector, episode, tiles: box.querySelector(".tiles") };
+    const tiles = new Tiles(box.querySelector(".tiles"), episode);
+    const view = { box, canvas, stage, inspector, episode, tiles };
     this.addLayers(box.querySelector(".stage-foot .choices"), stage);
-    this.addTiles(view);
     return view;
   }
 
@@ -100,50 +100,7 @@ export class Page {
     }
   }
 
-  addTiles(view) {
-    const { episode } = view;
-    const tile = (name, words) => {
-      const box = element("div", "tile"),
-        value = element("b");
-      box.append(value, element("span", "", words));
-      view.tiles.append(box);
-      view[name] = value;
-    };
-    if (episode.raw.targets.count > 0) {
-      tile("seen", "detected");
-      tile("waited", "mean detection time");
-    }
-    tile("touched", "collisions");
-    if (episode.ground.ageWorst) tile("unseen", "worst-case undetected time");
-  }
-
-  addCharts() {
-    const made = this.episodes.map((episode) => chartsOf(episode));
-    const ids = [...new Set(made.flatMap((charts) => charts.map((chart) => chart.id)))];
-    const charts = [];
-    for (const id of ids) {
-      const same = [];
-      made.forEach((of, k) => {
-        const chart = of.find((each) => each.id === id);
-        if (!chart) return;
-        const figure = byId("chart").content.firstElementChild.cloneNode(true);
-        byId("charts").append(figure);
-        same.push(new Chart(figure, this.episodes[k], chart, (time) => this.player.seek(time)));
-        if (this.episodes.length > 1)
-          figure.querySelector(".title").textContent += ` · ${this.named(this.episodes[k])}`;
-      });
-      // Side by side they have one scale.
-      const shared = (chart) => {
-        const ranges = same.filter((each) => each.kind === chart.kind).map((each) => each.range(chart.colours));
-        return [Math.min(...ranges.map((range) => range[0])), Math.max(...ranges.map((range) => range[1]))];
-      };
-      for (const chart of same) chart.shared = shared;
-      charts.push(...same);
-    }
-    return charts;
-  }
-
-  // Go to an event, and to the robot that it is about.
+  // Go to an event and select its robot.
   step(event) {
     if (!event) return;
     this.player.toggle(false);
@@ -171,7 +128,7 @@ export class Page {
     this.lay(layers[(layers.indexOf(this.layer) + 1) % layers.length]);
   }
 
-  // Zoom and move the pictures: `act` is done to each, or once to those that share a camera.
+  // Zoom and pan: apply `act` once per camera.
   steer(act) {
     const stages = new Map(this.views.map(({ stage }) => [stage.camera, stage]));
     for (const stage of stages.values()) act(stage);
@@ -241,7 +198,7 @@ export class Page {
     this.draw();
   }
 
-  // Height that a picture can have so that it fits above the player, on wide screens with its head and foot [px].
+  // Height of a picture that fits above the player, on wide screens with its head and foot [px].
   room() {
     const { canvas, box } = this.views[0],
       above = canvas.getBoundingClientRect().top + globalThis.scrollY;
@@ -252,7 +209,7 @@ export class Page {
     return Math.min(Math.max(room, 280), 1100);
   }
 
-  // Beside a picture that is higher than wide, the charts find room.
+  // Place the charts beside a picture that is higher than wide.
   flow(room) {
     const [{ stage }] = this.views,
       share = stage.heightFor(1000) / 1000;
@@ -264,14 +221,14 @@ export class Page {
     for (const view of this.views) if (view.stage.width) view.stage.draw(this.player.time, this.viewing);
   }
 
-  // The cursor has moved: everything that shows this moment follows.
+  // Update everything for the current moment.
   move() {
     const { time, playing } = this.player;
     this.draw();
     for (const chart of this.charts || []) chart.move(time);
     for (const view of this.views) {
       view.inspector.move(time);
-      this.count(view, time);
+      view.tiles.move(time);
     }
     byId("now").textContent = this.player.words();
     byId("scrub").value = String(time);
@@ -283,35 +240,9 @@ export class Page {
       words = event ? `${this.player.words(event.time)} s: ${event.words}` : "";
     if (byId("event").textContent !== words) byId("event").textContent = words;
   }
-
-  count(view, time) {
-    const { episode } = view,
-      { moment, now } = episode.at(time),
-      step = now * episode.raw.every;
-    if (view.countedAt === moment) return;
-    view.countedAt = moment;
-    const { appears, found } = episode.raw.targets;
-    let came = 0,
-      seen = 0,
-      waited = 0;
-    for (let t = 0; t < appears.length; t++) {
-      if (appears[t] > step) continue;
-      came += 1;
-      const done = found[t] >= 0 && found[t] <= step;
-      seen += done;
-      waited += Math.max((done ? found[t] : step) - appears[t], 0);
-    }
-    if (view.seen) {
-      view.seen.textContent = `${seen} / ${came}`;
-      view.waited.textContent = came ? `${number((waited / came) * episode.raw.step)} s` : "–";
-    }
-    view.touched.textContent = String(episode.collisions[moment]);
-    view.touched.classList.toggle("alarm", episode.collisions[moment] > 0);
-    if (view.unseen) view.unseen.textContent = `${number(episode.ground.ageWorst[moment])} s`;
-  }
 }
 
-// Three dimensions where there are three and the browser can draw them; else from above.
+// Return a three-dimensional view if the scenario has one and the browser supports it, else the view from above.
 function stageOf(canvas, episode, camera) {
   if (episode.about.half[2] > 0 && globalThis.THREE) {
     try {

@@ -1,4 +1,4 @@
-// The clock of the page: one cursor for all episodes, charts and the timeline.
+// The clock of the page, shared by all episodes, charts and the timeline.
 
 export class Player {
   constructor(duration, step, onMove) {
@@ -6,7 +6,7 @@ export class Player {
     this.frames = [];
   }
 
-  // The time as it is written, as finely as steps differ [s].
+  // Format a time with the decimals of the step [s].
   words(time = this.time) {
     return time.toFixed(Math.min(Math.max(Math.ceil(-Math.log10(this.step) - 1e-9), 0), 12));
   }
@@ -32,7 +32,7 @@ export class Player {
     if (this.time >= this.duration) this.playing = false;
     const start = performance.now();
     this.onMove(this);
-    // How long pictures take [ms], the latest of them, for whoever measures.
+    // Latest drawing times [ms], for measurements.
     this.frames.push(performance.now() - start);
     if (this.frames.length > 600) this.frames.shift();
     if (this.playing) requestAnimationFrame((later) => this.tick(later));

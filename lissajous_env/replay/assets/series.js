@@ -1,4 +1,4 @@
-// Which charts an episode has, and the lines in each.
+// The charts of an episode and their lines.
 
 import { robotColour } from "./colours.js";
 import { detections, deviations, edges, returns, ringDistances, separations, stepRewards, wrapped } from "./derived.js";
@@ -120,7 +120,7 @@ function collisions(episode) {
       };
       if (!nearest) return { series: [count], least: 0 };
       return {
-        series: [count, { label: "nearest two [m]", values: nearest, colour: colours.sensing }],
+        series: [count, { label: "smallest distance [m]", values: nearest, colour: colours.sensing }],
         bounds: [[2 * episode.about.radius, "2 r (collision)", colours.touch]],
         least: 0,
       };
@@ -149,7 +149,7 @@ function rewards(episode) {
   };
 }
 
-// A line for each row in the colour of its robot; of a crowd the smallest, the mean and the largest.
+// Return a line per robot in its colour, or for a crowd the smallest, the mean and the largest.
 function ofEach(rows, colours, robots, labels) {
   if (rows.length <= MOST_LINES) {
     return rows.map((values, k) => ({

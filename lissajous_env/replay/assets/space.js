@@ -1,4 +1,4 @@
-// The world of a scenario in three dimensions, by three.js: the knot, the robots on it, what they sense on the ground.
+// Three-dimensional view by three.js: the curve, the robots, and their sensing discs on the ground.
 
 import { robotColour } from "./colours.js";
 import { edges } from "./derived.js";
@@ -11,7 +11,7 @@ const THIN = 0.006;
 const FILLED = 0.96;
 
 export class Space {
-  // Throws where the browser has no WebGL.
+  // Throws without WebGL.
   constructor(canvas, episode) {
     const T = (this.T = globalThis.THREE);
     Object.assign(this, { canvas, episode, ground: new Ground(episode), edges: edges(episode) });
@@ -56,7 +56,7 @@ export class Space {
     if (!this.looked) this.whole();
   }
 
-  // Look from in front and above, so near that the curve and its robots just fit.
+  // Look from the front and above, at the distance where the curve and the robots just fit.
   whole() {
     const T = this.T,
       { half, radius } = this.episode.about;
@@ -87,7 +87,7 @@ export class Space {
     this.controls.update();
   }
 
-  // Move what is shown [px].
+  // Pan [px].
   panBy(right, down) {
     const { camera, controls, T } = this;
     const metres = (2 * camera.position.distanceTo(controls.target) * Math.tan((camera.fov * Math.PI) / 360)) / this.height;
@@ -294,13 +294,13 @@ export class Space {
       matrix.makeScale(size, size, size);
       if (shown) matrix.setPosition(this.episode.between(targets.x, t, at), this.episode.between(targets.y, t, at), 0);
       this.targets.setMatrixAt(t, matrix);
-      this.targets.setColorAt(t, colour.set(seen ? colours.found : colours.rogue));
+      this.targets.setColorAt(t, colour.set(seen ? colours.found : colours.target));
     }
     this.targets.instanceMatrix.needsUpdate = true;
     this.targets.instanceColor.needsUpdate = true;
   }
 
-  // The robot at a place [px], or -1.
+  // Return the robot at a place [px], or -1.
   pick(x, y) {
     const { clientWidth, clientHeight } = this.canvas;
     const ray = new this.T.Raycaster();

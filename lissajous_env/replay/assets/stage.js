@@ -1,4 +1,4 @@
-// The world from above on a canvas: ground, sensors, curve, ring, trails, rogues, robots.
+// View from above on a canvas: ground, sensors, curve, ring, trails, targets, robots.
 
 import { Bodies } from "./bodies.js";
 import { faded, robotColour } from "./colours.js";
@@ -7,14 +7,14 @@ import { REMOVED, STUCK } from "./episode.js";
 import { Ground } from "./ground.js";
 import { Labels } from "./labels.js";
 import { legendOf } from "./legend.js";
-import { Rogues } from "./rogues.js";
+import { Targets } from "./targets.js";
 import { quantile } from "./words.js";
 
 const MOST_TRAIL = 300;
 const PAD = 12;
 const MOSTLY = 0.95;
 
-// Moments that a trail goes back.
+// Length of a trail [moment].
 export function trailOf(episode) {
   return Math.min(Math.max(Math.round(episode.about.trail / episode.step), 2), MOST_TRAIL);
 }
@@ -31,7 +31,7 @@ export class Stage {
     this.extent = extentOf(episode);
   }
 
-  // Height of the stage for a width [px].
+  // Return the height of the stage for a width [px].
   heightFor(width) {
     return Math.round(Math.max((width * this.extent[1]) / this.extent[0], 170));
   }
@@ -46,27 +46,27 @@ export class Stage {
     this.look();
   }
 
-  // The camera has moved.
+  // Update after a change of the camera.
   look() {
     this.body = Math.max(this.scale * this.episode.about.radius, this.many ? 3.4 : 6.5);
     this.bodies = new Bodies(this);
-    this.rogues = new Rogues(this);
+    this.targets = new Targets(this);
     this.painted = this.laid = "";
     this.canvas.style.touchAction = this.camera.isWhole ? "pan-y" : "none";
   }
 
-  // Pixels of a metre.
+  // Pixels per metre.
   get scale() {
     return this.fit * this.camera.zoom;
   }
 
-  // Zoom around a place, or the middle of the picture [px].
+  // Zoom around a place or the centre of the picture [px].
   zoomBy(factor, x = this.width / 2, y = this.height / 2) {
     const { camera, scale } = this;
     camera.zoomBy(factor, camera.x + (x - this.width / 2) / scale, camera.y - (y - this.height / 2) / scale, this.extent);
   }
 
-  // Move what is shown with the pointer [px].
+  // Pan with the pointer [px].
   panBy(right, down) {
     const { camera, scale } = this;
     camera.moveTo(camera.x - right / scale, camera.y + down / scale, this.extent);
@@ -76,7 +76,7 @@ export class Stage {
     this.camera.whole();
   }
 
-  // What the picture shows: [sign, words].
+  // Return the legend: [sign, words].
   legend(layer) {
     return legendOf(this.episode, this.ground, layer);
   }
@@ -100,7 +100,7 @@ export class Stage {
     const places = this.places(at);
     this.paintRing(places, at, colours);
     this.paintTrails(at, view);
-    this.rogues.paint(at, colours);
+    this.targets.paint(at, colours);
     this.bodies.paintTouches(places, at, colours);
     this.bodies.paint(places, at, view);
     this.nearest = places;
@@ -116,7 +116,7 @@ export class Stage {
     }));
   }
 
-  // The robot at a place [px], or -1.
+  // Return the robot at a place [px], or -1.
   pick(x, y) {
     let best = -1,
       least = Math.max(1.6 * this.body, 18);
@@ -140,7 +140,7 @@ export class Stage {
     context.beginPath();
     context.rect(...this.rectangle());
     context.clip();
-    // Discs of a crowd would make one surface.
+    // No discs for a crowd, where they would cover everything.
     const strength = episode.count <= 6 ? 1 : episode.count <= 40 ? 0.55 : 0.15;
     context.fillStyle = faded(colours.sensing, 0.07 * strength);
     context.strokeStyle = faded(colours.sensing, 0.5 * strength);
@@ -155,7 +155,7 @@ export class Stage {
     context.restore();
   }
 
-  // The rectangle with its cells: drawn anew when these change, not with every picture.
+  // The rectangle with its cells, redrawn only when these change.
   floorOf(view, at) {
     const picture = this.ground.picture(view.layer, at.now, view.colours);
     const key = `${this.width} ${this.ratio} ${view.colours.card} ${picture ? this.ground.shown : ""}`;
@@ -172,7 +172,7 @@ export class Stage {
     return this.floor;
   }
 
-  // What never changes: curve and edge.
+  // Constant parts: curve and boundary.
   paintBase(colours) {
     const key = `${this.width} ${this.height} ${this.ratio} ${colours.card}`;
     if (key === this.painted) return;
@@ -236,7 +236,7 @@ export class Stage {
     }
   }
 
-  // The way from a moment to the next one, as `Episode.glide` goes it.
+  // The path from a moment to the next one, as in `Episode.glide`.
   curveOn(x, y, row, f) {
     const last = this.episode.moments - 1,
       [a, b, c, d] = [f - 1, f, f + 1, f + 2].map((k) => row + Math.min(Math.max(k, 0), last));
@@ -251,7 +251,7 @@ export class Stage {
   }
 }
 
-// Half of what the whole picture shows [m]: the rectangle, and where robots are most of the time, unless that is far.
+// Half of the extent of the whole picture [m]: the rectangle, and the usual positions of robots unless far away.
 function extentOf(episode) {
   const { half, radius } = episode.about;
   return [episode.robots.x, episode.robots.y].map((places, axis) => {
@@ -260,7 +260,7 @@ function extentOf(episode) {
   });
 }
 
-// Pictures side by side have one scale.
+// Give pictures side by side a common scale.
 export function shareExtents(stages) {
   const extents = stages.map((stage) => stage.extent).filter(Boolean);
   for (const stage of stages) stage.extent &&= [0, 1].map((axis) => Math.max(...extents.map((each) => each[axis])));

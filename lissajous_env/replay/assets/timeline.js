@@ -1,4 +1,4 @@
-// What happened, marked over time: a lane for each kind and each episode; a click goes there.
+// Events over time: a lane for each kind and each episode; a click goes to an event.
 
 import { faded } from "./colours.js";
 
@@ -14,13 +14,13 @@ const NEAR = 7;
 export class Timeline {
   constructor(canvas, episodes, duration) {
     Object.assign(this, { canvas, episodes, duration });
-    // What is so close is at one time [s].
+    // Events so close are simultaneous [s].
     this.near = 0.01 * episodes[0].raw.step;
     this.lanes = LANES.filter(([kind]) =>
       episodes.some((episode) => episode.events.some((event) => event.kind === kind)),
     );
     this.rows = this.lanes.flatMap(([kind, words]) => episodes.map((_, k) => ({ kind, words: k ? "" : words, k })));
-    // All that can be stepped to, each time once.
+    // Distinct times of events, for stepping.
     this.all = episodes
       .flatMap((episode, k) => episode.events.map((event) => ({ ...event, episode: k })))
       .sort((one, other) => one.time - other.time);
@@ -30,7 +30,7 @@ export class Timeline {
     return Math.max(this.rows.length, 1) * LANE + 8;
   }
 
-  // Names of the lanes; of two episodes each has its own, one below the other.
+  // Return the names of the lanes; two episodes have separate lanes.
   names() {
     return this.rows.map((row) => (this.episodes.length > 1 ? `${row.words} ${numeral(row.k)}` : row.words));
   }
@@ -44,7 +44,7 @@ export class Timeline {
   }
 
   colour(kind, colours) {
-    return { detection: colours.found, missed: colours.rogue, touch: colours.touch, fault: colours.stuck }[kind];
+    return { detection: colours.found, missed: colours.target, touch: colours.touch, fault: colours.stuck }[kind];
   }
 
   draw(colours) {
@@ -77,7 +77,7 @@ export class Timeline {
     return this.duration > 0 ? (time / this.duration) * this.width : 0;
   }
 
-  // The event at a place [px], within a few pixels; null for none.
+  // Return the event within a few pixels of a place [px], or null.
   nearest(x, y) {
     const row = this.rows[Math.floor((y - 4) / LANE)];
     let best = null,
@@ -89,7 +89,7 @@ export class Timeline {
     return best;
   }
 
-  // Whether a place [px] is where an event begins, and not somewhere in its course.
+  // Return true if an event begins at a place [px].
   begins(event, x) {
     return Math.abs(this.x(event.time) - x) < NEAR;
   }
@@ -101,14 +101,14 @@ export class Timeline {
     return this.all.find((event) => event.time > time + this.near) || null;
   }
 
-  // What was last before a time, for twice as long as a detection shows.
+  // Return the latest event before a time, for twice the duration of a shown detection.
   latest(time) {
     const { flash } = this.episodes[0].about;
     return this.all.findLast((event) => event.time <= time + this.near && time - event.time < 2 * flash) || null;
   }
 }
 
-// What tells two episodes apart.
+// Numeral of an episode, which distinguishes two.
 export function numeral(k) {
   return ["①", "②"][k];
 }

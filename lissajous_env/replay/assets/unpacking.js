@@ -1,8 +1,8 @@
-// Arrays as lissajous_env/replay/packing.py packs them.
+// Decode the arrays of lissajous_env/replay/packing.py.
 
 const KINDS = { 8: Uint8Array, 16: Uint16Array, 32: Uint32Array };
 
-// Whole numbers of a packed array: {values, shape, none}; the last axis is time.
+// Decode whole numbers: {values, shape, none}; the last axis is time.
 export async function wholes(packed) {
   const bytes = Uint8Array.from(atob(packed.data), (letter) => letter.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
@@ -18,7 +18,7 @@ export async function wholes(packed) {
   return { values, shape: packed.shape, none: packed.none };
 }
 
-// Numbers of a packed array: {values, shape}.
+// Decode numbers: {values, shape}.
 export async function reals(packed) {
   const whole = await wholes(packed);
   return { values: Float32Array.from(whole.values, (q) => packed.low + packed.scale * q), shape: whole.shape };

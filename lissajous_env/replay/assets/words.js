@@ -1,6 +1,6 @@
-// Numbers in words, and elements with words.
+// Format numbers and create elements.
 
-// A number with about three digits that matter.
+// Format a number with about three significant digits.
 export function number(value) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
@@ -8,22 +8,22 @@ export function number(value) {
   return size >= 1e5 ? value.toExponential(1) : decimals(value, size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3);
 }
 
-// A number with so many decimals; what is rounded to zero has no sign.
+// Format a number with decimals; zero has no sign.
 export function decimals(value, count) {
   return value.toFixed(count).replace(/^-(0(?:\.0+)?)$/, "$1");
 }
 
-// The same, whole numbers as they are.
+// Format like `number`, but whole numbers exactly.
 export function rounded(value) {
   return Number.isInteger(value) && Math.abs(value) < 1e5 ? String(value) : number(value);
 }
 
-// A mark on an axis.
+// Format a tick of an axis.
 export function mark(value) {
   return Math.abs(value) >= 1e4 ? value.toExponential(0) : String(Number(value.toPrecision(6)));
 }
 
-// The number below which a share of numbers lies, of many of them about.
+// Return a quantile, approximately for many numbers.
 export function quantile(values, share) {
   const every = Math.ceil(values.length / 100000);
   const some = values.filter((_, k) => k % every === 0).sort((one, other) => one - other);

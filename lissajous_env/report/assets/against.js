@@ -1,4 +1,4 @@
-// How the policies of a scenario compare with its reference on the same seeds.
+// Comparison of the policies of a scenario with the reference on the same seeds.
 
 import { interval, scrolling } from "./ranking.js";
 import { badge } from "./svg.js";
@@ -13,8 +13,8 @@ export function comparison(report, scenario) {
     element(
       "p",
       "note",
-      "Better: share of the seeds on which a policy is better than the reference, ties half; the dashed line is one half. " +
-        "Difference: interquartile mean of its number less that of the reference. Behind both, 95 % bootstrap intervals over seeds.",
+      "Better: share of seeds on which the policy beats the reference; ties count half; the dashed line is one half. " +
+        "Difference: interquartile mean of the policy minus that of the reference. Intervals: 95 % bootstrap over seeds.",
     ),
   );
   return box;

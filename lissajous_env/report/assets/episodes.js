@@ -1,4 +1,4 @@
-// The table of all episodes: put in order by any column, narrowed down, each with its replay or the command for one.
+// The table of all episodes, which can be sorted and filtered; each has a replay or the command for one.
 
 import { isNarrow, reveal } from "./folding.js";
 import { ordered } from "./sorting.js";
@@ -67,7 +67,7 @@ export class Episodes {
     this.fill();
   }
 
-  // Narrow down to a scenario, a policy, a kind of failure, by their places in the data; what is not given is all.
+  // Filter by scenario, policy and kind of failure (indices in the data); omitted ones match all.
   narrow({ scenario = "", policy = "", kind = "" }) {
     box("of-scenario").value = String(scenario);
     box("of-policy").value = String(policy);
@@ -76,7 +76,7 @@ export class Episodes {
     reveal(box("episodes"));
   }
 
-  // Places of the episodes that are listed, in order.
+  // Return the indices of the listed episodes, in order.
   places() {
     const { episodes } = this.report,
       wanted = (name) => box(name).value;
@@ -170,7 +170,7 @@ export class Episodes {
     } else if (command) {
       const button = element("button", "quiet", "Command");
       button.type = "button";
-      button.title = "The command that makes a replay";
+      button.title = "Show the command for a replay";
       button.addEventListener("click", () => tell(cell, command));
       cell.append(button);
     }
@@ -178,7 +178,7 @@ export class Episodes {
   }
 }
 
-// The command that plays an episode again, beside the reference; none where no command can name it.
+// Return the command that replays an episode beside the reference, if a command can name it.
 export function commandOf(report, scenario, policy, seed) {
   if (!scenario.command || !policy.named || !policy.rival) return null;
   const [name, ...changes] = scenario.command.split(" --set "),
@@ -193,7 +193,7 @@ function quoted(word) {
   return /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\"'\"'")}'`;
 }
 
-// Show a command in a row of its own, and copy it.
+// Show a command in a separate row and copy it.
 function tell(cell, command) {
   const row = cell.parentElement,
     next = row.nextElementSibling;
@@ -218,7 +218,7 @@ function tell(cell, command) {
       said.textContent = "copied";
     },
     () => {
-      said.textContent = "selected, copy it";
+      said.textContent = "selected; press Ctrl+C";
     },
   );
 }

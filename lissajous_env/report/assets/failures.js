@@ -1,4 +1,4 @@
-// What failed: one tally for each kind, and a matrix of policies and scenarios, the worst policy first.
+// Failures: a count for each kind, and a matrix of policies and scenarios, worst policy first.
 
 import { badge } from "./svg.js";
 import { element, number } from "./words.js";
@@ -20,7 +20,7 @@ function raised(report) {
   );
 }
 
-// All cells of the matrix: of each policy on each scenario what it was.
+// Return the cells of the matrix, one for each policy and scenario.
 function cellsOf(report) {
   return report.scenarios.flatMap((scenario, s) =>
     scenario.policies.map((of) => ({ s, scenario, of, policy: of.policy })),
@@ -57,7 +57,7 @@ function tally(report, kind, k, onPick) {
   return box;
 }
 
-// The worst policy first, by how many ways of failing its episodes have, then by its collisions; what is none, last.
+// Sort the policies, worst first, by the failures and then the collisions of their episodes.
 function inOrder(report) {
   const sums = report.policies.map(() => [0, 0, 0]);
   for (const { of, policy } of cellsOf(report)) {

@@ -1,4 +1,4 @@
-// Parts that fold: open on a screen, closed on a phone, where the page would else be endless; on printing all are open.
+// Sections that fold: open on a screen and in print, closed on a phone.
 
 const phone = matchMedia("(max-width: 720px)");
 const printing = matchMedia("print");
@@ -18,7 +18,7 @@ export function beginFolding() {
   openNamed();
 }
 
-// Open the part that the address names.
+// Open the section in the address.
 function openNamed() {
   const part = document.getElementById(decodeURIComponent(location.hash.slice(1)));
   if (part) reveal(part);

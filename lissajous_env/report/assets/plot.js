@@ -1,4 +1,4 @@
-// A picture with two axes, as wide as its box, drawn anew where that changes.
+// A plot with two axes, as wide as its box and redrawn when that changes.
 
 import { roundOf } from "./scales.js";
 import { svg } from "./svg.js";
@@ -10,7 +10,7 @@ const LEFT = 44,
   BOTTOM = 34;
 
 export class Plot {
-  // `axes` has x and y, each {scale, title, words}, and lines at {x: [[value, words]], y: [...]}; `fill(plot)` draws.
+  // `axes` contains x and y, each {scale, title, words}, and lines at {x: [[value, words]], y: [...]}; `fill(plot)` draws.
   constructor(title, about, axes, fill, height = 250) {
     this.box = document.getElementById("figure").content.firstElementChild.cloneNode(true);
     this.box.querySelector("b").textContent = title;

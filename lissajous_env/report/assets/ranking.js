@@ -1,4 +1,4 @@
-// Who is best: mean ranks on the scenarios of a kind of robots, and the numbers that mean the same on all of them.
+// Ranking: mean ranks over the scenarios of a kind of robots, and the scores that are comparable between scenarios.
 
 import { isNarrow } from "./folding.js";
 import { sortable } from "./sorting.js";
@@ -20,7 +20,7 @@ function rankingOf(report, ranking) {
     const more = element("details", "more-of");
     more.open = !isNarrow();
     more.append(element("summary", "", "All episodes of these scenarios together"));
-    more.append(scrolling(`Numbers of ${ranking.kind} over all scenarios`, togetherOf(report, ranking)));
+    more.append(scrolling(`Scores of ${ranking.kind} over all scenarios`, togetherOf(report, ranking)));
     box.append(more);
   }
   return box;
@@ -100,7 +100,7 @@ function titleRow(titles) {
   return made;
 }
 
-// A mean and its interval on a line from `least` to `most`, with a mark in the middle where that is asked for.
+// Draw a mean and its interval on a line from `least` to `most`, optionally with a mark in the middle.
 export function interval(policy, [mean, low, high], least, most, middle = null) {
   const at = (value) => `${(3 + (94 * (value - least)) / (most - least || 1)).toFixed(2)}%`;
   const picture = svg("svg", { class: "strip", height: 12, width: "100%", "aria-hidden": "true" });

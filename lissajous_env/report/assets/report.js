@@ -14,7 +14,7 @@ const at = (name) => document.getElementById(name);
 
 function begin() {
   const report = JSON.parse(at("data").textContent);
-  if (report.format !== FORMAT) throw new Error(`the data are no ${FORMAT}`);
+  if (report.format !== FORMAT) throw new Error(`the format of the data is not ${FORMAT}`);
   beginTheme();
   const viewer = new Viewer(...replaysOf(report));
   const episodes = new Episodes(report, (id) => viewer.open(id));
@@ -32,7 +32,7 @@ function begin() {
   document.body.dataset.ready = "true";
 }
 
-// Episodes that can be played, and which stands beside which: the reference, or beside that the worst of the others.
+// Playable episodes and their partners: the reference, or for the reference the worst of the others.
 function replaysOf(report) {
   const entries = {};
   for (const [id, [s, p, seed, same]] of Object.entries(report.replays)) {
@@ -40,7 +40,7 @@ function replaysOf(report) {
       scenario = report.scenarios[s].name;
     const note = same
       ? ""
-      : `Played again, ${policy} scored otherwise: it draws numbers of its own, or rounds differently.`;
+      : `The score of ${policy} changed in the replay: it uses random numbers of its own, or rounds differently.`;
     entries[id] = { title: `${scenario} · ${policy} · seed ${seed}`, group: `${s} ${seed}`, policy, note };
   }
   const partner = (id, others) => {
@@ -50,7 +50,7 @@ function replaysOf(report) {
   return [entries, partner];
 }
 
-// An episode that was clicked: its replay where there is one, else its place in the table.
+// Open the replay of a clicked episode, or else its row in the table.
 function pick(report, viewer, episodes, place) {
   const of = report.episodes,
     key = `${of.scenario[place]} ${of.policy[place]} ${of.seed[place]}`;
@@ -61,8 +61,8 @@ function pick(report, viewer, episodes, place) {
 
 function contents(report) {
   const links = [
-    ...(report.rankings.length ? [["ranking", "Who is best"]] : []),
-    ["failures", "What failed"],
+    ...(report.rankings.length ? [["ranking", "Ranking"]] : []),
+    ["failures", "Failures"],
     ...report.scenarios.map((scenario, s) => [`scenario-${s}`, scenario.name]),
     ["episodes", "All episodes"],
   ];

@@ -1,7 +1,7 @@
-// Scales from numbers to shares of a width, and round numbers along them.
+// Scales from values to shares of a width, and their ticks.
 
 // Linear from 0 on; where the largest is far beyond the middle one, or `bend`, by asinh: linear near 0, then logarithmic.
-// It reaches values near by, too.
+// Nearby values are included.
 export function scaleOf(values, reach = [], bend = 0) {
   const known = values.filter((value) => value !== null && Number.isFinite(value)).sort((a, b) => a - b);
   const most = Math.max(...known.slice(-1), 0),
@@ -18,7 +18,7 @@ export function scaleOf(values, reach = [], bend = 0) {
   return { place, far, least, bent, holds: (value) => value >= least && place(value) <= 1 };
 }
 
-// A few round numbers of a scale, at most so many.
+// Return a few round ticks of a scale.
 export function roundOf(scale, most = 4) {
   if (scale.bent) {
     const marks = [0],

@@ -1,4 +1,4 @@
-// A scenario: its policies with their distributions, the best first, and what is left unseen over time.
+// A scenario: its policies with their distributions, best first, and the undetected share over time.
 
 import { comparison } from "./against.js";
 import { Plot, pictures } from "./plot.js";
@@ -31,7 +31,7 @@ export function scenarioSection(report, scenario, s, onPick) {
   return box;
 }
 
-// On a phone a table has room for one column beside the names: the one that is chosen.
+// On a phone, a table shows one selected column beside the names.
 function choosing(scenario, box) {
   const chosen = box.querySelector(".chosen-measure select");
   const titles = scenario.measures.map((measure) => measure.title);
@@ -45,7 +45,7 @@ function choosing(scenario, box) {
   show();
 }
 
-// What is pointed at is brought out wherever it is in the section.
+// Highlight the hovered policy in the whole section.
 function light(box) {
   const turn = (policy) => {
     box.classList.toggle("lit", policy !== undefined);
@@ -165,7 +165,7 @@ function plotsOf(report, scenario) {
 }
 
 function survival(report, scenario) {
-  // Wide where most curves fall, though one may never.
+  // Choose the range where most curves fall.
   const end = scenario.times.at(-1);
   const halves = scenario.policies.map(
     (of) => scenario.times[of.curve ? of.curve.findIndex((share) => share !== null && share < 0.5) : -1] ?? end,
@@ -173,12 +173,12 @@ function survival(report, scenario) {
   const axes = {
     x: {
       scale: scaleOf([...halves, end]),
-      title: "time since the rogue appeared [s]",
+      title: "time since the target appeared [s]",
       lines: [[scenario.bound, scenario.bound_name]],
     },
     y: { scale: scaleOf([1]), title: "" },
   };
-  return new Plot("Still unseen", "share of the rogues, by Kaplan and Meier", axes, (plot) => {
+  return new Plot("Undetected targets", "share of the targets, Kaplan-Meier estimate", axes, (plot) => {
     for (const of of scenario.policies) {
       if (!of.curve) continue;
       const policy = report.policies[of.policy],
@@ -224,7 +224,7 @@ function against(report, scenario, across, up) {
     },
     y: { scale: scaleOf(ends(up), [], 1), title: "" },
   };
-  return new Plot("Detection against collisions", `${up.title} in an episode; bars: 95 % intervals`, axes, (plot) => {
+  return new Plot("Detection against collisions", `${up.title} per episode; bars: 95 % intervals`, axes, (plot) => {
     const near = 5,
       places = shown.map((policy) => [
         plot.x(of(policy, across).value),
@@ -235,36 +235,20 @@ function against(report, scenario, across, up) {
       const [x, y] = [of(policy, across), of(policy, up)],
         look = report.policies[policy.policy];
       const group = svg("g", { "data-policy": policy.policy, class: "series" }, svg("title", {}, look.shown));
-      if (x.interval[0] !== null)
-        group.append(
-          svg("line", {
-            x1: plot.x(x.interval[0]),
-            x2: plot.x(x.interval[1]),
-            y1: plot.y(y.value),
-            y2: plot.y(y.value),
-            class: `whisker c${look.colour}`,
-          }),
-        );
-      if (y.interval[0] !== null)
-        group.append(
-          svg("line", {
-            y1: plot.y(y.interval[0]),
-            y2: plot.y(y.interval[1]),
-            x1: plot.x(x.value),
-            x2: plot.x(x.value),
-            class: `whisker c${look.colour}`,
-          }),
-        );
+      const whisker = (x1, x2, y1, y2) => group.append(svg("line", { x1, x2, y1, y2, class: `whisker c${look.colour}` }));
+      const [left, top] = [plot.x(x.value), plot.y(y.value)];
+      if (x.interval[0] !== null) whisker(plot.x(x.interval[0]), plot.x(x.interval[1]), top, top);
+      if (y.interval[0] !== null) whisker(left, left, plot.y(y.interval[0]), plot.y(y.interval[1]));
       group.append(
-        svg("g", { transform: `translate(${plot.x(x.value).toFixed(1)} ${plot.y(y.value).toFixed(1)})` }, markOf(look)),
+        svg("g", { transform: `translate(${left.toFixed(1)} ${top.toFixed(1)})` }, markOf(look)),
       );
       plot.picture.append(group);
-      label(plot, group, look.shown, plot.x(x.value), plot.y(y.value), taken);
+      label(plot, group, look.shown, left, top, taken);
     }
   });
 }
 
-// A name beside its point, where it lies over no other.
+// Place a name beside its point without overlaps.
 function label(plot, group, words, x, y, taken) {
   const wide = 5.6 * words.length,
     left = x + 9 + wide > plot.width;

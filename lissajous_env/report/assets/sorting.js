@@ -1,4 +1,4 @@
-// Tables whose rows are put in order by a click on a heading: by `data-value` of the cells, missing ones last.
+// Sort a table by a click on a heading, by `data-value` of the cells, missing values last.
 
 export function sortable(table) {
   const heads = [...table.tHead.rows[0].cells];
@@ -14,7 +14,7 @@ export function sortable(table) {
   });
 }
 
-// Order of two values; what is missing comes last either way.
+// Compare two values; missing ones come last.
 export function ordered(a, b, down) {
   const none = (value) => value === undefined || value === null;
   if (none(a) || none(b)) return Number(none(a)) - Number(none(b));

@@ -1,4 +1,4 @@
-// The episodes of a policy in one column as a strip: a box of the quartiles, a dot for each, and lines of theory.
+// The episodes of a policy in one column as a strip: quartile box, a dot for each episode, and theoretical lines.
 
 import { roundOf } from "./scales.js";
 import { svg } from "./svg.js";
@@ -9,7 +9,7 @@ const MOST_DOTS = 64;
 
 const percent = (share) => `${(100 * share).toFixed(2)}%`;
 
-// `dots` are [value, place of the episode in the data].
+// `dots` are [value, index of the episode in the data].
 export function strip(policy, cell, measure, scale, dots) {
   const picture = svg("svg", { class: "strip", height: HEIGHT, width: "100%", "aria-hidden": "true" });
   picture.append(...linesOf(measure, scale, HEIGHT));
@@ -32,7 +32,7 @@ export function strip(policy, cell, measure, scale, dots) {
   const every = Math.ceil(dots.length / MOST_DOTS);
   for (const [k, [value, episode]] of dots.entries()) {
     if (k % every) continue;
-    // The worst and the best stand where they are; the others are spread a little, so that equal ones show.
+    // All but the worst and the best are jittered, so that equal values are visible.
     const y = HEIGHT / 2 + ((k * 7) % 5) - 2;
     picture.append(
       svg("circle", {
@@ -47,7 +47,7 @@ export function strip(policy, cell, measure, scale, dots) {
   return picture;
 }
 
-// Round numbers and names of the lines above the strips of a column.
+// Ticks and names of the lines above the strips of a column.
 export function stripAxis(measure, scale) {
   const picture = svg("svg", { class: "strip axis", height: 14, width: "100%", "aria-hidden": "true" });
   for (const value of roundOf(scale, 4)) {

@@ -1,4 +1,4 @@
-// Parts of SVG pictures: their colours come from the style sheet, so that themes and print need no drawing anew.
+// SVG elements; the style sheet defines their colours, so themes and print need no redrawing.
 
 const SPACE = "http://www.w3.org/2000/svg";
 
@@ -26,7 +26,7 @@ const OUTLINES = {
   "*": "M0-6 1.500-1.900 5.800-1.800 2.400.8 3.600 5 0 2.500-3.600 5-2.400.8-5.800-1.800-1.500-1.900z",
 };
 
-// The mark by which a policy is known, around the origin.
+// The mark of a policy, around the origin.
 export function markOf(policy) {
   const look = `mark c${policy.colour}${policy.hollow ? " hollow" : ""}`;
   if (!OUTLINES[policy.mark]) return svg("circle", { r: 4.4, class: look });

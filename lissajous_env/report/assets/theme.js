@@ -1,4 +1,4 @@
-// Light or dark: what the reader's system has, until a button says otherwise; on paper always light.
+// Light or dark theme: by default that of the system; in print always light.
 
 import { coloursOf } from "./colours.js";
 

@@ -1,4 +1,4 @@
-// The report of a training: its curve beside its rivals, its evaluations, and a replay of the latest checkpoint.
+// The report of a training: learning curve with other policies, evaluations, and a replay of the latest checkpoint.
 
 import { Plot, pictures } from "./plot.js";
 import { scaleOf } from "./scales.js";
@@ -14,7 +14,7 @@ const of = (name) => document.getElementById(name);
 
 function begin() {
   const training = JSON.parse(of("data").textContent);
-  if (training.format !== FORMAT) throw new Error(`the data are no ${FORMAT}`);
+  if (training.format !== FORMAT) throw new Error(`the format of the data is not ${FORMAT}`);
   beginTheme();
   const viewer = new Viewer(training.replays, (id, others) => others[0]);
   const [latest] = Object.keys(training.replays);
@@ -70,7 +70,7 @@ function showLearning(training) {
   of("learning-part").hidden = told.length === 0;
   const steps = training.learning.map((point) => point.steps / 1e6);
   const plots = told.map(({ name, title, about, times }) => {
-    // A critic that has learned nothing can be off by any factor: how far says nothing.
+    // The error of an untrained critic is arbitrary.
     const values = training.learning.map((point) => (name in point ? times * Math.max(point[name], lowest(name)) : null));
     const axes = { x: { scale: scaleOf(steps), title: "steps of a robot [million]" }, y: { scale: scaleOf(values), title: "" } };
     return new Plot(title, about, axes, (plot) => plot.path(steps, values, { class: "curve c0" }), 200);

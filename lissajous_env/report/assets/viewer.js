@@ -1,17 +1,17 @@
-// Plays episodes: the replay page in a frame, with the data of one episode or of two on the same seed.
+// Plays episodes in a frame with the replay page: one episode, or two on the same seed.
 
 import { copied } from "./link.js";
 import { currentTheme } from "./theme.js";
 import { element } from "./words.js";
 
-// The moment and the robot that a page can be at.
+// Moment and robot in an address.
 const PLACE = /^t=[\d.]+(&robot=\d+)?$/;
 
 const part = (name) => document.getElementById(name);
 
 export class Viewer {
-  // `entries`: by the id of the data {title, group, policy, note}; those of one group stand side by side.
-  // `partner(id)`: what stands beside an episode unless something else is chosen.
+  // `entries`: {title, group, policy, note} by the id of the data; those of one group can be side by side.
+  // `partner(id)`: the default episode beside another.
   constructor(entries, partner) {
     Object.assign(this, { entries, partner });
     part("close").addEventListener("click", () => part("viewer").close());
@@ -26,14 +26,14 @@ export class Viewer {
     this.follow();
   }
 
-  // An address that names a replay opens it, at the moment and the robot that it names: #ID&t=12.3&robot=2.
+  // Open the replay in the address, at its moment and robot: #ID&t=12.3&robot=2.
   follow() {
     const [name, ...rest] = location.hash.slice(1).split("&"),
       id = decodeURIComponent(name);
     if (Object.hasOwn(this.entries, id) && location.hash !== this.address) this.open(id, rest.join("&"));
   }
 
-  // The page in the frame has gone to another moment or robot, or its link is copied.
+  // The page in the frame changed its moment or robot, or its link is copied.
   hear(event) {
     const { replay, copy } = event.data || {};
     if (event.source !== part("frame").contentWindow || !PLACE.test(replay)) return;
@@ -41,7 +41,7 @@ export class Viewer {
     if (copy) copied(location.href);
   }
 
-  // Keep the address at what is shown.
+  // Update the address.
   remember(at) {
     this.at = at;
     this.address = `#${encodeURIComponent(this.shown)}${at ? `&${at}` : ""}`;
@@ -74,7 +74,7 @@ export class Viewer {
       .map((each) => this.entries[each].note)
       .filter(Boolean)
       .join(" ");
-    // What the page holds is JSON in which nothing can end a script; it is put in as it stands.
+    // The data are JSON that cannot end a script, so they are inserted unchanged.
     const episodes = ids.map((each) => part(each).textContent).join(",");
     const page = JSON.parse(part("viewer-page").textContent).replace("@theme@", currentTheme()).replace("@at@", at);
     part("frame").srcdoc = page.replace("@episodes@", () => episodes);

@@ -1,1 +1,5 @@
-"""Robots: a file for each model, the table of them, and what all have in common."""
+"""Robot models: a file for each; importing this package registers the shipped ones."""
+
+from lissajous_env.world.robots import car, point
+
+__all__ = ["car", "point"]

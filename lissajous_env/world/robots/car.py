@@ -26,8 +26,8 @@ from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.parameters.parts import Curve, Formation, Noise, Robot, Task
-from lissajous_env.world.robots.model import RobotModel
+from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
+from lissajous_env.settings.parts import Curve, Formation, Noise, Robot, Task
 from lissajous_env.world.state import WORKING, Clock, Robots
 
 wp.set_module_options(MOTION)
@@ -204,17 +204,19 @@ def _rounded(half_length: float, half_width: float, power: float) -> np.ndarray:
     )
 
 
-CAR = RobotModel(
-    name="car",
-    actions=("steering", "throttle"),
-    table=tuple(itertools.product((-1.0, -0.5, 0.0, 0.5, 1.0), (-1.0, 0.0, 1.0))),
-    move=move_cars,
-    meanings=(
-        "steering angle, from steering_max to the right to steering_max to the left [rad]",
-        "throttle tau, from throttle_min to throttle_max",
-    ),
-    rest=(0.0, -1.0),
-    speed_unit=lambda curve, formation, robot: robot.top_speed,
-    check=check,
-    shape=shape,
+CAR = register_robot_model(
+    RobotModel(
+        name="car",
+        actions=("steering", "throttle"),
+        table=tuple(itertools.product((-1.0, -0.5, 0.0, 0.5, 1.0), (-1.0, 0.0, 1.0))),
+        move=move_cars,
+        meanings=(
+            "steering angle, from steering_max to the right to steering_max to the left [rad]",
+            "throttle tau, from throttle_min to throttle_max",
+        ),
+        rest=(0.0, -1.0),
+        speed_unit=lambda curve, formation, robot: robot.top_speed,
+        check=check,
+        shape=shape,
+    )
 )

@@ -27,7 +27,7 @@ from lissajous_env.device.curve import (
 )
 from lissajous_env.device.part_structs import FormationStruct, NoiseStruct, RobotStruct
 from lissajous_env.device.structs import place_of
-from lissajous_env.parameters.parts import Formation
+from lissajous_env.settings.parts import Formation
 from lissajous_env.world.state import REMOVED, WORKING, Clock, Robots
 
 wp.set_module_options(MOTION)

@@ -1,4 +1,4 @@
-"""What a picture shows of a world at one time, on the host: made from a simulation, or from a recording of one."""
+"""State of one world at one time, on the host, from a simulation or a recording."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """One world at one time. N robots, T target slots, R rows and C columns of the grid."""
+    """State of one world at one time. N robots, T target slots, R rows and C columns of the coverage grid."""
 
     step: int
     """Control steps taken in the episode."""
     world: int
-    """Which world of the batch it was."""
+    """Index of the world in the batch."""
     seed: int
     """Seed of the episode."""
     position: np.ndarray
@@ -30,7 +30,7 @@ class Snapshot:
     status: np.ndarray
     """(N,) WORKING, STUCK or REMOVED of `lissajous_env.world.state`."""
     target_position: np.ndarray
-    """(T, 2) x, y of the targets [m]; that of one that left is where it was detected."""
+    """(T, 2) x, y of the targets [m]; for targets that left, where they were detected."""
     motion: np.ndarray
     """(T,) STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets`."""
     appears_at: np.ndarray
@@ -40,22 +40,22 @@ class Snapshot:
     found_early: np.ndarray
     """(T,) share of that step that was left then."""
     sensed_at: np.ndarray
-    """(R, C) step in which a cell was last sensed, or of a large grid every so manieth; the lowest row comes first."""
+    """(R, C) step in which a cell was last sensed, lowest row first; large grids are thinned."""
     contact: np.ndarray
     """(M, 2) pairs of robots that have collided and not yet parted."""
     collisions: int
     """Collisions in the episode so far."""
     trail: tuple[np.ndarray, np.ndarray] | None = None
-    """Steps (K,) up to now and positions (K, N, 2) of the robots at them [m], where they are known."""
+    """Steps (K,) and positions (K, N, 2) of the robots at them [m]; None if unknown."""
 
     @classmethod
     def of(cls, simulation: "Simulation", world: int = 0, most_cells: tuple[int, int] | None = None) -> "Snapshot":
-        """Copy what a picture shows of one world; the simulation is only read.
+        """Copy the state of one world of a simulation.
 
         Args:
-            simulation: Which is read.
-            world: Which of its worlds.
-            most_cells: Rows and columns of the grid at most, evenly chosen; None takes all.
+            simulation: The simulation.
+            world: Index of the world.
+            most_cells: Limit on the rows and columns of the grid, which is thinned evenly; None copies all.
         """
         clock, robots, targets = simulation.clock, simulation.robots, simulation.targets
         step, cells = int(of_world(clock.step, world)), simulation.cells
@@ -67,7 +67,7 @@ class Snapshot:
         sensed_at = of_world(cells.sensed_at, world, (rows, columns))
         sensed_at = last_sensed(sensed_at, of_world(cells.in_discs, world, (slice(None), rows)), step, kept)
         status = of_world(robots.status, world)
-        # A pair of which one was removed never parts; it is in contact no longer all the same.
+        # The contact of a pair with a removed robot is never reset, but it has ended.
         there = status != int(REMOVED)
         return cls(
             step=step,
@@ -88,38 +88,38 @@ class Snapshot:
 
     @property
     def present(self) -> np.ndarray:
-        """(T,) bool: targets that are there and not yet detected."""
+        """(T,) bool: targets that are present and undetected."""
         return (self.appears_at <= self.step) & (self.found_at > self.step)
 
     @property
     def found(self) -> np.ndarray:
-        """(T,) bool: targets that were detected."""
+        """(T,) bool: detected targets."""
         return self.found_at <= self.step
 
     def mean_detection_time(self, step: float) -> float:
-        """Mean over the targets so far of the time until detection [s]; NaN without targets.
+        """Return the mean detection time of the targets so far [s]; NaN without targets.
 
-        As in the score, one that is not yet detected counts with the time that it has been there.
+        As in the score, an undetected target counts with the time since it appeared.
         """
         waited, _ = detection_times(self.appears_at, self.found_at, self.found_early, self.step)
         return float(waited.mean()) * step if waited.size else np.nan
 
 
 def thinned(cells: np.ndarray, most: tuple[int, int]) -> np.ndarray:
-    """Return every so manieth row and column of a grid (R, C), at most so many."""
+    """Return a grid (R, C) thinned evenly to at most `most` rows and columns."""
     rows, columns = (_every(length, limit) for length, limit in zip(cells.shape, most, strict=True))
     return cells[rows, columns]
 
 
 def _every(length: int, limit: int) -> slice:
-    """Every so manieth of a number of things, at most so many."""
+    """Return an evenly spaced slice of `length` items with at most `limit` of them."""
     stride = -(-length // max(limit, 1))
     return slice(stride // 2, None, stride)
 
 
 def of_world(array: Any, world: int, part: Any = ...) -> np.ndarray:
-    """Return a part of one world of a device array, copied to the host without the others."""
+    """Copy a part of one world of a device array to the host."""
     if array.device.is_cpu and array.size > 0:
-        return np.array(np.asarray(array)[world][part])  # a fifth of the time of `numpy`, which looks after streams
+        return np.array(np.asarray(array)[world][part])  # five times as fast as `numpy`, which synchronizes streams
     whole = array.ndim == 1 or array.size == 0
     return np.array((array.numpy()[world] if whole else array[world].numpy())[part])

@@ -1,23 +1,23 @@
-"""Lower bounds of the mean detection time: what no policy can beat that knows nothing of where a target is.
+"""Lower bounds of the mean detection time, which apply to every policy without information on undetected targets.
 
-After a time t, m discs of radius r that move at a speed v have swept at most m (pi r^2 + 2 r v t) of an area A, so a
-target whose place is uniform on it is undetected with at least the share that is left; the mean time is at least the
+After a time t, m discs of radius r that move at a speed v have swept at most m (pi r^2 + 2 r v t) of an area A, so the
+probability that a uniformly placed target is undetected is at least the remaining share; the mean time is at least the
 integral of that share over time. `mean_time_inside` and `mean_time_on_boundary` are these integrals in closed form, for
-targets that stand still and an episode without end; `mean_time_limit` is the bound for a scenario as it is scored.
+targets that stand still and an episode without end; `mean_time_limit` is the bound for the score of a scenario.
 
-**On the boundary** a robot sees at most 2 r of a straight side at once and v t more by a time t. At a corner it sees
-both sides: going from one to the other it has to come by within r of the corner, over a point (x, y) from it with
-x + y <= sqrt(2) r, and so sees at most that much more than on a straight line. Two robots at one corner share it:
-what the second saves there, both see. So m robots have seen at most m (2 r + v t) + 4 sqrt(2) r of the perimeter
-of a rectangle whose sides are at least 4 r, for which a change to the opposite side pays nothing either.
+**On the boundary** a robot senses at most 2 r of a straight side at once and v t more by a time t. At a corner, it
+senses both sides: on its way from one to the other it passes within r of the corner, through a point (x, y) from it
+with x + y <= sqrt(2) r, and senses at most that much more than on a straight line. Two robots at one corner share this
+gain. So m robots have sensed at most m (2 r + v t) + 4 sqrt(2) r of the perimeter of a rectangle whose sides are at
+least 4 r; changing to the opposite side gains nothing in such a rectangle.
 
-**Moving targets.** One that moves at a speed u and takes no notice of the robots is met at v + u at most: seen from it,
-a disc moves no faster. (In a rectangle that reflects it, by the mean over its mirror images.) One that reacts may run
-into a disc, but at time t it is within u t of where it appeared: discs of radius r + u t have to have passed there. One
-that flees from robots within a distance d takes no notice of them before, so that it is found no sooner than it would
-be by discs of radius d. Where two of these hold, the later time does.
+**Moving targets.** A target that moves at a speed u independently of the robots is approached at a relative speed of at
+most v + u. (In a rectangle that reflects it, this follows from the mean over its mirror images.) A target that reacts
+may move into a disc, but at time t it is within u t of its origin, which discs of radius r + u t must have passed. A
+target that flees from robots within a distance d does not react to them before, so it is detected no earlier than by
+discs of radius d. If two of these bounds apply, the later time is valid.
 
-**A target that appears unseen** is uniform on what no disc covers, A - m pi r^2 at least.
+**A target that appears unseen** is uniform on the area outside all discs, which is at least A - m pi r^2.
 """
 
 import math
@@ -26,27 +26,27 @@ from collections.abc import Callable
 import numpy as np
 
 from lissajous_env.parameters import named
-from lissajous_env.parameters.parts import Targets
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import Targets
 from lissajous_env.theory.geometry import largest_speed, top_speed
 
 _INSTANTS = 40_001
-"""Times at which the share of the undetected is computed; it is taken as small in between as at the next of them."""
+"""Number of times at which the undetected share is computed; between two times the later, smaller value is used."""
 
 _PLACES = 64
-"""Places that are tried for a target that appears unseen; where none of them is, it is seen at once."""
+"""Places that are tried for a target that appears unseen; if all are sensed, it is detected at once."""
 
 _Swept = Callable[[np.ndarray | float, np.ndarray | float], np.ndarray]
-"""What discs of a radius [m] have swept at most where each of them has gone a way [m]."""
+"""Function that returns the largest swept size for discs of a radius [m] that have each moved a distance [m]."""
 
 
 def mean_time_inside(area: float, num_robots: int, radius: float, speed: float) -> float:
-    """(A - m pi r^2)^2 / (4 m r v A) [s], of targets that appear anywhere in an area.
+    """Return (A - m pi r^2)^2 / (4 m r v A) [s], the bound for targets that appear anywhere in an area.
 
     Args:
         area: A [m^2].
-        num_robots: m.
-        radius: r, of a robot's sensor [m].
+        num_robots: Number of robots m.
+        radius: Sensing radius r [m].
         speed: v, top speed of a robot, with that of a target where they move [m/s].
     """
     left = max(area - num_robots * math.pi * radius**2, 0.0)
@@ -54,14 +54,14 @@ def mean_time_inside(area: float, num_robots: int, radius: float, speed: float) 
 
 
 def mean_time_on_boundary(length: float, num_robots: int, radius: float, speed: float) -> float:
-    """(P - 2 m r)^2 / (2 m v P) [s], of targets that appear anywhere on a closed line without corners.
+    """Return (P - 2 m r)^2 / (2 m v P) [s], the bound for targets that appear anywhere on a closed line.
 
-    Equally spaced laps meet it. For a rectangle put P - 4 sqrt(2) r in the square: its corners can be cut.
+    Equally spaced laps attain it. For a rectangle use P - 4 sqrt(2) r in the square, because corners can be cut.
 
     Args:
         length: P [m].
-        num_robots: m.
-        radius: r, of a robot's sensor [m].
+        num_robots: Number of robots m.
+        radius: Sensing radius r [m].
         speed: v, top speed of a robot, with that of a target along the boundary where they move [m/s].
     """
     left = max(length - 2 * num_robots * radius, 0.0)
@@ -69,9 +69,9 @@ def mean_time_on_boundary(length: float, num_robots: int, radius: float, speed: 
 
 
 def robot_speed_limit(scenario: str | Scenario) -> float:
-    """Top speed of a robot over the ground [m/s]; NaN for a model of robots that is not ours.
+    """Return the top speed of a robot over the ground [m/s]; NaN for registered models.
 
-    A car's is that at full throttle, or at which it starts; a point's is alpha `phase_rate_max` max ||r'||.
+    For a car it is the speed at full throttle or at the start, for a point alpha `phase_rate_max` max ||r'||.
     """
     made = named.scenario(scenario).resolve()
     if made.robot.kind == "car":
@@ -82,19 +82,19 @@ def robot_speed_limit(scenario: str | Scenario) -> float:
 
 
 def mean_time_limit(scenario: str | Scenario) -> float:
-    """Lower bound of the expected `detection_time_mean` of a scenario [s], whatever the policy.
+    """Return the lower bound of the expected `detection_time_mean` of a scenario [s] for any policy.
 
-    With S(t) the share that is undetected at least a time t after it appeared, averaged over the kinds of motion, an
-    episode of D seconds and arrivals that are uniform in it and rounded up to a step h, as a Poisson process has them:
+    S(t) is the least share of targets that are undetected at a time t after they appeared, averaged over the kinds of
+    motion. For an episode of D seconds and Poisson arrivals, which are rounded up to a step h:
 
         start    = integral of S over [0, D]
         arrivals = integral of S(t) (D - h - t) over [0, D - h], divided by D
         bound    = w start + (1 - w) arrivals,  w = count / (count + arrival_rate D)
 
-    A target counts until the end of the episode and no longer, hence the ends of the integrals; w is the least that the
-    mean share of the first kind can be, by Jensen's inequality. 0 where the discs can cover everything from the start.
-    NaN where nothing is proved: no targets, targets or robots that move by a model that is not ours, an episode that
-    robots can end by being removed, targets without a place of this scenario's kinds.
+    A target counts until the end of the episode, hence the ends of the integrals; w is a lower bound of the mean share
+    of initial targets by Jensen's inequality. The bound is 0 if the discs can cover everything from the start. It is
+    NaN if nothing is proved: no targets, a custom motion or robot model, or an episode that ends when robots are
+    removed.
     """
     scenario = named.scenario(scenario)
     targets, task, speed = scenario.targets, scenario.task, robot_speed_limit(scenario)
@@ -112,11 +112,11 @@ def mean_time_limit(scenario: str | Scenario) -> float:
 
 
 def guaranteed_time_limit(scenario: str | Scenario) -> float:
-    """Lower bound of the `guaranteed_detection_time` of a scenario [s], whatever the policy.
+    """Return the lower bound of the `guaranteed_detection_time` of a scenario [s] for any policy.
 
-    A rogue that stands still can be introduced anywhere at any time, so that discs have to sweep everything in every
-    time T at least: m (pi r^2 + 2 r v T) = A, and on a boundary m (2 r + v T) + 4 sqrt(2) r = P. Rogues that move only
-    make it longer. NaN where nothing is proved, as for `mean_time_limit`; at most the time of an episode.
+    A target at rest can appear anywhere at any time, so the discs must sweep everything within the time T:
+    m (pi r^2 + 2 r v T) = A, and on a boundary m (2 r + v T) + 4 sqrt(2) r = P. Moving targets only increase it. It is
+    NaN if nothing is proved, as for `mean_time_limit`, and at most the duration of an episode.
     """
     scenario = named.scenario(scenario)
     speed, radius = robot_speed_limit(scenario), scenario.sensing_radius
@@ -130,13 +130,13 @@ def guaranteed_time_limit(scenario: str | Scenario) -> float:
 
 
 def _shares(targets: Targets) -> dict[str, float]:
-    """Share of the targets by kind of motion."""
+    """Return the share of the targets by kind of motion."""
     moving = {"ambling": targets.drifting + targets.wandering, "fleeing": targets.fleeing}
     return {"still": max(1.0 - sum(moving.values()), 0.0), **moving}
 
 
 def _undetected(scenario: Scenario, motion: str, speed: float, times: np.ndarray) -> np.ndarray:
-    """(T,) least share that is undetected at some times after it appeared, of targets of one kind of motion."""
+    """Return (T,) the least share of targets of a motion that are undetected at times after they appeared."""
     targets, radius, way = scenario.targets, scenario.sensing_radius, speed * times
     on_boundary = targets.entry == "boundary"
     swept, size = _swept_and_whole(scenario)
@@ -159,7 +159,7 @@ def _undetected(scenario: Scenario, motion: str, speed: float, times: np.ndarray
 
 
 def _swept_and_whole(scenario: Scenario) -> tuple[_Swept, float]:
-    """What discs have swept at most of where targets appear, and how much of that there is: [m^2], or [m] of a line."""
+    """Return the function for the largest swept size, and the total size, of where targets appear [m^2 or m]."""
     width, height, robots = 2 * scenario.curve.half_width, 2 * scenario.curve.half_height, scenario.num_robots
 
     def on_area(reach: np.ndarray | float, gone: np.ndarray | float) -> np.ndarray:
@@ -175,7 +175,7 @@ def _swept_and_whole(scenario: Scenario) -> tuple[_Swept, float]:
 
 
 def _least_swept(swept: _Swept, radius: float, way: np.ndarray, moved: np.ndarray, on_boundary: bool) -> np.ndarray:
-    """What discs have swept, for targets that have moved a way of their own [m] and take no notice of the discs."""
+    """Return the swept size for targets that have moved a distance [m] independently of the discs."""
     within_reach = swept(radius + moved, way)
-    # By relative speed it is less, which is not proved for the corners of a boundary.
+    # The relative speed gives a smaller value, which is not proved for the corners of a boundary.
     return within_reach if on_boundary else np.minimum(within_reach, swept(radius, way + moved))

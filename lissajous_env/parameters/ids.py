@@ -1,11 +1,11 @@
-"""The ids by which Gymnasium and PettingZoo make environments of a scenario."""
+"""Ids under which Gymnasium and PettingZoo make the environments of a scenario."""
 
 import gymnasium
 import pettingzoo
 
 
 def register_ids(name: str) -> None:
-    """Let Gymnasium and PettingZoo make `lissajous/NAME-v0`, of the scenario that has this name when one is made."""
+    """Register `lissajous/NAME-v0` with Gymnasium and PettingZoo; environments look up the scenario when made."""
     of_ours, settings = f"lissajous/{name}-v0", {"scenario": name}
     gymnasium.register(
         id=of_ours,

@@ -1,7 +1,7 @@
-"""Checked fields for frozen dataclasses: a rule stands beside its field and is enforced once, at construction.
+"""Checked fields for frozen dataclasses: each field declares its rule, which is enforced once, at construction.
 
 An error names the field, the rule with its unit, and the value got:
-`robot.wheelbase must be from 0.001 to 10000 [m], got -1`. What a field means and its rule also stand in `help()`.
+`robot.wheelbase must be from 0.001 to 10000 [m], got -1`. `help()` lists the fields with their rules.
 """
 
 import ast
@@ -23,7 +23,7 @@ from lissajous_env.wording import shown
 def number(
     default: float | None, low: float, high: float, unit: str = "", or_zero: bool = False, or_infinite: bool = False
 ) -> Any:
-    """Declare a number from `low` to `high`, both included; zero and infinity only where asked for."""
+    """Declare a number from `low` to `high`, both included, and on request also zero or infinity."""
     rule = "must be " + "0 or " * or_zero + f"from {_text(low)} to {_text(high)}" + " or infinite" * or_infinite
 
     def holds(value: Any) -> bool:
@@ -53,7 +53,7 @@ def choice(default: str, *options: str) -> Any:
 
 
 def word(default: str, rule: str) -> Any:
-    """Declare a word, such as a name that is looked up elsewhere."""
+    """Declare a non-empty word, such as a name that is looked up elsewhere."""
     return _checked(default, rule, lambda v: isinstance(v, str) and v.strip() == v != "")
 
 
@@ -69,10 +69,9 @@ def rows(
     optional: bool = False,
     units: tuple[str, ...] = (),
 ) -> Any:
-    """Declare a tuple of entries, each as `convert` returns it; `convert` returns None for what the rule forbids.
+    """Declare a tuple of entries, each converted by `convert`, which returns None for an invalid entry.
 
-    `optional` also takes None, as a default of None does. `units` are those of the numbers of an entry, where it is a
-    row of numbers.
+    None is valid if `optional`, or if it is the default. `units` are the units of an entry that is a row of numbers.
     """
 
     def converted(value: tuple) -> tuple:
@@ -109,9 +108,9 @@ class Checked:
         return type(self).__name__.lower()
 
     def scaled(self, length: float = 1.0, time: float = 1.0) -> Self:
-        """Return a copy in which every length is multiplied by `length`, and every time by `time`.
+        """Return a copy with all lengths multiplied by `length` and all times by `time`.
 
-        Speeds, rates, accelerations and weights change with them, each by the powers in its unit.
+        Speeds, rates, accelerations and weights are scaled by the powers in their units.
         """
         changed = {}
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
@@ -134,15 +133,15 @@ class Checked:
 
 
 def is_whole(value: Any) -> bool:
-    """Whether a value is a whole number of any make; True and False are none."""
+    """Return True for a whole number of any type except bool."""
     return hasattr(value, "__index__") and not isinstance(value, (bool, np.bool_))
 
 
 def as_robot(value: Any) -> int:
-    """The index of a robot, also where it is written as 1.0.
+    """Return the index of a robot, which may be given as 1.0.
 
     Raises:
-        ValueError: no whole number of at least 0.
+        ValueError: the value is not a whole number of at least 0.
     """
     if not _is_number(value) or value < 0 or not float(value).is_integer():
         raise ValueError(f"a robot must be a whole number of at least 0, got {shown(value)}")
@@ -171,13 +170,13 @@ def _holds(check: Callable[[Any], Any], value: Any) -> bool:
 
 
 def _factor(unit: str, length: float, time: float) -> float:
-    """Return what a number of this unit is multiplied by where lengths and times are; angles have no unit."""
+    """Return the factor of a number of this unit when lengths and times are scaled; angles do not scale."""
     above, _, below = unit.partition("/")
     return _product(above, length, time) / _product(below, length, time)
 
 
 def _product(units: str, length: float, time: float) -> float:
-    """Return the product of units such as `m`, `s^2`, `sqrt(s)` or `(m s)^2`, where m is `length` and s is `time`."""
+    """Return the factor of units such as `m`, `s^2`, `sqrt(s)` or `(m s)^2`."""
     scales = {"m": length, "s": time, "rad": 1.0, "1": 1.0}
     if root := re.fullmatch(r"sqrt\((\w+)\)", units):
         return math.sqrt(scales[root[1]])
@@ -199,16 +198,13 @@ def _is_number(value: Any) -> bool:
 
 
 def _plain(value: Any) -> Any:
-    """Turn NumPy scalars and arrays into Python's own numbers and tuples, which hash and go into JSON."""
+    """Convert NumPy scalars and arrays to Python's numbers and tuples, which can be hashed and written as JSON."""
     value = value.tolist() if hasattr(value, "tolist") else value
     return tuple(_plain(entry) for entry in value) if isinstance(value, (list, tuple)) else value
 
 
-# What help() shows.
-
-
 def _fields_in_words(cls: type) -> str:
-    """The section of a docstring that names each field: what stands in the source after it, rule and default."""
+    """Return the docstring's section on the fields: the string after each field, its rule and its default."""
     words, lines = meanings(cls), []
     for name, field in vars(cls).items():
         if isinstance(field, dataclasses.Field) and "rule" in field.metadata:
@@ -223,7 +219,7 @@ def _rule_in_words(field: dataclasses.Field) -> str:
 
 
 def meanings(cls: type) -> dict[str, str]:
-    """The string that stands after each field of a class in its source; empty where there is no source."""
+    """Return the string after each field in the source of a class; empty without source."""
     try:
         tree = _parsed(inspect.getsourcefile(cls) or "")
     except (OSError, TypeError, SyntaxError):

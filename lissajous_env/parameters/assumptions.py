@@ -1,42 +1,23 @@
-"""The assumptions under which the paper's results hold, checked for a scenario: which are violated, and by what number.
+"""Check the assumptions of the paper for a scenario.
 
-Most of them are also what a robot needs to follow the curve at all. A scenario that violates one can be played, and
-some that ship do so on purpose; whoever makes one by accident should know. Thresholds have no unit: every rule compares
-two numbers of the same unit.
+A scenario that violates an assumption can still be played, and some shipped scenarios violate one on purpose. Most
+assumptions are also necessary for a robot to follow the curve at all.
 """
 
 from functools import lru_cache
 
-import numpy as np
-
-from lissajous_env.parameters.parts import Curve
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
-
-SLACK = 1e-3
-"""Part by which a number may exceed its limit before it counts as above it."""
 
 
 class AssumptionWarning(UserWarning):
-    """A scenario violates an assumption of the paper; the text holds the number that is violated."""
+    """Warning that a scenario violates an assumption of the paper, with the numbers."""
 
 
 def violations(scenario: Scenario) -> tuple[str, ...]:
-    """Return a sentence for each assumption that a scenario violates, with the numbers; empty where all hold."""
+    """Return a sentence with numbers for each assumption that a scenario violates."""
     return (*_of_formation(scenario), *_of_robots(scenario))
-
-
-def needed_acceleration(curve: Curve, turning_radius: float = 0.0) -> float:
-    """Largest lateral acceleration along the curve, over the square of the phase rate [m/rad^2].
-
-    It is max ||r'||^2 / max(radius of curvature, turning radius): cars cut the bends that are tighter than they turn.
-
-    Args:
-        curve: The curve.
-        turning_radius: Radius of the tightest circle of a car [m].
-    """
-    speed, radius = _along(curve)
-    return float(np.max(speed**2 / np.maximum(radius, turning_radius)))
 
 
 def _of_formation(scenario: Scenario) -> list[str]:
@@ -45,7 +26,7 @@ def _of_formation(scenario: Scenario) -> list[str]:
     if n > 2 and p not in closed_forms.stable_equilibria(n):
         found.append(f"p = {p} of {n} robots is no stable equilibrium: p must be between N / 4 and 3 N / 4 (Theorem 1)")
     if curve.harmonics:
-        return found  # the bounds are known of Lissajous curves alone
+        return found  # the paper's bounds apply to Lissajous curves only
     places = curve.a + curve.b
     if n != kappa * places:
         robots = f"{n} robots" if kappa == 1 else f"{n} robots on {n // kappa} places"
@@ -71,14 +52,14 @@ def _of_robots(scenario: Scenario) -> list[str]:
     found = []
     if robot.kind == "curve" and robot.phase_rate_max is not None:
         wanted = rate / scenario.alpha
-        if wanted > robot.phase_rate_max * (1 + SLACK):
+        if wanted > robot.phase_rate_max * (1 + geometry.SLACK):
             words = f"the formation moves at omega / alpha = {wanted:.4g} rad/s"
             found.append(f"{words}, the points reach {robot.phase_rate_max:.4g} rad/s (robot.phase_rate_max)")
     if robot.kind != "car":
         return found
-    speed, _ = _along(curve)
+    speed, _ = geometry.along_lap(curve)
     fastest, slowest = rate * float(speed.max()), rate * float(speed.min())
-    if fastest > robot.top_speed * (1 + SLACK):
+    if fastest > robot.top_speed * (1 + geometry.SLACK):
         share = float(speed[speed * rate > robot.top_speed].sum() / speed.sum())
         words = (
             f"the curve requires up to {fastest:.3g} m/s, the cars reach {robot.top_speed:.3g} m/s (robot.speed_max)"
@@ -87,17 +68,17 @@ def _of_robots(scenario: Scenario) -> list[str]:
     least = 0.0
     if robot.throttle_min > robot.dead_zone:
         least = max((robot.drive * robot.throttle_min - robot.offset) / robot.drag, 0.0)
-    if least > fastest * (1 + SLACK):
+    if least > fastest * (1 + geometry.SLACK):
         words = f"the cars drive at {least:.3g} m/s at least (robot.throttle_min)"
         found.append(f"{words}, the curve requires {slowest:.3g} to {fastest:.3g} m/s")
     turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
     bend, share = _sharpest(curve), geometry.tight_share(curve, turning)
-    if bend < turning * (1 - SLACK):
+    if bend < turning * (1 - geometry.SLACK):
         words = f"the curve bends at a radius of {bend:.2g} m, the cars turn at {turning:.3g} m (robot.wheelbase)"
         found.append(f"{words}; {share:.1%} of the arc is tighter")
     grip = robot.lateral_acceleration_max
-    wanted = rate**2 * needed_acceleration(curve, turning)
-    if wanted > grip * (1 + SLACK):
+    wanted = rate**2 * geometry.needed_acceleration(curve, turning)
+    if wanted > grip * (1 + geometry.SLACK):
         words = f"the curve requires a lateral acceleration of {wanted:.3g} m/s^2"
         found.append(f"{words}, the cars grip up to {grip:.3g} m/s^2 (robot.lateral_acceleration_max)")
     return found
@@ -106,10 +87,3 @@ def _of_robots(scenario: Scenario) -> list[str]:
 @lru_cache(maxsize=256)
 def _sharpest(curve: Curve) -> float:
     return geometry.smallest_curvature_radius(curve)
-
-
-@lru_cache(maxsize=64)
-def _along(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
-    """||r'|| [m/rad] and the radius of curvature [m] along a lap of the plane curve."""
-    gamma = geometry.lap_phases(curve)
-    return closed_forms.curve_speed(curve, gamma), geometry.curvature_radius(curve, gamma)

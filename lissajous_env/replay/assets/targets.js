@@ -1,9 +1,9 @@
-// The rogues on the picture: at large, just detected, and those that are never detected.
+// Draws the targets: undetected, just detected, and never detected.
 
 import { faded } from "./colours.js";
 import { FLEEING } from "./episode.js";
 
-export class Rogues {
+export class Targets {
   constructor(stage) {
     Object.assign(this, { stage, context: stage.context });
   }
@@ -41,19 +41,19 @@ export class Rogues {
     };
     dots(groups.stays, colours.found, size);
     if (size > 2) dots([...groups.plain, ...groups.flees], colours.card, size + 1.2);
-    dots(groups.plain, colours.rogue, size);
-    dots(groups.flees, colours.rogue, size);
+    dots(groups.plain, colours.target, size);
+    dots(groups.flees, colours.target, size);
     dots(groups.flees, colours.card, 0.42 * size);
     this.paintMissed(groups.missed, size, colours);
   }
 
-  // One that is never detected: a cross in a ring.
+  // Draw a target that is never detected: a cross in a ring.
   paintMissed(places, size, colours) {
     const { context } = this,
       arm = 0.62 * size;
     for (const [colour, wider] of [
       [colours.card, 2.4],
-      [colours.rogue, 0],
+      [colours.target, 0],
     ]) {
       context.strokeStyle = colour;
       context.lineWidth = (size > 2 ? 1.7 : 1) + wider;

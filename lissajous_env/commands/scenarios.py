@@ -1,0 +1,112 @@
+"""The command `lissajous scenarios`."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from rich.text import Text
+
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_left_out, print_table
+from lissajous_env.parameters.scenario import PARTS
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from lissajous_env.parameters.scenario import Scenario
+
+_Scenarios = Annotated[
+    tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO ...]", help_behavior_hint="")
+]
+
+
+def scenarios(names: _Scenarios = (), output: OutputOptions = DEFAULT_OUTPUT) -> None:
+    """List the scenarios and their designs; of the scenarios that are named, print every field and violated assumption.
+
+    Example:
+        lissajous scenarios intruders team
+
+    Args:
+        names: names of scenarios, .toml files, or module:attribute; all scenarios by default.
+        output: Console output.
+    """
+    from lissajous_env.parameters import named
+    from lissajous_env.parameters.assumptions import violations
+
+    console = output.console()
+    given = [named.build(name) for name in names or named.scenarios()]
+    made = [each.resolve() for each in given]
+    _print_designs(console, made)
+    if names:
+        for each in given:
+            _print_settings(console, each)
+            _print_violations(console, violations(each))
+    derived = ("num_robots", "detection_time_bound", "detection_time_is_bounded")
+    output.print_json([
+        each.to_dict() | {name: getattr(each, name) for name in derived} | {"violations": violations(each)}
+        for each in made
+    ])  # fmt: skip
+
+
+def _print_designs(console: "Console", made: "list[Scenario]") -> None:
+    narrow = console.width < 110
+    columns = [Column("name", left=True, style="bold cyan"), Column("N"), Column("robots", left=True)]
+    columns += map(Column, ("rectangle\n[m]", "curve\na:b", "r_s\n[m]", "T_max\n[s]"))
+    rows = []
+    for each in made:
+        curve = each.curve
+        name = f"{curve.a}:{curve.b}" + (f":{curve.c}" if curve.half_depth > 0 else "")
+        sides = [2 * curve.half_width, 2 * curve.half_height, 2 * curve.half_depth]
+        rows.append([
+            each.name,
+            str(each.num_robots),
+            each.robot.kind,
+            " x ".join(f"{side:g}" for side in sides if side > 0),
+            "series" if curve.harmonics else name,
+            f"{each.sensing.radius:.3g}",
+            f"{each.detection_time_bound:.3g}" if each.detection_time_is_bounded else "-",
+        ])  # fmt: skip
+    if not narrow:
+        columns.append(Column("description", prose=True))
+        rows = [[*row, each.description] for row, each in zip(rows, made, strict=True)]
+    left_out = print_table(console, columns, rows)
+    console.print()
+    if narrow:
+        for each in made:
+            console.print(Text.assemble((each.name, "bold cyan"), f": {each.description}"), highlight=False)
+        console.print()
+    print_left_out(console, left_out, "--json prints them.")
+    words = (
+        "N: number of robots; r_s: sensing radius; T_max = (2 pi / omega) / (N / kappa): detection-time bound of the "
+        "undisturbed formation. -: no bound, because r_s does not satisfy (8) or N is not a + b."
+    )
+    console.print(words, style="dim", highlight=False)
+
+
+def _print_settings(console: "Console", given: "Scenario") -> None:
+    """Print the fields of a scenario that differ from their defaults."""
+    rows = []
+    for part in PARTS:
+        values = getattr(given, part)
+        for field in dataclasses.fields(values):
+            value = getattr(values, field.name)
+            if value != field.default:
+                rows.append([f"{part}.{field.name}", str(value), str(field.default)])
+    for each in given.extensions:
+        settings = ", ".join(f"{name} = {value}" for name, value in each.settings.items())
+        rows.append(["extensions", f"{each.kind} {each.place}{settings and f' ({settings})'}", ""])
+    console.print()
+    columns = [Column("field", left=True), Column(given.name, prose=True), Column("default", left=True, rank=1)]
+    left_out = print_table(console, columns, rows)
+    print_left_out(console, left_out, "--json prints all fields.")
+    console.print(
+        f"{given.name}: fields that differ from the defaults; digest {given.digest()}.", style="dim", markup=False
+    )
+
+
+def _print_violations(console: "Console", sentences: Sequence[str]) -> None:
+    """Print the assumptions of the paper that a scenario violates."""
+    if sentences:
+        console.print("\nViolated assumptions of the paper:")
+    for words in sentences:
+        console.print(f"* {words}", markup=False, highlight=False, soft_wrap=True)

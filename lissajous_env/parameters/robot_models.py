@@ -1,0 +1,113 @@
+"""Robot models: how robots of a kind move, what an action is and how they are drawn; `robot.kind` names one."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.settings.parts import Curve, Formation, Noise, Robot, Task
+from lissajous_env.wording import few_of, shown
+
+
+def _nothing_to_check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """One model of robots; after `lissajous_env.register_robot_model`, `robot.kind` can name it."""
+
+    name: str
+    """Name, as in `robot.kind`."""
+    actions: tuple[str, ...]
+    """Names of the action's components, each in [-1, 1]."""
+    table: tuple[tuple[float, ...], ...]
+    """(K, len(actions)) actions from which a discrete action selects."""
+    move: Any
+    """Kernel that moves the robots by a step; arguments are matched by name, see `lissajous_env.world.stages`.
+
+    `command` (W, N, len(actions)) is the clipped action with noise. The kernel writes position, heading and speed of
+    `robots`, and the track `robots.track` (W, N, S + 1) from the old position to the new one. A robot that is not
+    WORKING stands still.
+    """
+    speed_unit: Callable[[Curve, Formation, Robot], float]
+    """Unit of observed speeds [m/s], such as the top speed."""
+    meanings: tuple[str, ...] = ()
+    """Description of each component of the action, with its unit."""
+    rest: tuple[float, ...] | None = None
+    """Action that brings a robot to rest; None means zeros."""
+    check: Callable[[Curve, Formation, Robot, Noise, Task], None] = _nothing_to_check
+    """Function that raises ValueError for fields that this model does not support."""
+    shape: Callable[[Robot], list[tuple[np.ndarray, str | None]]] | None = None
+    """Function that returns outlines (K, 2) for a radius of 1, heading right, lowest first, each with the name of a
+    colour in `lissajous_env.render.palette` or None for the robot's own; by default a disc with a tip."""
+    keeps_to_curve: bool = False
+    """True if robots never leave the curve; `move` then writes the phase, otherwise derived from the position."""
+
+    @property
+    def action_size(self) -> int:
+        """Number of components of an action."""
+        return len(self.actions)
+
+
+_SHIPPED = ("car", "curve")
+_MODELS: dict[str, RobotModel] = {}
+"""Registered models by name; the shipped ones register themselves in `lissajous_env.world.robots`."""
+
+
+def register_robot_model(model: RobotModel) -> RobotModel:
+    """Add a model to those that `robot.kind` can name, and return it.
+
+    Raises:
+        ValueError: the name is taken or invalid, or the model is invalid.
+    """
+    if not isinstance(model, RobotModel):
+        raise ValueError(f"robot model must be a RobotModel, got {shown(model)}")
+    if not (isinstance(model.name, str) and re.fullmatch(r"\w[\w-]{0,62}", model.name)):
+        raise ValueError(f"name of a robot model must be of letters, digits, _ and -, got {shown(model.name)}")
+    if _MODELS.get(model.name, model) != model:
+        raise ValueError(f"name of a robot model must be new, got {shown(model.name)}")
+    words = all(isinstance(each, str) and each.strip() == each != "" for each in model.actions)
+    if not model.actions or not words or len(set(model.actions)) < len(model.actions):
+        rule = "must have an action of at least one component, each with a name of its own"
+        raise ValueError(f"robot model {model.name} {rule}, got {shown(model.actions)}")
+    if not isinstance(model.move, wp.Kernel):
+        raise ValueError(f"robot model {model.name} must move by a Warp kernel, got {shown(model.move)}")
+    if not model.table or any(len(row) != model.action_size for row in model.table):
+        raise ValueError(f"robot model {model.name} must have a table of rows of {model.action_size}, got another")
+    rows = {"table": model.table, "rest": [model.rest] if model.rest is not None else []}
+    for what, given in rows.items():
+        for row in given:
+            if len(row) != model.action_size or not all(_is_action(each) for each in row):
+                rule = f"must hold rows of {model.action_size} numbers from -1 to 1"
+                raise ValueError(f"{what} of robot model {model.name} {rule}, got {shown(row)}")
+    _MODELS[model.name] = model
+    return model
+
+
+def _is_action(value: Any) -> bool:
+    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and bool(-1 <= value <= 1)
+
+
+def model_of(kind: str) -> RobotModel:
+    """Return the model of a name.
+
+    Raises:
+        ValueError: there is no such model.
+    """
+    if kind not in _MODELS:
+        raise ValueError(f"robot.kind must be one of {few_of(_MODELS, kind)}, got {shown(kind)}")
+    return _MODELS[kind]
+
+
+def is_shipped(kind: str) -> bool:
+    """Return True if a model ships with the package."""
+    return kind in _SHIPPED
+
+
+def robot_kinds() -> tuple[str, ...]:
+    """Return the names of the models."""
+    return tuple(_MODELS)
