@@ -8,8 +8,9 @@ import pytest
 
 import lissajous_env
 from lissajous_env.device import program
-from lissajous_env.world import bins, simulation, stages
-from lissajous_env.world.bins import has_bins
+from lissajous_env.world import simulation, stages
+from lissajous_env.world.robots import bins
+from lissajous_env.world.robots.bins import has_bins
 from lissajous_env.world.state import REMOVED
 
 DENSE = {"curve.a": 201, "curve.b": 200, "formation.phase_rate": 0.001, "robot.radius": 0.1}

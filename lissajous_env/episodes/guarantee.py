@@ -1,7 +1,7 @@
 """How long a rogue that can think stays unseen: by a policy as time passes, and by a formation in its equilibrium.
 
 The paper's bounds are of rogues at rest, or of discs that overlap at any time; against rogues that move the answer is
-computed, by the field of `lissajous_env.world.contamination`, of a formation with points that keep (2) exactly.
+computed, by the field of `lissajous_env.world.contamination.field`, of a formation with points that keep (2) exactly.
 """
 
 import math

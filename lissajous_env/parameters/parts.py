@@ -358,7 +358,8 @@ class Task(Checked):
     conservative: bool = flag(False)
     """Whether that error is on the safe side: a rogue may be anywhere in its cell and go any way at the speed limit,
     and a sensor clears a cell only where it covers all of it at the end of a step. No rogue is unseen for longer than
-    the figure; `lissajous_env.world.conservative` has the proof. Smaller cells bring it closer to the plain figure."""
+    the figure; `lissajous_env.world.contamination.conservative` has the proof. Smaller cells bring it closer to the
+    plain figure."""
     on_collision: str = choice("count", "count", "stop", "remove")
     """What a collision does to the two robots: nothing but count, stops them for good, or removes (terminates) them."""
     boundary: str = choice("open", "open", "wall", "remove")

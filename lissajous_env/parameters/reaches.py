@@ -3,7 +3,8 @@
 Labels L[n, c] are on the safe side when every rogue that is unseen until step n and in cell c then was introduced at
 L[n, c] or later. They stay so where L[n, c'] is not above the least L[n - k, c] of all cells c from which a rogue comes
 to c' within k steps: those whose least distance from c' is at most k v dt, v the speed limit. That holds for every lag
-k, so the largest of these bounds holds as well: `lissajous_env.world.conservative` takes it, and has the proof.
+k, so the largest of these bounds holds as well: `lissajous_env.world.contamination.conservative` takes it, and has the
+proof.
 
 Short lags see where sensors were a moment ago, long ones how slow a rogue is: what is reached in k v dt sticks out by
 less than a cell and its diagonal. Lags are chosen so that k v dt is just below a whole number of cells, as it then

@@ -9,10 +9,10 @@ from lissajous_env.device import part_structs
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.conservative import as_reach
-from lissajous_env.world.distance import table_of
-from lissajous_env.world.faults import removal_steps, schedule_steps
-from lissajous_env.world.labels import as_hops
+from lissajous_env.world.contamination.conservative import as_reach
+from lissajous_env.world.contamination.labels import as_hops
+from lissajous_env.world.robots.distance import table_of
+from lissajous_env.world.robots.faults import removal_steps, schedule_steps
 from lissajous_env.world.robots.table import model_of
 
 

@@ -11,8 +11,8 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.discs import visit_disc
 from lissajous_env.device.part_structs import SensingStruct
-from lissajous_env.world.discs import visit_disc
 from lissajous_env.world.state import NOWHERE, Cells, Clock, Latest, Robots, Tally
 
 wp.set_module_options(OPTIONS)

@@ -6,7 +6,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.parameters.extensions import LARGEST
 from lissajous_env.world.state import GONE, HIDDEN, Clock, Latest, Targets
-from lissajous_env.world.targets import CUSTOM
+from lissajous_env.world.targets.motion import CUSTOM
 
 wp.set_module_options(OPTIONS)
 

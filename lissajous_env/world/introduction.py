@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.world.labels import MARGIN, NONE
+from lissajous_env.world.contamination.labels import MARGIN, NONE
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NEVER
 

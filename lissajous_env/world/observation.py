@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
+from lissajous_env.device.bits import lowest
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct
@@ -21,8 +22,7 @@ from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.bits import lowest
-from lissajous_env.world.sight import planar
+from lissajous_env.world.robots.sight import planar
 from lissajous_env.world.state import REMOVED, WORKING, Clock, Latest, Links, Robots, Targets
 
 wp.set_module_options(OPTIONS)

@@ -14,12 +14,12 @@ from lissajous_env.parameters.checks import is_whole
 from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.bins import bins_of, has_bins
 from lissajous_env.world.constants import constants_of
+from lissajous_env.world.contamination.labels import MARGIN, across
 from lissajous_env.world.extended import Extended
-from lissajous_env.world.labels import MARGIN, across
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
+from lissajous_env.world.robots.bins import bins_of, has_bins
 from lissajous_env.world.score import detection_times, score_rows
 from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages

@@ -9,29 +9,29 @@ from collections.abc import Iterable
 
 from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, WORLD, Stage
 from lissajous_env.parameters.scenario import Faults, Scenario
-from lissajous_env.world.bins import clear_bins, has_bins, join_lists, list_everywhere, list_robots
-from lissajous_env.world.boundary import watch_boundary
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
-from lissajous_env.world.collisions import find_collisions, take_consequences
-from lissajous_env.world.commands import take_commands
-from lissajous_env.world.conservative import bound_labels, reset_bounds
-from lissajous_env.world.contamination import clear_cells, reset_labels, spread
+from lissajous_env.world.contamination.conservative import bound_labels, reset_bounds
+from lissajous_env.world.contamination.field import clear_cells, reset_labels, spread
+from lissajous_env.world.contamination.undetected_time import keep_guarantee, reset_guarantee
 from lissajous_env.world.coverage import cover, reset_cells
-from lissajous_env.world.crowded_robots import find_listed_collisions, observe_listed
-from lissajous_env.world.crowded_targets import move_and_detect_listed, place_unseen_listed
-from lissajous_env.world.deviations import find_deviations
 from lissajous_env.world.events import clear_events, gather_collisions, gather_detections, reset_events
-from lissajous_env.world.faults import reset_losses, update_status
-from lissajous_env.world.flock import move_and_detect
-from lissajous_env.world.guarantee import keep_guarantee, reset_guarantee
-from lissajous_env.world.measurement import measure
-from lissajous_env.world.messages import hear, reset_messages, send
 from lissajous_env.world.observation import keep_final, observe
 from lissajous_env.world.reward import give_reward
+from lissajous_env.world.robots.actuation import take_commands
+from lissajous_env.world.robots.bins import clear_bins, has_bins, join_lists, list_everywhere, list_robots
+from lissajous_env.world.robots.boundary import watch_boundary
+from lissajous_env.world.robots.collisions import find_collisions, take_consequences
+from lissajous_env.world.robots.crowded_robots import find_listed_collisions, observe_listed
+from lissajous_env.world.robots.deviations import find_deviations
+from lissajous_env.world.robots.faults import reset_losses, update_status
+from lissajous_env.world.robots.measurement import measure
+from lissajous_env.world.robots.messages import hear, reset_messages, send
 from lissajous_env.world.robots.placing import follow_curve, reset_robots
 from lissajous_env.world.robots.table import model_of
 from lissajous_env.world.tally import keep_score, reset_tally
-from lissajous_env.world.targets import place_unseen, reset_arrivals, reset_targets
+from lissajous_env.world.targets.crowded_targets import move_and_detect_listed, place_unseen_listed
+from lissajous_env.world.targets.flock import move_and_detect
+from lissajous_env.world.targets.motion import place_unseen, reset_arrivals, reset_targets
 
 
 def step_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:

@@ -141,7 +141,7 @@ class Cells:
 
 @wp.struct
 class Contamination:
-    """Where rogues may be that were never seen: `lissajous_env.world.contamination`.
+    """Where rogues may be that were never seen: `lissajous_env.world.contamination.field`.
 
     Of its R rows and C columns there are B words of bits for 32 columns each, or D for 64.
     """

@@ -7,7 +7,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters.parts import Task
-from lissajous_env.world.sight import longest_way
+from lissajous_env.world.robots.sight import longest_way
 from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Counted, Latest, Robots, Tally
 
 wp.set_module_options(OPTIONS)

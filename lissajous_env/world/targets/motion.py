@@ -9,7 +9,7 @@ from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskS
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.parameters import parts
-from lissajous_env.world.sight import nearest_sensor
+from lissajous_env.world.robots.sight import nearest_sensor
 from lissajous_env.world.state import FOUND, HIDDEN, NEVER, PRESENT, Clock, Counted, Robots, Targets
 
 wp.set_module_options(MOTION)

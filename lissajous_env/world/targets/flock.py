@@ -7,9 +7,9 @@ from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
-from lissajous_env.world.sight import first_sight, longest_way, nearest_sensors
+from lissajous_env.world.robots.sight import first_sight, longest_way, nearest_sensors
 from lissajous_env.world.state import FOUND, GONE, HIDDEN, PRESENT, Clock, Counted, Robots, Targets
-from lissajous_env.world.targets import CUSTOM, FLEEING, STILL, add_counts, detect, flee, is_moved, wander
+from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, add_counts, detect, flee, is_moved, wander
 
 wp.set_module_options(MOTION)
 

@@ -6,9 +6,9 @@ rows stand side by side, (W, words, rows), for the same reason.
 
 import warp as wp
 
+from lissajous_env.device.bits import run_of_bits
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.world.bits import run_of_bits
 
 wp.set_module_options(OPTIONS)
 

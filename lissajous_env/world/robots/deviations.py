@@ -7,7 +7,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_parameter, lissajous, point2
 from lissajous_env.device.part_structs import FormationStruct
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.world.distance import DistanceTable, curve_distances
+from lissajous_env.world.robots.distance import DistanceTable, curve_distances
 from lissajous_env.world.robots.placing import places_of
 from lissajous_env.world.state import Clock, Latest, Robots
 

@@ -20,7 +20,7 @@ goes any way at no more than the speed limit v, and D(c, c') is the least distan
   becomes older by either, never younger.
 
 A rogue that is unseen at the end of step n may be sensed any time later in step n + 1: the age that is kept as the
-longest is that at the end of that step (`lissajous_env.world.guarantee`).
+longest is that at the end of that step (`lissajous_env.world.contamination.undetected_time`).
 
 The labels are those of `Contamination.labels`, times 256 as there.
 """
@@ -34,8 +34,8 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.parameters.reaches import Reaches
-from lissajous_env.world.contamination import BOUNDARY
-from lissajous_env.world.labels import MARGIN, NONE, Hops
+from lissajous_env.world.contamination.field import BOUNDARY
+from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops
 from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
 
 wp.set_module_options(OPTIONS)

@@ -1,6 +1,6 @@
 """Targets where robots or targets are many: each asks the robots in the list of its bin, and threads share them.
 
-The same numbers as those of `lissajous_env.world.flock`, to the last bit.
+The same numbers as those of `lissajous_env.world.targets.flock`, to the last bit.
 """
 
 import warp as wp
@@ -9,10 +9,10 @@ from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
-from lissajous_env.world.bins import Bins, bin_of
-from lissajous_env.world.sight import first_sight, longest_way, nearest_sensor, share_until_sight
+from lissajous_env.world.robots.bins import Bins, bin_of
+from lissajous_env.world.robots.sight import first_sight, longest_way, nearest_sensor, share_until_sight
 from lissajous_env.world.state import FOUND, GONE, HIDDEN, NOWHERE, PRESENT, Clock, Counted, Robots, Targets
-from lissajous_env.world.targets import CUSTOM, FLEEING, PLACES, STILL, add_counts, detect, flee, wander
+from lissajous_env.world.targets.motion import CUSTOM, FLEEING, PLACES, STILL, add_counts, detect, flee, wander
 
 wp.set_module_options(MOTION)
 

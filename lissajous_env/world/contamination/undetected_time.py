@@ -4,7 +4,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import TargetStruct, TaskStruct
-from lissajous_env.world.labels import Hops
+from lissajous_env.world.contamination.labels import Hops
 from lissajous_env.world.state import NEVER, WORKING, Clock, Contamination, Robots
 
 wp.set_module_options(OPTIONS)

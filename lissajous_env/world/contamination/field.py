@@ -14,15 +14,15 @@ sensed loses them all: a rogue on its way is where it came from, until it arrive
 
 import warp as wp
 
+from lissajous_env.device.bits import half_of, run_of_bits
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.discs import along, mark_disc, mark_way
 from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters import parts
-from lissajous_env.world.bits import half_of, run_of_bits
-from lissajous_env.world.discs import along, mark_disc, mark_way
-from lissajous_env.world.labels import MARGIN, Hops, forget_seen, label_cells, now_of, slot_of
-from lissajous_env.world.sight import planar
+from lissajous_env.world.contamination.labels import MARGIN, Hops, forget_seen, label_cells, now_of, slot_of
+from lissajous_env.world.robots.sight import planar
 from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
 
 wp.set_module_options(OPTIONS)

@@ -1,6 +1,6 @@
 """Collisions, and the robots and targets that a robot sees, where robots or targets are many: through bins.
 
-The same numbers as those of `lissajous_env.world.collisions` and `observation`, to the last bit.
+The same numbers as those of `lissajous_env.world.robots.collisions` and `observation`, to the last bit.
 """
 
 import warp as wp
@@ -8,8 +8,6 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import RobotStruct, SensingStruct
-from lissajous_env.world.bins import Bins, bin_of, column_of, columns_of, row_of, rows_of
-from lissajous_env.world.collisions import PARTED, compare_pair, compare_with_all
 from lissajous_env.world.observation import (
     LINK,
     OWN,
@@ -20,7 +18,9 @@ from lissajous_env.world.observation import (
     observe_self,
     velocity,
 )
-from lissajous_env.world.sight import longest_way, planar
+from lissajous_env.world.robots.bins import Bins, bin_of, column_of, columns_of, row_of, rows_of
+from lissajous_env.world.robots.collisions import PARTED, compare_pair, compare_with_all
+from lissajous_env.world.robots.sight import longest_way, planar
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Counted, Links, Robots, Tally, Targets
 
 wp.set_module_options(OPTIONS)

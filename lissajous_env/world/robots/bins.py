@@ -20,8 +20,8 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.collisions import PARTED
-from lissajous_env.world.sight import planar
+from lissajous_env.world.robots.collisions import PARTED
+from lissajous_env.world.robots.sight import planar
 from lissajous_env.world.state import REMOVED, Clock, Robots
 
 wp.set_module_options(OPTIONS)
@@ -245,7 +245,7 @@ def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
     targets, curve = scenario.targets, scenario.curve
     flight = targets.flee_radius if targets.fleeing > 0 else 0.0
     sight = scenario.sensing.radius + scenario.task.step * targets.speed_max
-    reach = max(sight, flight, 2 * float(PARTED) * scenario.robot.radius)
+    reach = max(sight, flight, 2 * float(PARTED) * (scenario.robot.radius or 0.0))
     widened = 1.01 * reach + 1e-6 * max(curve.half_width, curve.half_height)
     most = max(_BINS_PER_ROBOT * scenario.num_robots, _AT_LEAST)
     size = max(widened, math.sqrt(4 * curve.half_width * curve.half_height / most))
