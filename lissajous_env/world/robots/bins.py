@@ -244,7 +244,7 @@ def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
     """Reach, the same widened, and side of the bins [m]; their columns and rows."""
     targets, curve = scenario.targets, scenario.curve
     flight = targets.flee_radius if targets.fleeing > 0 else 0.0
-    sight = scenario.sensing.radius + scenario.task.step * targets.speed_max
+    sight = (scenario.sensing.radius or 0.0) + scenario.task.step * targets.speed_max
     reach = max(sight, flight, 2 * float(PARTED) * (scenario.robot.radius or 0.0))
     widened = 1.01 * reach + 1e-6 * max(curve.half_width, curve.half_height)
     most = max(_BINS_PER_ROBOT * scenario.num_robots, _AT_LEAST)
