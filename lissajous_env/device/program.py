@@ -1,17 +1,21 @@
 """Programs: kernels in an order, bound to arrays by the names of their parameters, ready to run.
 
-A kernel of a program takes `first`, the first world of the block that it works on, and, unless it goes over whole
-worlds, `lanes`, how many threads share the entities of a world: on a GPU there is one for each entity, on a CPU one
-that loops over them all, which saves its setup. One that takes `begin` and `end` too, and goes over the entities from
-the one to the other, may have those of a large world split among CPU threads; the number of the part is `part`. One
-that takes these without `first` goes over the entities of all worlds in a row, side by side
-(`lissajous_env.device.abreast`): the last of them, and the first of the next world.
+A stage says by its layout on what a thread works, and its kernel takes the parameters of that layout:
 
-Kernels over the same entities that follow each other work on a part without waiting for the others. So none of them
-may read of other parts what another one of them writes, nor write or add to what is not its part's own: an atomic
-operation is none on a CPU.
+| layout   | parameters                       | a thread works on                                                  |
+|----------|----------------------------------|--------------------------------------------------------------------|
+| `WORLDS` | `first`                          | world `first + wp.tid()`                                           |
+| `LANES`  | `first`, `lanes`                 | each `lanes`-th entity of a world: on a GPU one, on a CPU all      |
+| `PARTS`  | `first`, `lanes`, `begin`, `end` | the same, of the entities from `begin` to `end - 1`                |
+| `BLOCKS` | `begin`, `end`                   | entities of all worlds in a row, side by side: `device/abreast.py` |
 
-Every other parameter is looked up by its name.
+CPU threads may share the entities of a large world where the layout is `PARTS` or `BLOCKS`. Such a stage begins when
+all threads have done the stages before it, unless it has no `barrier`: then it begins on a part as soon as the stage
+before it is done there, so it must not read of other parts what the stages since the last barrier write. A stage over
+other entities than the one before it always waits. Nor may any stage of these layouts write to entities of other
+parts, but by the functions of `lissajous_env.device.atomic`.
+
+Every other parameter of a kernel is looked up by its name.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -31,8 +35,15 @@ from lissajous_env.wording import few_of
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN = "world", "robot", "target", "row", "field row", "bin"
 
-_PLACED = ("first", "lanes", "part", "begin", "end")
-"""Parameters that say which worlds and entities a launch is for."""
+WORLDS, LANES, PARTS, BLOCKS = "worlds", "lanes", "parts", "blocks"
+
+_PLACED = {
+    WORLDS: ("first",),
+    LANES: ("first", "lanes"),
+    PARTS: ("first", "lanes", "begin", "end"),
+    BLOCKS: ("begin", "end"),
+}
+"""Parameters that say which worlds and entities a launch is for, by layout."""
 
 _MOST_LAUNCHES = 64
 """Launches that a launcher keeps ready."""
@@ -51,10 +62,23 @@ class Stage:
     """A Warp kernel, or a function without arguments that is called on the host."""
     over: str = WORLD
     """What the kernel goes over: WORLD, ROBOT, TARGET, ROW (of the grid), FIELD_ROW (of contamination) or BIN."""
+    layout: str = LANES
+    """What a thread works on: LANES, PARTS or BLOCKS; WORLDS where the stage goes over worlds."""
+    barrier: bool = True
+    """Whether a PARTS or BLOCKS stage waits for the stages before it, as the module describes."""
     when: bool = True
     """Whether the program has it."""
     own: Mapping[str, Any] = field(default_factory=dict)
     """What its kernel's parameters are bound to besides the values of the program, by name."""
+
+    def __post_init__(self) -> None:
+        if self.over == WORLD:
+            object.__setattr__(self, "layout", WORLDS)
+        placed = {name for names in _PLACED.values() for name in names}
+        got = tuple(name for name in self.labels if name in placed)
+        if self.is_kernel and got != _PLACED[self.layout]:
+            rule = f"of layout {self.layout} must take {', '.join(_PLACED[self.layout])}"
+            raise ValueError(f"kernel of stage {self.name} {rule}, got {', '.join(got) or 'none of them'}")
 
     @property
     def is_kernel(self) -> bool:
@@ -64,7 +88,12 @@ class Stage:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of what the kernel takes from the state and the constants."""
-        return tuple(name for name in self.labels if name not in _PLACED)
+        return tuple(name for name in self.labels if name not in _PLACED[self.layout])
+
+    @property
+    def is_split(self) -> bool:
+        """Whether CPU threads may share the entities of a world."""
+        return self.layout in (PARTS, BLOCKS)
 
     @property
     def labels(self) -> list[str]:
@@ -139,8 +168,8 @@ class Program:
         for is_kernel, run in groupby(self.stages, key=lambda stage: stage.is_kernel):
             if is_kernel:
                 groups = [
-                    [self._task(group, *share) for share in self._shares(parts)]
-                    for parts, group in _grouped(run, split.parts)
+                    [self._task(group, *share) for share in self._shares(split.parts if group[0].is_split else 1)]
+                    for group in _grouped(run, split.parts)
                 ]
                 self._calls.append(
                     Work(groups, device, split.threads).lead if device.is_cpu else _Graph(groups, device)
@@ -173,11 +202,11 @@ class Program:
     def _launch(self, stage: Stage, low: int, high: int, part: int, parts: int) -> Any:
         lanes, size, names = self._lanes(stage), self._sizes.get(stage.over, 1), stage.labels
         begin, end = (size * edge // parts for edge in (part, part + 1))
-        dim: tuple[int, ...] = (high - low,) if stage.over == WORLD else (high - low, lanes)
-        if "begin" in names and "first" not in names:
+        dim: tuple[int, ...] = (high - low,) if stage.layout == WORLDS else (high - low, lanes)
+        if stage.layout == BLOCKS:
             begin, end = low * size + begin, (high - 1) * size + end
             dim = (-(-(end - begin) // width_on(self._device)),)
-        placed = {"first": low, "lanes": lanes, "part": part, "begin": begin, "end": end}
+        placed = {"first": low, "lanes": lanes, "begin": begin, "end": end}
         values = {**self._values, **stage.own, **placed}
         if unknown := [name for name in names if name not in values]:
             there = few_of(sorted(values), unknown[0])
@@ -186,13 +215,22 @@ class Program:
         return wp.launch(stage.run, dim=dim, inputs=inputs, device=self._device, record_cmd=True)
 
 
-def _grouped(stages: Iterable[Stage], parts: int) -> list[tuple[int, list[Stage]]]:
-    """Stages that follow each other without waiting, and into how many parts their entities are split."""
+def _grouped(stages: Iterable[Stage], parts: int) -> list[list[Stage]]:
+    """Return groups of stages that follow each other; each group waits until all threads have done the one before."""
+    groups: list[list[Stage]] = []
+    for stage in stages:
+        if groups and (parts == 1 or not _waits(stage, groups[-1][-1])):
+            groups[-1].append(stage)
+        else:
+            groups.append([stage])
+    return groups
 
-    def split_over(stage: Stage) -> str | None:
-        return stage.over if parts > 1 and "begin" in stage.labels else None
 
-    return [(1 if over is None else parts, list(group)) for over, group in groupby(stages, key=split_over)]
+def _waits(stage: Stage, before: Stage) -> bool:
+    """Return whether a stage of a world whose entities threads share waits for the one before it."""
+    if stage.is_split and before.is_split:
+        return stage.barrier or stage.over != before.over
+    return stage.is_split or before.is_split
 
 
 def launcher(device: Any) -> Callable[..., None]:

@@ -82,7 +82,7 @@ class Extended:
                 value = self._room((shape[0], scenario.target_capacity), wp.vec2)
                 takes = Stage(f"{each.name} taken", take_places, TARGET, own={"value": value})
                 run = self._run(each, TARGET, value)
-                self._after["meetings"] = run if run[0].is_kernel else [*run, takes]
+                self._after["collisions"] = run if run[0].is_kernel else [*run, takes]
 
     def step_stages(self, stages: Sequence[Stage]) -> list[Stage]:
         """Put those of a step among ours."""

@@ -19,7 +19,8 @@ from lissajous_env.world.contamination.labels import MARGIN, across
 from lissajous_env.world.extended import Extended
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
-from lissajous_env.world.robots.bins import bins_of, has_bins
+from lissajous_env.world.robots.bin_sizes import bins_of, has_bins
+from lissajous_env.world.robots.bins import Bins
 from lissajous_env.world.score import detection_times, score_rows
 from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
@@ -34,7 +35,6 @@ from lissajous_env.world.state import (
     Tally,
     Targets,
     allocate,
-    counted_in,
 )
 
 _LAST_SEED = 2**31 - 1
@@ -257,15 +257,14 @@ class Simulation:
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1]}
         work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
         self.split = split_of(work, self.num_worlds, self.device, self.threads)
-        parts = self.split.parts
-        values["counted"] = counted_in(self.latest, self.tally, parts)
+        values["bins"] = Bins()
         if has_bins(self.scenario):
-            values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, parts, self.device)
+            values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)
             sizes[BIN] = values["bins"].first.shape[1]
         place = self.num_worlds, self.device, self.split
         self._extended = Extended(self.scenario, structs, self.observation)
-        self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario, parts)), values, sizes, *place)
-        self._step = Program(self._extended.step_stages(step_stages(self.scenario, parts)), values, sizes, *place)
+        self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario)), values, sizes, *place)
+        self._step = Program(self._extended.step_stages(step_stages(self.scenario)), values, sizes, *place)
 
     def _take(self, action: Any) -> None:
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:

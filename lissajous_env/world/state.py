@@ -272,46 +272,6 @@ class Tally:
     """(W, N) sum of the rewards."""
 
 
-@wp.struct
-class Counted:
-    """What is counted in a step of robots and targets, apart for each of the P parts that threads share."""
-
-    detections: wp.array3d(dtype=wp.int32)
-    """(W, P, N) targets that a robot was the first to detect."""
-    in_sight: wp.array2d(dtype=wp.int32)
-    """(W, P) targets in some working robot's disc."""
-    waiting: wp.array2d(dtype=wp.int32)
-    """(W, P) undetected targets present."""
-    met: wp.array3d(dtype=wp.int32)
-    """(W, P, N) collisions of a robot that began."""
-    collisions: wp.array2d(dtype=wp.int64)
-    """(W, P) collisions."""
-    contact_steps: wp.array2d(dtype=wp.int64)
-    """(W, P) steps in contact, summed over pairs."""
-    min_separation: wp.array2d(dtype=wp.float32)
-    """(W, P) smallest distance of two robots [m]."""
-
-
-def counted_in(latest: Latest, tally: Tally, parts: int) -> Counted:
-    """Make room to count in; for one part it is that of what is counted, so that nothing is left to sum up."""
-    filled = Counted()
-    for name, whole in {
-        "detections": latest.detections,
-        "in_sight": latest.in_sight,
-        "waiting": latest.waiting,
-        "met": latest.collisions,
-        "collisions": tally.collisions,
-        "contact_steps": tally.contact_steps,
-        "min_separation": tally.min_separation,
-    }.items():
-        w, *rest = whole.shape
-        if parts == 1:
-            setattr(filled, name, whole.reshape((w, 1, *rest)))
-        else:
-            setattr(filled, name, wp.zeros((w, parts, *rest), dtype=whole.dtype, device=whole.device))
-    return filled
-
-
 def allocate(struct: Any, shapes: Mapping[str, tuple[int, ...]], default: tuple[int, ...], device: Any) -> Any:
     """Make a struct whose arrays are zero, with the shape given by name or else the default shape."""
     filled = struct()

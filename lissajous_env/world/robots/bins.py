@@ -13,37 +13,18 @@ A list is walked along, from the first entry of its bin to one without a robot:
         entry = bins.entry[w, entry[1]]
 """
 
-import math
-from typing import Any
-
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.robots.collisions import PARTED
 from lissajous_env.world.robots.sight import planar
 from lissajous_env.world.state import REMOVED, Clock, Robots
 
 wp.set_module_options(OPTIONS)
 
-MANY = 100
-"""Robots from which on bins are faster than to ask every robot, whatever the number of targets."""
-_SOME = 64
-_PAIRS = 10_000
-"""Pairs of a robot and a target from which on they are where robots are not many, but some."""
-
-_FEWEST = 12
-"""Bins below which they do not pay: every list is of nearly every robot."""
-
-_BINS_PER_ROBOT = 16
-_AT_LEAST = 1024
-_MOST_ENTRIES = 256
-"""Entries for each robot that there is room for at most; those for which there is none stand in every list."""
-
 
 @wp.struct
 class Bins:
-    """The bins of each world, K of them, P parts into which robots and targets of a world are split among threads."""
+    """The K bins of each world; none where robots are few."""
 
     half_width: wp.float32
     half_height: wp.float32
@@ -61,23 +42,21 @@ class Bins:
     """Entries for lists of one bin; those after them are of the list with which every other ends."""
     first: wp.array2d(dtype=wp.int32)
     """(W, K) first entry of each bin."""
-    begun: wp.array3d(dtype=wp.int32)
-    """(W, P, K) the same of the robots of a part, before the lists of the parts are joined."""
     entry: wp.array2d(dtype=wp.vec2i)
-    """(W, room + N + 1) robot, or -1 at the end, and the next entry; each part has as many of the room."""
-    used: wp.array2d(dtype=wp.int32)
-    """(W, P) entries that were asked for."""
+    """(W, room + N + 1) robot, or -1 at the end, and the next entry."""
+    used: wp.array(dtype=wp.int32)
+    """(W,) entries that were asked for."""
     everywhere: wp.array(dtype=wp.int32)
     """(W,) robots that stand in every list."""
     is_everywhere: wp.array2d(dtype=wp.int32)
     """(W, N) 1 for these."""
-    first_seen: wp.array3d(dtype=wp.int32)
-    """(W, P, K) place in `seen` of the first target in sight of each bin, or -1."""
+    first_seen: wp.array2d(dtype=wp.int32)
+    """(W, K) place in `seen` of the first target in sight of each bin, or -1."""
     seen: wp.array2d(dtype=wp.vec4)
-    """(W, T) x, y [m], target, and the place of the next one of the same bin and part, or -1; side by side, as they
-    are read many times. The places of a part begin where its targets do."""
-    seen_used: wp.array2d(dtype=wp.int32)
-    """(W, P) how many places are taken."""
+    """(W, T) x, y [m], target, and the place of the next one of the same bin, or -1; side by side, as they are read
+    many times."""
+    seen_used: wp.array(dtype=wp.int32)
+    """(W,) how many places are taken."""
     nearest: wp.array3d(dtype=wp.vec2)
     """(W, N, entries) squared distance [radius^2] and index of what a robot sees, while it is being listed."""
 
@@ -144,131 +123,48 @@ def columns_of(w: int, i: int, row: int, widened: float, robots: Robots, bins: B
 
 
 @wp.func
-def list_robot(w: int, i: int, part: int, robots: Robots, bins: Bins) -> int:
-    """Put a robot of a part into the lists of the bins that it comes near; returns 1 where there is no room for it."""
-    each = bins.room / bins.begun.shape[1]
+def list_robot(w: int, i: int, robots: Robots, bins: Bins) -> bool:
+    """Put a robot into the lists of the bins that it comes near; return whether there was room for it."""
     rows = rows_of(w, i, bins.widened, robots, bins)
     for row in range(rows[0], rows[1] + 1):
         columns = columns_of(w, i, row, bins.widened, robots, bins)
         for column in range(columns[0], columns[1] + 1):
-            used = wp.atomic_add(bins.used, w, part, 1)
-            if used >= each:
-                return 1
-            entry = part * each + used
-            after = wp.atomic_exch(bins.begun, w, part, row * bins.columns + column, entry)
+            entry = wp.atomic_add(bins.used, w, 1)
+            if entry >= bins.room:
+                return False
+            after = wp.atomic_exch(bins.first, w, row * bins.columns + column, entry)
             bins.entry[w, entry] = wp.vec2i(i, after)
-    return 0
+    return True
 
 
 @wp.kernel
-def clear_bins(first: int, lanes: int, begin: int, end: int, clock: Clock, bins: Bins):
+def clear_bins(first: int, lanes: int, clock: Clock, bins: Bins):
     """Empty the lists."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
         return
-    parts = bins.begun.shape[1]
-    for part in range(parts):
-        for k in range(begin + lane, end, lanes):
-            bins.begun[w, part, k] = bins.room
-            bins.first_seen[w, part, k] = -1
-    if begin == 0:
-        for k in range(bins.room + lane, bins.entry.shape[1], lanes):
-            bins.entry[w, k] = wp.vec2i(-1, k + 1)
-        for part in range(lane, parts, lanes):
-            bins.used[w, part] = 0
-            bins.seen_used[w, part] = 0
-        if lane == 0:
-            bins.everywhere[w] = 0
+    for k in range(lane, bins.first.shape[1], lanes):
+        bins.first[w, k] = bins.room
+        bins.first_seen[w, k] = -1
+    for k in range(bins.room + lane, bins.entry.shape[1], lanes):
+        bins.entry[w, k] = wp.vec2i(-1, k + 1)
+    if lane == 0:
+        bins.used[w] = 0
+        bins.seen_used[w] = 0
+        bins.everywhere[w] = 0
 
 
 @wp.kernel
-def list_robots(first: int, lanes: int, part: int, begin: int, end: int, clock: Clock, robots: Robots, bins: Bins):
-    """List the robots that are there, working or not."""
+def list_robots(first: int, lanes: int, clock: Clock, robots: Robots, bins: Bins):
+    """List the robots that are not removed; those for which there is no room, where all lists end."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
         return
-    for i in range(begin + lane, end, lanes):
+    for i in range(lane, robots.status.shape[1], lanes):
         bins.is_everywhere[w, i] = 0
-        if robots.status[w, i] != REMOVED:
-            bins.is_everywhere[w, i] = list_robot(w, i, part, robots, bins)
-
-
-@wp.kernel
-def list_everywhere(first: int, lanes: int, clock: Clock, bins: Bins):
-    """List the robots for whom there was no room where all lists end."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for i in range(lane, bins.is_everywhere.shape[1], lanes):
-        if bins.is_everywhere[w, i] == 1:
+        if robots.status[w, i] != REMOVED and not list_robot(w, i, robots, bins):
+            bins.is_everywhere[w, i] = 1
             last = bins.room + wp.atomic_add(bins.everywhere, w, 1)
             bins.entry[w, last] = wp.vec2i(i, last + 1)
-
-
-@wp.kernel
-def join_lists(first: int, lanes: int, begin: int, end: int, clock: Clock, bins: Bins):
-    """Make one list of those that the parts of the robots have begun for a bin."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    for k in range(begin + lane, end, lanes):
-        start = int(bins.room)
-        for part in range(bins.begun.shape[1]):
-            begun = bins.begun[w, part, k]
-            if begun != bins.room:
-                if start != bins.room:
-                    place = int(begun)
-                    last = bins.entry[w, place]
-                    while last[1] != bins.room:
-                        place = last[1]
-                        last = bins.entry[w, place]
-                    bins.entry[w, place] = wp.vec2i(last[0], start)
-                start = begun
-        bins.first[w, k] = start
-
-
-def has_bins(scenario: Scenario) -> bool:
-    """Whether a resolved scenario is large enough for bins to pay."""
-    n = scenario.num_robots
-    if n < MANY and (n < _SOME or n * scenario.target_capacity < _PAIRS):
-        return False
-    *_, columns, rows = _squares(scenario)
-    return columns * rows >= _FEWEST
-
-
-def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
-    """Reach, the same widened, and side of the bins [m]; their columns and rows."""
-    targets, curve = scenario.targets, scenario.curve
-    flight = targets.flee_radius if targets.fleeing > 0 else 0.0
-    sight = (scenario.sensing.radius or 0.0) + scenario.task.step * targets.speed_max
-    reach = max(sight, flight, 2 * float(PARTED) * (scenario.robot.radius or 0.0))
-    widened = 1.01 * reach + 1e-6 * max(curve.half_width, curve.half_height)
-    most = max(_BINS_PER_ROBOT * scenario.num_robots, _AT_LEAST)
-    size = max(widened, math.sqrt(4 * curve.half_width * curve.half_height / most))
-    return reach, widened, size, math.ceil(2 * curve.half_width / size), math.ceil(2 * curve.half_height / size)
-
-
-def bins_of(scenario: Scenario, speed: float, num_worlds: int, parts: int, device: Any) -> Bins:
-    """Make the bins of a resolved scenario, of robots that are mostly not faster than `speed` [m/s]."""
-    filled, (n, curve) = Bins(), (scenario.num_robots, scenario.curve)
-    filled.reach, filled.widened, filled.size, filled.columns, filled.rows = _squares(scenario)
-    filled.half_width, filled.half_height = curve.half_width, curve.half_height
-    across = 2 * filled.widened / filled.size + 2
-    each = min(math.ceil(across * (across + speed * scenario.task.step / filled.size)), _MOST_ENTRIES)
-    filled.room, bins = -(-n // parts) * parts * each, filled.columns * filled.rows
-
-    def array(*shape: int, dtype: Any = wp.int32) -> Any:
-        return wp.zeros((num_worlds, *shape), dtype=dtype, device=device)
-
-    filled.first, filled.entry = array(bins), array(filled.room + n + 1, dtype=wp.vec2i)
-    filled.begun = array(parts, bins) if parts > 1 else filled.first.reshape((num_worlds, 1, bins))
-    filled.used, filled.everywhere, filled.is_everywhere = array(parts), array(), array(n)
-    filled.first_seen, filled.seen_used = array(parts, bins), array(parts)
-    filled.seen = array(scenario.target_capacity, dtype=wp.vec4)
-    entries = max(scenario.sensing.robots_seen, scenario.sensing.targets_seen)
-    filled.nearest = array(n, entries, dtype=wp.vec2)
-    return filled

@@ -24,6 +24,7 @@ from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
+from lissajous_env.device.program import BLOCKS
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.parts import Curve, Formation, Noise, Robot, Task
@@ -209,6 +210,7 @@ CAR = RobotModel(
     actions=("steering", "throttle"),
     table=tuple(itertools.product((-1.0, -0.5, 0.0, 0.5, 1.0), (-1.0, 0.0, 1.0))),
     move=move_cars,
+    layout=BLOCKS,
     meanings=(
         "steering angle, from steering_max to the right to steering_max to the left [rad]",
         "throttle tau, from throttle_min to throttle_max",

@@ -1,14 +1,18 @@
 """Collisions: a pair closer than the sum of its radii, by the closest approach between sub-steps."""
 
+from typing import Any
+
 import warp as wp
 
+from lissajous_env.device import atomic
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters.parts import Task
+from lissajous_env.world.robots.bins import Bins, columns_of, rows_of
 from lissajous_env.world.robots.sight import longest_way
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Counted, Latest, Robots, Tally
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Latest, Robots, Tally
 
 wp.set_module_options(OPTIONS)
 
@@ -25,15 +29,14 @@ def compare_pair(
     i: int,
     j: int,
     now: int,
-    part: int,
     touch: float,
     beyond: float,
     places: wp.array(dtype=int),
     robots: Robots,
+    latest: Latest,
     tally: Tally,
-    counted: Counted,
 ) -> float:
-    """Let two robots collide that come within `touch`, or part; returns their least squared distance [m^2].
+    """Let two robots collide that come within `touch`, or part; return their least squared distance [m^2].
 
     Robots of one of `places` overlap by design and are not compared: `Scenario.places`.
     Stretches of the step in which they are farther apart than `beyond` [m] are passed over; 1e30 where all are. A pair
@@ -54,11 +57,11 @@ def compare_pair(
         met_at = tally.contact[w, i, j]
         tally.contact[w, i, j] = now
         if wp.abs(met_at) != now:
-            wp.atomic_add(counted.contact_steps, w, part, wp.int64(1))
+            atomic.add_long(tally.contact_steps, w, wp.int64(1))
             if met_at <= 0:
-                wp.atomic_add(counted.collisions, w, part, wp.int64(1))
-                wp.atomic_add(counted.met, w, part, i, 1)
-                wp.atomic_add(counted.met, w, part, j, 1)
+                atomic.add_long(tally.collisions, w, wp.int64(1))
+                atomic.add_for(latest.collisions, w, i, 1)
+                atomic.add_for(latest.collisions, w, j, 1)
     if wp.dot(before, before) > PARTED * PARTED * touch * touch:
         part_pair(w, i, j, tally)
     return least
@@ -76,60 +79,106 @@ def compare_with_all(
     w: int,
     i: int,
     now: int,
-    part: int,
     touch: float,
     beyond: float,
     way: float,
     places: wp.array(dtype=int),
     robots: Robots,
+    bins: Bins,
+    latest: Latest,
     tally: Tally,
-    counted: Counted,
 ) -> float:
     """`compare_pair` with the robots after this one, of which none goes farther than `way` [m] in the step."""
     last = robots.track.shape[2] - 1
     nearest = float(1.0e30)
     apart = beyond + 2.0 * way
     for j in range(i + 1, robots.status.shape[1]):
-        away = robots.track[w, i, last] - robots.track[w, j, last]
-        if wp.length_sq(away) > apart * apart:
-            part_pair(w, i, j, tally)
-        elif robots.status[w, j] != REMOVED:
-            nearest = wp.min(nearest, compare_pair(w, i, j, now, part, touch, beyond, places, robots, tally, counted))
+        if robots.status[w, j] != REMOVED:
+            away = robots.track[w, i, last] - robots.track[w, j, last]
+            if wp.length_sq(away) > apart * apart:
+                part_pair(w, i, j, tally)
+            else:
+                nearest = wp.min(nearest, compare_pair(w, i, j, now, touch, beyond, places, robots, latest, tally))
     return nearest
 
 
-@wp.kernel
-def find_collisions(
-    first: int,
-    lanes: int,
-    part: int,
-    begin: int,
-    end: int,
-    robot: RobotStruct,
+@wp.func
+def compare_with_listed(
+    w: int,
+    i: int,
+    now: int,
+    touch: float,
+    beyond: float,
+    way: float,
     places: wp.array(dtype=int),
-    clock: Clock,
     robots: Robots,
+    bins: Bins,
+    latest: Latest,
     tally: Tally,
-    counted: Counted,
-):
-    """Compare robot i with the robots after it, over the sub-steps of the latest step."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    now = clock.step[w]
-    touch = 2.0 * robot.radius
-    # A pair this far apart cannot touch, nor be the nearest of the episode.
-    beyond = wp.max(tally.min_separation[w], PARTED * touch)
+) -> float:
+    """`compare_with_all` by the lists of the bins on the robot's way; a robot may be in several of them.
+
+    In the first step of an episode, and as long as no two robots were within reach, the nearest is in no list.
+    """
+    if beyond > bins.reach or bins.is_everywhere[w, i] == 1:
+        return compare_with_all(w, i, now, touch, beyond, way, places, robots, bins, latest, tally)
     nearest = float(1.0e30)
-    way = longest_way(w, robots)
-    for i in range(begin + lane, end, lanes):
-        if robots.status[w, i] != REMOVED:
-            nearest = wp.min(
-                nearest, compare_with_all(w, i, now, part, touch, beyond, way, places, robots, tally, counted)
-            )
-    if nearest < 1.0e30:
-        wp.atomic_min(counted.min_separation, w, part, wp.sqrt(nearest))
+    rows = rows_of(w, i, 0.0, robots, bins)
+    for row in range(rows[0], rows[1] + 1):
+        columns = columns_of(w, i, row, 0.0, robots, bins)
+        for column in range(columns[0], columns[1] + 1):
+            entry = bins.entry[w, bins.first[w, row * bins.columns + column]]
+            while entry[0] >= 0:
+                j = entry[0]
+                if j > i:
+                    least = compare_pair(w, i, j, now, touch, beyond, places, robots, latest, tally)
+                    nearest = wp.min(nearest, least)
+                entry = bins.entry[w, entry[1]]
+    return nearest
+
+
+def _finding_collisions(compare: Any) -> Any:
+    """Make the kernel that finds collisions, for robots that are few or many."""
+
+    @wp.kernel
+    def find_collisions(
+        first: int,
+        lanes: int,
+        begin: int,
+        end: int,
+        robot: RobotStruct,
+        places: wp.array(dtype=int),
+        clock: Clock,
+        robots: Robots,
+        bins: Bins,
+        latest: Latest,
+        tally: Tally,
+    ):
+        """Compare each robot with those after it, over the sub-steps of the latest step."""
+        tid, lane = wp.tid()
+        w = first + tid
+        if clock.active[w] == 0:
+            return
+        touch = 2.0 * robot.radius
+        # A pair this far apart cannot touch, nor be the nearest of the episode. Other threads may lower it meanwhile,
+        # to no less than the smallest distance of the episode.
+        beyond = wp.max(tally.min_separation[w], PARTED * touch)
+        nearest = float(1.0e30)
+        way = float(1.0e30)
+        if beyond < 1.0e30:
+            way = longest_way(w, robots)
+        for i in range(begin + lane, end, lanes):
+            if robots.status[w, i] != REMOVED:
+                least = compare(w, i, clock.step[w], touch, beyond, way, places, robots, bins, latest, tally)
+                nearest = wp.min(nearest, least)
+        if nearest < 1.0e30:
+            atomic.lower(tally.min_separation, w, wp.sqrt(nearest))
+
+    return find_collisions
+
+
+find_collisions = _finding_collisions(compare_with_all)
+find_listed_collisions = _finding_collisions(compare_with_listed)
 
 
 @wp.kernel

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from lissajous_env.device.program import LANES
 from lissajous_env.parameters.parts import Curve, Formation, Noise, Robot, Task
 
 
@@ -41,6 +42,8 @@ class RobotModel:
     shape: Callable[[Robot], list[tuple[np.ndarray, str | None]]] | None = None
     """Outlines (K, 2) of its parts for a radius of 1, heading right, the lowest first, each with the name of a colour
     in `lissajous_env.render.palette`, or None for the robot's own; without it, a disc with a tip ahead."""
+    layout: str = LANES
+    """Layout of the kernel, of `lissajous_env.device.program`."""
     keeps_to_curve: bool = False
     """Whether a robot is always on the curve; `move` then writes its phase, which else follows its place by itself."""
 
