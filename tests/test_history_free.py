@@ -6,6 +6,7 @@ import warp as wp
 
 import lissajous_env
 from lissajous_env.device import program
+from lissajous_env.device.warp_abi import fields_of, is_struct
 from lissajous_env.world.constants import constants_of
 from lissajous_env.world.robots.bin_sizes import has_bins
 
@@ -61,8 +62,8 @@ def arrays_in(values):
     for value in values.values():
         if isinstance(value, wp.array):
             yield value
-        elif hasattr(value, "_cls"):
-            yield from arrays_in({name: getattr(value, name) for name in value._cls.vars})
+        elif is_struct(value):
+            yield from arrays_in(fields_of(value))
 
 
 def state_of(simulation):

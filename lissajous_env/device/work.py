@@ -9,7 +9,6 @@ late it finds none. So nobody waits for a thread to wake up, which takes longer 
 import contextlib
 import ctypes
 import os
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -21,43 +20,11 @@ import warp as wp
 
 from lissajous_env.device.stacks import LEAST
 from lissajous_env.device.turns import Turn, in_turn
+from lissajous_env.device.warp_abi import Call
 from lissajous_env.device.work_kernel import APART, Plan, take_part
 
-SHARES = 4
+TASKS_PER_THREAD = 4
 """Tasks for each thread: where one is slower than another, it takes fewer."""
-
-
-class Call:
-    """A launch on a CPU whose arguments are laid out once, as the compiled kernel reads them; Warp does so each time.
-
-    Args:
-        launch: What `wp.launch` returned that recorded it.
-    """
-
-    def __init__(self, launch: Any):
-        self._launch = launch
-        self._bounds, *values = launch.params
-        fields = [(f"argument_{k}", type(value)) for k, value in enumerate(values)]
-        self._arguments = type("Arguments", (ctypes.Structure,), {"_fields_": fields})(*values)
-        self._function = launch.hooks.forward
-        self._places = ctypes.byref(self._bounds), ctypes.byref(self._arguments)
-
-    def __call__(self) -> None:
-        """Make the launch."""
-        if self._launch.device.is_capturing:  # by a user, whose graph is made of launches
-            self._launch.launch()
-        else:
-            self._function(*self._places)
-
-    @property
-    def addresses(self) -> tuple[int, int, int]:
-        """Addresses of function, bounds and arguments, good while this lives."""
-        function = ctypes.cast(self._function, ctypes.c_void_p).value or 0
-        return function, ctypes.addressof(self._bounds), ctypes.addressof(self._arguments)
-
-    def read_argument(self, index: int) -> None:
-        """Take one of the arguments anew, which was changed."""
-        setattr(self._arguments, f"argument_{index}", self._launch.params[1 + index])
 
 
 class Work:
@@ -140,7 +107,7 @@ def shared_launch(
 
     `inputs` gives what the kernel takes of the share that begins with a thread.
     """
-    shares = min(SHARES * threads, max(size // smallest, 1)) if device.is_cpu and threads > 1 else 1
+    shares = min(TASKS_PER_THREAD * threads, max(size // smallest, 1)) if device.is_cpu and threads > 1 else 1
     edges = [size * share // shares for share in range(shares + 1)]
     launches = [
         wp.launch(kernel, high - low, inputs(low), outputs=outputs, device=device, record_cmd=True)
@@ -196,9 +163,6 @@ if hasattr(os, "register_at_fork"):
 
 @cache
 def _yielding() -> int:
-    """Address of the system's function by which a thread leaves the processor to others; 0 where there is none."""
-    try:
-        function = ctypes.windll.kernel32.SwitchToThread if sys.platform == "win32" else ctypes.CDLL(None).sched_yield
-    except (AttributeError, OSError):
-        return 0
+    """Address of the system's function by which a thread leaves the processor to others."""
+    function = ctypes.CDLL(None).sched_yield
     return ctypes.cast(function, ctypes.c_void_p).value or 0

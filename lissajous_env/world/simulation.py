@@ -9,6 +9,7 @@ import warp as wp
 from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in, cores
 from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, Program, split_of
 from lissajous_env.device.turns import Turn, in_turn
+from lissajous_env.device.warp_abi import fields_of, name_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.checks import is_whole
 from lissajous_env.parameters.extensions import RewardTerm
@@ -286,7 +287,7 @@ class Simulation:
             self.latest,
             self.tally,
         )
-        arrays = {f"{s._cls.key}.{name}": getattr(s, name) for s in structs for name in s._cls.vars}
+        arrays = {f"{name_of(s)}.{name}": array for s in structs for name, array in fields_of(s).items()}
         del arrays["Clock.active"], arrays["Clock.fresh"]  # each step and reset says anew whom it is for
         arrays |= self._extended.kept
         arrays |= {"taken": self._taken}

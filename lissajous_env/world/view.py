@@ -5,6 +5,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.scenario import Scenario
 
 
@@ -53,7 +54,7 @@ class _Views(_Fixed):
     """Arrays of a struct on a CPU."""
 
     def __init__(self, struct: Any):
-        self.__dict__.update({name: read_only(getattr(struct, name).numpy()) for name in struct._cls.vars})
+        self.__dict__.update({name: read_only(array.numpy()) for name, array in fields_of(struct).items()})
 
 
 class _Copies(_Fixed):
