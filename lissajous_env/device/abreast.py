@@ -55,7 +55,7 @@ class Block:
     """The first of them, counted through all worlds."""
     count: wp.int32
     """How many there are: `width()` at most, and none where no world takes part."""
-    taking: wp.int32
+    active_mask: wp.int32
     """A bit for each that is in a world that takes part."""
 
 
@@ -81,8 +81,8 @@ def block_of(thread: int, begin: int, end: int, n: int, active: wp.array(dtype=w
     block = Block()
     block.start = begin + thread * width()
     block.count = wp.min(width(), end - block.start)
-    block.taking = where_world(block, n, active, 1)
-    if block.taking == 0:
+    block.active_mask = where_world(block, n, active, 1)
+    if block.active_mask == 0:
         block.count = 0
     return block
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from lissajous_env.parameters.parts import Curve, Task
 from lissajous_env.parameters.reaches import Reaches, reaches_of
 
-SHARES = 255
+TICK_FRACTIONS = 255
 """Into how many a tick is divided."""
 HOPS = ((1, 0), (0, 1), (1, 1), (2, 1), (1, 2))
 """Columns and rows of the hops in the first quadrant, one for each length that there is."""
@@ -41,12 +41,12 @@ class Spreading:
     delays: tuple[int, ...]
     """Whole ticks that each of `HOPS` takes; empty where rogues stand still."""
     shares: tuple[int, ...]
-    """What it takes beyond them, in `SHARES` of a tick."""
+    """What it takes beyond them, in `TICK_FRACTIONS` of a tick."""
     reaches: Reaches = _STILL
     """What takes the place of hops for `task.conservative`."""
 
     @property
-    def ring(self) -> int:
+    def history_length(self) -> int:
         """Ticks for which labels are kept."""
         return max(self.reaches.lags, default=max(self.delays, default=0) + 1) + 1
 
@@ -84,5 +84,5 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
     period = max(int(shortest / moved / _SHORTEST), 1)
     takes = [max(math.hypot(i * sides[0], j * sides[1]) / moved * ticks / period, 1.0) for i, j in HOPS]
     delays = tuple(int(time) for time in takes)
-    shares = tuple(int((time - whole) * SHARES) for time, whole in zip(takes, delays, strict=True))
+    shares = tuple(int((time - whole) * TICK_FRACTIONS) for time, whole in zip(takes, delays, strict=True))
     return Spreading(columns, rows, radius, ticks, period, delays, shares)

@@ -4,7 +4,7 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.world.state import ENDED, IDLE, RUNNING, Clock, Latest
+from lissajous_env.world.state import ENDED, IDLE, RUNNING, Clock, StepEvents
 
 wp.set_module_options(OPTIONS)
 
@@ -40,7 +40,7 @@ def advance_clock(first: int, clock: Clock):
 
 
 @wp.kernel
-def end_episodes(first: int, steps: int, clock: Clock, latest: Latest):
+def end_episodes(first: int, steps: int, clock: Clock, latest: StepEvents):
     """End an episode when its time is over, or when every robot is terminated."""
     w = first + wp.tid()
     if clock.active[w] == 0:

@@ -13,7 +13,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.discs import visit_disc
 from lissajous_env.device.part_structs import SensingStruct
-from lissajous_env.world.state import NOWHERE, Cells, Clock, Latest, Robots, Tally
+from lissajous_env.world.state import NOWHERE, Cells, Clock, Robots, StepEvents, Tally
 
 wp.set_module_options(OPTIONS)
 
@@ -105,7 +105,7 @@ def cover(
     clock: Clock,
     robots: Robots,
     cells: Cells,
-    latest: Latest,
+    latest: StepEvents,
     tally: Tally,
 ):
     """Mark the cells that are sensed now, row by row, and count their visits."""

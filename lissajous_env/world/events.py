@@ -3,13 +3,13 @@
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.world.state import Clock, Latest
+from lissajous_env.world.state import Clock, StepEvents
 
 wp.set_module_options(OPTIONS)
 
 
 @wp.func
-def clear(w: int, i: int, latest: Latest):
+def clear(w: int, i: int, latest: StepEvents):
     """Forget the events of a robot, and with the first one's those of its world."""
     latest.detections[w, i] = 0
     latest.collisions[w, i] = 0
@@ -20,7 +20,7 @@ def clear(w: int, i: int, latest: Latest):
 
 
 @wp.kernel
-def reset_events(first: int, lanes: int, clock: Clock, latest: Latest):
+def reset_events(first: int, lanes: int, clock: Clock, latest: StepEvents):
     """Forget what happened, was earned and ended in the episode before."""
     tid, lane = wp.tid()
     w = first + tid
@@ -36,7 +36,7 @@ def reset_events(first: int, lanes: int, clock: Clock, latest: Latest):
 
 
 @wp.kernel
-def clear_events(first: int, lanes: int, clock: Clock, latest: Latest):
+def clear_events(first: int, lanes: int, clock: Clock, latest: StepEvents):
     """Forget what happened in the step before."""
     tid, lane = wp.tid()
     w = first + tid

@@ -30,7 +30,7 @@ _LARGEST = LARGEST * (1 + 1e-6)
 """The same of numbers that were rounded to 32 bits."""
 
 
-class Extended:
+class ExtensionStages:
     """Stages and arrays of a scenario's extensions.
 
     Args:

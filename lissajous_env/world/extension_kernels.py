@@ -5,7 +5,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.parameters.extensions import LARGEST
-from lissajous_env.world.state import GONE, HIDDEN, Clock, Latest, Targets
+from lissajous_env.world.state import GONE, HIDDEN, Clock, StepEvents, Targets
 from lissajous_env.world.targets.motion import CUSTOM
 
 wp.set_module_options(OPTIONS)
@@ -21,7 +21,7 @@ def or_zero(value: float) -> float:
 
 @wp.kernel
 def take_term(
-    first: int, lanes: int, term: int, weight: float, value: wp.array2d(dtype=float), clock: Clock, latest: Latest
+    first: int, lanes: int, term: int, weight: float, value: wp.array2d(dtype=float), clock: Clock, latest: StepEvents
 ):
     """Enter a term of one's own among those of the reward."""
     tid, lane = wp.tid()

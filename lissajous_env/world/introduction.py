@@ -18,7 +18,7 @@ def introduced_at(simulation: Simulation, world: int = 0) -> np.ndarray:
     hops, margin = simulation.scenario.spreading, int(MARGIN)
     if simulation.scenario.task.contamination is None:
         return np.full((1, 1), int(NEVER), dtype=np.int32)
-    slot = int(simulation.clock.step.numpy()[world]) * hops.ticks // hops.period % hops.ring
+    slot = int(simulation.clock.step.numpy()[world]) * hops.ticks // hops.period % hops.history_length
     if simulation.scenario.task.conservative:
         labels = _of_world(simulation.contamination.labels, world)[slot]
         labels = labels[margin : margin + hops.rows, margin : margin + hops.columns]

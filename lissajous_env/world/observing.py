@@ -15,7 +15,7 @@ from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.observation import LINK, OWN, ROBOT, TARGET
 from lissajous_env.world.robots.bins import Bins, bin_of, column_of, row_of
 from lissajous_env.world.robots.sight import planar
-from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Latest, Links, Robots, Targets
+from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Links, Robots, StepEvents, Targets
 
 wp.set_module_options(OPTIONS)
 
@@ -141,7 +141,7 @@ def observe_robots(
     robots: Robots,
     targets: Targets,
     bins: Bins,
-    latest: Latest,
+    latest: StepEvents,
     observation_out: wp.array3d(dtype=float),
 ):
     """List the nearest robots in the disc."""
@@ -198,7 +198,7 @@ def observe_targets(
     robots: Robots,
     targets: Targets,
     bins: Bins,
-    latest: Latest,
+    latest: StepEvents,
     observation_out: wp.array3d(dtype=float),
 ):
     """List the nearest targets in the disc."""
@@ -286,7 +286,7 @@ def observe_listed_robots(
     robots: Robots,
     targets: Targets,
     bins: Bins,
-    latest: Latest,
+    latest: StepEvents,
     observation_out: wp.array3d(dtype=float),
 ):
     """`observe_robots` by the list of the robot's bin."""
@@ -316,7 +316,7 @@ def observe_listed_targets(
     robots: Robots,
     targets: Targets,
     bins: Bins,
-    latest: Latest,
+    latest: StepEvents,
     observation_out: wp.array3d(dtype=float),
 ):
     """`observe_targets` by the lists of the bins around the robot."""
@@ -351,7 +351,7 @@ def _observing(robots_seen: Any, targets_seen: Any) -> Any:
         links: Links,
         targets: Targets,
         bins: Bins,
-        latest: Latest,
+        latest: StepEvents,
         observation_out: wp.array3d(dtype=float),
     ):
         """Fill the row of each robot."""

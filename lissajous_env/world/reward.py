@@ -4,7 +4,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import TaskStruct
-from lissajous_env.world.state import Clock, Contamination, Latest, Tally
+from lissajous_env.world.state import Clock, Contamination, StepEvents, Tally
 
 wp.set_module_options(OPTIONS)
 
@@ -16,7 +16,7 @@ FORMULAS = {
     "effort": "reward_effort * effort",
     "formation": "reward_formation * phase_error * step",
     "outside": "reward_outside * outside * step",
-    "contamination": "reward_contamination * eased * step",
+    "contamination": "reward_contamination * age_reduction * step",
 }
 """Each term of the reward: weights and step as in `Task`, the rest as in the structs of `lissajous_env.world.state`."""
 
@@ -32,7 +32,7 @@ def give_reward(
     cells_total: int,
     clock: Clock,
     contamination: Contamination,
-    latest: Latest,
+    latest: StepEvents,
     tally: Tally,
 ):
     """Reward each robot for the step: the sum of the terms in `TERMS` and of those that were brought."""
@@ -42,7 +42,7 @@ def give_reward(
     waiting = task.reward_waiting * float(latest.waiting[w]) * task.step
     idleness = task.reward_idleness * float(latest.idle_ended[w]) * task.step / float(wp.max(cells_total, 1))
     formation = task.reward_formation * tally.phase_error[w] * task.step
-    eased = task.reward_contamination * contamination.eased[w] * task.step
+    age_reduction = task.reward_contamination * contamination.age_reduction[w] * task.step
     for i in range(lane, latest.reward.shape[1], lanes):
         if clock.active[w] == 0:  # the episode has ended
             for term in range(count):
@@ -63,8 +63,8 @@ def give_reward(
             latest.terms[w, i, 4] = effort
             latest.terms[w, i, 5] = part * formation
             latest.terms[w, i, 6] = outside
-            latest.terms[w, i, 7] = part * eased
-            reward = detection + part * (waiting + idleness + formation + eased) + collision + effort + outside
+            latest.terms[w, i, 7] = part * age_reduction
+            reward = detection + part * (waiting + idleness + formation + age_reduction) + collision + effort + outside
             for term in range(_TERMS, count):
                 latest.terms[w, i, term] = wp.where(part > 0.0, latest.terms[w, i, term], 0.0)
                 reward += latest.terms[w, i, term]

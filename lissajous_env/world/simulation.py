@@ -17,7 +17,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.constants import constants_of
 from lissajous_env.world.contamination.labels import MARGIN, across
-from lissajous_env.world.extended import Extended
+from lissajous_env.world.extended import ExtensionStages
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
 from lissajous_env.world.robots.bin_sizes import bins_of, has_bins
@@ -30,9 +30,9 @@ from lissajous_env.world.state import (
     Cells,
     Clock,
     Contamination,
-    Latest,
     Links,
     Robots,
+    StepEvents,
     Tally,
     Targets,
     allocate,
@@ -195,7 +195,7 @@ class Simulation:
         words = (columns + 63) // 64
         delay = round(scenario.noise.message_delay / scenario.task.step)
         hops = scenario.spreading
-        labels = hops.ring, hops.rows + 2 * int(MARGIN), across(hops.columns)
+        labels = hops.history_length, hops.rows + 2 * int(MARGIN), across(hops.columns)
         large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 8, n * n * 4]
         check_room([*large, n * (delay + 1) * 16, 2 * n * self.layout.size * 4], w, self.device)
         each, robot = (w,), (w, n)
@@ -210,11 +210,11 @@ class Simulation:
         bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
         field = {"labels": (w, *labels), "settled": bits}
         field |= dict.fromkeys(("sensed", "swept"), (w, (hops.columns + 63) // 64, hops.rows))
-        field["there"] = w, hops.rows + 2 * int(MARGIN), bits[2] + 2, hops.ring
+        field["there"] = w, hops.rows + 2 * int(MARGIN), bits[2] + 2, hops.history_length
         field |= {"row_oldest": field_row, "row_ages": field_row}
         self.contamination = allocate(Contamination, field, each, self.device)
         terms = {"in_sight": each, "waiting": each, "idle_ended": each, "terms": (w, n, len(self.reward_term_names))}
-        self.latest = allocate(Latest, terms, robot, self.device)
+        self.latest = allocate(StepEvents, terms, robot, self.device)
         self.tally = allocate(Tally, {"contact": (w, n, n), "returns": robot}, each, self.device)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
         self.command, self._taken = wp.zeros_like(self.action), wp.zeros_like(self.action)
@@ -263,7 +263,7 @@ class Simulation:
             values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)
             sizes[BIN] = values["bins"].first.shape[1]
         place = self.num_worlds, self.device, self.split
-        self._extended = Extended(self.scenario, structs, self.observation)
+        self._extended = ExtensionStages(self.scenario, structs, self.observation)
         self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario)), values, sizes, *place)
         self._step = Program(self._extended.step_stages(step_stages(self.scenario)), values, sizes, *place)
 

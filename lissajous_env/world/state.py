@@ -172,7 +172,7 @@ class Contamination:
     """(W,) time since the introduction, mean over the cells, 0 where one is cleared [step]."""
     mean_age_sum: wp.array(dtype=wp.float64)
     """(W,) the same, summed over steps [step]."""
-    eased: wp.array(dtype=wp.float32)
+    age_reduction: wp.array(dtype=wp.float32)
     """(W,) by what the mean age became less in the latest step [step]."""
     failed: wp.array(dtype=wp.int32)
     """(W,) 1 once a robot has failed."""
@@ -183,7 +183,7 @@ class Contamination:
 
 
 @wp.struct
-class Latest:
+class StepEvents:
     """What happened in the latest step."""
 
     detections: wp.array2d(dtype=wp.int32)
@@ -198,7 +198,7 @@ class Latest:
     """(W, N) distance from the curve [m]."""
     tracking: wp.array2d(dtype=wp.float32)
     """(W, N) distance from the point of the curve at the robot's own phase [m]."""
-    lead: wp.array2d(dtype=wp.vec3)
+    phase_offset: wp.array2d(dtype=wp.vec3)
     """(W, N) phase less that of the equilibrium [rad], its cosine and sine."""
     in_sight: wp.array(dtype=wp.int32)
     """(W,) targets in some working robot's disc."""

@@ -5,7 +5,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.trig import atan2
-from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Latest, Robots, Tally
+from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Robots, StepEvents, Tally
 
 wp.set_module_options(OPTIONS)
 
@@ -50,7 +50,7 @@ def reset_tally(first: int, clock: Clock, tally: Tally):
 
 
 @wp.func
-def tally_tracking(w: int, now: int, robots: Robots, latest: Latest, tally: Tally):
+def tally_tracking(w: int, now: int, robots: Robots, latest: StepEvents, tally: Tally):
     """Keep how far the robots are from the curve, and from the point of it at their own parameter."""
     there = int(0)
     lateral = wp.float64(0.0)
@@ -72,7 +72,7 @@ def tally_tracking(w: int, now: int, robots: Robots, latest: Latest, tally: Tall
 
 
 @wp.func
-def tally_driving(w: int, now: int, robots: Robots, latest: Latest, tally: Tally):
+def tally_driving(w: int, now: int, robots: Robots, latest: StepEvents, tally: Tally):
     """Keep how far the robots drove, how fast, and how unsteady their actions are."""
     there = int(0)
     way = float(0.0)
@@ -118,23 +118,23 @@ def tally_faults(w: int, robots: Robots, tally: Tally):
 
 
 @wp.func
-def formation_error(w: int, robots: Robots, latest: Latest) -> float:
+def formation_error(w: int, robots: Robots, latest: StepEvents) -> float:
     """max_i |wrap(phase_i - equilibrium_i - theta_0)| over robots that are there [rad], theta_0 by circular mean."""
     unit = wp.vec2(0.0, 0.0)
     n = robots.status.shape[1]
     for i in range(n):
         if robots.status[w, i] != REMOVED:
-            unit += wp.vec2(latest.lead[w, i][1], latest.lead[w, i][2])
+            unit += wp.vec2(latest.phase_offset[w, i][1], latest.phase_offset[w, i][2])
     turn = atan2(unit[1], unit[0])
     error = float(0.0)
     for i in range(n):
         if robots.status[w, i] != REMOVED:
-            error = wp.max(error, wp.abs(wrap(latest.lead[w, i][0] - turn)))
+            error = wp.max(error, wp.abs(wrap(latest.phase_offset[w, i][0] - turn)))
     return error
 
 
 @wp.func
-def tally_formation(w: int, now: int, robots: Robots, latest: Latest, tally: Tally):
+def tally_formation(w: int, now: int, robots: Robots, latest: StepEvents, tally: Tally):
     """Keep the deviation from the equilibrium, its largest, its swing, and when a fault last had it off.
 
     A car on a curve that it can hardly follow swings around the equilibrium all the time: off is what is more than
@@ -165,7 +165,7 @@ def keep_score(
     neighbours: wp.array2d(dtype=int),
     clock: Clock,
     robots: Robots,
-    latest: Latest,
+    latest: StepEvents,
     tally: Tally,
 ):
     """Add the state after this step to the sums of the episode."""

@@ -181,7 +181,7 @@ def reset_bounds(first: int, lanes: int, target: TargetStruct, hops: Hops, clock
         for column in range(hops.columns):
             is_edge = row == 0 or row == rows - 1 or column == 0 or column == hops.columns - 1
             there = target.count > 0 and (is_edge or target.entry != BOUNDARY)
-            for k in range(hops.ring):
+            for k in range(hops.history_length):
                 contamination.labels[w, k, row + MARGIN, column + MARGIN] = wp.where(there, 0, NONE)
 
 
@@ -205,12 +205,14 @@ def bound_labels(
     now = clock.step[w]
     tick = now / reach.period
     since = now - tick * reach.period
-    slot = tick % hops.ring
+    slot = tick % hops.history_length
     rows = contamination.row_ages.shape[1]
     for row in range(lane, rows, lanes):
         for column in range(hops.columns):
             if now > 0 and since == 0:
-                label = bound(w, tick, row, column, rows, hops.columns, hops.ring, target, reach, contamination)
+                label = bound(
+                    w, tick, row, column, rows, hops.columns, hops.history_length, target, reach, contamination
+                )
                 contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
             elif now > 0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
                 label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]

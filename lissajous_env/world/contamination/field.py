@@ -21,7 +21,7 @@ from lissajous_env.device.discs import along, mark_disc, mark_way
 from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters import parts
-from lissajous_env.world.contamination.labels import MARGIN, Hops, forget_seen, label_cells, now_of, slot_of
+from lissajous_env.world.contamination.labels import MARGIN, Hops, context_of, forget_seen, label_cells, slot_of
 from lissajous_env.world.robots.sight import planar
 from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
 
@@ -64,7 +64,7 @@ def clear_cells(
         return
     slot = slot_of(clock.step[w], tick, hops)
     # Under the labels of the tick before, in the ring that the first tick of an episode does not have yet.
-    latest = (slot - 1 + hops.ring) % hops.ring
+    latest = (slot - 1 + hops.history_length) % hops.history_length
     if hops.period > 1 and clock.step[w] % hops.period != 0:
         latest = slot
     rows = contamination.sensed.shape[2]
@@ -118,9 +118,9 @@ def reset_labels(
             is_inside = row >= 0 and row < rows and place > 0 and place < contamination.there.shape[2] - 1
             if is_inside and target.count > 0:
                 there = entries(target.entry, place - 1, row, rows, hops.columns)
-            for k in range(hops.ring):
+            for k in range(hops.history_length):
                 contamination.there[w, line, place, k] = there
-        for k in range(hops.ring):
+        for k in range(hops.history_length):
             for column in range(contamination.labels.shape[3]):
                 contamination.labels[w, k, line, column] = 0
     if lane == 0:
@@ -142,7 +142,7 @@ def spread(
     w = first + tid
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
-    now = now_of(clock.step[w], tick, contamination.oldest[w], target.arrival_rate > 0.0, hops)
+    now = context_of(clock.step[w], tick, contamination.oldest[w], target.arrival_rate > 0.0, hops)
     rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         row_oldest = int(NEVER)

@@ -9,7 +9,7 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.parameters.spreading import HOPS, SHARES, Spreading
+from lissajous_env.parameters.spreading import HOPS, TICK_FRACTIONS, Spreading
 from lissajous_env.world.state import NEVER
 
 wp.set_module_options(OPTIONS)
@@ -23,7 +23,7 @@ SIDE_BY_SIDE = wp.constant(8)
 """Cells of a row that get their labels together."""
 
 Five = wp.types.vector(len(HOPS), wp.int32)
-_SHARES = wp.constant(SHARES)
+_FRACTIONS = wp.constant(TICK_FRACTIONS)
 
 
 @wp.struct
@@ -34,7 +34,7 @@ class Hops:
     radius: float
     ticks: int
     period: int
-    ring: int
+    history_length: int
     delays: wp.array(dtype=wp.int32)
     shares: wp.array(dtype=wp.int32)
 
@@ -42,7 +42,7 @@ class Hops:
 def as_hops(spreading: Spreading, device: Any) -> Hops:
     """Copy hops to a device."""
     hops = Hops()
-    for name in ("columns", "radius", "ticks", "period", "ring"):
+    for name in ("columns", "radius", "ticks", "period", "history_length"):
         setattr(hops, name, getattr(spreading, name))
     hops.delays = wp.array(spreading.delays, dtype=wp.int32, device=device)
     hops.shares = wp.array(spreading.shares, dtype=wp.int32, device=device)
@@ -57,7 +57,7 @@ def across(columns: int) -> int:
 @wp.func
 def slot_of(step: int, tick: int, hops: Hops) -> int:
     """Where the labels of a tick stand, of those that are kept."""
-    return (ticks_passed(step, tick, hops) + hops.ring) % hops.ring
+    return (ticks_passed(step, tick, hops) + hops.history_length) % hops.history_length
 
 
 @wp.func
@@ -69,7 +69,7 @@ def ticks_passed(step: int, tick: int, hops: Hops) -> int:
 
 
 @wp.struct
-class Now:
+class TickContext:
     """What is the same for all cells of a world in a tick."""
 
     step: int
@@ -93,24 +93,24 @@ class Now:
 
 
 @wp.func
-def now_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> Now:
+def context_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> TickContext:
     """Put together what is the same for all cells."""
-    now = Now()
+    now = TickContext()
     now.step = step
     passed = ticks_passed(step, tick, hops)
-    now.slot = passed % hops.ring
+    now.slot = passed % hops.history_length
     now.latest = now.slot
     now.aged = -1
     moves = step % hops.period == 0 and step > 0
     if moves:
-        now.latest = (passed - 1 + hops.ring) % hops.ring
-        now.aged = ~_SHARES
+        now.latest = (passed - 1 + hops.history_length) % hops.history_length
+        now.aged = ~_FRACTIONS
     now.hops = moves and hops.delays.shape[0] > 0
-    now.entry = wp.where(arrives and step > 0, step * 256 + _SHARES, NONE)
+    now.entry = wp.where(arrives and step > 0, step * 256 + _FRACTIONS, NONE)
     now.oldest = oldest
     for k in range(hops.delays.shape[0]):
-        now.at[k] = (passed - hops.delays[k] + 2 * hops.ring) % hops.ring
-        now.before[k] = (passed - hops.delays[k] - 1 + 2 * hops.ring) % hops.ring
+        now.at[k] = (passed - hops.delays[k] + 2 * hops.history_length) % hops.history_length
+        now.before[k] = (passed - hops.delays[k] - 1 + 2 * hops.history_length) % hops.history_length
         now.shares[k] = hops.shares[k]
     return now
 
@@ -144,7 +144,7 @@ def forget_seen(
 
 
 _LABEL_CELLS = f"""
-    const int lanes = {int(SIDE_BY_SIDE)}, lengths = {len(HOPS)}, shares = {SHARES}, none = {int(NONE)};
+    const int lanes = {int(SIDE_BY_SIDE)}, lengths = {len(HOPS)}, shares = {TICK_FRACTIONS}, none = {int(NONE)};
     const int columns[lengths] = {{{", ".join(str(hop[0]) for hop in HOPS)}}};
     const int rows[lengths] = {{{", ".join(str(hop[1]) for hop in HOPS)}}};
     const int across = labels.strides[2] / sizeof(int), ring = there.shape[3];
@@ -256,7 +256,7 @@ def label_cells(
     todo: wp.uint32,
     unseen: wp.uint32,
     enter: wp.uint32,
-    now: Now,
+    now: TickContext,
 ) -> wp.vec4i:
     """Label the cells `todo` of a word; `unseen` and `enter` are bits of where rogues stay and are introduced.
 

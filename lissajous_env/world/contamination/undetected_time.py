@@ -19,7 +19,7 @@ def reset_guarantee(first: int, clock: Clock, contamination: Contamination):
     contamination.cleared_at[w] = NEVER
     contamination.age[w] = 0
     contamination.age_max[w] = 0
-    contamination.eased[w] = 0.0
+    contamination.age_reduction[w] = 0.0
     contamination.mean_age[w] = 0.0
     contamination.mean_age_sum[w] = wp.float64(0.0)
     contamination.failed[w] = 0
@@ -59,7 +59,7 @@ def keep_guarantee(
     contamination.cleared_at[w] = wp.where(oldest == NEVER, wp.min(contamination.cleared_at[w], now), NEVER)
     contamination.age[w] = age
     contamination.age_max[w] = wp.max(contamination.age_max[w], age)
-    contamination.eased[w] = contamination.mean_age[w] - mean_age
+    contamination.age_reduction[w] = contamination.mean_age[w] - mean_age
     contamination.mean_age[w] = mean_age
     contamination.mean_age_sum[w] += wp.float64(mean_age)
     for i in range(robots.status.shape[1]):

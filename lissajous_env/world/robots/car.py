@@ -87,15 +87,17 @@ def take_input(
     block: Block, robot: RobotStruct, command: wp.array3d(dtype=float), robots: Robots
 ) -> tuple[Floats, Floats]:
     """Curvature of the way [1/m] and acceleration by the motor [m/s^2] of the cars of a block."""
-    curvature = entries(block, command, 0)
-    push = entries(block, command, 1)
+    steering = entries(block, command, 0)
+    throttling = entries(block, command, 1)
     wheelbase = floats(block, robots.wheelbase)
     drive = floats(block, robots.drive)
+    curvature = Floats()
+    push = Floats()
     for k in range(ABREAST):
         if k < width():
-            steering = cos_sin(steering_angle(robot, curvature[k]))
-            curvature[k] = steering[1] / (steering[0] * wheelbase[k])
-            push[k] = motor_push(robot, drive[k], throttle(robot, push[k]))
+            turn = cos_sin(steering_angle(robot, steering[k]))
+            curvature[k] = turn[1] / (turn[0] * wheelbase[k])
+            push[k] = motor_push(robot, drive[k], throttle(robot, throttling[k]))
     return curvature, push
 
 
@@ -120,13 +122,13 @@ def move_cars(
     y = coordinates(block, robots.position, 1)
     heading = floats(block, robots.heading)
     speed = floats(block, robots.speed)
-    moving = block.taking & where_equal(block, robots.status, WORKING)
-    standing = block.taking & ~moving
+    moving = block.active_mask & where_equal(block, robots.status, WORKING)
+    standing = block.active_mask & ~moving
     if standing != 0:
         put_floats(block, standing, Floats(), robots.speed)
         for s in range(1, substeps + 1):
             put_places(block, standing, x, y, s, robots.track)
-    put_places(block, block.taking, x, y, 0, robots.track)
+    put_places(block, block.active_mask, x, y, 0, robots.track)
     curvature, push = take_input(block, robot, command, robots)
     for s in range(substeps):
         for k in range(ABREAST):

@@ -11,8 +11,8 @@ from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.parameters.parts import Task
 from lissajous_env.world.robots.bins import Bins, columns_of, rows_of
-from lissajous_env.world.robots.sight import longest_way
-from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Latest, Robots, Tally
+from lissajous_env.world.robots.sight import max_displacement
+from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Robots, StepEvents, Tally
 
 wp.set_module_options(OPTIONS)
 
@@ -33,7 +33,7 @@ def compare_pair(
     beyond: float,
     places: wp.array(dtype=int),
     robots: Robots,
-    latest: Latest,
+    latest: StepEvents,
     tally: Tally,
 ) -> float:
     """Let two robots collide that come within `touch`, or part; return their least squared distance [m^2].
@@ -85,7 +85,7 @@ def compare_with_all(
     places: wp.array(dtype=int),
     robots: Robots,
     bins: Bins,
-    latest: Latest,
+    latest: StepEvents,
     tally: Tally,
 ) -> float:
     """`compare_pair` with the robots after this one, of which none goes farther than `way` [m] in the step."""
@@ -113,7 +113,7 @@ def compare_with_listed(
     places: wp.array(dtype=int),
     robots: Robots,
     bins: Bins,
-    latest: Latest,
+    latest: StepEvents,
     tally: Tally,
 ) -> float:
     """`compare_with_all` by the lists of the bins on the robot's way; a robot may be in several of them.
@@ -151,7 +151,7 @@ def _finding_collisions(compare: Any) -> Any:
         clock: Clock,
         robots: Robots,
         bins: Bins,
-        latest: Latest,
+        latest: StepEvents,
         tally: Tally,
     ):
         """Compare each robot with those after it, over the sub-steps of the latest step."""
@@ -166,7 +166,7 @@ def _finding_collisions(compare: Any) -> Any:
         nearest = float(1.0e30)
         way = float(1.0e30)
         if beyond < 1.0e30:
-            way = longest_way(w, robots)
+            way = max_displacement(w, robots)
         for i in range(begin + lane, end, lanes):
             if robots.status[w, i] != REMOVED:
                 least = compare(w, i, clock.step[w], touch, beyond, way, places, robots, bins, latest, tally)
@@ -182,7 +182,7 @@ find_listed_collisions = _finding_collisions(compare_with_listed)
 
 
 @wp.kernel
-def take_consequences(first: int, lanes: int, task: TaskStruct, clock: Clock, robots: Robots, latest: Latest):
+def take_consequences(first: int, lanes: int, task: TaskStruct, clock: Clock, robots: Robots, latest: StepEvents):
     """Stop or remove the robots that collided in this step, as `task.on_collision` says."""
     tid, lane = wp.tid()
     w = first + tid

@@ -58,7 +58,7 @@ def measure(
     x, y, phase = places_of(block, robots)
     heading = floats(block, robots.heading)
     speed = floats(block, robots.speed)
-    working = block.taking & where_equal(block, robots.status, WORKING)
+    working = block.active_mask & where_equal(block, robots.status, WORKING)
     sensor_x = Floats()
     sensor_y = Floats()
     for k in range(ABREAST):
@@ -66,8 +66,8 @@ def measure(
             senses = is_in(k, working)
             sensor_x[k] = wp.where(senses, x[k], NOWHERE)
             sensor_y[k] = wp.where(senses, y[k], NOWHERE)
-    put_pairs(block, block.taking, sensor_x, sensor_y, robots.sensor)
-    measuring = block.taking & ~(where_equal(block, robots.status, REMOVED) & where_world(block, n, clock.step, 1))
+    put_pairs(block, block.active_mask, sensor_x, sensor_y, robots.sensor)
+    measuring = block.active_mask & ~(where_equal(block, robots.status, REMOVED) & where_world(block, n, clock.step, 1))
     if noise.position > 0.0 or noise.heading > 0.0 or noise.speed > 0.0:
         for k in range(block.count):
             if is_in(k, measuring):
@@ -80,17 +80,17 @@ def measure(
                 heading[k] = pose[2]
                 speed[k] = pose[3]
                 phase[k] = seen
-    along = Floats()
-    across = Floats()
-    ahead = Floats()
-    aside = Floats()
+    cos_phase = Floats()
+    sin_phase = Floats()
+    cos_heading = Floats()
+    sin_heading = Floats()
     for k in range(ABREAST):
         if k < width():
             turn = cos_sin(float(phase[k]))
-            along[k] = turn[0]
-            across[k] = turn[1]
+            cos_phase[k] = turn[0]
+            sin_phase[k] = turn[1]
             faces = cos_sin(heading[k])
-            ahead[k] = faces[0]
-            aside[k] = faces[1]
+            cos_heading[k] = faces[0]
+            sin_heading[k] = faces[1]
     put_fours(block, measuring, x, y, heading, speed, robots.measured)
-    put_fours(block, measuring, along, across, ahead, aside, robots.measured_turn)
+    put_fours(block, measuring, cos_phase, sin_phase, cos_heading, sin_heading, robots.measured_turn)

@@ -52,7 +52,7 @@ def nearest_sensors(w: int, x: Floats, y: Floats, robots: Robots) -> tuple[Ints,
 
 
 @wp.func
-def longest_way(w: int, robots: Robots) -> float:
+def max_displacement(w: int, robots: Robots) -> float:
     """How far any robot was, in this step, from the place where it ended [m]."""
     last = robots.track.shape[2] - 1
     square = float(0.0)

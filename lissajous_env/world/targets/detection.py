@@ -16,12 +16,12 @@ from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskS
 from lissajous_env.world.robots.bins import Bins, bin_of
 from lissajous_env.world.robots.sight import (
     first_sight,
-    longest_way,
+    max_displacement,
     nearest_sensor,
     nearest_sensors,
     share_until_sight,
 )
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, NOWHERE, PRESENT, Clock, Latest, Robots, Targets
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, NOWHERE, PRESENT, Clock, Robots, StepEvents, Targets
 from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, flee, is_moved, wander
 
 wp.set_module_options(MOTION)
@@ -256,7 +256,7 @@ def detect(
     sight: wp.vec2,
     radius: float,
     targets: Targets,
-    latest: Latest,
+    latest: StepEvents,
 ) -> int:
     """Let a robot detect a target: the first on its way or else, if it is seen there, the nearest at its end.
 
@@ -291,7 +291,7 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any) -> Any
         robots: Robots,
         targets: Targets,
         bins: Bins,
-        latest: Latest,
+        latest: StepEvents,
     ) -> wp.vec2i:
         """Let robots detect targets that are at x, y now [m]; return how many wait on, and are in sight.
 
@@ -347,7 +347,7 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any) -> Any
         robots: Robots,
         targets: Targets,
         bins: Bins,
-        latest: Latest,
+        latest: StepEvents,
     ):
         """Let detected targets leave, others appear or move, and the first robot that meets one detect it.
 
@@ -359,7 +359,7 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any) -> Any
             return
         now = clock.step[w]
         key = randomness.step_key(clock.seed[w], now)
-        way, radius = longest_way(w, robots), sensing.radius
+        way, radius = max_displacement(w, robots), sensing.radius
         near = radius + task.step * wp.max(target.speed, target.flee_speed)
         # A target that an extension moved farther than lists reach may have met any robot.
         far = wp.where(bins.columns > 0, bins.widened + way, 1.0e30)
