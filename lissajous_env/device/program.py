@@ -47,10 +47,10 @@ _PLACED = {
 """Parameters that say which worlds and entities a launch is for, by layout."""
 
 _MOST_LAUNCHES = 64
-"""Launches that a launcher keeps ready."""
+"""Largest number of recorded launches of a launcher."""
 
 _SHARE = 100_000
-"""Work below which it does not pay to wake a thread for it [ns]."""
+"""Work below which waking a thread for it does not pay [ns]."""
 
 
 @dataclass(frozen=True)
@@ -62,15 +62,15 @@ class Stage:
     run: Any
     """A Warp kernel, or a function without arguments that is called on the host."""
     over: str = WORLD
-    """What the kernel goes over: WORLD, ROBOT, TARGET, ROW (of the grid), FIELD_ROW (of contamination) or BIN."""
+    """Entities of the kernel: WORLD, ROBOT, TARGET, ROW (of the grid), FIELD_ROW (of contamination) or BIN."""
     layout: str = LANES
-    """What a thread works on: LANES, PARTS or BLOCKS; WORLDS where the stage goes over worlds."""
+    """Part of the work that a thread does: LANES, PARTS or BLOCKS; WORLDS where the stage goes over worlds."""
     barrier: bool = True
-    """Whether a PARTS or BLOCKS stage waits for the stages before it, as the module describes."""
+    """False for a PARTS or BLOCKS stage that does not wait for the stages before it, as the module describes."""
     when: bool = True
-    """Whether the program has it."""
+    """False to leave the stage out."""
     own: Mapping[str, Any] = field(default_factory=dict)
-    """What its kernel's parameters are bound to besides the values of the program, by name."""
+    """Arguments of its kernel besides the values of the program, by name."""
 
     def __post_init__(self) -> None:
         if self.over == WORLD:
@@ -83,36 +83,36 @@ class Stage:
 
     @property
     def is_kernel(self) -> bool:
-        """Whether it is launched on the device."""
+        """Return whether it is launched on the device."""
         return isinstance(self.run, wp.Kernel)
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of what the kernel takes from the state and the constants."""
+        """Names of the kernel's parameters that are found in the state and the constants."""
         return tuple(name for name in self.labels if name not in _PLACED[self.layout])
 
     @property
     def is_split(self) -> bool:
-        """Whether CPU threads may share the entities of a world."""
+        """Return whether CPU threads may share the entities of a world."""
         return self.layout in (PARTS, BLOCKS)
 
     @property
     def labels(self) -> list[str]:
-        """Names of all that the kernel takes."""
+        """Names of the kernel's parameters."""
         return names_of_arguments(self.run) if self.is_kernel else []
 
     @property
     def about(self) -> str:
-        """What it does, in a line."""
+        """Return what it does, in a line."""
         return ((self.run.func if self.is_kernel else self.run).__doc__ or "").strip().partition("\n")[0]
 
 
 @dataclass(frozen=True)
 class Split:
-    """How work on some worlds is split among CPU threads."""
+    """Division of the work on some worlds among CPU threads."""
 
     threads: int = 1
-    """How many take part."""
+    """Number of threads."""
     blocks: int = 1
     """Blocks of worlds."""
     parts: int = 1
@@ -193,7 +193,7 @@ class Program:
         return [(low, high, part, parts) for low, high in self._blocks for part in range(parts)]
 
     def _lanes(self, stage: Stage) -> int:
-        """How many threads share the entities of a world."""
+        """Return how many threads share the entities of a world."""
         return 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
 
     def _task(self, stages: Sequence[Stage], *share: int) -> list[Any]:

@@ -1,4 +1,4 @@
-"""Everything of Warp that is not in its documentation: what to mend when a new version of Warp breaks it.
+"""Everything that the package uses of Warp beyond its documentation, to mend when a new version breaks it.
 
 `tests/test_warp_abi.py` has a test of each, whose name says what broke.
 """
@@ -46,7 +46,7 @@ def folder_of(module: Any, block_dim: int | None) -> str:
 
 
 class Call:
-    """A launch on a CPU whose arguments are laid out once, as the compiled kernel reads them; Warp does so each time.
+    """A launch on a CPU whose arguments are laid out once, as the compiled kernel reads them.
 
     Args:
         launch: What `wp.launch` returned that recorded it.
@@ -74,5 +74,5 @@ class Call:
         return function, ctypes.addressof(self._bounds), ctypes.addressof(self._arguments)
 
     def read_argument(self, index: int) -> None:
-        """Take one of the arguments anew, which was changed."""
+        """Read one of the arguments again after a change."""
         setattr(self._arguments, f"argument_{index}", self._launch.params[1 + index])

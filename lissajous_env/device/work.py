@@ -1,9 +1,9 @@
 """Work that CPU threads share: calls of compiled kernels in an order, without the interpreter between them.
 
 Work is a list of groups, a group a list of tasks, a task a list of launches. Tasks of a group are done side by side;
-those of the next group begin when all are done. Who calls the work begins at once, alone, and wakes helpers: threads
-that sleep where there is nothing to do. A helper takes the next task as long as there are any, and where it comes too
-late it finds none. So nobody waits for a thread to wake up, which takes longer than most stages of a step.
+those of the next group begin when all are done. The calling thread begins at once and wakes
+helpers, which sleep otherwise. A helper takes the next task as long as there are any. So no thread waits for another
+to wake up, which would take longer than most stages of a step.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ from lissajous_env.device.warp_abi import Call
 from lissajous_env.device.work_kernel import APART, Plan, take_part
 
 TASKS_PER_THREAD = 4
-"""Tasks for each thread: where one is slower than another, it takes fewer."""
+"""Tasks for each thread: a slower thread takes fewer."""
 
 
 class Work:
@@ -33,7 +33,7 @@ class Work:
     Args:
         groups: Launches that were recorded, of each task of each group.
         device: Where they run.
-        threads: How many may take part.
+        threads: Largest number of threads.
 
     Attributes:
         launches: All of them, in their order.
@@ -72,7 +72,7 @@ class Work:
         self.lead()
 
     def lead(self) -> None:
-        """Do all of it, where nobody else can at the same time: the simulation has a turn of its own."""
+        """Do all of it without taking a turn: the simulation has a turn of its own."""
         if self._device.is_cpu and not self._device.is_capturing:
             for helper in _helpers(len(self._parts) - 1):
                 helper.wake(self)
@@ -131,7 +131,7 @@ class _Helper:
             threading.stack_size(before)
 
     def wake(self, work: Work) -> None:
-        """Let it help, if not now then when it has done what it is doing."""
+        """Wake the thread to help, now or after its current work."""
         self._work = work
         if self._asleep.locked():
             with contextlib.suppress(RuntimeError):  # another thread has just woken it
@@ -150,7 +150,7 @@ _started: list[_Helper] = []
 
 
 def _helpers(count: int) -> list[_Helper]:
-    """The first helpers."""
+    """Return the first helpers."""
     while len(_started) < count:
         _started.append(_Helper(len(_started) + 1))
     return _started[:count]

@@ -1,9 +1,8 @@
-"""How threads share work: compiled code that calls compiled kernels.
+"""Work shared by threads: compiled code that calls compiled kernels.
 
-One thread leads: it opens group after group of tasks, takes tasks itself as long as there are any, and goes on when all
-of the group are done. The others help. Each looks for tasks from a place of its own on, so that it mostly does what it
-did in the run before, of which its cache still holds some.
-"""
+One thread leads: it opens group after group of tasks, takes tasks itself as long as there are any, and continues when
+all of the group are done. The others help. Each looks for tasks from a place of its own on, so that it mostly does what
+it did in the run before, of which its cache still holds some."""
 
 import warp as wp
 
@@ -41,7 +40,7 @@ class Plan:
     yielding: wp.int64
     """Address of the function by which a thread leaves the processor to others."""
     members: wp.int32
-    """How many threads may take part."""
+    """Largest number of threads that take part."""
 
 
 @wp.func_native(f"""

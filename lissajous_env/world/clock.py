@@ -11,7 +11,7 @@ wp.set_module_options(OPTIONS)
 
 @wp.kernel
 def reset_clock(first: int, seeds: wp.array(dtype=int), clock: Clock):
-    """Begin an episode with the given seed or, where it is negative, with one drawn from the seed before."""
+    """Begin an episode with the given seed or, if it is negative, with one drawn from the seed before."""
     w = first + wp.tid()
     clock.active[w] = clock.fresh[w]
     if clock.active[w] == 0:
@@ -29,7 +29,7 @@ def reset_clock(first: int, seeds: wp.array(dtype=int), clock: Clock):
 
 @wp.kernel
 def advance_clock(first: int, clock: Clock):
-    """Count the step in worlds whose episode is going on; the others sit it out."""
+    """Count the step in worlds whose episode is running; the others stay as they are."""
     w = first + wp.tid()
     if clock.stage[w] == RUNNING:
         clock.active[w] = 1

@@ -1,4 +1,4 @@
-"""What the kernels of one scenario need besides the state: its parts as structs, numbers, small arrays."""
+"""Constants of a scenario for its kernels: its parts as structs, numbers, small arrays."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ from lissajous_env.world.robots.table import model_of
 
 
 def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
-    """Values of a resolved scenario by the names under which kernels ask for them."""
+    """Return the constants of a resolved scenario by the names of kernels' parameters."""
     task, n = scenario.task, scenario.num_robots
     model = model_of(scenario.robot.kind)
     displaced = np.zeros(n)

@@ -20,7 +20,7 @@ wp.set_module_options(OPTIONS)
 
 @wp.kernel
 def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
-    """Forget every visit."""
+    """Clear every visit."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -132,7 +132,7 @@ def cover(
 
 
 def last_sensed(sensed_at: np.ndarray, in_discs: np.ndarray, step: Any, columns: Any = None) -> np.ndarray:
-    """(..., R, C) int32 step in which each cell was last sensed; 0 for never.
+    """Return the (..., R, C) int32 step in which each cell was last sensed; 0 for never.
 
     Args:
         sensed_at: (..., R, C) as `Cells` has it.

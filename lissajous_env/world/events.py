@@ -1,4 +1,4 @@
-"""What happens in a step, as it is gathered by the stages and read by the reward and the score."""
+"""Events of a step: cleared at its beginning, counted by the stages, read by the reward and the score."""
 
 import warp as wp
 
@@ -10,7 +10,7 @@ wp.set_module_options(OPTIONS)
 
 @wp.func
 def clear(w: int, i: int, latest: StepEvents):
-    """Forget the events of a robot, and with the first one's those of its world."""
+    """Clear the events of a robot, and with the first robot's those of its world."""
     latest.detections[w, i] = 0
     latest.collisions[w, i] = 0
     if i == 0:
@@ -21,7 +21,7 @@ def clear(w: int, i: int, latest: StepEvents):
 
 @wp.kernel
 def reset_events(first: int, lanes: int, clock: Clock, latest: StepEvents):
-    """Forget what happened, was earned and ended in the episode before."""
+    """Clear the events, rewards and ends of the episode before."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -37,7 +37,7 @@ def reset_events(first: int, lanes: int, clock: Clock, latest: StepEvents):
 
 @wp.kernel
 def clear_events(first: int, lanes: int, clock: Clock, latest: StepEvents):
-    """Forget what happened in the step before."""
+    """Clear the events of the step before."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:

@@ -1,4 +1,4 @@
-"""Since when a rogue can have been where it is now, cell by cell: the labels of contamination on the host."""
+"""Labels of contamination on the host, cell by cell."""
 
 from typing import Any
 
@@ -10,9 +10,9 @@ from lissajous_env.world.state import NEVER
 
 
 def introduced_at(simulation: Simulation, world: int = 0) -> np.ndarray:
-    """(R, C) int32 earliest step in which a rogue that may be in a cell now can have been introduced.
+    """Return the (R, C) int32 earliest step in which a target that may be in a cell now can have been introduced.
 
-    A rogue of a cell can have gone unseen since then. The lowest row comes first. NEVER where none can be; (1, 1)
+    It can have stayed undetected since then. The lowest row comes first. NEVER where none can be; (1, 1)
     NEVER where `task.contamination` is None.
     """
     hops, margin = simulation.scenario.spreading, int(MARGIN)

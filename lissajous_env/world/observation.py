@@ -1,12 +1,12 @@
-"""What a robot observes: itself, what its ring neighbours sent, what its sensor sees.
+"""Layout of the observation: the robot itself, messages of its ring neighbours, and what its sensor detects.
 
 One row of float32 per robot: `OWN_ENTRIES`, then `NEIGHBOUR_ENTRIES` for each of its two neighbours on the ring,
 `ROBOT_ENTRIES` for each of the `sensing.robots_seen` nearest robots in its sensing disc, `TARGET_ENTRIES` for each of
 the `sensing.targets_seen` nearest targets, and what the extensions of the scenario bring, in the order of these.
 `layout` has index, name, range and meaning of each; `print(layout(scenario))` shows them.
 
-A target that leaves when it is detected is seen in the step of its detection. A stuck robot senses nothing, but hears;
-of a removed robot, entries 0 to 6 keep what they were. Directions are those of the rectangle, not of the robot.
+A target that leaves when it is detected is listed in the step of its detection. A robot that has failed senses nothing
+but still receives messages; entries 0 to 6 of a removed robot are frozen. Directions are in the world frame.
 """
 
 from typing import NamedTuple
@@ -26,27 +26,27 @@ OWN_ENTRIES = (
     ("speed", -4, 4, "measured speed [top speed of a car; of a point in the equilibrium]"),
     ("cos_phase", -1, 1, "cosine of the measured phase theta"),
     ("sin_phase", -1, 1, "sine of the measured phase theta"),
-    ("works", 0, 1, "1 working, 0 stuck or removed"),
+    ("works", 0, 1, "1 working, 0 failed or removed"),
 )
 NEIGHBOUR_ENTRIES = (
-    ("heard", 0, 1, "1 once a message came; neighbour 0 is before, 1 after on the ring"),
+    ("heard", 0, 1, "1 after the first message; neighbour 0 is the previous robot on the ring, 1 the next"),
     ("age", 0, 1, "time since its last message was sent, at most 1 [0.3 rad / omega]"),
-    ("cos_phase", -1, 1, "cosine of its phase less one's own"),
-    ("sin_phase", -1, 1, "sine of its phase less one's own"),
-    ("x", -4, 4, "its x less one's own [2 half_width]"),
-    ("y", -4, 4, "its y less one's own [2 half_height]"),
+    ("cos_phase", -1, 1, "cosine of its phase relative to own phase"),
+    ("sin_phase", -1, 1, "sine of its phase relative to own phase"),
+    ("x", -4, 4, "relative x [2 half_width]"),
+    ("y", -4, 4, "relative y [2 half_height]"),
 )
 ROBOT_ENTRIES = (
     ("present", 0, 1, "1 where there is one: robots in the sensing disc, the nearest first"),
-    ("x", -1, 1, "its x less one's own [sensing radius]"),
-    ("y", -1, 1, "its y less one's own [sensing radius]"),
-    ("x_velocity", -1, 1, "its velocity along x less one's own [2 top speeds]"),
-    ("y_velocity", -1, 1, "its velocity along y less one's own [2 top speeds]"),
+    ("x", -1, 1, "relative x [sensing radius]"),
+    ("y", -1, 1, "relative y [sensing radius]"),
+    ("x_velocity", -1, 1, "relative velocity along x [2 top speeds]"),
+    ("y_velocity", -1, 1, "relative velocity along y [2 top speeds]"),
 )
 TARGET_ENTRIES = (
     ("present", 0, 1, "1 where there is one: targets in the sensing disc, the nearest first"),
-    ("x", -1, 1, "its x less one's own [sensing radius]"),
-    ("y", -1, 1, "its y less one's own [sensing radius]"),
+    ("x", -1, 1, "relative x [sensing radius]"),
+    ("y", -1, 1, "relative y [sensing radius]"),
 )
 """Name, range and meaning, with its unit in brackets, of the entries of each part of a row."""
 

@@ -219,7 +219,7 @@ def observe_targets(
 
 @wp.func
 def comes_before(one: wp.vec2, other: wp.vec2) -> bool:
-    """Whether one (squared distance, index) is nearer than the other or, where both are as near, the first."""
+    """Return whether one (squared distance, index) is nearer than the other or, if equally near, of lower index."""
     return one[0] < other[0] or (one[0] == other[0] and one[1] < other[1])
 
 

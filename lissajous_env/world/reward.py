@@ -18,7 +18,7 @@ FORMULAS = {
     "outside": "reward_outside * outside * step",
     "contamination": "reward_contamination * age_reduction * step",
 }
-"""Each term of the reward: weights and step as in `Task`, the rest as in the structs of `lissajous_env.world.state`."""
+"""Formula of each term: weights and step of `Task`, the rest of the structs of `lissajous_env.world.state`."""
 
 TERMS = tuple(FORMULAS)
 _TERMS = wp.constant(len(TERMS))
@@ -35,7 +35,7 @@ def give_reward(
     latest: StepEvents,
     tally: Tally,
 ):
-    """Reward each robot for the step: the sum of the terms in `TERMS` and of those that were brought."""
+    """Reward each robot for the step: the sum of the terms in `TERMS` and of those of extensions."""
     tid, lane = wp.tid()
     w = first + tid
     count = latest.terms.shape[2]
@@ -49,7 +49,7 @@ def give_reward(
                 latest.terms[w, i, term] = 0.0
             latest.reward[w, i] = 0.0
         else:
-            # A robot that was removed in an earlier step has no part in what the team earns after it.
+            # A robot that was removed in an earlier step has no share in the team's later rewards.
             is_new = latest.collisions[w, i] > 0 or latest.outside[w, i] == 1
             part = wp.where(latest.terminated[w, i] and not is_new, 0.0, 1.0)
             detection = task.reward_detection * float(latest.detections[w, i])

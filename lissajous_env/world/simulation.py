@@ -42,7 +42,7 @@ _LAST_SEED = 2**31 - 1
 _TARGET_BYTES = 60
 
 _ROBOT_WORK, _TARGET_WORK = 500, 40
-"""What a robot and a target add to a step [ns], roughly: enough to know whether another thread pays."""
+"""Rough time that a robot and a target add to a step [ns], by which the number of threads is chosen."""
 
 
 class Simulation:
@@ -104,7 +104,7 @@ class Simulation:
 
     @property
     def stages(self) -> Program:
-        """The stages of a step; `print(simulation.stages)` tells what each goes over, does and takes."""
+        """Stages of a step; `print(simulation.stages)` shows what each goes over, does and takes."""
         return self._step
 
     @property
@@ -119,7 +119,7 @@ class Simulation:
 
     @in_turn
     def reset(self, worlds: Any = None, seeds: Any = None) -> wp.array:
-        """Begin a new episode in some worlds; the others are left as they are.
+        """Begin a new episode in some worlds; the others are unchanged.
 
         Args:
             worlds: (W,) mask or indices of the worlds, each once; all by default.
@@ -140,7 +140,7 @@ class Simulation:
         return self.observation
 
     def step(self, action: Any) -> tuple[wp.array, wp.array, wp.array, wp.array]:
-        """Take one control step in every world whose episode is going on.
+        """Advance every world whose episode is running by one control step.
 
         Args:
             action: `action_shape`, a NumPy array, torch tensor or Warp array of numbers in [-1, 1]; values outside are
@@ -167,17 +167,17 @@ class Simulation:
 
     @in_turn
     def advance(self) -> None:
-        """Take a control step with the actions that stand in `action`, where whoever calls has written them."""
+        """Advance by one control step with the actions that the caller has written into `action`."""
         self._step()
 
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
-        """Score of the latest episode of some worlds so far, one row each: `lissajous_env.world.score.COLUMNS`."""
+        """Return a row for each of some worlds, the score of the latest episode so far: `lissajous_env.world.score.COLUMNS`."""
         chosen, brought = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
         kept = self.clock, self.robots, self.targets, self.cells, self.contamination, self.tally
         return score_rows(self.scenario, *kept, brought, chosen)
 
     def detection_times(self, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Of each target (K,) that has appeared: time until it was detected, or until now [s]; and whether it was."""
+        """Return (K,) times until each target that appeared was detected, or until now [s], and whether it was."""
         targets, now = self.targets, int(self.clock.step.numpy()[world])
         kept = (each.numpy()[world] for each in (targets.appears_at, targets.found_at, targets.found_early))
         times, found = detection_times(*kept, now=now)
@@ -299,7 +299,7 @@ class Simulation:
 
     @in_turn
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
-        """Go on from what `save_state` returned, in a simulation of the same scenario and number of worlds.
+        """Restore what `save_state` returned, in a simulation of the same scenario and number of worlds.
 
         Raises:
             ValueError: an array is missing or has another shape.
@@ -321,7 +321,7 @@ class Simulation:
 
 
 def fold_seed(seed: int) -> int:
-    """Map any whole number of at least 0 to a seed of a world; numbers below 2^31 stand for themselves."""
+    """Map a whole number of at least 0 to a seed of a world; numbers below 2^31 are unchanged."""
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ValueError(f"seed must be a whole number of at least 0, got {shown(seed)}")
     if seed < 2**31:

@@ -1,8 +1,8 @@
 """The stages of a step and of a reset, in their order.
 
-Each is a kernel that goes over the worlds, or the robots, targets or rows of the grid of each world. What a kernel
-takes is found by the names of its parameters, among the state (`lissajous_env.world.state`) and the constants
-(`lissajous_env.world.constants`). A stage passes over worlds in which `clock.active` is 0.
+A stage is a kernel that goes over the worlds of a batch, or the robots, targets or rows of the grid of each world. Its
+arguments are found by the names of its parameters, among the state (`lissajous_env.world.state`) and the constants
+(`lissajous_env.world.constants`). It skips worlds in which `clock.active` is 0.
 """
 
 from collections.abc import Iterable
@@ -112,7 +112,7 @@ def _target_stages(scenario: Scenario, name: str, many: bool) -> list[Stage]:
 
 
 def _contamination_stages(scenario: Scenario, ticks: Iterable[int]) -> list[Stage]:
-    """What is done in each tick of a step, then the time that a rogue can have gone unseen."""
+    """Return the stages of each tick of contamination, then that of the worst-case undetected time."""
     if scenario.task.contamination is None:
         return []
     if scenario.task.conservative:

@@ -69,11 +69,11 @@ class Robots:
     removed_at: wp.array2d(dtype=wp.int32)
     """Step after which the robot is removed."""
     wheelbase: wp.array2d(dtype=wp.float32)
-    """Wheelbase of this very car [m]."""
+    """Wheelbase of this car [m]."""
     drive: wp.array2d(dtype=wp.float32)
-    """Motor's drive of this very car [m/s^2]."""
+    """Motor's drive of this car [m/s^2]."""
     sensor: wp.array2d(dtype=wp.vec2)
-    """x, y of a working robot [m]; far away where the robot senses nothing."""
+    """x, y of a working robot [m]; NOWHERE for a robot that has failed or been removed."""
     measured: wp.array2d(dtype=wp.vec4)
     """Measured x, y [m], heading [rad], speed [m/s]."""
     measured_turn: wp.array2d(dtype=wp.vec4)
@@ -89,9 +89,9 @@ class Links:
     sending: wp.array3d(dtype=wp.int32)
     """(W, N, delay + 1) 1 where something was sent."""
     heard: wp.array3d(dtype=wp.vec4)
-    """(W, N, 2) the same, last heard."""
+    """(W, N, 2) the same, of the last message received."""
     heard_at: wp.array3d(dtype=wp.int32)
-    """(W, N, 2) step in which what was last heard was sent; -1 for nothing yet."""
+    """(W, N, 2) step in which the last message received was sent; -1 for none yet."""
 
 
 @wp.struct
@@ -101,7 +101,7 @@ class Targets:
     position: wp.array2d(dtype=wp.vec2)
     """x, y [m]."""
     before: wp.array2d(dtype=wp.vec2)
-    """x, y at the end of the step before [m], of a target that a stage of the scenario's own moves."""
+    """x, y at the end of the step before [m], of a target that an extension moves."""
     heading: wp.array2d(dtype=wp.float32)
     """Heading [rad]."""
     motion: wp.array2d(dtype=wp.int32)
@@ -113,7 +113,7 @@ class Targets:
     found_at: wp.array2d(dtype=wp.int32)
     """Step in which it was detected; NEVER before."""
     found_early: wp.array2d(dtype=wp.float32)
-    """Share of that step that was left when it was detected, in [0, 1]: the time is that of found_at - found_early."""
+    """Share of that step that was left at its detection, in [0, 1]: it was detected at step found_at - found_early."""
     in_sight: wp.array2d(dtype=wp.int32)
     """1 while it is in a working robot's disc at the end of a step."""
 
@@ -141,9 +141,9 @@ class Cells:
 
 @wp.struct
 class Contamination:
-    """Where rogues may be that were never seen: `lissajous_env.world.contamination.field`.
+    """Cells in which undetected targets may be: `lissajous_env.world.contamination.field`.
 
-    Of its R rows and C columns there are B words of bits for 32 columns each, or D for 64.
+    Its grid has R rows and C columns, in B words of bits for 32 columns each, or D words for 64.
     """
 
     labels: wp.array4d(dtype=wp.int32)
@@ -157,15 +157,15 @@ class Contamination:
     settled: wp.array3d(dtype=wp.uint32)
     """(W, R, B) a bit for each cell that has the oldest label of this world in every tick."""
     row_oldest: wp.array2d(dtype=wp.int32)
-    """(W, R) earliest introduction of a rogue that may be in this row now [step]; NEVER for none."""
+    """(W, R) earliest introduction of a target that may be in this row now [step]; NEVER for none."""
     row_ages: wp.array2d(dtype=wp.int64)
     """(W, R) time since the introduction, summed over the cells of this row [step]."""
     oldest: wp.array(dtype=wp.int32)
-    """(W,) min e, the earliest introduction of a rogue that may be anywhere now [step]; NEVER for none."""
+    """(W,) min e, the earliest introduction of an undetected target that may be anywhere now [step]; NEVER for none."""
     cleared_at: wp.array(dtype=wp.int32)
-    """(W,) first step since which no rogue can be anywhere; NEVER while one can."""
+    """(W,) first step since which no cell is contaminated; NEVER while one is."""
     age: wp.array(dtype=wp.int32)
-    """(W,) how long a rogue can have gone unseen now [step]."""
+    """(W,) worst-case undetected time now [step]."""
     age_max: wp.array(dtype=wp.int32)
     """(W,) the longest of the episode [step]."""
     mean_age: wp.array(dtype=wp.float32)
@@ -173,7 +173,7 @@ class Contamination:
     mean_age_sum: wp.array(dtype=wp.float64)
     """(W,) the same, summed over steps [step]."""
     age_reduction: wp.array(dtype=wp.float32)
-    """(W,) by what the mean age became less in the latest step [step]."""
+    """(W,) decrease of the mean age in the latest step [step]."""
     failed: wp.array(dtype=wp.int32)
     """(W,) 1 once a robot has failed."""
     age_before: wp.array(dtype=wp.int32)
@@ -184,7 +184,7 @@ class Contamination:
 
 @wp.struct
 class StepEvents:
-    """What happened in the latest step."""
+    """Events and measures of the latest step."""
 
     detections: wp.array2d(dtype=wp.int32)
     """(W, N) targets that this robot was the first to detect."""
@@ -199,7 +199,7 @@ class StepEvents:
     tracking: wp.array2d(dtype=wp.float32)
     """(W, N) distance from the point of the curve at the robot's own phase [m]."""
     phase_offset: wp.array2d(dtype=wp.vec3)
-    """(W, N) phase less that of the equilibrium [rad], its cosine and sine."""
+    """(W, N) phase relative to the equilibrium [rad], its cosine and sine."""
     in_sight: wp.array(dtype=wp.int32)
     """(W,) targets in some working robot's disc."""
     waiting: wp.array(dtype=wp.int32)
@@ -209,13 +209,13 @@ class StepEvents:
     idle_ended: wp.array(dtype=wp.int64)
     """(W,) idleness of the cells that were sensed, summed [step]."""
     terms: wp.array3d(dtype=wp.float32)
-    """(W, N, 8) terms of the reward: `lissajous_env.world.reward.TERMS`, then those that were brought."""
+    """(W, N, terms) terms of the reward: `lissajous_env.world.reward.TERMS`, then those of extensions."""
     reward: wp.array2d(dtype=wp.float32)
     """(W, N) their sum."""
     terminated: wp.array2d(dtype=wp.bool)
-    """(W, N) whether a collision or the edge of the rectangle removed the robot."""
+    """(W, N) True if a collision or the edge of the rectangle removed the robot."""
     truncated: wp.array2d(dtype=wp.bool)
-    """(W, N) whether the time is over."""
+    """(W, N) True when the time is over."""
 
 
 @wp.struct

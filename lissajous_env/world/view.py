@@ -17,14 +17,14 @@ def read_only(array: np.ndarray) -> np.ndarray:
 
 
 class _Fixed:
-    """Something whose attributes are set once, when it is made."""
+    """An object whose attributes are set once, when it is made."""
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:
         raise ValueError(f"{name} is read-only, and so are all arrays of a world")
 
 
 class WorldView(_Fixed):
-    """What a function of an extension is given: read-only arrays over worlds, robots and targets.
+    """Argument of an extension's function: read-only arrays over worlds, robots and targets.
 
     Attributes:
         scenario: The scenario, with every field filled in.

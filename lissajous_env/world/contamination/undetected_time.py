@@ -1,4 +1,4 @@
-"""How long a rogue can have gone unseen, whatever it did: now, at worst, on the mean, and after a fault."""
+"""Worst-case undetected time: now, its maximum and mean over the episode, and after a fault."""
 
 import warp as wp
 
@@ -12,7 +12,7 @@ wp.set_module_options(OPTIONS)
 
 @wp.kernel
 def reset_guarantee(first: int, clock: Clock, contamination: Contamination):
-    """Begin with no time unseen."""
+    """Set the undetected times of a new episode to zero."""
     w = first + wp.tid()
     if clock.active[w] == 0:
         return
@@ -37,7 +37,7 @@ def keep_guarantee(
     robots: Robots,
     contamination: Contamination,
 ):
-    """Keep how long a rogue can have gone unseen: t - min e, its largest and its mean over the cells."""
+    """Update the worst-case undetected time t - min e, its maximum, and its mean over the cells."""
     w = first + wp.tid()
     if clock.active[w] == 0:
         return
@@ -50,7 +50,7 @@ def keep_guarantee(
     age = wp.where(oldest == NEVER, 0, now - oldest)
     mean_age = float(ages) / float(contamination.row_oldest.shape[1] * hops.columns)
     if task.conservative == 1 and now > 0:
-        # Who was unseen a step ago, or came since then, may have been so until the very end of this step.
+        # A target that was undetected a step ago, or came since then, may have been so until the very end of this step.
         latest = wp.where(target.arrival_rate > 0.0, now - 1, NEVER)
         before = wp.min(contamination.oldest[w], latest)
         if before != NEVER:

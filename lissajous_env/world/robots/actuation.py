@@ -1,4 +1,4 @@
-"""Actions on their way to the motors."""
+"""Actuation: the limits and noise of actions."""
 
 import numpy as np
 import warp as wp
@@ -27,7 +27,7 @@ _LARGEST = wp.constant(float(np.finfo(np.float32).max))
 
 @wp.func
 def flag(w: int, clock: Clock):
-    """Flag a world that was given an action that is not finite."""
+    """Flag a world that received an action that is not finite."""
     clock.invalid[w] = 1
     if clock.invalid_at[w] == 0:
         clock.invalid_at[w] = clock.step[w]
@@ -52,9 +52,9 @@ def take_commands(
     taken: wp.array3d(dtype=float),
     command_out: wp.array3d(dtype=float),
 ):
-    """Limit the actions to [-1, 1] and add noise; one that is not finite is taken as zero, and its world flagged.
+    """Limit the actions to [-1, 1] and add noise; replace one that is not finite by zero, and flag its world.
 
-    Effort and change are those of the action without the noise, which `taken` keeps until the next step.
+    Effort and change are those of the action without the noise, which `taken` stores until the next step.
     """
     n = action.shape[1]
     size = action.shape[2]

@@ -1,4 +1,4 @@
-"""Whether a scenario needs bins, and how large they are."""
+"""Sizes of bins, and the scenarios for which they are faster."""
 
 import math
 from typing import Any
@@ -25,7 +25,7 @@ _MOST_ENTRIES = 256
 
 
 def has_bins(scenario: Scenario) -> bool:
-    """Whether a resolved scenario is large enough for bins to pay."""
+    """Return whether bins are faster for a resolved scenario."""
     n = scenario.num_robots
     if n < MANY and (n < _SOME or n * scenario.target_capacity < _PAIRS):
         return False

@@ -1,11 +1,11 @@
 """Bins: squares of the rectangle, each with a list of the robots that come near it in a step.
 
-Where robots are many, whoever asks who is near a place asks the list of its bin and not every robot. A robot stands in
-the list of each bin that its way through the step, widened by `reach` to both sides, touches. So the list of a place's
-bin has every robot that came within `reach` of the place at any time of the step; it may have others, and the order is
-not defined: who asks measures the distance, and takes the lower index of two robots that are equally near.
+Where robots are many, the robots near a place are found in the list of its bin. A robot is in the list of each bin that
+its path through the step, widened by `reach` to both sides, touches. So the list of a place's bin has every robot that
+came within `reach` of the place at any time of the step. It may have others, and its order is not defined: kernels
+measure the distance, and take the lower index of two robots that are equally near.
 
-A list is walked along, from the first entry of its bin to one without a robot:
+A list is read from the first entry of its bin to one without a robot:
 
     entry = bins.entry[w, bins.first[w, k]]
     while entry[0] >= 0:
@@ -28,14 +28,14 @@ class Bins:
 
     half_width: wp.float32
     half_height: wp.float32
-    """Of the rectangle [m]."""
+    """Half extents of the rectangle [m]."""
     size: wp.float32
     """Side of a bin [m]."""
     columns: wp.int32
     rows: wp.int32
     """The bins in row k begin with bin k columns; the outermost go on for ever."""
     reach: wp.float32
-    """Up to where lists are complete [m]."""
+    """Distance up to which lists are complete [m]."""
     widened: wp.float32
     """The same, and a margin for rounding [m]."""
     room: wp.int32

@@ -1,4 +1,4 @@
-"""The edge of the rectangle: who is outside, and who is removed for it. A wall stands in the motion of cars."""
+"""Robots outside the rectangle, and their removal. The wall is part of the motion of cars."""
 
 import warp as wp
 
@@ -35,7 +35,7 @@ def watch_boundary(
     robots: Robots,
     latest: StepEvents,
 ):
-    """Note the robots whose whole body is outside the rectangle; remove them where `task.boundary` says so."""
+    """Mark the robots whose whole body is outside the rectangle; remove them if `task.boundary` is `remove`."""
     n = robots.status.shape[1]
     block = block_of(wp.tid(), begin, end, n, clock.active)
     if block.count == 0:

@@ -155,7 +155,7 @@ def move_cars(
 
 
 def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:
-    """What a car's motion needs to be finite: its equations are integrated in float32 by a method of order four.
+    """Check that a car's motion stays finite: its equations are integrated in float32 by a method of order four.
 
     Raises:
         ValueError: a field that a rule forbids, by name.

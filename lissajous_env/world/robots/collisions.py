@@ -36,7 +36,7 @@ def compare_pair(
     latest: StepEvents,
     tally: Tally,
 ) -> float:
-    """Let two robots collide that come within `touch`, or part; return their least squared distance [m^2].
+    """Count a collision of two robots that come within `touch`, or end it; return their least squared distance [m^2].
 
     Robots of one of `places` overlap by design and are not compared: `Scenario.places`.
     Stretches of the step in which they are farther apart than `beyond` [m] are passed over; 1e30 where all are. A pair
@@ -69,7 +69,7 @@ def compare_pair(
 
 @wp.func
 def part_pair(w: int, i: int, j: int, tally: Tally):
-    """End the contact of two robots; when they last met stays known."""
+    """End the contact of two robots; its last step remains stored."""
     if tally.contact[w, i, j] > 0:
         tally.contact[w, i, j] = -tally.contact[w, i, j]
 
@@ -160,7 +160,7 @@ def _finding_collisions(compare: Any) -> Any:
         if clock.active[w] == 0:
             return
         touch = 2.0 * robot.radius
-        # A pair this far apart cannot touch, nor be the nearest of the episode. Other threads may lower it meanwhile,
+        # A pair this far apart cannot collide, nor be the nearest of the episode. Other threads may lower it meanwhile,
         # to no less than the smallest distance of the episode.
         beyond = wp.max(tally.min_separation[w], PARTED * touch)
         nearest = float(1.0e30)
@@ -183,7 +183,7 @@ find_listed_collisions = _finding_collisions(compare_with_listed)
 
 @wp.kernel
 def take_consequences(first: int, lanes: int, task: TaskStruct, clock: Clock, robots: Robots, latest: StepEvents):
-    """Stop or remove the robots that collided in this step, as `task.on_collision` says."""
+    """Stop or remove the robots that collided in this step, by `task.on_collision`."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:

@@ -1,4 +1,4 @@
-"""How far the robots are from where they should be: from the curve, and from their places in the formation."""
+"""Distances of the robots from the curve, and from their positions in the formation."""
 
 import warp as wp
 
@@ -33,7 +33,7 @@ def find_deviations(
     robots: Robots,
     latest: StepEvents,
 ):
-    """Find how far each robot is from the curve, from its own point of it, and from the equilibrium."""
+    """Find each robot's distance from the curve and from its own point of it, and its phase from the equilibrium."""
     block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
     if block.count == 0:
         return

@@ -35,7 +35,7 @@ _CELLS, _LEVELS = 128, 5
 _SEEDS = wp.constant(6)
 """Points of the curve that a cell has at most."""
 _APART = 0.3
-"""How far apart these are at least, along the curve, in diagonals of a cell."""
+"""Their smallest distance along the curve, in diagonals of a cell."""
 _STEPS = wp.constant(6)
 """Most steps of Newton's from each."""
 _CLOSE = wp.constant(1e-3)
@@ -43,7 +43,7 @@ _CLOSE = wp.constant(1e-3)
 _FLATTEST = 0.1
 """Extent of the first grid across a flat curve, in that along it."""
 _LARGEST_STEP = 0.5
-"""Of Newton's steps, in radians of the highest harmonic."""
+"""Largest of Newton's steps, in radians of the highest harmonic."""
 
 _SPLIT = wp.constant(SPLIT)
 _AROUND = wp.constant(AROUND)
@@ -63,11 +63,11 @@ class DistanceTable:
     per_height: wp.float32
     """1 over the half height of the innermost grid [1/m]."""
     centre: wp.vec2
-    """Of the grids around a curve of harmonics [m]."""
+    """Centre of the grids around a curve of harmonics [m]."""
     seeds: wp.array4d(dtype=wp.float32)
     """(grids, rows, columns, points) for each cell of these, parameters of nearest points [rad], then -1."""
     largest_step: wp.float32
-    """Of Newton's from these [rad]."""
+    """Largest of Newton's steps from these [rad]."""
 
 
 @wp.func

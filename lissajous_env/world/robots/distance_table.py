@@ -92,9 +92,9 @@ class Table:
     arcs: np.ndarray
     """(arcs, 5) a point of the curve [m], the unit normal there, and the curvature against it [1/m]."""
     columns: int
-    """Of the innermost grid."""
+    """Columns of the innermost grid."""
     rows: int
-    """Of the innermost grid."""
+    """Rows of the innermost grid."""
 
 
 def arc_distance(arcs: np.ndarray, places: np.ndarray) -> np.ndarray:

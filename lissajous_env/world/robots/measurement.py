@@ -1,4 +1,4 @@
-"""What robots measure of themselves."""
+"""Measurements that robots make of themselves."""
 
 import warp as wp
 
@@ -29,7 +29,7 @@ wp.set_module_options(MOTION)
 def disturb(
     draw: wp.uint32, alpha: float, curve: CurveStruct, noise: NoiseStruct, pose: wp.vec4, phase: wp.float64
 ) -> tuple[wp.vec4, wp.float64]:
-    """A pose (x, y [m], heading [rad], speed [m/s]) and a phase [rad] as they are measured with noise."""
+    """Add noise to a pose (x, y [m], heading [rad], speed [m/s]) and a phase [rad]."""
     pose[0] += noise.position * wp.randn(draw)
     pose[1] += noise.position * wp.randn(draw)
     pose[2] += noise.heading * wp.randn(draw)
@@ -49,7 +49,7 @@ def measure(
     clock: Clock,
     robots: Robots,
 ):
-    """Let each robot measure its own pose and phase, and point its sensor; of a removed one stays what it last knew."""
+    """Measure each robot's pose and phase, and place its sensor; measurements of a removed robot are frozen."""
     n = robots.status.shape[1]
     block = block_of(wp.tid(), begin, end, n, clock.active)
     if block.count == 0:

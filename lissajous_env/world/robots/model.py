@@ -1,4 +1,4 @@
-"""What a model of robots is: how they move, what an action is, and how they are drawn, in one place."""
+"""Robot models: motion, actions and drawing of a kind of robots."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class RobotModel:
     speed_unit: Callable[[Curve, Formation, Robot], float]
     """Unit of observed speeds [m/s], such as the top speed."""
     meanings: tuple[str, ...] = ()
-    """What each component does from -1 to 1, with its unit, for readers; the name alone where there is none."""
+    """Meaning of each component from -1 to 1, with its unit; empty: the names alone."""
     rest: tuple[float, ...] | None = None
     """The action that brings a robot to rest; None is all zero."""
     check: Callable[[Curve, Formation, Robot, Noise, Task], None] = _nothing_to_check
@@ -45,7 +45,7 @@ class RobotModel:
     layout: str = LANES
     """Layout of the kernel, of `lissajous_env.device.program`."""
     keeps_to_curve: bool = False
-    """Whether a robot is always on the curve; `move` then writes its phase, which else follows its place by itself."""
+    """True for robots that are always on the curve; `move` then writes the phase, else the phase follows the position."""
 
     @property
     def action_size(self) -> int:

@@ -1,4 +1,4 @@
-"""Where robots are along the curve: at the beginning of an episode, and as they move beside it."""
+"""Phases of robots along the curve: at the beginning of an episode, and as they move beside it."""
 
 import warp as wp
 

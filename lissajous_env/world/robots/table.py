@@ -15,7 +15,7 @@ _MODELS = {model.name: model for model in (CAR, POINT)}
 
 
 def register_robot_model(model: RobotModel) -> RobotModel:
-    """Make a model known by its name; returns it.
+    """Register a model by its name, and return it.
 
     Raises:
         ValueError: a name that another model has, or a model that cannot be one.
@@ -60,7 +60,7 @@ def model_of(kind: str) -> RobotModel:
 
 
 def is_shipped(kind: str) -> bool:
-    """Whether a model is one of ours."""
+    """Return whether a model comes with the package."""
     return _MODELS.get(kind) in (CAR, POINT)
 
 

@@ -174,17 +174,17 @@ class Flock:
     """STILL for one that is hidden."""
     before_x: Floats
     before_y: Floats
-    """Where it was at the beginning of the step [m]."""
+    """Position at the beginning of the step [m]."""
     x: Floats
     y: Floats
     heading: Floats
     reach: Floats
-    """How far from it a robot may be that can have met it within the step [m]."""
+    """Largest distance at the end of the step of a robot that can have detected it within the step [m]."""
 
 
 @wp.func
 def gather(w: int, count: int, number: Ints, near: float, way: float, radius: float, targets: Targets) -> Flock:
-    """Take up the targets of these numbers; one that an extension moves has already moved."""
+    """Load the targets of these numbers; one that an extension moves has already moved."""
     flock = Flock()
     flock.count = count
     flock.number = number
@@ -349,7 +349,7 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any) -> Any
         bins: Bins,
         latest: StepEvents,
     ):
-        """Let detected targets leave, others appear or move, and the first robot that meets one detect it.
+        """Remove detected targets, let others appear or move, and let the first robot that senses one detect it.
 
         A target appears at the end of its step: it is detected then or, on its way, from the next step on.
         """

@@ -18,7 +18,7 @@ DRIFTING = wp.constant(1)
 WANDERING = wp.constant(2)
 FLEEING = wp.constant(3)
 CUSTOM = wp.constant(4)
-"""Moved by a stage of the scenario's own."""
+"""Moved by an extension of the scenario."""
 
 _BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
 
@@ -51,7 +51,7 @@ def reset_targets(
     clock: Clock,
     targets: Targets,
 ):
-    """Draw place, heading and motion of every slot; those of the start appear at step 0.
+    """Draw position, heading and motion of every target; those of the start appear at step 0.
 
     The place of a target that appears unseen is drawn anew at that moment.
     """
@@ -90,7 +90,7 @@ def reset_targets(
 
 @wp.kernel
 def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Clock, targets: Targets):
-    """Lay the arrivals of a Poisson process on the slots after those of the start, in order of time."""
+    """Draw the arrival times of the targets after those of the start, by a Poisson process."""
     w = first + wp.tid()
     if clock.active[w] == 0:
         return
@@ -136,7 +136,7 @@ def wander(
 
 @wp.func
 def is_moved(motion: int) -> bool:
-    """Whether it moves by itself."""
+    """Return whether targets of this motion are moved by the simulation."""
     return motion != STILL and motion != CUSTOM
 
 
