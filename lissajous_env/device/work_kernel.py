@@ -2,7 +2,8 @@
 
 One thread leads: it opens group after group of tasks, takes tasks itself as long as there are any, and continues when
 all of the group are done. The others help. Each looks for tasks from a place of its own on, so that it mostly does what
-it did in the run before, of which its cache still holds some."""
+it did in the run before, of which its cache still holds some.
+"""
 
 import warp as wp
 

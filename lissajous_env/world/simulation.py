@@ -171,7 +171,7 @@ class Simulation:
         self._step()
 
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
-        """Return a row for each of some worlds, the score of the latest episode so far: `lissajous_env.world.score.COLUMNS`."""
+        """Return the score of the latest episode so far, a row for each of some worlds: `world.score.COLUMNS`."""
         chosen, brought = self._chosen(worlds), self._extended.columns(self.clock.step.numpy())
         kept = self.clock, self.robots, self.targets, self.cells, self.contamination, self.tally
         return score_rows(self.scenario, *kept, brought, chosen)
