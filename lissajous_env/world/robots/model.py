@@ -45,7 +45,7 @@ class RobotModel:
     layout: str = LANES
     """Layout of the kernel, of `lissajous_env.device.program`."""
     keeps_to_curve: bool = False
-    """True for robots that are always on the curve, whose `move` writes the phase; else the phase follows the position."""
+    """True for robots that are always on the curve: `move` writes their phase, which else follows their position."""
 
     @property
     def action_size(self) -> int:
