@@ -8,8 +8,9 @@ import pytest
 
 import lissajous_env
 from lissajous_env.device import program
-from lissajous_env.world import bins, simulation, stages
-from lissajous_env.world.bins import has_bins
+from lissajous_env.world import simulation, stages
+from lissajous_env.world.robots import bin_sizes
+from lissajous_env.world.robots.bin_sizes import has_bins
 from lissajous_env.world.state import REMOVED
 
 DENSE = {"curve.a": 201, "curve.b": 200, "formation.phase_rate": 0.001, "robot.radius": 0.1}
@@ -206,5 +207,5 @@ def test_lists_have_a_margin_for_rounding():
     scenario = lissajous_env.scenario("swarm", **{"curve.half_width": 1e4, "curve.half_height": 1e4}).resolve()
     for radius in (1e-3, 1.0):
         small = lissajous_env.scenario(scenario, **{"sensing.radius": radius, "robot.radius": 1e-3}).resolve()
-        filled = bins.bins_of(small, 1.0, 1, 1, "cpu")
+        filled = bin_sizes.bins_of(small, 1.0, 1, "cpu")
         assert filled.widened - filled.reach > 4 * np.spacing(np.float32(1e4))

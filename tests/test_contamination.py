@@ -7,9 +7,9 @@ from reference_contamination import Field, sensors_of
 
 import baselines
 import lissajous_env
+from lissajous_env.device.discs import swept_run
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.parameters.spreading import HOPS
-from lissajous_env.world.discs import swept_run
 from lissajous_env.world.introduction import introduced_at
 from lissajous_env.world.state import NEVER
 

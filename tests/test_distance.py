@@ -12,8 +12,8 @@ from lissajous_env.device.abreast import Floats
 from lissajous_env.device.curve import CurveStruct, curve_struct
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory.closed_forms import curve_point
-from lissajous_env.world.distance import DistanceTable, curve_distances, table_of
-from lissajous_env.world.distance_table import arc_distance, nearest_phase
+from lissajous_env.world.robots.distance import DistanceTable, curve_distances, table_of
+from lissajous_env.world.robots.distance_table import arc_distance, nearest_phase
 
 
 @wp.kernel

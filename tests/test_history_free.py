@@ -6,8 +6,9 @@ import warp as wp
 
 import lissajous_env
 from lissajous_env.device import program
-from lissajous_env.world.bins import has_bins
+from lissajous_env.device.warp_abi import fields_of, is_struct
 from lissajous_env.world.constants import constants_of
+from lissajous_env.world.robots.bin_sizes import has_bins
 
 CROWD = {"curve.a": 51, "curve.b": 50, "robot.radius": 0.15, "sensing.radius": 0.4, "formation.phase_rate": 0.02}
 CROWD |= {"targets.count": 60, "task.duration": 3.0}
@@ -61,8 +62,8 @@ def arrays_in(values):
     for value in values.values():
         if isinstance(value, wp.array):
             yield value
-        elif hasattr(value, "_cls"):
-            yield from arrays_in({name: getattr(value, name) for name in value._cls.vars})
+        elif is_struct(value):
+            yield from arrays_in(fields_of(value))
 
 
 def state_of(simulation):

@@ -7,7 +7,7 @@ import pytest
 
 import lissajous_env
 from lissajous_env.world.reward import FORMULAS, TERMS
-from lissajous_env.world.state import Contamination, Latest
+from lissajous_env.world.state import Contamination, StepEvents
 from lissajous_env.world.tally import EpisodeTotals
 
 WEIGHTS = {
@@ -81,7 +81,7 @@ def test_the_formulas_that_readers_see_are_what_the_kernel_does():
     # Oracle: each formula, evaluated by Python on the state after a step.
     *_, simulation = runs(steps=7, **WEIGHTS)
     latest, tally, contamination = simulation.latest, simulation.tally, simulation.contamination
-    structs = (tally, EpisodeTotals), (contamination, Contamination), (latest, Latest)
+    structs = (tally, EpisodeTotals), (contamination, Contamination), (latest, StepEvents)
     state = {name: getattr(struct, name).numpy() for struct, of in structs for name in of.vars}
     happened = {name: value.reshape(8, -1) for name, value in state.items()}  # of the team (8, 1), of robots (8, 5)
     weights = dataclasses.asdict(simulation.scenario.task) | {"cells_total": 36 * 16}

@@ -73,7 +73,7 @@ LOAD = """
 import sys
 import warp as wp
 from lissajous_env.device import kernel_cache
-from lissajous_env.world import collisions
+from lissajous_env.world.robots import collisions
 from lissajous_env.device.devices import as_device, compile_quietly
 kernel_cache.listener = print
 as_device("cpu")

@@ -317,7 +317,7 @@ class Still(Policy):
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         super().__init__(scenario, num_worlds, device)
         rest = model_of(self.scenario.robot.kind).rest or (0.0,) * self.scenario.action_size
-        self.action.assign(np.tile(np.float32(rest), (*self.shape, 1)))
+        self.action.assign(np.tile(np.array(rest, dtype=np.float32), (*self.shape, 1)))
 
     def decide(self, observation: wp.array) -> None:
         """Leave the action as it is."""

@@ -1,1 +1,1 @@
-"""What kernels are built of: the curve, random numbers, structs, and how all of it is compiled and launched."""
+"""Building blocks of kernels (the curve, random numbers, structs), their compilation and their launches."""

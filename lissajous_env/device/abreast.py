@@ -1,13 +1,13 @@
 """Robots side by side: loops that the compiler turns into SIMD instructions.
 
-A kernel that takes `begin` and `end` without `first` goes over the robots of all worlds in a row, in blocks of
-`width()`. It loads what it needs of a block (`floats` and those after it), as it lies in memory: arrays are contiguous,
-world first, then robot. It works on this in loops `for k in range(ABREAST)` whose passes do not depend on each other,
-and stores the results (`put_floats` and those after it) of the robots that have a bit in a mask, of those alone that
-are in worlds that take part. Each robot is worked on in the same way wherever it stands in a block, so a world does not
-depend on those beside it.
+A kernel of the layout `BLOCKS` goes over the robots of all worlds in a row, in blocks of `width()`. It loads what it
+needs of a block (`floats` and those after it), as it lies in memory: arrays are contiguous, world first, then robot. It
+works on this in loops `for k in range(ABREAST)` whose passes do not depend on each other, and stores the results
+(`put_floats` and those after it) of the robots that have a bit in a mask, of those alone that are in worlds that take
+part. Each robot is worked on in the same way wherever it stands in a block, so a world does not depend on those beside
+it.
 
-For a loop to become SIMD its first question must be `if k < width()`, since a thread of a GPU has one robot alone, and
+For a loop to become SIMD it must begin with `if k < width()`, since a thread of a GPU has one robot alone, and
 nothing in it may end early, loop, or choose by anything but `wp.where` and short branches; a function must not take a
 `wp.vec2`, and what it goes over must be vectors of their own, not fields of a struct.
 """
@@ -38,7 +38,7 @@ _ON_CPU = int(ABREAST)
 #endif
 """)
 def width() -> int:
-    """How many robots a thread works on together."""
+    """Return the number of robots that a thread works on together."""
     ...
 
 
@@ -49,14 +49,14 @@ def width_on(device: Any) -> int:
 
 @wp.struct
 class Block:
-    """The robots of a thread: those of worlds that follow each other, as they lie in memory."""
+    """Robots of a thread, of consecutive worlds, as they lie in memory."""
 
     start: wp.int32
-    """The first of them, counted through all worlds."""
+    """First of them, counted through all worlds."""
     count: wp.int32
-    """How many there are: `width()` at most, and none where no world takes part."""
-    taking: wp.int32
-    """A bit for each that is in a world that takes part."""
+    """Number of robots: `width()` at most, and 0 where no world is active."""
+    active_mask: wp.int32
+    """Bit of each robot that is in an active world."""
 
 
 @wp.func
@@ -81,15 +81,15 @@ def block_of(thread: int, begin: int, end: int, n: int, active: wp.array(dtype=w
     block = Block()
     block.start = begin + thread * width()
     block.count = wp.min(width(), end - block.start)
-    block.taking = where_world(block, n, active, 1)
-    if block.taking == 0:
+    block.active_mask = where_world(block, n, active, 1)
+    if block.active_mask == 0:
         block.count = 0
     return block
 
 
 @wp.func
 def is_in(k: int, mask: int) -> bool:
-    """Whether robot k of a block has a bit."""
+    """Return whether robot k of a block has a bit in the mask."""
     return ((mask >> k) & 1) == 1
 
 
@@ -107,7 +107,7 @@ _LOAD = """
 
 
 def _load(type: str, each: str = "1", offset: str = "0") -> str:
-    """How numbers are loaded of which each robot has some, from an offset in those of the block's first robot."""
+    """Return C++ that loads one of `each` numbers per robot, at an offset from those of the block's first robot."""
     offset = f"{each} * (long long)block.start + {offset}"
     return _LOAD.format(type=f"wp::{type}", length=_LENGTH, each=each, offset=offset)
 
@@ -178,7 +178,7 @@ _STORE = """
 
 
 def _store(type: str, parts: tuple[str, ...], each: str, offset: str = "0") -> str:
-    """How parts are stored of which each robot has some, from an offset in those of the block's first robot."""
+    """Return C++ that stores parts of `each` numbers per robot, at an offset from those of the block's first robot."""
     store = " ".join(f"to[{each} * k + {place}] = {part};" for place, part in enumerate(parts))
     offset = f"{each} * (long long)block.start + {offset}"
     return _STORE.format(type=f"wp::{type}", length=_LENGTH, full=(1 << _LENGTH) - 1, store=store, offset=offset)

@@ -1,4 +1,4 @@
-"""How near two things come to each other on straight ways."""
+"""Closest approach of two points that move on straight lines."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ wp.set_module_options(OPTIONS)
 
 @wp.func
 def closest_approach(before: Any, after: Any) -> float:
-    """Smallest squared length of before + t (after - before), t in [0, 1] [m^2], in the plane or in space.
+    """Return the smallest squared length of before + t (after - before), t in [0, 1] [m^2], in the plane or in space.
 
     `before` and `after` are the offset of two robots at the two ends of a stretch of time, at equal speeds within it.
     """
@@ -23,7 +23,7 @@ def closest_approach(before: Any, after: Any) -> float:
 
 @wp.func
 def first_within(before: wp.vec2, after: wp.vec2, radius: float) -> float:
-    """Smallest t in [0, 1] with |before + t (after - before)| <= radius [m], on a way as above; 2 for none."""
+    """Return the smallest t in [0, 1] with |before + t (after - before)| <= radius [m], as above; 2 for none."""
     outside = wp.dot(before, before) - radius * radius
     if outside <= 0.0:
         return 0.0

@@ -1,4 +1,4 @@
-"""How kernels are compiled, by name; a module with device code calls `wp.set_module_options`, most with OPTIONS."""
+"""Compiler options of kernels; a module with device code calls `wp.set_module_options`, usually with OPTIONS."""
 
 from typing import Any
 

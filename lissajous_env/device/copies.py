@@ -1,4 +1,4 @@
-"""Objects that hold Warp arrays, copied and pickled at any moment: made anew, then given what the original holds.
+"""Objects with Warp arrays that can be copied and pickled at any time: made anew, then filled from the original.
 
 Structs, devices and recorded launches of Warp can be neither copied nor pickled. So a copy is made as the original was,
 by its class with the same arguments, which gives it its own, and then takes over everything else: Warp arrays by
@@ -36,11 +36,11 @@ class Copyable:
         return made
 
     def save_state(self) -> dict[str, np.ndarray]:
-        """Copy every array that this holds, its memory among them, to the host, by name."""
+        """Copy every array of the object to the host, by name."""
         return {name: np.array(array.numpy() if _is_warp_array(array) else array) for name, array in _arrays(self)}
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
-        """Go on from what `save_state` returned, in one that was made alike.
+        """Restore what `save_state` returned, in an object that was made alike.
 
         Raises:
             ValueError: an array is missing, unknown, or has another shape or type; nothing has changed then.
@@ -132,7 +132,7 @@ def _entries(owner: Any) -> list[tuple[Any, Any]]:
 
 
 def _needs_making(value: Any, within: tuple[int, ...] = ()) -> bool:
-    """Whether something is Warp's, or a function, or holds such a thing."""
+    """Return whether a value is Warp's, a function, or contains one."""
     if _is_warp_array(value) or _stays(value):
         return True
     if isinstance(value, np.ndarray) or id(value) in within:

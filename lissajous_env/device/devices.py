@@ -1,4 +1,4 @@
-"""Devices: which are there, what goes to them, and what Warp says while it starts and compiles."""
+"""Devices: names, memory, copies to them, and silence while Warp starts and compiles."""
 
 import contextlib
 import os
@@ -35,11 +35,11 @@ def as_device(device: Any) -> Any:
 
 _CONTAINER = Path("/sys/fs/cgroup")
 _QUOTAS = ("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")
-"""Where Linux says how much time of processors a container has in a period, and how long that is; of both versions."""
+"""Files, of both versions of cgroups, with the processor time of a container in a period, and the period."""
 
 
 def cores() -> int:
-    """Cores that this process may use: as many as it is bound to, and at most the time that its container has."""
+    """Return the number of cores that this process may use, by its affinity and its container's quota."""
     bound = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     for files in _QUOTAS:
         with contextlib.suppress(OSError, ValueError):  # no container, or one without a limit
@@ -50,7 +50,7 @@ def cores() -> int:
 
 
 def check_room(sizes: Sequence[int], num_worlds: int, device: Any) -> None:
-    """Refuse to allocate arrays that take these sizes of each world [bytes] where they exceed what there is.
+    """Refuse arrays of these sizes per world [bytes] that exceed the memory.
 
     Raises:
         ValueError: the arrays of `num_worlds` worlds do not fit on the device, or one world not into an array.
@@ -103,7 +103,7 @@ def _as_floats(name: str, value: Any) -> np.ndarray:
 
 
 def is_torch(value: Any) -> bool:
-    """Whether a value is a torch tensor; torch itself need not be installed."""
+    """Return whether a value is a torch tensor; torch need not be installed."""
     return type(value).__module__.partition(".")[0] == "torch"
 
 
@@ -136,7 +136,7 @@ def _started() -> None:
 
 @contextlib.contextmanager
 def silent_stderr() -> Iterator[None]:
-    """Keep native code from writing to standard error: Warp warns there of every machine without a CUDA driver."""
+    """Silence standard error of native code: Warp warns there on every machine without a CUDA driver."""
     try:
         kept = os.dup(2)
     except OSError:  # standard error is closed: nothing to keep silent

@@ -18,6 +18,7 @@ from typing import Any
 
 import warp as wp
 
+from lissajous_env.device.warp_abi import folder_of, replace_load
 from lissajous_env.storage.files import write_atomically
 
 OURS = ("lissajous_env.", "baselines.", "training.")
@@ -43,29 +44,31 @@ def start(silence: Callable[[], contextlib.AbstractContextManager[None]]) -> Non
 
 @functools.cache
 def _watch() -> None:
-    load, loaded = wp.Module.load, set()
+    loaded = set()
 
-    @functools.wraps(load)
-    def watched(module: Any, device: Any, *args: Any, **kwargs: Any) -> Any:
-        key = (id(module), str(device), args, tuple(kwargs.items()))
-        if key in loaded or not module.name.startswith(OURS):
-            return load(module, device, *args, **kwargs)
-        block = args[0] if args else kwargs.get("block_dim")
-        with _small_frames():
-            name = module.get_module_identifier(block)
-            _prepare(name)
-            try:
-                executable = load(module, device, *args, **kwargs)
-            except Exception:
-                # What was compiled by an earlier version has no checksum: try once more from the source.
-                if not _forget(_folder(name)):
-                    raise
-                executable = load(module, device, *args, **kwargs)
-        _note_sums(_folder(name))
-        loaded.add(key)
-        return executable
+    def watch(load: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(load)
+        def watched(module: Any, device: Any, *args: Any, **kwargs: Any) -> Any:
+            key = (id(module), str(device), args, tuple(kwargs.items()))
+            if key in loaded or not module.name.startswith(OURS):
+                return load(module, device, *args, **kwargs)
+            with _small_frames():
+                name = folder_of(module, args[0] if args else kwargs.get("block_dim"))
+                _prepare(name)
+                try:
+                    executable = load(module, device, *args, **kwargs)
+                except Exception:
+                    # What was compiled by an earlier version has no checksum: try once more from the source.
+                    if not _forget(_folder(name)):
+                        raise
+                    executable = load(module, device, *args, **kwargs)
+            _note_sums(_folder(name))
+            loaded.add(key)
+            return executable
 
-    wp.Module.load = watched  # type: ignore
+        return watched
+
+    replace_load(watch)
 
 
 @contextlib.contextmanager

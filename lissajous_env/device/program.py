@@ -1,17 +1,21 @@
 """Programs: kernels in an order, bound to arrays by the names of their parameters, ready to run.
 
-A kernel of a program takes `first`, the first world of the block that it works on, and, unless it goes over whole
-worlds, `lanes`, how many threads share the entities of a world: on a GPU there is one for each entity, on a CPU one
-that loops over them all, which saves its setup. One that takes `begin` and `end` too, and goes over the entities from
-the one to the other, may have those of a large world split among CPU threads; the number of the part is `part`. One
-that takes these without `first` goes over the entities of all worlds in a row, side by side
-(`lissajous_env.device.abreast`): the last of them, and the first of the next world.
+A stage says by its layout on what a thread works, and its kernel takes the parameters of that layout:
 
-Kernels over the same entities that follow each other work on a part without waiting for the others. So none of them
-may read of other parts what another one of them writes, nor write or add to what is not its part's own: an atomic
-operation is none on a CPU.
+| layout   | parameters                       | a thread works on                                                  |
+|----------|----------------------------------|--------------------------------------------------------------------|
+| `WORLDS` | `first`                          | world `first + wp.tid()`                                           |
+| `LANES`  | `first`, `lanes`                 | each `lanes`-th entity of a world: on a GPU one, on a CPU all      |
+| `PARTS`  | `first`, `lanes`, `begin`, `end` | the same, of the entities from `begin` to `end - 1`                |
+| `BLOCKS` | `begin`, `end`                   | entities of all worlds in a row, side by side: `device/abreast.py` |
 
-Every other parameter is looked up by its name.
+CPU threads may share the entities of a large world where the layout is `PARTS` or `BLOCKS`. Such a stage begins when
+all threads have done the stages before it, unless it has no `barrier`: then it begins on a part as soon as the stage
+before it is done there, so it must not read of other parts what the stages since the last barrier write. A stage over
+other entities than the one before it always waits. Nor may any stage of these layouts write to entities of other
+parts, but by the functions of `lissajous_env.device.atomic`.
+
+Every other parameter of a kernel is looked up by its name.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -26,19 +30,27 @@ from lissajous_env.device.abreast import width_on
 from lissajous_env.device.devices import as_device
 from lissajous_env.device.kernel_cache import OURS
 from lissajous_env.device.stacks import require_room
-from lissajous_env.device.work import SHARES, Call, Work
+from lissajous_env.device.warp_abi import Call, content_of, is_struct, names_of_arguments
+from lissajous_env.device.work import TASKS_PER_THREAD, Work
 from lissajous_env.wording import few_of
 
 WORLD, ROBOT, TARGET, ROW, FIELD_ROW, BIN = "world", "robot", "target", "row", "field row", "bin"
 
-_PLACED = ("first", "lanes", "part", "begin", "end")
-"""Parameters that say which worlds and entities a launch is for."""
+WORLDS, LANES, PARTS, BLOCKS = "worlds", "lanes", "parts", "blocks"
+
+_PLACED = {
+    WORLDS: ("first",),
+    LANES: ("first", "lanes"),
+    PARTS: ("first", "lanes", "begin", "end"),
+    BLOCKS: ("begin", "end"),
+}
+"""Parameters that say which worlds and entities a launch is for, by layout."""
 
 _MOST_LAUNCHES = 64
-"""Launches that a launcher keeps ready."""
+"""Largest number of recorded launches of a launcher."""
 
 _SHARE = 100_000
-"""Work below which it does not pay to wake a thread for it [ns]."""
+"""Work below which waking a thread for it does not pay [ns]."""
 
 
 @dataclass(frozen=True)
@@ -50,39 +62,57 @@ class Stage:
     run: Any
     """A Warp kernel, or a function without arguments that is called on the host."""
     over: str = WORLD
-    """What the kernel goes over: WORLD, ROBOT, TARGET, ROW (of the grid), FIELD_ROW (of contamination) or BIN."""
+    """Entities of the kernel: WORLD, ROBOT, TARGET, ROW (of the grid), FIELD_ROW (of contamination) or BIN."""
+    layout: str = LANES
+    """Part of the work that a thread does: LANES, PARTS or BLOCKS; WORLDS where the stage goes over worlds."""
+    barrier: bool = True
+    """False for a PARTS or BLOCKS stage that does not wait for the stages before it, as the module describes."""
     when: bool = True
-    """Whether the program has it."""
+    """False to leave the stage out."""
     own: Mapping[str, Any] = field(default_factory=dict)
-    """What its kernel's parameters are bound to besides the values of the program, by name."""
+    """Arguments of its kernel besides the values of the program, by name."""
+
+    def __post_init__(self) -> None:
+        if self.over == WORLD:
+            object.__setattr__(self, "layout", WORLDS)
+        placed = {name for names in _PLACED.values() for name in names}
+        got = tuple(name for name in self.labels if name in placed)
+        if self.is_kernel and got != _PLACED[self.layout]:
+            rule = f"of layout {self.layout} must take {', '.join(_PLACED[self.layout])}"
+            raise ValueError(f"kernel of stage {self.name} {rule}, got {', '.join(got) or 'none of them'}")
 
     @property
     def is_kernel(self) -> bool:
-        """Whether it is launched on the device."""
+        """Return whether it is launched on the device."""
         return isinstance(self.run, wp.Kernel)
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of what the kernel takes from the state and the constants."""
-        return tuple(name for name in self.labels if name not in _PLACED)
+        """Names of the kernel's parameters that are found in the state and the constants."""
+        return tuple(name for name in self.labels if name not in _PLACED[self.layout])
+
+    @property
+    def is_split(self) -> bool:
+        """Return whether CPU threads may share the entities of a world."""
+        return self.layout in (PARTS, BLOCKS)
 
     @property
     def labels(self) -> list[str]:
-        """Names of all that the kernel takes."""
-        return [argument.label for argument in self.run.adj.args] if self.is_kernel else []
+        """Names of the kernel's parameters."""
+        return names_of_arguments(self.run) if self.is_kernel else []
 
     @property
     def about(self) -> str:
-        """What it does, in a line."""
+        """Return what it does, in a line."""
         return ((self.run.func if self.is_kernel else self.run).__doc__ or "").strip().partition("\n")[0]
 
 
 @dataclass(frozen=True)
 class Split:
-    """How work on some worlds is split among CPU threads."""
+    """Division of the work on some worlds among CPU threads."""
 
     threads: int = 1
-    """How many take part."""
+    """Number of threads."""
     blocks: int = 1
     """Blocks of worlds."""
     parts: int = 1
@@ -98,7 +128,7 @@ def split_of(work: float, num_worlds: int, device: Any, threads: int) -> Split:
     if shares < 2:
         return Split()
     if num_worlds >= threads:
-        return Split(threads, min(SHARES * threads, shares, num_worlds))
+        return Split(threads, min(TASKS_PER_THREAD * threads, shares, num_worlds))
     parts = max(1, min(-(-threads // num_worlds), shares // num_worlds))
     return Split(threads, num_worlds, parts)
 
@@ -139,8 +169,8 @@ class Program:
         for is_kernel, run in groupby(self.stages, key=lambda stage: stage.is_kernel):
             if is_kernel:
                 groups = [
-                    [self._task(group, *share) for share in self._shares(parts)]
-                    for parts, group in _grouped(run, split.parts)
+                    [self._task(group, *share) for share in self._shares(split.parts if group[0].is_split else 1)]
+                    for group in _grouped(run, split.parts)
                 ]
                 self._calls.append(
                     Work(groups, device, split.threads).lead if device.is_cpu else _Graph(groups, device)
@@ -163,7 +193,7 @@ class Program:
         return [(low, high, part, parts) for low, high in self._blocks for part in range(parts)]
 
     def _lanes(self, stage: Stage) -> int:
-        """How many threads share the entities of a world."""
+        """Return how many threads share the entities of a world."""
         return 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
 
     def _task(self, stages: Sequence[Stage], *share: int) -> list[Any]:
@@ -173,11 +203,11 @@ class Program:
     def _launch(self, stage: Stage, low: int, high: int, part: int, parts: int) -> Any:
         lanes, size, names = self._lanes(stage), self._sizes.get(stage.over, 1), stage.labels
         begin, end = (size * edge // parts for edge in (part, part + 1))
-        dim: tuple[int, ...] = (high - low,) if stage.over == WORLD else (high - low, lanes)
-        if "begin" in names and "first" not in names:
+        dim: tuple[int, ...] = (high - low,) if stage.layout == WORLDS else (high - low, lanes)
+        if stage.layout == BLOCKS:
             begin, end = low * size + begin, (high - 1) * size + end
             dim = (-(-(end - begin) // width_on(self._device)),)
-        placed = {"first": low, "lanes": lanes, "part": part, "begin": begin, "end": end}
+        placed = {"first": low, "lanes": lanes, "begin": begin, "end": end}
         values = {**self._values, **stage.own, **placed}
         if unknown := [name for name in names if name not in values]:
             there = few_of(sorted(values), unknown[0])
@@ -186,34 +216,45 @@ class Program:
         return wp.launch(stage.run, dim=dim, inputs=inputs, device=self._device, record_cmd=True)
 
 
-def _grouped(stages: Iterable[Stage], parts: int) -> list[tuple[int, list[Stage]]]:
-    """Stages that follow each other without waiting, and into how many parts their entities are split."""
+def _grouped(stages: Iterable[Stage], parts: int) -> list[list[Stage]]:
+    """Return groups of stages that follow each other; each group waits until all threads have done the one before."""
+    groups: list[list[Stage]] = []
+    for stage in stages:
+        if groups and (parts == 1 or not _waits(stage, groups[-1][-1])):
+            groups[-1].append(stage)
+        else:
+            groups.append([stage])
+    return groups
 
-    def split_over(stage: Stage) -> str | None:
-        return stage.over if parts > 1 and "begin" in stage.labels else None
 
-    return [(1 if over is None else parts, list(group)) for over, group in groupby(stages, key=split_over)]
+def _waits(stage: Stage, before: Stage) -> bool:
+    """Return whether a stage of a world whose entities threads share waits for the one before it."""
+    if stage.is_split and before.is_split:
+        return stage.barrier or stage.over != before.over
+    return stage.is_split or before.is_split
 
 
 def launcher(device: Any) -> Callable[..., None]:
     """Make a function that launches kernels as `wp.launch` does: `launch(kernel, dim, inputs, outputs)`.
 
-    What is launched with the very same arguments once more is called at once, in a tenth of the time. Structs must not
-    be changed meanwhile, and numbers that are made anew for each launch make it as slow as Warp's own.
+    A launch with the same arrays, structs and numbers as an earlier one is made from its record, in a tenth of the
+    time, unless a struct has changed since.
     """
     device = as_device(device)
     ready: dict[tuple, tuple] = {}
 
     def launch(kernel: Any, dim: Any, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
-        key = (id(kernel), dim, *map(id, inputs), *map(id, outputs))
+        arguments = (*inputs, *outputs)
+        key = kernel, dim, *[each if isinstance(each, (int, float)) else id(each) for each in arguments]
         known = ready.get(key)
-        if known is None:
+        if known is None or any(content_of(struct) != content for struct, content in known[2]):
             if len(ready) >= _MOST_LAUNCHES:
                 ready.clear()
             recorded = wp.launch(kernel, dim, inputs, outputs=outputs, device=device, record_cmd=True)
             call = Call(recorded) if device.is_cpu else cast(Any, recorded).launch
-            # Kept, what has these ids lives on, and nothing else can have them.
-            known = ready[key] = call, kernel, inputs, outputs
+            structs = [(each, content_of(each)) for each in arguments if is_struct(each)]
+            # The arguments are kept, so that nothing else can get their ids.
+            known = ready[key] = call, arguments, structs
         known[0]()
 
     return launch

@@ -1,15 +1,14 @@
 """Work that CPU threads share: calls of compiled kernels in an order, without the interpreter between them.
 
 Work is a list of groups, a group a list of tasks, a task a list of launches. Tasks of a group are done side by side;
-those of the next group begin when all are done. Who calls the work begins at once, alone, and wakes helpers: threads
-that sleep where there is nothing to do. A helper takes the next task as long as there are any, and where it comes too
-late it finds none. So nobody waits for a thread to wake up, which takes longer than most stages of a step.
+those of the next group begin when all are done. The calling thread begins at once and wakes
+helpers, which sleep otherwise. A helper takes the next task as long as there are any. So no thread waits for another
+to wake up, which would take longer than most stages of a step.
 """
 
 import contextlib
 import ctypes
 import os
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -21,43 +20,11 @@ import warp as wp
 
 from lissajous_env.device.stacks import LEAST
 from lissajous_env.device.turns import Turn, in_turn
+from lissajous_env.device.warp_abi import Call
 from lissajous_env.device.work_kernel import APART, Plan, take_part
 
-SHARES = 4
-"""Tasks for each thread: where one is slower than another, it takes fewer."""
-
-
-class Call:
-    """A launch on a CPU whose arguments are laid out once, as the compiled kernel reads them; Warp does so each time.
-
-    Args:
-        launch: What `wp.launch` returned that recorded it.
-    """
-
-    def __init__(self, launch: Any):
-        self._launch = launch
-        self._bounds, *values = launch.params
-        fields = [(f"argument_{k}", type(value)) for k, value in enumerate(values)]
-        self._arguments = type("Arguments", (ctypes.Structure,), {"_fields_": fields})(*values)
-        self._function = launch.hooks.forward
-        self._places = ctypes.byref(self._bounds), ctypes.byref(self._arguments)
-
-    def __call__(self) -> None:
-        """Make the launch."""
-        if self._launch.device.is_capturing:  # by a user, whose graph is made of launches
-            self._launch.launch()
-        else:
-            self._function(*self._places)
-
-    @property
-    def addresses(self) -> tuple[int, int, int]:
-        """Addresses of function, bounds and arguments, good while this lives."""
-        function = ctypes.cast(self._function, ctypes.c_void_p).value or 0
-        return function, ctypes.addressof(self._bounds), ctypes.addressof(self._arguments)
-
-    def read_argument(self, index: int) -> None:
-        """Take one of the arguments anew, which was changed."""
-        setattr(self._arguments, f"argument_{index}", self._launch.params[1 + index])
+TASKS_PER_THREAD = 4
+"""Tasks for each thread: a slower thread takes fewer."""
 
 
 class Work:
@@ -66,7 +33,7 @@ class Work:
     Args:
         groups: Launches that were recorded, of each task of each group.
         device: Where they run.
-        threads: How many may take part.
+        threads: Largest number of threads.
 
     Attributes:
         launches: All of them, in their order.
@@ -105,7 +72,7 @@ class Work:
         self.lead()
 
     def lead(self) -> None:
-        """Do all of it, where nobody else can at the same time: the simulation has a turn of its own."""
+        """Do all of it without taking a turn: the simulation has a turn of its own."""
         if self._device.is_cpu and not self._device.is_capturing:
             for helper in _helpers(len(self._parts) - 1):
                 helper.wake(self)
@@ -140,7 +107,7 @@ def shared_launch(
 
     `inputs` gives what the kernel takes of the share that begins with a thread.
     """
-    shares = min(SHARES * threads, max(size // smallest, 1)) if device.is_cpu and threads > 1 else 1
+    shares = min(TASKS_PER_THREAD * threads, max(size // smallest, 1)) if device.is_cpu and threads > 1 else 1
     edges = [size * share // shares for share in range(shares + 1)]
     launches = [
         wp.launch(kernel, high - low, inputs(low), outputs=outputs, device=device, record_cmd=True)
@@ -164,7 +131,7 @@ class _Helper:
             threading.stack_size(before)
 
     def wake(self, work: Work) -> None:
-        """Let it help, if not now then when it has done what it is doing."""
+        """Wake the thread to help, now or after its current work."""
         self._work = work
         if self._asleep.locked():
             with contextlib.suppress(RuntimeError):  # another thread has just woken it
@@ -183,7 +150,7 @@ _started: list[_Helper] = []
 
 
 def _helpers(count: int) -> list[_Helper]:
-    """The first helpers."""
+    """Return the first helpers."""
     while len(_started) < count:
         _started.append(_Helper(len(_started) + 1))
     return _started[:count]
@@ -196,9 +163,6 @@ if hasattr(os, "register_at_fork"):
 
 @cache
 def _yielding() -> int:
-    """Address of the system's function by which a thread leaves the processor to others; 0 where there is none."""
-    try:
-        function = ctypes.windll.kernel32.SwitchToThread if sys.platform == "win32" else ctypes.CDLL(None).sched_yield
-    except (AttributeError, OSError):
-        return 0
+    """Address of the system's function by which a thread leaves the processor to others."""
+    function = ctypes.CDLL(None).sched_yield
     return ctypes.cast(function, ctypes.c_void_p).value or 0

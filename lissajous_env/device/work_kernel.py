@@ -1,8 +1,8 @@
-"""How threads share work: compiled code that calls compiled kernels.
+"""Work shared by threads: compiled code that calls compiled kernels.
 
-One thread leads: it opens group after group of tasks, takes tasks itself as long as there are any, and goes on when all
-of the group are done. The others help. Each looks for tasks from a place of its own on, so that it mostly does what it
-did in the run before, of which its cache still holds some.
+One thread leads: it opens group after group of tasks, takes tasks itself as long as there are any, and continues when
+all of the group are done. The others help. Each looks for tasks from a place of its own on, so that it mostly does what
+it did in the run before, of which its cache still holds some.
 """
 
 import warp as wp
@@ -15,13 +15,13 @@ APART = wp.constant(16)
 """Counters stand so many numbers apart, on cache lines of their own."""
 
 _YIELD = wp.constant(1024)
-"""Glances of one who waits after which another program may have the processor."""
+"""Spins of a waiting thread after which another program may have the processor."""
 
 _PATIENCE = wp.constant(1 << 14)
-"""Glances after which a helper goes to sleep while another works, half a millisecond or so."""
+"""Spins after which a helper goes to sleep while another works, half a millisecond or so."""
 
 _LINGER = wp.constant(1 << 10)
-"""Glances for which it waits for the next run, less than it takes to be woken."""
+"""Spins for which it waits for the next run, less than it takes to be woken."""
 
 
 @wp.struct
@@ -39,9 +39,9 @@ class Plan:
     counters: wp.array(dtype=wp.int64)
     """(2 APART,) groups that were opened, and tasks that are done."""
     yielding: wp.int64
-    """Address of the function by which a thread leaves the processor to others, or 0."""
+    """Address of the function by which a thread leaves the processor to others."""
     members: wp.int32
-    """How many threads may take part."""
+    """Largest number of threads that take part."""
 
 
 @wp.func_native(f"""
@@ -75,10 +75,10 @@ class Plan:
         }}
         return false;
     }};
-    wp::int64 glances = 0;
+    wp::int64 spins = 0;
     const auto wait = [&]() {{
-        glances += 1;
-        if (plan.yielding != 0 && glances % {int(_YIELD)} == 0)
+        spins += 1;
+        if (spins % {int(_YIELD)} == 0)
             ((Yield)plan.yielding)();
 #if defined(__x86_64__) || defined(_M_X64)
         __builtin_ia32_pause();
@@ -96,11 +96,11 @@ class Plan:
                 wait();
         }}
     }} else {{
-        while (glances < {int(_PATIENCE)}) {{
+        while (spins < {int(_PATIENCE)}) {{
             const wp::int64 open = __atomic_load_n(opened, __ATOMIC_ACQUIRE);
             if (take(open))
-                glances = 0;
-            else if (open % groups == 0 && glances >= {int(_LINGER)})
+                spins = 0;
+            else if (open % groups == 0 && spins >= {int(_LINGER)})
                 return;  // the last group is open, and all its tasks are taken
             else
                 wait();

@@ -1,7 +1,7 @@
 """Worst-case undetected time of evading targets: of a policy over time, and of a formation in its equilibrium.
 
 The paper's bounds apply to targets at rest, or to discs that always overlap. For moving targets, the worst case is
-computed by the contamination field (`lissajous_env.world.contamination`) with points that stay exactly in (2).
+computed by the contamination field (`lissajous_env.world.contamination.field`) with points that stay exactly in (2).
 """
 
 import math

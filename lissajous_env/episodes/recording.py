@@ -52,7 +52,7 @@ class Recording:
     target_position: np.ndarray
     """(F, T, 2) float32 x, y of the targets [m]; before a target appears, where it will, unless it appears unseen."""
     motion: np.ndarray
-    """(T,) int32 STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets`."""
+    """(T,) int32 STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets.motion`."""
     appears_at: np.ndarray
     """(T,) int32 step in which a target appears."""
     found_at: np.ndarray

@@ -32,7 +32,7 @@ class Snapshot:
     target_position: np.ndarray
     """(T, 2) x, y of the targets [m]; for targets that left, where they were detected."""
     motion: np.ndarray
-    """(T,) STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets`."""
+    """(T,) STILL, DRIFTING, WANDERING or FLEEING of `lissajous_env.world.targets.motion`."""
     appears_at: np.ndarray
     """(T,) step in which a target appears."""
     found_at: np.ndarray

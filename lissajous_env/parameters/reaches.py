@@ -3,7 +3,8 @@
 Labels L[n, c] are conservative if every target that is undetected until step n and then in cell c was introduced at
 L[n, c] or later. They remain so if L[n, c'] does not exceed the least L[n - k, c] of all cells c from which a target
 reaches c' within k steps: those whose least distance from c' is at most k v dt, v being the speed limit. This is true
-for every lag k, hence also for the largest of the bounds, which `lissajous_env.world.conservative` uses and proves.
+for every lag k, hence also for the largest of the bounds. `lissajous_env.world.contamination.conservative` uses it and
+proves it.
 
 Short lags account for recent positions of sensors, long lags for the speed limit: rounding to cells enlarges the
 reachable set by less than a cell and its diagonal. With k v dt just below a whole number of cells, as chosen here, it

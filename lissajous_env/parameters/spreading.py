@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from lissajous_env.parameters.reaches import Reaches, reaches_of
 from lissajous_env.settings.parts import Curve, Task
 
-SHARES = 255
+TICK_FRACTIONS = 255
 """Number of fractions of a tick."""
 HOPS = ((1, 0), (0, 1), (1, 1), (2, 1), (1, 2))
 """Columns and rows of the hops in the first quadrant, one for each length."""
@@ -40,12 +40,12 @@ class Spreading:
     delays: tuple[int, ...]
     """Duration of each of `HOPS` in whole ticks; empty for targets at rest."""
     shares: tuple[int, ...]
-    """Remaining duration of each hop, in `SHARES` of a tick."""
+    """Remaining duration of each hop, in `TICK_FRACTIONS` of a tick."""
     reaches: Reaches = _STILL
     """Replacement of hops for `task.conservative`."""
 
     @property
-    def ring(self) -> int:
+    def history_length(self) -> int:
         """Number of past ticks whose labels are stored."""
         return max(self.reaches.lags, default=max(self.delays, default=0) + 1) + 1
 
@@ -83,5 +83,5 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
     period = max(int(shortest / moved / _SHORTEST), 1)
     takes = [max(math.hypot(i * sides[0], j * sides[1]) / moved * ticks / period, 1.0) for i, j in HOPS]
     delays = tuple(int(time) for time in takes)
-    shares = tuple(int((time - whole) * SHARES) for time, whole in zip(takes, delays, strict=True))
+    shares = tuple(int((time - whole) * TICK_FRACTIONS) for time, whole in zip(takes, delays, strict=True))
     return Spreading(columns, rows, radius, ticks, period, delays, shares)

@@ -10,7 +10,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.render import palette
 from lissajous_env.render.canvas import FINE, View, stamp
 from lissajous_env.render.times import flash_time
-from lissajous_env.world.targets import FLEEING
+from lissajous_env.world.targets.motion import FLEEING
 
 SHADES = 20
 """Ages of a detection that look different."""

@@ -20,7 +20,7 @@ from lissajous_env.render.team import Team
 from lissajous_env.render.times import flash_time
 from lissajous_env.theory import closed_forms
 from lissajous_env.world.state import REMOVED, STUCK, WORKING
-from lissajous_env.world.targets import FLEEING
+from lissajous_env.world.targets.motion import FLEEING
 
 _STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",

@@ -357,7 +357,7 @@ class Task(Checked):
     conservative: bool = flag(False)
     """True to round in favour of the evading target, which may then be anywhere in its cell and move anyhow up to the
     speed limit, while a sensor clears only cells that it covers completely at the end of a step. No target stays
-    undetected longer than the result (proof in `lissajous_env.world.conservative`); smaller cells tighten it."""
+    undetected longer than the result; `lissajous_env.world.contamination.conservative` proves it."""
     on_collision: str = choice("count", "count", "stop", "remove")
     """Effect of a collision on the two robots: counted only, both fail for good, or both are removed (terminated)."""
     boundary: str = choice("open", "open", "wall", "remove")

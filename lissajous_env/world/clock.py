@@ -4,14 +4,14 @@ import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.world.state import ENDED, IDLE, RUNNING, Clock, Latest
+from lissajous_env.world.state import ENDED, IDLE, RUNNING, Clock, StepEvents
 
 wp.set_module_options(OPTIONS)
 
 
 @wp.kernel
 def reset_clock(first: int, seeds: wp.array(dtype=int), clock: Clock):
-    """Begin an episode with the given seed or, where it is negative, with one drawn from the seed before."""
+    """Begin an episode with the given seed or, if it is negative, with one drawn from the seed before."""
     w = first + wp.tid()
     clock.active[w] = clock.fresh[w]
     if clock.active[w] == 0:
@@ -29,7 +29,7 @@ def reset_clock(first: int, seeds: wp.array(dtype=int), clock: Clock):
 
 @wp.kernel
 def advance_clock(first: int, clock: Clock):
-    """Count the step in worlds whose episode is going on; the others sit it out."""
+    """Count the step in worlds whose episode is running; the others stay as they are."""
     w = first + wp.tid()
     if clock.stage[w] == RUNNING:
         clock.active[w] = 1
@@ -40,7 +40,7 @@ def advance_clock(first: int, clock: Clock):
 
 
 @wp.kernel
-def end_episodes(first: int, steps: int, clock: Clock, latest: Latest):
+def end_episodes(first: int, steps: int, clock: Clock, latest: StepEvents):
     """End an episode when its time is over, or when every robot is terminated."""
     w = first + wp.tid()
     if clock.active[w] == 0:

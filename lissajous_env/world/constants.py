@@ -1,4 +1,4 @@
-"""What the kernels of one scenario need besides the state: its parts as structs, numbers, small arrays."""
+"""Constants of a scenario for its kernels: its parts as structs, numbers, small arrays."""
 
 from typing import Any
 
@@ -10,14 +10,14 @@ from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.conservative import as_reach
-from lissajous_env.world.distance import table_of
-from lissajous_env.world.faults import removal_steps, schedule_steps
-from lissajous_env.world.labels import as_hops
+from lissajous_env.world.contamination.conservative import as_reach
+from lissajous_env.world.contamination.labels import as_hops
+from lissajous_env.world.robots.distance import table_of
+from lissajous_env.world.robots.faults import removal_steps, schedule_steps
 
 
 def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
-    """Values of a resolved scenario by the names under which kernels ask for them."""
+    """Return the constants of a resolved scenario by the names of kernels' parameters."""
     task, n = scenario.task, scenario.num_robots
     model = model_of(scenario.robot.kind)
     displaced = np.zeros(n)

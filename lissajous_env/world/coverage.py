@@ -11,9 +11,9 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.discs import visit_disc
 from lissajous_env.device.part_structs import SensingStruct
-from lissajous_env.world.discs import visit_disc
-from lissajous_env.world.state import NOWHERE, Cells, Clock, Latest, Robots
+from lissajous_env.world.state import NOWHERE, Cells, Clock, Robots, StepEvents
 from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
@@ -21,7 +21,7 @@ wp.set_module_options(OPTIONS)
 
 @wp.kernel
 def reset_cells(first: int, lanes: int, clock: Clock, cells: Cells):
-    """Forget every visit."""
+    """Clear every visit."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -106,7 +106,7 @@ def cover(
     clock: Clock,
     robots: Robots,
     cells: Cells,
-    latest: Latest,
+    latest: StepEvents,
     tally: EpisodeTotals,
 ):
     """Mark the cells that are sensed now, row by row, and count their visits."""
@@ -133,7 +133,7 @@ def cover(
 
 
 def last_sensed(sensed_at: np.ndarray, in_discs: np.ndarray, step: Any, columns: Any = None) -> np.ndarray:
-    """(..., R, C) int32 step in which each cell was last sensed; 0 for never.
+    """Return the (..., R, C) int32 step in which each cell was last sensed; 0 for never.
 
     Args:
         sensed_at: (..., R, C) as `Cells` has it.

@@ -1,4 +1,4 @@
-"""The stages that a scenario's extensions bring, and the places among ours where they run."""
+"""Stages of a scenario's extensions, and their places among the stages of the package."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -29,7 +29,7 @@ _LARGEST = LARGEST * (1 + 1e-6)
 """The same of numbers that were rounded to 32 bits."""
 
 
-class Extended:
+class ExtensionStages:
     """Stages and arrays of a scenario's extensions.
 
     Args:
@@ -48,7 +48,7 @@ class Extended:
         self.kept: dict[str, wp.array] = {}
         self._view = WorldView(scenario, structs, observation)
         self._after: dict[str, list[Stage]] = {}
-        """Stages of a step, by the stage of ours that they follow."""
+        """Stages of a step, by the stage that they follow."""
         self._after_reset: dict[str, list[Stage]] = {}
         model = model_of(scenario.robot.kind)
         if self.device.is_cpu and not is_shipped(model.name):
@@ -81,18 +81,18 @@ class Extended:
                 value = self._room((shape[0], scenario.target_capacity), wp.vec2)
                 takes = Stage(f"{each.name} taken", take_places, TARGET, own={"value": value})
                 run = self._run(each, TARGET, value)
-                self._after["meetings"] = run if run[0].is_kernel else [*run, takes]
+                self._after["collisions"] = run if run[0].is_kernel else [*run, takes]
 
     def step_stages(self, stages: Sequence[Stage]) -> list[Stage]:
-        """Put those of a step among ours."""
+        """Return the stages of a step with those of extensions."""
         return _among(stages, self._after)
 
     def reset_stages(self, stages: Sequence[Stage]) -> list[Stage]:
-        """Put those of a reset among ours."""
+        """Return the stages of a reset with those of extensions."""
         return _among(stages, self._after_reset)
 
     def columns(self, steps: np.ndarray) -> dict[str, np.ndarray]:
-        """Values (W,) of the columns of the score, after so many steps (W,) of the episodes."""
+        """Return the values (W,) of the score columns after so many steps (W,) of the episodes."""
         reduced = {each.name: each.reduce for each in self.scenario.extensions if isinstance(each, ScoreColumn)}
         return {name: _reduced(self.kept[name].numpy(), how, steps) for name, how in reduced.items()}
 
@@ -147,7 +147,7 @@ def _check_numbers(each: Extension, numbers: np.ndarray) -> None:
 
 
 def _check_motion(model: RobotModel, robots: Any) -> None:
-    """Refuse robots that are nowhere."""
+    """Refuse robots whose position, heading or speed is not finite."""
     for name in ("position", "heading", "speed"):
         numbers = getattr(robots, name).numpy()
         if not np.isfinite(numbers).all():
@@ -157,7 +157,7 @@ def _check_motion(model: RobotModel, robots: Any) -> None:
 
 
 def _check_names(scenario: Scenario) -> None:
-    """Refuse a name that one of ours has."""
+    """Refuse a name that the package uses."""
     entries = layout(replace(scenario, extensions=())).names
     taken = {RewardTerm: TERMS, ScoreColumn: NAMES, ObservationEntry: entries}
     for each in scenario.extensions:

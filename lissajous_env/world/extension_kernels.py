@@ -1,12 +1,12 @@
-"""Kernels that take what a scenario's extensions computed, in the worlds that are active."""
+"""Kernels that copy the results of a scenario's extensions, in the worlds that are active."""
 
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.parameters.extensions import LARGEST
-from lissajous_env.world.state import GONE, HIDDEN, Clock, Latest, Targets
-from lissajous_env.world.targets import CUSTOM
+from lissajous_env.world.state import GONE, HIDDEN, Clock, StepEvents, Targets
+from lissajous_env.world.targets.motion import CUSTOM
 
 wp.set_module_options(OPTIONS)
 
@@ -15,15 +15,15 @@ _LARGEST = wp.constant(LARGEST)
 
 @wp.func
 def or_zero(value: float) -> float:
-    """Return the value, or 0 where it is not finite or larger than allowed: a GPU is not waited for to refuse it."""
+    """Return the value, or 0 if it is not finite or too large: on a GPU, an error would have to be waited for."""
     return wp.where(wp.abs(value) <= _LARGEST, value, 0.0)
 
 
 @wp.kernel
 def take_term(
-    first: int, lanes: int, term: int, weight: float, value: wp.array2d(dtype=float), clock: Clock, latest: Latest
+    first: int, lanes: int, term: int, weight: float, value: wp.array2d(dtype=float), clock: Clock, latest: StepEvents
 ):
-    """Enter a term of one's own among those of the reward."""
+    """Copy an extension's term among those of the reward."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -43,7 +43,7 @@ def take_entries(
     clock: Clock,
     observation_out: wp.array3d(dtype=float),
 ):
-    """Enter entries of one's own at the end of the rows."""
+    """Copy an extension's entries to the end of the rows."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -55,7 +55,7 @@ def take_entries(
 
 @wp.kernel
 def keep_column(first: int, value: wp.array(dtype=wp.float64), clock: Clock, kept_out: wp.array2d(dtype=wp.float64)):
-    """Keep sum, largest, least and last of a column of one's own."""
+    """Update sum, largest, least and last of an extension's score column."""
     w = first + wp.tid()
     if clock.active[w] == 0:
         return
@@ -81,7 +81,7 @@ def take_places(
     clock: Clock,
     targets: Targets,
 ):
-    """Move the targets of one's own to their new places."""
+    """Move the targets of an extension to their new positions."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:

@@ -1,24 +1,24 @@
-"""Since when a rogue can have been where it is now, cell by cell: the labels of contamination on the host."""
+"""Labels of contamination on the host, cell by cell."""
 
 from typing import Any
 
 import numpy as np
 
-from lissajous_env.world.labels import MARGIN, NONE
+from lissajous_env.world.contamination.labels import MARGIN, NONE
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NEVER
 
 
 def introduced_at(simulation: Simulation, world: int = 0) -> np.ndarray:
-    """(R, C) int32 earliest step in which a rogue that may be in a cell now can have been introduced.
+    """Return the (R, C) int32 earliest step in which a target that may be in a cell now can have been introduced.
 
-    A rogue of a cell can have gone unseen since then. The lowest row comes first. NEVER where none can be; (1, 1)
+    It can have stayed undetected since then. The lowest row comes first. NEVER where none can be; (1, 1)
     NEVER where `task.contamination` is None.
     """
     hops, margin = simulation.scenario.spreading, int(MARGIN)
     if simulation.scenario.task.contamination is None:
         return np.full((1, 1), int(NEVER), dtype=np.int32)
-    slot = int(simulation.clock.step.numpy()[world]) * hops.ticks // hops.period % hops.ring
+    slot = int(simulation.clock.step.numpy()[world]) * hops.ticks // hops.period % hops.history_length
     if simulation.scenario.task.conservative:
         labels = _of_world(simulation.contamination.labels, world)[slot]
         labels = labels[margin : margin + hops.rows, margin : margin + hops.columns]

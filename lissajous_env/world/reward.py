@@ -4,7 +4,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import TaskStruct
-from lissajous_env.world.state import Clock, Contamination, Latest
+from lissajous_env.world.state import Clock, Contamination, StepEvents
 from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
@@ -17,9 +17,9 @@ FORMULAS = {
     "effort": "reward_effort * effort",
     "formation": "reward_formation * phase_error * step",
     "outside": "reward_outside * outside * step",
-    "contamination": "reward_contamination * eased * step",
+    "contamination": "reward_contamination * age_reduction * step",
 }
-"""Each term of the reward: weights and step as in `Task`, the rest as in the structs of `lissajous_env.world.state`."""
+"""Formula of each term: weights and step of `Task`, the rest of the structs of `lissajous_env.world.state`."""
 
 TERMS = tuple(FORMULAS)
 _TERMS = wp.constant(len(TERMS))
@@ -33,24 +33,24 @@ def give_reward(
     cells_total: int,
     clock: Clock,
     contamination: Contamination,
-    latest: Latest,
+    latest: StepEvents,
     tally: EpisodeTotals,
 ):
-    """Reward each robot for the step: the sum of the terms in `TERMS` and of those that were brought."""
+    """Reward each robot for the step: the sum of the terms in `TERMS` and of those of extensions."""
     tid, lane = wp.tid()
     w = first + tid
     count = latest.terms.shape[2]
     waiting = task.reward_waiting * float(latest.waiting[w]) * task.step
     idleness = task.reward_idleness * float(latest.idle_ended[w]) * task.step / float(wp.max(cells_total, 1))
     formation = task.reward_formation * tally.phase_error[w] * task.step
-    eased = task.reward_contamination * contamination.eased[w] * task.step
+    age_reduction = task.reward_contamination * contamination.age_reduction[w] * task.step
     for i in range(lane, latest.reward.shape[1], lanes):
         if clock.active[w] == 0:  # the episode has ended
             for term in range(count):
                 latest.terms[w, i, term] = 0.0
             latest.reward[w, i] = 0.0
         else:
-            # A robot that was removed in an earlier step has no part in what the team earns after it.
+            # A robot that was removed in an earlier step has no share in the team's later rewards.
             is_new = latest.collisions[w, i] > 0 or latest.outside[w, i] == 1
             part = wp.where(latest.terminated[w, i] and not is_new, 0.0, 1.0)
             detection = task.reward_detection * float(latest.detections[w, i])
@@ -64,8 +64,8 @@ def give_reward(
             latest.terms[w, i, 4] = effort
             latest.terms[w, i, 5] = part * formation
             latest.terms[w, i, 6] = outside
-            latest.terms[w, i, 7] = part * eased
-            reward = detection + part * (waiting + idleness + formation + eased) + collision + effort + outside
+            latest.terms[w, i, 7] = part * age_reduction
+            reward = detection + part * (waiting + idleness + formation + age_reduction) + collision + effort + outside
             for term in range(_TERMS, count):
                 latest.terms[w, i, term] = wp.where(part > 0.0, latest.terms[w, i, term], 0.0)
                 reward += latest.terms[w, i, term]

@@ -1,4 +1,4 @@
-"""Which worlds of a batch are meant: their number, a mask or indices, checked alike wherever they are given."""
+"""Selection of worlds of a batch, by a mask or indices, and its checks."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from lissajous_env.wording import shown
 
 
 def whole_number(name: str, value: Any) -> int:
-    """Check a number of things.
+    """Return a number of things as an int.
 
     Raises:
         ValueError: it is not a whole number of at least 1.
@@ -20,7 +20,7 @@ def whole_number(name: str, value: Any) -> int:
 
 
 def world_mask(worlds: Any, num_worlds: int) -> np.ndarray:
-    """(W,) bool mask of the worlds that `chosen_worlds` chooses.
+    """Return the (W,) bool mask of the worlds that `chosen_worlds` chooses.
 
     Raises:
         ValueError: as `chosen_worlds`.
@@ -31,7 +31,7 @@ def world_mask(worlds: Any, num_worlds: int) -> np.ndarray:
 
 
 def chosen_worlds(worlds: Any, num_worlds: int) -> np.ndarray:
-    """Indices of the worlds of a (W,) mask, or of indices; None is all of them.
+    """Return the indices of the worlds of a (W,) mask, or of indices; None selects all.
 
     Raises:
         ValueError: a mask of another shape, or indices that are not whole numbers from 0 to W - 1, each once.

@@ -9,18 +9,20 @@ import warp as wp
 from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in, cores
 from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, Program, split_of
 from lissajous_env.device.turns import Turn, in_turn
+from lissajous_env.device.warp_abi import fields_of, name_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import is_whole
 from lissajous_env.wording import shown
-from lissajous_env.world.bins import bins_of, has_bins
 from lissajous_env.world.columns import plain, score_of
 from lissajous_env.world.constants import constants_of
-from lissajous_env.world.extended import Extended
-from lissajous_env.world.labels import MARGIN, across
+from lissajous_env.world.contamination.labels import MARGIN, across
+from lissajous_env.world.extended import ExtensionStages
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
+from lissajous_env.world.robots.bin_sizes import bins_of, has_bins
+from lissajous_env.world.robots.bins import Bins
 from lissajous_env.world.score import detection_times, episodes_of
 from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
@@ -29,12 +31,11 @@ from lissajous_env.world.state import (
     Cells,
     Clock,
     Contamination,
-    Latest,
     Links,
     Robots,
+    StepEvents,
     Targets,
     allocate,
-    counted_in,
 )
 from lissajous_env.world.tally import EpisodeTotals
 
@@ -42,7 +43,7 @@ _LAST_SEED = 2**31 - 1
 _TARGET_BYTES = 60
 
 _ROBOT_WORK, _TARGET_WORK = 500, 40
-"""What a robot and a target add to a step [ns], roughly: enough to know whether another thread pays."""
+"""Rough time that a robot and a target add to a step [ns], by which the number of threads is chosen."""
 
 
 class Simulation:
@@ -104,7 +105,7 @@ class Simulation:
 
     @property
     def stages(self) -> Program:
-        """The stages of a step; `print(simulation.stages)` tells what each goes over, does and takes."""
+        """Stages of a step; `print(simulation.stages)` shows what each goes over, does and takes."""
         return self._step
 
     @property
@@ -119,7 +120,7 @@ class Simulation:
 
     @in_turn
     def reset(self, worlds: Any = None, seeds: Any = None) -> wp.array:
-        """Begin a new episode in some worlds; the others are left as they are.
+        """Begin a new episode in some worlds; the others are unchanged.
 
         Args:
             worlds: (W,) mask or indices of the worlds, each once; all by default.
@@ -140,7 +141,7 @@ class Simulation:
         return self.observation
 
     def step(self, action: Any) -> tuple[wp.array, wp.array, wp.array, wp.array]:
-        """Take one control step in every world whose episode is going on.
+        """Advance every world whose episode is running by one control step.
 
         Args:
             action: `action_shape`, a NumPy array, torch tensor or Warp array of numbers in [-1, 1]; values outside are
@@ -167,7 +168,7 @@ class Simulation:
 
     @in_turn
     def advance(self) -> None:
-        """Take a control step with the actions that stand in `action`, where whoever calls has written them."""
+        """Advance by one control step with the actions that the caller has written into `action`."""
         self._step()
 
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
@@ -198,7 +199,7 @@ class Simulation:
         words = (columns + 63) // 64
         delay = round(scenario.noise.message_delay / scenario.task.step)
         hops = scenario.spreading
-        labels = hops.ring, hops.rows + 2 * int(MARGIN), across(hops.columns)
+        labels = hops.history_length, hops.rows + 2 * int(MARGIN), across(hops.columns)
         large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 8, n * n * 4]
         check_room([*large, n * (delay + 1) * 16, 2 * n * self.layout.size * 4], w, self.device)
         each, robot = (w,), (w, n)
@@ -213,11 +214,11 @@ class Simulation:
         bits, field_row = (w, hops.rows, (hops.columns + 31) // 32), (w, hops.rows)
         field = {"labels": (w, *labels), "settled": bits}
         field |= dict.fromkeys(("sensed", "swept"), (w, (hops.columns + 63) // 64, hops.rows))
-        field["there"] = w, hops.rows + 2 * int(MARGIN), bits[2] + 2, hops.ring
+        field["there"] = w, hops.rows + 2 * int(MARGIN), bits[2] + 2, hops.history_length
         field |= {"row_oldest": field_row, "row_ages": field_row}
         self.contamination = allocate(Contamination, field, each, self.device)
         terms = {"in_sight": each, "waiting": each, "idle_ended": each, "terms": (w, n, len(self.reward_term_names))}
-        self.latest = allocate(Latest, terms, robot, self.device)
+        self.latest = allocate(StepEvents, terms, robot, self.device)
         self.tally = allocate(EpisodeTotals, {"contact": (w, n, n), "returns": robot}, each, self.device)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
         self.command, self._taken = wp.zeros_like(self.action), wp.zeros_like(self.action)
@@ -261,15 +262,14 @@ class Simulation:
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1]}
         work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
         self.split = split_of(work, self.num_worlds, self.device, self.threads)
-        parts = self.split.parts
-        values["counted"] = counted_in(self.latest, self.tally, parts)
+        values["bins"] = Bins()
         if has_bins(self.scenario):
-            values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, parts, self.device)
+            values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)
             sizes[BIN] = values["bins"].first.shape[1]
         place = self.num_worlds, self.device, self.split
-        self._extended = Extended(self.scenario, structs, self.observation)
-        self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario, parts)), values, sizes, *place)
-        self._step = Program(self._extended.step_stages(step_stages(self.scenario, parts)), values, sizes, *place)
+        self._extended = ExtensionStages(self.scenario, structs, self.observation)
+        self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario)), values, sizes, *place)
+        self._step = Program(self._extended.step_stages(step_stages(self.scenario)), values, sizes, *place)
 
     def _take(self, action: Any) -> None:
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:
@@ -291,7 +291,7 @@ class Simulation:
             self.latest,
             self.tally,
         )
-        arrays = {f"{s._cls.key}.{name}": getattr(s, name) for s in structs for name in s._cls.vars}
+        arrays = {f"{name_of(s)}.{name}": array for s in structs for name, array in fields_of(s).items()}
         del arrays["Clock.active"], arrays["Clock.fresh"]  # each step and reset says anew whom it is for
         arrays |= self._extended.kept
         arrays |= {"taken": self._taken}
@@ -303,7 +303,7 @@ class Simulation:
 
     @in_turn
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
-        """Go on from what `save_state` returned, in a simulation of the same scenario and number of worlds.
+        """Restore what `save_state` returned, in a simulation of the same scenario and number of worlds.
 
         Raises:
             ValueError: an array is missing or has another shape.
@@ -325,7 +325,7 @@ class Simulation:
 
 
 def fold_seed(seed: int) -> int:
-    """Map any whole number of at least 0 to a seed of a world; numbers below 2^31 stand for themselves."""
+    """Map a whole number of at least 0 to a seed of a world; numbers below 2^31 are unchanged."""
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ValueError(f"seed must be a whole number of at least 0, got {shown(seed)}")
     if seed < 2**31:

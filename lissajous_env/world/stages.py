@@ -1,70 +1,73 @@
 """The stages of a step and of a reset, in their order.
 
-Each is a kernel that goes over the worlds, or the robots, targets or rows of the grid of each world. What a kernel
-takes is found by the names of its parameters, among the state (`lissajous_env.world.state`) and the constants
-(`lissajous_env.world.constants`). A stage passes over worlds in which `clock.active` is 0.
+A stage is a kernel that goes over the worlds of a batch, or the robots, targets or rows of the grid of each world. Its
+arguments are found by the names of its parameters, among the state (`lissajous_env.world.state`) and the constants
+(`lissajous_env.world.constants`). It skips worlds in which `clock.active` is 0.
 """
 
 from collections.abc import Iterable
 
-from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, WORLD, Stage
+from lissajous_env.device.program import BIN, BLOCKS, FIELD_ROW, PARTS, ROBOT, ROW, TARGET, WORLD, Stage
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Faults, Scenario
-from lissajous_env.world.bins import clear_bins, has_bins, join_lists, list_everywhere, list_robots
-from lissajous_env.world.boundary import watch_boundary
 from lissajous_env.world.clock import advance_clock, end_episodes, reset_clock
-from lissajous_env.world.collisions import find_collisions, take_consequences
-from lissajous_env.world.commands import take_commands
-from lissajous_env.world.conservative import bound_labels, reset_bounds
-from lissajous_env.world.contamination import clear_cells, reset_labels, spread
+from lissajous_env.world.contamination.conservative import bound_labels, reset_bounds
+from lissajous_env.world.contamination.field import clear_cells, reset_labels, spread
+from lissajous_env.world.contamination.undetected_time import keep_guarantee, reset_guarantee
 from lissajous_env.world.coverage import cover, reset_cells
-from lissajous_env.world.crowded_robots import find_listed_collisions, observe_listed
-from lissajous_env.world.crowded_targets import move_and_detect_listed, place_unseen_listed
-from lissajous_env.world.deviations import find_deviations
-from lissajous_env.world.events import clear_events, gather_collisions, gather_detections, reset_events
-from lissajous_env.world.faults import reset_losses, update_status
-from lissajous_env.world.flock import move_and_detect
-from lissajous_env.world.guarantee import keep_guarantee, reset_guarantee
-from lissajous_env.world.measurement import measure
-from lissajous_env.world.messages import hear, reset_messages, send
-from lissajous_env.world.observation import keep_final, observe
+from lissajous_env.world.events import clear_events, reset_events
+from lissajous_env.world.observing import keep_final, observe, observe_listed
 from lissajous_env.world.reward import give_reward
+from lissajous_env.world.robots.actuation import take_commands
+from lissajous_env.world.robots.bin_sizes import has_bins
+from lissajous_env.world.robots.bins import clear_bins, list_robots
+from lissajous_env.world.robots.boundary import watch_boundary
+from lissajous_env.world.robots.collisions import find_collisions, find_listed_collisions, take_consequences
+from lissajous_env.world.robots.deviations import find_deviations
+from lissajous_env.world.robots.faults import reset_losses, update_status
+from lissajous_env.world.robots.measurement import measure
+from lissajous_env.world.robots.messages import hear, reset_messages, send
 from lissajous_env.world.robots.placing import follow_curve, reset_robots
 from lissajous_env.world.tally import keep_score, reset_tally
-from lissajous_env.world.targets import place_unseen, reset_arrivals, reset_targets
+from lissajous_env.world.targets.detection import (
+    move_and_detect,
+    move_and_detect_listed,
+    place_unseen,
+    place_unseen_listed,
+)
+from lissajous_env.world.targets.motion import reset_arrivals, reset_targets
 
 
-def step_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
-    """What happens in a control step; of so many `parts`, robots and targets of a world are counted apart."""
+def step_stages(scenario: Scenario) -> list[Stage]:
+    """Return the stages of a control step."""
     model, many = model_of(scenario.robot.kind), has_bins(scenario)
     return [
         Stage("clock", advance_clock, WORLD),
         Stage("events", clear_events, ROBOT),
         Stage("faults", update_status, ROBOT, when=scenario.faults != Faults()),
-        Stage("commands", take_commands, ROBOT),
-        Stage("motion", model.move, ROBOT),
-        Stage("phase", follow_curve, ROBOT, when=not model.keeps_to_curve),
-        Stage("measurement", measure, ROBOT),
+        Stage("commands", take_commands, ROBOT, BLOCKS),
+        Stage("motion", model.move, ROBOT, model.layout, barrier=False),
+        Stage("phase", follow_curve, ROBOT, BLOCKS, barrier=False, when=not model.keeps_to_curve),
+        Stage("measurement", measure, ROBOT, BLOCKS, barrier=False),
         Stage("sending", send, ROBOT),
-        *_bin_stages(many, parts),
-        Stage("collisions", find_listed_collisions if many else find_collisions, ROBOT),
-        Stage("meetings", gather_collisions, WORLD, when=parts > 1),
-        *_target_stages(scenario, "targets", many, parts),
+        *_bin_stages(many),
+        Stage("collisions", find_listed_collisions if many else find_collisions, ROBOT, PARTS),
+        *_target_stages(scenario, "targets", many),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
         *_contamination_stages(scenario, range(scenario.spreading.ticks)),
         Stage("consequences", take_consequences, ROBOT, when=scenario.task.on_collision != "count"),
-        Stage("boundary", watch_boundary, ROBOT),
-        Stage("deviations", find_deviations, ROBOT),
+        Stage("boundary", watch_boundary, ROBOT, BLOCKS),
+        Stage("deviations", find_deviations, ROBOT, BLOCKS, barrier=False),
         Stage("score", keep_score, WORLD),
         Stage("end", end_episodes, WORLD),
         Stage("reward", give_reward, ROBOT),
         Stage("hearing", hear, ROBOT),
-        Stage("observation", observe_listed if many else observe, ROBOT),
+        Stage("observation", observe_listed if many else observe, ROBOT, PARTS),
     ]
 
 
-def reset_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
-    """What happens at the beginning of an episode."""
+def reset_stages(scenario: Scenario) -> list[Stage]:
+    """Return the stages of a reset."""
     many = has_bins(scenario)
     return [
         Stage("clock", reset_clock, WORLD),
@@ -73,49 +76,43 @@ def reset_stages(scenario: Scenario, parts: int = 1) -> list[Stage]:
         Stage("events", reset_events, ROBOT),
         Stage("robots", reset_robots, ROBOT),
         Stage("messages", reset_messages, ROBOT),
-        Stage("measurement", measure, ROBOT),
+        Stage("measurement", measure, ROBOT, BLOCKS),
         Stage("sending", send, ROBOT),
-        Stage("targets", reset_targets, TARGET),
+        Stage("targets", reset_targets, TARGET, PARTS),
         Stage("arrivals", reset_arrivals, WORLD, when=scenario.targets.arrival_rate > 0),
-        *_bin_stages(many, parts),
-        *_target_stages(scenario, "detection", many, parts),
+        *_bin_stages(many),
+        *_target_stages(scenario, "detection", many),
         Stage("cells", reset_cells, ROW),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
         Stage("labels", reset_labels, FIELD_ROW),
         Stage("bounds", reset_bounds, FIELD_ROW, when=scenario.task.conservative),
         Stage("unseen", reset_guarantee, WORLD),
         *_contamination_stages(scenario, [scenario.spreading.ticks - 1]),
-        Stage("boundary", watch_boundary, ROBOT),
-        Stage("deviations", find_deviations, ROBOT),
+        Stage("boundary", watch_boundary, ROBOT, BLOCKS),
+        Stage("deviations", find_deviations, ROBOT, BLOCKS, barrier=False),
         Stage("score", keep_score, WORLD),
         Stage("hearing", hear, ROBOT),
         Stage("final", keep_final, ROBOT),
-        Stage("observation", observe_listed if many else observe, ROBOT),
+        Stage("observation", observe_listed if many else observe, ROBOT, PARTS),
     ]
 
 
-def _bin_stages(many: bool, parts: int) -> list[Stage]:
-    """Who comes near which bin."""
-    return [
-        Stage("bins", clear_bins, BIN, when=many),
-        Stage("listing", list_robots, ROBOT, when=many),
-        Stage("joining", join_lists, BIN, when=many and parts > 1),
-        Stage("everywhere", list_everywhere, ROBOT, when=many),
-    ]
+def _bin_stages(many: bool) -> list[Stage]:
+    """Return the stages that list the robots near each bin."""
+    return [Stage("bins", clear_bins, BIN, when=many), Stage("listing", list_robots, ROBOT, when=many)]
 
 
-def _target_stages(scenario: Scenario, name: str, many: bool, parts: int) -> list[Stage]:
-    """Targets appear, move and are detected, in the stage of this name."""
+def _target_stages(scenario: Scenario, name: str, many: bool) -> list[Stage]:
+    """Return the stages in which targets appear, then, in that of this name, move and are detected."""
     unseen = scenario.targets.entry == "unseen"
     return [
-        Stage("entry", place_unseen_listed if many else place_unseen, TARGET, when=unseen),
-        Stage(name, move_and_detect_listed if many else move_and_detect, TARGET),
-        Stage("gathering", gather_detections, WORLD, when=parts > 1),
+        Stage("entry", place_unseen_listed if many else place_unseen, TARGET, PARTS, when=unseen),
+        Stage(name, move_and_detect_listed if many else move_and_detect, TARGET, PARTS, barrier=not unseen),
     ]
 
 
 def _contamination_stages(scenario: Scenario, ticks: Iterable[int]) -> list[Stage]:
-    """What is done in each tick of a step, then the time that a rogue can have gone unseen."""
+    """Return the stages of each tick of contamination, then that of the worst-case undetected time."""
     if scenario.task.contamination is None:
         return []
     if scenario.task.conservative:

@@ -69,11 +69,11 @@ class Robots:
     removed_at: wp.array2d(dtype=wp.int32)
     """Step after which the robot is removed."""
     wheelbase: wp.array2d(dtype=wp.float32)
-    """Wheelbase of this very car [m]."""
+    """Wheelbase of this car [m]."""
     drive: wp.array2d(dtype=wp.float32)
-    """Motor's drive of this very car [m/s^2]."""
+    """Motor's drive of this car [m/s^2]."""
     sensor: wp.array2d(dtype=wp.vec2)
-    """x, y of a working robot [m]; far away where the robot senses nothing."""
+    """x, y of a working robot [m]; NOWHERE for a robot that has failed or been removed."""
     measured: wp.array2d(dtype=wp.vec4)
     """Measured x, y [m], heading [rad], speed [m/s]."""
     measured_turn: wp.array2d(dtype=wp.vec4)
@@ -89,9 +89,9 @@ class Links:
     sending: wp.array3d(dtype=wp.int32)
     """(W, N, delay + 1) 1 where something was sent."""
     heard: wp.array3d(dtype=wp.vec4)
-    """(W, N, 2) the same, last heard."""
+    """(W, N, 2) the same, of the last message received."""
     heard_at: wp.array3d(dtype=wp.int32)
-    """(W, N, 2) step in which what was last heard was sent; -1 for nothing yet."""
+    """(W, N, 2) step in which the last message received was sent; -1 for none yet."""
 
 
 @wp.struct
@@ -101,7 +101,7 @@ class Targets:
     position: wp.array2d(dtype=wp.vec2)
     """x, y [m]."""
     before: wp.array2d(dtype=wp.vec2)
-    """x, y at the end of the step before [m], of a target that a stage of the scenario's own moves."""
+    """x, y at the end of the step before [m], of a target that an extension moves."""
     heading: wp.array2d(dtype=wp.float32)
     """Heading [rad]."""
     motion: wp.array2d(dtype=wp.int32)
@@ -113,7 +113,7 @@ class Targets:
     found_at: wp.array2d(dtype=wp.int32)
     """Step in which it was detected; NEVER before."""
     found_early: wp.array2d(dtype=wp.float32)
-    """Share of that step that was left when it was detected, in [0, 1]: the time is that of found_at - found_early."""
+    """Share of that step that was left at its detection, in [0, 1]: it was detected at step found_at - found_early."""
     in_sight: wp.array2d(dtype=wp.int32)
     """1 while it is in a working robot's disc at the end of a step."""
 
@@ -141,9 +141,9 @@ class Cells:
 
 @wp.struct
 class Contamination:
-    """Where rogues may be that were never seen: `lissajous_env.world.contamination`.
+    """Cells in which undetected targets may be: `lissajous_env.world.contamination.field`.
 
-    Of its R rows and C columns there are B words of bits for 32 columns each, or D for 64.
+    Its grid has R rows and C columns, in B words of bits for 32 columns each, or D words for 64.
     """
 
     labels: wp.array4d(dtype=wp.int32)
@@ -157,23 +157,23 @@ class Contamination:
     settled: wp.array3d(dtype=wp.uint32)
     """(W, R, B) a bit for each cell that has the oldest label of this world in every tick."""
     row_oldest: wp.array2d(dtype=wp.int32)
-    """(W, R) earliest introduction of a rogue that may be in this row now [step]; NEVER for none."""
+    """(W, R) earliest introduction of a target that may be in this row now [step]; NEVER for none."""
     row_ages: wp.array2d(dtype=wp.int64)
     """(W, R) time since the introduction, summed over the cells of this row [step]."""
     oldest: wp.array(dtype=wp.int32)
-    """(W,) min e, the earliest introduction of a rogue that may be anywhere now [step]; NEVER for none."""
+    """(W,) min e, the earliest introduction of an undetected target that may be anywhere now [step]; NEVER for none."""
     cleared_at: wp.array(dtype=wp.int32)
-    """(W,) first step since which no rogue can be anywhere; NEVER while one can."""
+    """(W,) first step since which no cell is contaminated; NEVER while one is."""
     age: wp.array(dtype=wp.int32)
-    """(W,) how long a rogue can have gone unseen now [step]."""
+    """(W,) worst-case undetected time now [step]."""
     age_max: wp.array(dtype=wp.int32)
     """(W,) the longest of the episode [step]."""
     mean_age: wp.array(dtype=wp.float32)
     """(W,) time since the introduction, mean over the cells, 0 where one is cleared [step]."""
     mean_age_sum: wp.array(dtype=wp.float64)
     """(W,) the same, summed over steps [step]."""
-    eased: wp.array(dtype=wp.float32)
-    """(W,) by what the mean age became less in the latest step [step]."""
+    age_reduction: wp.array(dtype=wp.float32)
+    """(W,) decrease of the mean age in the latest step [step]."""
     age_before: wp.array(dtype=wp.int32)
     """(W,) the longest before the first fault [step]."""
     high_at: wp.array(dtype=wp.int32)
@@ -181,8 +181,8 @@ class Contamination:
 
 
 @wp.struct
-class Latest:
-    """What happened in the latest step."""
+class StepEvents:
+    """Events and measures of the latest step."""
 
     detections: wp.array2d(dtype=wp.int32)
     """(W, N) targets that this robot was the first to detect."""
@@ -196,8 +196,8 @@ class Latest:
     """(W, N) distance from the curve [m]."""
     tracking: wp.array2d(dtype=wp.float32)
     """(W, N) distance from the point of the curve at the robot's own phase [m]."""
-    lead: wp.array2d(dtype=wp.vec3)
-    """(W, N) phase less that of the equilibrium [rad], its cosine and sine."""
+    phase_offset: wp.array2d(dtype=wp.vec3)
+    """(W, N) phase relative to the equilibrium [rad], its cosine and sine."""
     in_sight: wp.array(dtype=wp.int32)
     """(W,) targets in some working robot's disc."""
     waiting: wp.array(dtype=wp.int32)
@@ -207,53 +207,13 @@ class Latest:
     idle_ended: wp.array(dtype=wp.int64)
     """(W,) idleness of the cells that were sensed, summed [step]."""
     terms: wp.array3d(dtype=wp.float32)
-    """(W, N, 8) terms of the reward: `lissajous_env.world.reward.TERMS`, then those that were brought."""
+    """(W, N, terms) terms of the reward: `lissajous_env.world.reward.TERMS`, then those of extensions."""
     reward: wp.array2d(dtype=wp.float32)
     """(W, N) their sum."""
     terminated: wp.array2d(dtype=wp.bool)
-    """(W, N) whether a collision or the edge of the rectangle removed the robot."""
+    """(W, N) True if a collision or the edge of the rectangle removed the robot."""
     truncated: wp.array2d(dtype=wp.bool)
-    """(W, N) whether the time is over."""
-
-
-@wp.struct
-class Counted:
-    """What is counted in a step of robots and targets, apart for each of the P parts that threads share."""
-
-    detections: wp.array3d(dtype=wp.int32)
-    """(W, P, N) targets that a robot was the first to detect."""
-    in_sight: wp.array2d(dtype=wp.int32)
-    """(W, P) targets in some working robot's disc."""
-    waiting: wp.array2d(dtype=wp.int32)
-    """(W, P) undetected targets present."""
-    met: wp.array3d(dtype=wp.int32)
-    """(W, P, N) collisions of a robot that began."""
-    collisions: wp.array2d(dtype=wp.int64)
-    """(W, P) collisions."""
-    contact_steps: wp.array2d(dtype=wp.int64)
-    """(W, P) steps in contact, summed over pairs."""
-    min_separation: wp.array2d(dtype=wp.float32)
-    """(W, P) smallest distance of two robots [m]."""
-
-
-def counted_in(latest: Latest, tally: Any, parts: int) -> Counted:
-    """Make room to count in; for one part it is that of what is counted, so that nothing is left to sum up."""
-    filled = Counted()
-    for name, whole in {
-        "detections": latest.detections,
-        "in_sight": latest.in_sight,
-        "waiting": latest.waiting,
-        "met": latest.collisions,
-        "collisions": tally.collisions,
-        "contact_steps": tally.contact_steps,
-        "min_separation": tally.min_separation,
-    }.items():
-        w, *rest = whole.shape
-        if parts == 1:
-            setattr(filled, name, whole.reshape((w, 1, *rest)))
-        else:
-            setattr(filled, name, wp.zeros((w, parts, *rest), dtype=whole.dtype, device=whole.device))
-    return filled
+    """(W, N) True when the time is over."""
 
 
 def allocate(struct: Any, shapes: Mapping[str, tuple[int, ...]], default: tuple[int, ...], device: Any) -> Any:

@@ -5,7 +5,7 @@ import warp as wp
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap
 from lissajous_env.device.trig import atan2
-from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Latest, Robots
+from lissajous_env.world.state import NEVER, REMOVED, STUCK, Clock, Robots, StepEvents
 
 wp.set_module_options(OPTIONS)
 
@@ -104,7 +104,7 @@ def reset_tally(first: int, clock: Clock, tally: EpisodeTotals):
 
 
 @wp.func
-def tally_tracking(w: int, now: int, robots: Robots, latest: Latest, tally: EpisodeTotals):
+def tally_tracking(w: int, now: int, robots: Robots, latest: StepEvents, tally: EpisodeTotals):
     """Add the distances of the robots from the curve, and from the point of it at their own parameter."""
     there = int(0)
     lateral = wp.float64(0.0)
@@ -126,7 +126,7 @@ def tally_tracking(w: int, now: int, robots: Robots, latest: Latest, tally: Epis
 
 
 @wp.func
-def tally_driving(w: int, now: int, robots: Robots, latest: Latest, tally: EpisodeTotals):
+def tally_driving(w: int, now: int, robots: Robots, latest: StepEvents, tally: EpisodeTotals):
     """Add the distances travelled and the changes of the actions, and record the largest speed."""
     there = int(0)
     distance = float(0.0)
@@ -180,23 +180,23 @@ def tally_faults(w: int, robots: Robots, tally: EpisodeTotals):
 
 
 @wp.func
-def formation_error(w: int, robots: Robots, latest: Latest) -> float:
+def formation_error(w: int, robots: Robots, latest: StepEvents) -> float:
     """Return max_i |wrap(phase_i - equilibrium_i - theta_0)| over present robots [rad], theta_0 by circular mean."""
     unit = wp.vec2(0.0, 0.0)
     n = robots.status.shape[1]
     for i in range(n):
         if robots.status[w, i] != REMOVED:
-            unit += wp.vec2(latest.lead[w, i][1], latest.lead[w, i][2])
+            unit += wp.vec2(latest.phase_offset[w, i][1], latest.phase_offset[w, i][2])
     turn = atan2(unit[1], unit[0])
     error = float(0.0)
     for i in range(n):
         if robots.status[w, i] != REMOVED:
-            error = wp.max(error, wp.abs(wrap(latest.lead[w, i][0] - turn)))
+            error = wp.max(error, wp.abs(wrap(latest.phase_offset[w, i][0] - turn)))
     return error
 
 
 @wp.func
-def tally_formation(w: int, now: int, robots: Robots, latest: Latest, tally: EpisodeTotals):
+def tally_formation(w: int, now: int, robots: Robots, latest: StepEvents, tally: EpisodeTotals):
     """Record the deviation from the equilibrium, its largest values, and when a fault last disturbed it.
 
     A car on a curve that it can hardly follow always oscillates around the equilibrium; a formation counts as disturbed
@@ -227,7 +227,7 @@ def keep_score(
     neighbours: wp.array2d(dtype=int),
     clock: Clock,
     robots: Robots,
-    latest: Latest,
+    latest: StepEvents,
     tally: EpisodeTotals,
 ):
     """Add the state after this step to the totals of the episode."""

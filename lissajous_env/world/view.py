@@ -5,6 +5,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.scenario import Scenario
 
 
@@ -16,14 +17,14 @@ def read_only(array: np.ndarray) -> np.ndarray:
 
 
 class _Fixed:
-    """Something whose attributes are set once, when it is made."""
+    """An object whose attributes are set once, when it is made."""
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:
         raise ValueError(f"{name} is read-only, and so are all arrays of a world")
 
 
 class WorldView(_Fixed):
-    """What a function of an extension is given: read-only arrays over worlds, robots and targets.
+    """Argument of an extension's function: read-only arrays over worlds, robots and targets.
 
     Attributes:
         scenario: The scenario, with every field filled in.
@@ -53,7 +54,7 @@ class _Views(_Fixed):
     """Arrays of a struct on a CPU."""
 
     def __init__(self, struct: Any):
-        self.__dict__.update({name: read_only(getattr(struct, name).numpy()) for name in struct._cls.vars})
+        self.__dict__.update({name: read_only(array.numpy()) for name, array in fields_of(struct).items()})
 
 
 class _Copies(_Fixed):

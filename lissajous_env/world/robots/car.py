@@ -24,6 +24,7 @@ from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
+from lissajous_env.device.program import BLOCKS
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
@@ -86,15 +87,17 @@ def take_input(
     block: Block, robot: RobotStruct, command: wp.array3d(dtype=float), robots: Robots
 ) -> tuple[Floats, Floats]:
     """Curvature of the way [1/m] and acceleration by the motor [m/s^2] of the cars of a block."""
-    curvature = entries(block, command, 0)
-    push = entries(block, command, 1)
+    steering = entries(block, command, 0)
+    throttling = entries(block, command, 1)
     wheelbase = floats(block, robots.wheelbase)
     drive = floats(block, robots.drive)
+    curvature = Floats()
+    push = Floats()
     for k in range(ABREAST):
         if k < width():
-            steering = cos_sin(steering_angle(robot, curvature[k]))
-            curvature[k] = steering[1] / (steering[0] * wheelbase[k])
-            push[k] = motor_push(robot, drive[k], throttle(robot, push[k]))
+            turn = cos_sin(steering_angle(robot, steering[k]))
+            curvature[k] = turn[1] / (turn[0] * wheelbase[k])
+            push[k] = motor_push(robot, drive[k], throttle(robot, throttling[k]))
     return curvature, push
 
 
@@ -119,13 +122,13 @@ def move_cars(
     y = coordinates(block, robots.position, 1)
     heading = floats(block, robots.heading)
     speed = floats(block, robots.speed)
-    moving = block.taking & where_equal(block, robots.status, WORKING)
-    standing = block.taking & ~moving
+    moving = block.active_mask & where_equal(block, robots.status, WORKING)
+    standing = block.active_mask & ~moving
     if standing != 0:
         put_floats(block, standing, Floats(), robots.speed)
         for s in range(1, substeps + 1):
             put_places(block, standing, x, y, s, robots.track)
-    put_places(block, block.taking, x, y, 0, robots.track)
+    put_places(block, block.active_mask, x, y, 0, robots.track)
     curvature, push = take_input(block, robot, command, robots)
     for s in range(substeps):
         for k in range(ABREAST):
@@ -152,7 +155,7 @@ def move_cars(
 
 
 def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: Task) -> None:
-    """What a car's motion needs to be finite: its equations are integrated in float32 by a method of order four.
+    """Check that a car's motion stays finite: its equations are integrated in float32 by a method of order four.
 
     Raises:
         ValueError: a field that a rule forbids, by name.
@@ -210,6 +213,7 @@ CAR = register_robot_model(
         actions=("steering", "throttle"),
         table=tuple(itertools.product((-1.0, -0.5, 0.0, 0.5, 1.0), (-1.0, 0.0, 1.0))),
         move=move_cars,
+        layout=BLOCKS,
         meanings=(
             "steering angle, from steering_max to the right to steering_max to the left [rad]",
             "throttle tau, from throttle_min to throttle_max",

@@ -1,4 +1,4 @@
-"""Where robots are along the curve: at the beginning of an episode, and as they move beside it."""
+"""Phases of robots along the curve: at the beginning of an episode, and as they move beside it."""
 
 import warp as wp
 
@@ -77,7 +77,7 @@ def follow_curve(begin: int, end: int, curve: CurveStruct, formation: FormationS
             start = curve_parameter(alpha, phase[k])
             gamma = project(curve, wp.vec2(x[k], y[k]), start, LARGEST_CORRECTION)
             phase[k] = wrap_phase(phase[k] + wp.float64((gamma - start) / alpha))
-    put_doubles(block, block.taking & where_equal(block, robots.status, WORKING), phase, robots.phase)
+    put_doubles(block, block.active_mask & where_equal(block, robots.status, WORKING), phase, robots.phase)
 
 
 @wp.kernel

@@ -5,6 +5,7 @@ import warp as wp
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, curve_parameter, point, wrap_phase
 from lissajous_env.device.part_structs import FormationStruct, RobotStruct, TaskStruct
+from lissajous_env.device.program import PARTS
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.theory.geometry import top_speed
 from lissajous_env.world.robots.placing import place_on_curve
@@ -55,6 +56,7 @@ POINT = register_robot_model(
         actions=("phase rate",),
         table=((-1.0,), (-0.5,), (-0.1,), (0.0,), (0.1,), (0.5,), (1.0,)),
         move=move_points,
+        layout=PARTS,
         meanings=("rate of the phase theta, from -phase_rate_max to phase_rate_max [rad/s]",),
         speed_unit=lambda curve, formation, robot: top_speed(curve, formation.phase_rate),
         keeps_to_curve=True,

@@ -1,16 +1,15 @@
-"""Rogue targets: they appear, move, and are detected by the first working robot that has them in its disc."""
+"""Targets: their places, motions and times at the start of an episode, and how they move."""
 
 import warp as wp
 
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
-from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
+from lissajous_env.device.part_structs import TargetStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import atan2, cos_sin
 from lissajous_env.settings import parts
-from lissajous_env.world.sight import nearest_sensor
-from lissajous_env.world.state import FOUND, HIDDEN, NEVER, PRESENT, Clock, Counted, Robots, Targets
+from lissajous_env.world.state import HIDDEN, NEVER, Clock, Targets
 
 wp.set_module_options(MOTION)
 
@@ -19,11 +18,9 @@ DRIFTING = wp.constant(1)
 WANDERING = wp.constant(2)
 FLEEING = wp.constant(3)
 CUSTOM = wp.constant(4)
-"""Moved by a stage of the scenario's own."""
+"""Moved by an extension of the scenario."""
 
 _BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
-PLACES = wp.constant(64)
-"""Places that are tried for a target that appears unseen."""
 
 
 @wp.func
@@ -54,7 +51,7 @@ def reset_targets(
     clock: Clock,
     targets: Targets,
 ):
-    """Draw place, heading and motion of every slot; those of the start appear at step 0.
+    """Draw position, heading and motion of every target; those of the start appear at step 0.
 
     The place of a target that appears unseen is drawn anew at that moment.
     """
@@ -93,7 +90,7 @@ def reset_targets(
 
 @wp.kernel
 def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Clock, targets: Targets):
-    """Lay the arrivals of a Poisson process on the slots after those of the start, in order of time."""
+    """Draw the arrival times of the targets after those of the start, by a Poisson process."""
     w = first + wp.tid()
     if clock.active[w] == 0:
         return
@@ -102,39 +99,6 @@ def reset_arrivals(first: int, target: TargetStruct, task: TaskStruct, clock: Cl
     for t in range(target.count, targets.stage.shape[1]):
         time -= wp.log(1.0 - wp.randf(draw)) / target.arrival_rate
         targets.appears_at[w, t] = 1 + int(wp.min(time / task.step, 1.0e9))
-
-
-@wp.kernel
-def place_unseen(
-    first: int,
-    lanes: int,
-    begin: int,
-    end: int,
-    curve: CurveStruct,
-    sensing: SensingStruct,
-    clock: Clock,
-    robots: Robots,
-    targets: Targets,
-):
-    """Put each target that appears now at the first of `PLACES` uniform random places that is unseen, or the last."""
-    tid, lane = wp.tid()
-    w = first + tid
-    if clock.active[w] == 0:
-        return
-    now = clock.step[w]
-    key = randomness.step_key(clock.seed[w], now)
-    for t in range(begin + lane, end, lanes):
-        if targets.appears_at[w, t] > now:
-            break  # the slots are in the order of their times
-        if targets.stage[w, t] == HIDDEN:
-            draw = randomness.stream(key, t, randomness.UNSEEN)
-            for _ in range(PLACES):
-                x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
-                y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
-                targets.position[w, t] = wp.vec2(x, y)
-                nearest = nearest_sensor(w, wp.vec2(x, y), robots)
-                if nearest[1] >= sensing.radius * sensing.radius:
-                    break
 
 
 @wp.func
@@ -172,7 +136,7 @@ def wander(
 
 @wp.func
 def is_moved(motion: int) -> bool:
-    """Whether it moves by itself."""
+    """Return whether targets of this motion are moved by the simulation."""
     return motion != STILL and motion != CUSTOM
 
 
@@ -185,40 +149,3 @@ def flee(place: wp.vec2, sensor: wp.vec2, step: float, curve: CurveStruct, targe
     x = wp.clamp(fled[0], -curve.half_width, curve.half_width)
     y = wp.clamp(fled[1], -curve.half_height, curve.half_height)
     return wp.vec3(x, y, atan2(away[1], away[0]))
-
-
-@wp.func
-def detect(
-    w: int,
-    t: int,
-    now: int,
-    part: int,
-    nearest: wp.vec2,
-    sight: wp.vec2,
-    radius: float,
-    targets: Targets,
-    counted: Counted,
-) -> int:
-    """Let a robot detect a target: the first on its way or else, if it is seen there, the nearest at its end.
-
-    `nearest` is of `nearest_sensor`, `sight` of `first_sight`. Returns 1 where it does.
-    """
-    found = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
-    if sight[1] <= 1.0:
-        found = int(sight[0])
-        targets.found_early[w, t] = 1.0 - sight[1]
-    targets.stage[w, t] = wp.where(found >= 0, FOUND, PRESENT)
-    if found < 0:
-        return 0
-    targets.found_at[w, t] = now
-    wp.atomic_add(counted.detections, w, part, found, 1)
-    return 1
-
-
-@wp.func
-def add_counts(w: int, part: int, waiting: int, sighted: int, counted: Counted):
-    """Add what one thread counted."""
-    if waiting > 0:
-        wp.atomic_add(counted.waiting, w, part, waiting)
-    if sighted > 0:
-        wp.atomic_add(counted.in_sight, w, part, sighted)

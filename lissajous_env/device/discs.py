@@ -1,4 +1,4 @@
-"""Which cells of a grid discs cover, and pass over on their way, as bits of the rows that they meet.
+"""Cells of a grid that discs cover, at one place or on their way, as bits of its rows.
 
 What covers a cell at one place is found in C++, for eight rows at once; what passes over it is rare. The bits of the
 rows stand side by side, (W, words, rows), for the same reason.
@@ -6,9 +6,9 @@ rows stand side by side, (W, words, rows), for the same reason.
 
 import warp as wp
 
+from lissajous_env.device.bits import run_of_bits
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.world.bits import run_of_bits
 
 wp.set_module_options(OPTIONS)
 

@@ -1,4 +1,4 @@
-"""Robots that fail: by schedule, at random, for good."""
+"""Robots that fail by schedule or at random, or are removed."""
 
 import warp as wp
 
@@ -13,7 +13,7 @@ wp.set_module_options(OPTIONS)
 
 @wp.func
 def chance(rate: float, time: float) -> float:
-    """Probability of at least one event of a Poisson process in some time: 1 - exp(-rate time)."""
+    """Return the probability of at least one event of a Poisson process in some time: 1 - exp(-rate time)."""
     return 1.0 - wp.exp(-rate * time)
 
 
@@ -27,7 +27,7 @@ def update_status(
     clock: Clock,
     robots: Robots,
 ):
-    """Let robots fail, resume and be removed for the step that ends now."""
+    """Update which robots fail, resume and are removed in the step that ends now."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -56,7 +56,7 @@ def update_status(
 def reset_losses(
     first: int, faults: FaultsStruct, removals: wp.array(dtype=int), steps: int, clock: Clock, robots: Robots
 ):
-    """Decide which robots this episode removes, and when: those of the schedule, then `lost` more at random."""
+    """Draw which robots are removed in this episode, and when: those of the schedule, then `lost` more at random."""
     w = first + wp.tid()
     if clock.active[w] == 0:
         return
@@ -76,12 +76,12 @@ def reset_losses(
 
 
 def schedule_steps(faults: Faults, step: float):
-    """Rows (robot, start, end) of the schedule in steps, as a list."""
+    """Return rows (robot, start, end) of the schedule in steps."""
     return [(i, _steps(start, step), _steps(end, step)) for i, start, end in faults.schedule]
 
 
 def removal_steps(faults: Faults, num_robots: int, step: float) -> list[int]:
-    """Step after which each robot is removed by schedule."""
+    """Return the step after which each robot is removed by schedule."""
     removals = [int(NEVER)] * num_robots
     for robot, time in faults.removed:
         removals[robot] = min(removals[robot], _steps(time, step))

@@ -1,4 +1,4 @@
-"""What robots measure of themselves."""
+"""Measurements that robots make of themselves."""
 
 import warp as wp
 
@@ -29,7 +29,7 @@ wp.set_module_options(MOTION)
 def disturb(
     draw: wp.uint32, alpha: float, curve: CurveStruct, noise: NoiseStruct, pose: wp.vec4, phase: wp.float64
 ) -> tuple[wp.vec4, wp.float64]:
-    """A pose (x, y [m], heading [rad], speed [m/s]) and a phase [rad] as they are measured with noise."""
+    """Add noise to a pose (x, y [m], heading [rad], speed [m/s]) and a phase [rad]."""
     pose[0] += noise.position * wp.randn(draw)
     pose[1] += noise.position * wp.randn(draw)
     pose[2] += noise.heading * wp.randn(draw)
@@ -49,7 +49,7 @@ def measure(
     clock: Clock,
     robots: Robots,
 ):
-    """Let each robot measure its own pose and phase, and point its sensor; of a removed one stays what it last knew."""
+    """Measure each robot's pose and phase, and place its sensor; measurements of a removed robot are frozen."""
     n = robots.status.shape[1]
     block = block_of(wp.tid(), begin, end, n, clock.active)
     if block.count == 0:
@@ -58,7 +58,7 @@ def measure(
     x, y, phase = places_of(block, robots)
     heading = floats(block, robots.heading)
     speed = floats(block, robots.speed)
-    working = block.taking & where_equal(block, robots.status, WORKING)
+    working = block.active_mask & where_equal(block, robots.status, WORKING)
     sensor_x = Floats()
     sensor_y = Floats()
     for k in range(ABREAST):
@@ -66,8 +66,8 @@ def measure(
             senses = is_in(k, working)
             sensor_x[k] = wp.where(senses, x[k], NOWHERE)
             sensor_y[k] = wp.where(senses, y[k], NOWHERE)
-    put_pairs(block, block.taking, sensor_x, sensor_y, robots.sensor)
-    measuring = block.taking & ~(where_equal(block, robots.status, REMOVED) & where_world(block, n, clock.step, 1))
+    put_pairs(block, block.active_mask, sensor_x, sensor_y, robots.sensor)
+    measuring = block.active_mask & ~(where_equal(block, robots.status, REMOVED) & where_world(block, n, clock.step, 1))
     if noise.position > 0.0 or noise.heading > 0.0 or noise.speed > 0.0:
         for k in range(block.count):
             if is_in(k, measuring):
@@ -80,17 +80,17 @@ def measure(
                 heading[k] = pose[2]
                 speed[k] = pose[3]
                 phase[k] = seen
-    along = Floats()
-    across = Floats()
-    ahead = Floats()
-    aside = Floats()
+    cos_phase = Floats()
+    sin_phase = Floats()
+    cos_heading = Floats()
+    sin_heading = Floats()
     for k in range(ABREAST):
         if k < width():
             turn = cos_sin(float(phase[k]))
-            along[k] = turn[0]
-            across[k] = turn[1]
+            cos_phase[k] = turn[0]
+            sin_phase[k] = turn[1]
             faces = cos_sin(heading[k])
-            ahead[k] = faces[0]
-            aside[k] = faces[1]
+            cos_heading[k] = faces[0]
+            sin_heading[k] = faces[1]
     put_fours(block, measuring, x, y, heading, speed, robots.measured)
-    put_fours(block, measuring, along, across, ahead, aside, robots.measured_turn)
+    put_fours(block, measuring, cos_phase, sin_phase, cos_heading, sin_heading, robots.measured_turn)

@@ -1,4 +1,4 @@
-"""Who has a place in its disc: at the end of a step, and first within it.
+"""Robots that have a place in their sensing discs, at the end of a step and first within it.
 
 Within a step a target goes straight from its old place to its new one at one speed, past the robots, each of which goes
 along its track of sub-steps.
@@ -52,8 +52,8 @@ def nearest_sensors(w: int, x: Floats, y: Floats, robots: Robots) -> tuple[Ints,
 
 
 @wp.func
-def longest_way(w: int, robots: Robots) -> float:
-    """How far any robot was, in this step, from the place where it ended [m]."""
+def max_displacement(w: int, robots: Robots) -> float:
+    """Return the largest distance, over robots and the step, from the position at its end [m]."""
     last = robots.track.shape[2] - 1
     square = float(0.0)
     for i in range(robots.track.shape[1]):
@@ -64,7 +64,7 @@ def longest_way(w: int, robots: Robots) -> float:
 
 @wp.func
 def share_until_sight(w: int, i: int, before: wp.vec2, after: wp.vec2, radius: float, robots: Robots) -> float:
-    """Share of the step until a robot has a target in its disc that goes as in `first_sight`; 2 for never."""
+    """Return the share of the step until a robot detects a target that moves as in `first_sight`; 2 for never."""
     pieces = robots.track.shape[2] - 1
     moved = (after - before) / float(pieces)
     start = before - planar(robots.track[w, i, 0])

@@ -4,7 +4,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import TargetStruct, TaskStruct
-from lissajous_env.world.labels import Hops
+from lissajous_env.world.contamination.labels import Hops
 from lissajous_env.world.state import NEVER, Clock, Contamination, Robots
 from lissajous_env.world.tally import FAULT_MARGIN, EpisodeTotals, any_failed
 
@@ -20,7 +20,7 @@ def reset_guarantee(first: int, clock: Clock, contamination: Contamination):
     contamination.cleared_at[w] = NEVER
     contamination.age[w] = 0
     contamination.age_max[w] = 0
-    contamination.eased[w] = 0.0
+    contamination.age_reduction[w] = 0.0
     contamination.mean_age[w] = 0.0
     contamination.mean_age_sum[w] = wp.float64(0.0)
     contamination.age_before[w] = 0
@@ -60,7 +60,7 @@ def keep_guarantee(
     contamination.cleared_at[w] = wp.where(oldest == NEVER, wp.min(contamination.cleared_at[w], now), NEVER)
     contamination.age[w] = age
     contamination.age_max[w] = wp.max(contamination.age_max[w], age)
-    contamination.eased[w] = contamination.mean_age[w] - mean_age
+    contamination.age_reduction[w] = contamination.mean_age[w] - mean_age
     contamination.mean_age[w] = mean_age
     contamination.mean_age_sum[w] += wp.float64(mean_age)
     if tally.faulted[w] == 0 and not any_failed(w, robots):

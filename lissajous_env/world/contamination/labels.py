@@ -1,4 +1,4 @@
-"""Labels of the cells of contamination: how they are kept, and how those of a word of 32 cells are found.
+"""Labels of the cells of contamination: their storage, and the update of a word of 32 cells.
 
 Two functions are written in C++, which Warp hands to the compiler as it is: what they do for neighbouring cells is laid
 out so that a CPU does it for eight at once.
@@ -9,21 +9,21 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.parameters.spreading import HOPS, SHARES, Spreading
+from lissajous_env.parameters.spreading import HOPS, TICK_FRACTIONS, Spreading
 from lissajous_env.world.state import NEVER
 
 wp.set_module_options(OPTIONS)
 
 MARGIN = wp.constant(2)
-"""Cells around the grid in which no rogue is, so that hops need not ask for its edge."""
+"""Cells around the grid in which no target is, so that hops need no test for its edge."""
 NONE = wp.constant(0x7FFFFF00)
-"""Labels from here on say that there is no rogue."""
+"""Smallest label that means that there is no target."""
 
 SIDE_BY_SIDE = wp.constant(8)
 """Cells of a row that get their labels together."""
 
 Five = wp.types.vector(len(HOPS), wp.int32)
-_SHARES = wp.constant(SHARES)
+_FRACTIONS = wp.constant(TICK_FRACTIONS)
 
 
 @wp.struct
@@ -34,7 +34,7 @@ class Hops:
     radius: float
     ticks: int
     period: int
-    ring: int
+    history_length: int
     delays: wp.array(dtype=wp.int32)
     shares: wp.array(dtype=wp.int32)
 
@@ -42,7 +42,7 @@ class Hops:
 def as_hops(spreading: Spreading, device: Any) -> Hops:
     """Copy hops to a device."""
     hops = Hops()
-    for name in ("columns", "radius", "ticks", "period", "ring"):
+    for name in ("columns", "radius", "ticks", "period", "history_length"):
         setattr(hops, name, getattr(spreading, name))
     hops.delays = wp.array(spreading.delays, dtype=wp.int32, device=device)
     hops.shares = wp.array(spreading.shares, dtype=wp.int32, device=device)
@@ -50,14 +50,14 @@ def as_hops(spreading: Spreading, device: Any) -> Hops:
 
 
 def across(columns: int) -> int:
-    """Cells from a row to the next one: a margin on both sides of as many as are labelled side by side."""
+    """Return the length of a row of labels: whole groups of cells labelled side by side, and both margins."""
     return -(-columns // int(SIDE_BY_SIDE)) * int(SIDE_BY_SIDE) + 2 * int(MARGIN)
 
 
 @wp.func
 def slot_of(step: int, tick: int, hops: Hops) -> int:
-    """Where the labels of a tick stand, of those that are kept."""
-    return (ticks_passed(step, tick, hops) + hops.ring) % hops.ring
+    """Return the slot of a tick's labels among those that are stored."""
+    return (ticks_passed(step, tick, hops) + hops.history_length) % hops.history_length
 
 
 @wp.func
@@ -69,48 +69,48 @@ def ticks_passed(step: int, tick: int, hops: Hops) -> int:
 
 
 @wp.struct
-class Now:
-    """What is the same for all cells of a world in a tick."""
+class TickContext:
+    """Values of a tick that all cells of a world share."""
 
     step: int
     slot: int
-    """Where the labels of this tick stand."""
+    """Slot of this tick's labels."""
     latest: int
-    """Where those stand that rogues who stay have: of the tick before, or of this one where it goes on."""
+    """Slot of the labels of targets that stay: of the tick before, or of this one where it goes on."""
     aged: int
-    """Bits of them that are kept: after a tick, a rogue came a tick ago or more."""
+    """Bits of them that are preserved: after a tick, a target came a tick ago or more."""
     hops: bool
-    """Whether rogues hop in this step."""
+    """True in a step in which targets hop."""
     entry: int
-    """Label of a rogue that is introduced now."""
+    """Label of a target that is introduced now."""
     oldest: int
-    """Earliest introduction of any rogue of this world."""
+    """Earliest introduction of any undetected target of this world [step]."""
     at: Five
-    """Where the labels stand that the five lengths of hops ask for."""
+    """Slots of the labels from which hops of the five lengths come."""
     before: Five
     """The same, a tick earlier."""
     shares: Five
 
 
 @wp.func
-def now_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> Now:
-    """Put together what is the same for all cells."""
-    now = Now()
+def context_of(step: int, tick: int, oldest: int, arrives: bool, hops: Hops) -> TickContext:
+    """Return the context of a tick."""
+    now = TickContext()
     now.step = step
     passed = ticks_passed(step, tick, hops)
-    now.slot = passed % hops.ring
+    now.slot = passed % hops.history_length
     now.latest = now.slot
     now.aged = -1
     moves = step % hops.period == 0 and step > 0
     if moves:
-        now.latest = (passed - 1 + hops.ring) % hops.ring
-        now.aged = ~_SHARES
+        now.latest = (passed - 1 + hops.history_length) % hops.history_length
+        now.aged = ~_FRACTIONS
     now.hops = moves and hops.delays.shape[0] > 0
-    now.entry = wp.where(arrives and step > 0, step * 256 + _SHARES, NONE)
+    now.entry = wp.where(arrives and step > 0, step * 256 + _FRACTIONS, NONE)
     now.oldest = oldest
     for k in range(hops.delays.shape[0]):
-        now.at[k] = (passed - hops.delays[k] + 2 * hops.ring) % hops.ring
-        now.before[k] = (passed - hops.delays[k] - 1 + 2 * hops.ring) % hops.ring
+        now.at[k] = (passed - hops.delays[k] + 2 * hops.history_length) % hops.history_length
+        now.before[k] = (passed - hops.delays[k] - 1 + 2 * hops.history_length) % hops.history_length
         now.shares[k] = hops.shares[k]
     return now
 
@@ -139,12 +139,12 @@ def forget_seen(
     swept: wp.array3d(dtype=wp.uint64),
     there: wp.array4d(dtype=wp.uint32),
 ):
-    """Forget who was in the cells of a row that were seen in the tick before, but for who came in the slot `kept`."""
+    """Clear the cells of a row that were sensed in the tick before, but for labels in the slot `kept`."""
     ...
 
 
 _LABEL_CELLS = f"""
-    const int lanes = {int(SIDE_BY_SIDE)}, lengths = {len(HOPS)}, shares = {SHARES}, none = {int(NONE)};
+    const int lanes = {int(SIDE_BY_SIDE)}, lengths = {len(HOPS)}, shares = {TICK_FRACTIONS}, none = {int(NONE)};
     const int columns[lengths] = {{{", ".join(str(hop[0]) for hop in HOPS)}}};
     const int rows[lengths] = {{{", ".join(str(hop[1]) for hop in HOPS)}}};
     const int across = labels.strides[2] / sizeof(int), ring = there.shape[3];
@@ -164,7 +164,7 @@ _LABEL_CELLS = f"""
                         | (unsigned long long)source[ring] << 34;
                 }}
     const unsigned int stay = bits[now.latest] & unseen;
-    // Who can have a rogue at all; where none can be, no label is asked for, as its bit says that there is none.
+    // Who can have a target at all; where none can be, no label is asked for, as its bit says that there is none.
     unsigned int can = stay | (now.entry < none ? enter : 0);
     if (now.hops)
         for (int length = 0; length < lengths; ++length)
@@ -256,11 +256,11 @@ def label_cells(
     todo: wp.uint32,
     unseen: wp.uint32,
     enter: wp.uint32,
-    now: Now,
+    now: TickContext,
 ) -> wp.vec4i:
-    """Label the cells `todo` of a word; `unseen` and `enter` are bits of where rogues stay and are introduced.
+    """Label the cells `todo` of a word; `unseen` and `enter` are bits of where targets stay and are introduced.
 
-    Returns the earliest introduction of any rogue there, the time since then summed over the cells, the bits of the
-    cells that have a rogue, and of those that have the oldest of the world in every tick.
+    Returns the earliest introduction of any target there, the time since then summed over the cells, the bits of the
+    cells that have a target, and of those that have the oldest of the world in every tick.
     """
     ...

@@ -1,4 +1,4 @@
-"""How far the robots are from where they should be: from the curve, and from their places in the formation."""
+"""Distances of the robots from the curve, and from their positions in the formation."""
 
 import warp as wp
 
@@ -7,9 +7,9 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, curve_parameter, lissajous, point2
 from lissajous_env.device.part_structs import FormationStruct
 from lissajous_env.device.trig import cos_sin
-from lissajous_env.world.distance import DistanceTable, curve_distances
+from lissajous_env.world.robots.distance import DistanceTable, curve_distances
 from lissajous_env.world.robots.placing import places_of
-from lissajous_env.world.state import Clock, Latest, Robots
+from lissajous_env.world.state import Clock, Robots, StepEvents
 
 wp.set_module_options(OPTIONS)
 
@@ -31,21 +31,21 @@ def find_deviations(
     equilibrium: wp.array(dtype=wp.float64),
     clock: Clock,
     robots: Robots,
-    latest: Latest,
+    latest: StepEvents,
 ):
-    """Find how far each robot is from the curve, from its own point of it, and from the equilibrium."""
+    """Find each robot's distance from the curve and from its own point of it, and its phase from the equilibrium."""
     block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
     if block.count == 0:
         return
     alpha = float(formation.alpha)
     x, y, phase = places_of(block, robots)
-    lead = Floats()
-    ahead = Floats()
-    aside = Floats()
+    phase_offset = Floats()
+    cos_offset = Floats()
+    sin_offset = Floats()
     tracking = Floats()
     i = int(block.start % robots.status.shape[1])
     for k in range(block.count):
-        lead[k] = float(phase[k] - equilibrium[i])
+        phase_offset[k] = float(phase[k] - equilibrium[i])
         i = wp.where(i + 1 == robots.status.shape[1], 0, i + 1)
     if curve.harmonics.shape[0] == 0:
         for k in range(ABREAST):
@@ -56,10 +56,10 @@ def find_deviations(
             tracking[k] = wp.length(wp.vec2(x[k], y[k]) - point2(curve, curve_parameter(alpha, phase[k])))
     for k in range(ABREAST):
         if k < width():
-            turn = cos_sin(lead[k])
-            ahead[k] = turn[0]
-            aside[k] = turn[1]
+            turn = cos_sin(phase_offset[k])
+            cos_offset[k] = turn[0]
+            sin_offset[k] = turn[1]
     lateral = curve_distances(distances, curve, x, y, block.count)
-    put_floats(block, block.taking, tracking, latest.tracking)
-    put_floats(block, block.taking, lateral, latest.lateral)
-    put_vectors(block, block.taking, lead, ahead, aside, latest.lead)
+    put_floats(block, block.active_mask, tracking, latest.tracking)
+    put_floats(block, block.active_mask, lateral, latest.lateral)
+    put_vectors(block, block.active_mask, phase_offset, cos_offset, sin_offset, latest.phase_offset)

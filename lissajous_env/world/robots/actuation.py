@@ -1,4 +1,4 @@
-"""Actions on their way to the motors."""
+"""Actuation: the limits and noise of actions."""
 
 import numpy as np
 import warp as wp
@@ -18,7 +18,7 @@ from lissajous_env.device.abreast import (
 )
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.part_structs import NoiseStruct
-from lissajous_env.world.state import Clock, Latest
+from lissajous_env.world.state import Clock, StepEvents
 
 wp.set_module_options(MOTION)
 
@@ -27,7 +27,7 @@ _LARGEST = wp.constant(float(np.finfo(np.float32).max))
 
 @wp.func
 def flag(w: int, clock: Clock):
-    """Flag a world that was given an action that is not finite."""
+    """Flag a world that received an action that is not finite."""
     clock.invalid[w] = 1
     if clock.invalid_at[w] == 0:
         clock.invalid_at[w] = clock.step[w]
@@ -48,13 +48,13 @@ def take_commands(
     noise: NoiseStruct,
     action: wp.array3d(dtype=float),
     clock: Clock,
-    latest: Latest,
+    latest: StepEvents,
     taken: wp.array3d(dtype=float),
     command_out: wp.array3d(dtype=float),
 ):
-    """Limit the actions to [-1, 1] and add noise; one that is not finite is taken as zero, and its world flagged.
+    """Limit the actions to [-1, 1] and add noise; replace one that is not finite by zero, and flag its world.
 
-    Effort and change are those of the action without the noise, which `taken` keeps until the next step.
+    Effort and change are those of the action without the noise, which `taken` stores until the next step.
     """
     n = action.shape[1]
     size = action.shape[2]
@@ -79,20 +79,20 @@ def take_commands(
                 difference = command[k] - before[k]
                 squares[k] += command[k] * command[k]
                 change[k] += difference * difference
-        put_entries(block, block.taking, command, entry, taken)
-        put_entries(block, block.taking, command, entry, command_out)
+        put_entries(block, block.active_mask, command, entry, taken)
+        put_entries(block, block.active_mask, command, entry, command_out)
     for k in range(ABREAST):
         if k < width():
             squares[k] = squares[k] / float(size)
             change[k] = wp.where(is_in(k, followed), change[k] / float(size), 0.0)
-    put_floats(block, block.taking, squares, latest.effort)
-    put_floats(block, block.taking, change, latest.change)
-    flagged = block.taking & where_above(block, invalid, 0.0)
+    put_floats(block, block.active_mask, squares, latest.effort)
+    put_floats(block, block.active_mask, change, latest.change)
+    flagged = block.active_mask & where_above(block, invalid, 0.0)
     if flagged != 0:
         for k in range(block.count):
             if is_in(k, flagged):
                 flag((block.start + k) / n, clock)
     if noise.actuator > 0.0:
         for k in range(block.count):
-            if is_in(k, block.taking):
+            if is_in(k, block.active_mask):
                 disturb((block.start + k) / n, (block.start + k) % n, noise, clock, command_out)

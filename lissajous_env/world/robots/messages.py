@@ -1,4 +1,4 @@
-"""Messages on the ring: what robots send of what they measured, and hear of their two neighbours."""
+"""Messages on the ring: robots send their measured phase and position, and receive those of their two neighbours."""
 
 import warp as wp
 
@@ -12,7 +12,7 @@ wp.set_module_options(OPTIONS)
 
 @wp.kernel
 def reset_messages(first: int, lanes: int, clock: Clock, links: Links):
-    """Forget every message."""
+    """Clear every message."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -26,7 +26,7 @@ def reset_messages(first: int, lanes: int, clock: Clock, links: Links):
 
 @wp.kernel
 def send(first: int, lanes: int, clock: Clock, robots: Robots, links: Links):
-    """Send measured phase and place to both neighbours; a removed robot sends nothing."""
+    """Send measured phase and position to both neighbours; a removed robot sends nothing."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -41,7 +41,7 @@ def send(first: int, lanes: int, clock: Clock, robots: Robots, links: Links):
 
 @wp.kernel
 def hear(first: int, lanes: int, noise: NoiseStruct, neighbours: wp.array2d(dtype=int), clock: Clock, links: Links):
-    """Take the neighbours' messages that arrive now, unless they are lost."""
+    """Receive the neighbours' messages that arrive now, unless they are lost."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:

@@ -1,4 +1,4 @@
-"""Distance of a place from the whole plane curve on the device, by the table of `lissajous_env.world.distance_table`.
+"""Distance of a place from the whole plane curve on the device, by the table of `distance_table.py`.
 
 A robot's own parameter only ever moves along its branch; the nearest point of the curve may lie on any other. Here a
 cell holds the few circles that the curve is around the points nearest to it, and the smallest distance from these is
@@ -24,7 +24,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct, newton, series_around
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory.closed_forms import curve_point
-from lissajous_env.world.distance_table import AROUND, EXTENT, GRIDS, SPLIT, distance_table
+from lissajous_env.world.robots.distance_table import AROUND, EXTENT, GRIDS, SPLIT, distance_table
 
 wp.set_module_options(OPTIONS)
 
@@ -35,7 +35,7 @@ _CELLS, _LEVELS = 128, 5
 _SEEDS = wp.constant(6)
 """Points of the curve that a cell has at most."""
 _APART = 0.3
-"""How far apart these are at least, along the curve, in diagonals of a cell."""
+"""Their smallest distance along the curve, in diagonals of a cell."""
 _STEPS = wp.constant(6)
 """Most steps of Newton's from each."""
 _CLOSE = wp.constant(1e-3)
@@ -43,7 +43,7 @@ _CLOSE = wp.constant(1e-3)
 _FLATTEST = 0.1
 """Extent of the first grid across a flat curve, in that along it."""
 _LARGEST_STEP = 0.5
-"""Of Newton's steps, in radians of the highest harmonic."""
+"""Largest of Newton's steps, in radians of the highest harmonic."""
 
 _SPLIT = wp.constant(SPLIT)
 _AROUND = wp.constant(AROUND)
@@ -52,7 +52,7 @@ _GRIDS = wp.constant(GRIDS)
 
 @wp.struct
 class DistanceTable:
-    """`lissajous_env.world.distance_table.Table` on a device; without nodes, every distance is 0."""
+    """`lissajous_env.world.robots.distance_table.Table` on a device; without nodes, every distance is 0."""
 
     nodes: wp.array(dtype=wp.int32)
     arcs: wp.array(dtype=Arc)
@@ -63,11 +63,11 @@ class DistanceTable:
     per_height: wp.float32
     """1 over the half height of the innermost grid [1/m]."""
     centre: wp.vec2
-    """Of the grids around a curve of harmonics [m]."""
+    """Centre of the grids around a curve of harmonics [m]."""
     seeds: wp.array4d(dtype=wp.float32)
     """(grids, rows, columns, points) for each cell of these, parameters of nearest points [rad], then -1."""
     largest_step: wp.float32
-    """Of Newton's from these [rad]."""
+    """Largest of Newton's steps from these [rad]."""
 
 
 @wp.func
@@ -227,7 +227,7 @@ def _of_harmonics(curve: Curve, device: str) -> DistanceTable:
         x, y = np.meshgrid(centre[0] + corners * half[0], centre[1] + corners * half[1])
         _, nearest = tree.query(np.stack([x, y], axis=-1))
         apart = _APART * np.hypot(*half) * 2 ** (level + 1) / _CELLS
-        seeds[level] = _apart(nearest, gamma, arc, apart)
+        seeds[level] = _apart(np.asarray(nearest), gamma, arc, apart)
     seeded.seeds = wp.array(seeds, dtype=wp.float32, device=device)
     seeded.centre = wp.vec2(*centre)
     seeded.per_width, seeded.per_height = 1 / half[0], 1 / half[1]

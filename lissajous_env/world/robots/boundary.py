@@ -1,4 +1,4 @@
-"""The edge of the rectangle: who is outside, and who is removed for it. A wall stands in the motion of cars."""
+"""Robots outside the rectangle, and their removal. The wall is part of the motion of cars."""
 
 import warp as wp
 
@@ -17,7 +17,7 @@ from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.parts import Task
-from lissajous_env.world.state import NOWHERE, REMOVED, Clock, Latest, Robots
+from lissajous_env.world.state import NOWHERE, REMOVED, Clock, Robots, StepEvents
 
 wp.set_module_options(OPTIONS)
 
@@ -33,9 +33,9 @@ def watch_boundary(
     task: TaskStruct,
     clock: Clock,
     robots: Robots,
-    latest: Latest,
+    latest: StepEvents,
 ):
-    """Note the robots whose whole body is outside the rectangle; remove them where `task.boundary` says so."""
+    """Mark the robots whose whole body is outside the rectangle; remove them if `task.boundary` is `remove`."""
     n = robots.status.shape[1]
     block = block_of(wp.tid(), begin, end, n, clock.active)
     if block.count == 0:
@@ -48,10 +48,10 @@ def watch_boundary(
             beyond_y = wp.max(wp.abs(y[k]) - curve.half_height, 0.0)
             beyond[k] = beyond_x * beyond_x + beyond_y * beyond_y
     outside = where_above(block, beyond, robot.radius * robot.radius) & ~where_equal(block, robots.status, REMOVED)
-    put_bits(block, block.taking, outside, latest.outside)
+    put_bits(block, block.active_mask, outside, latest.outside)
     if task.boundary == _REMOVE:
         for k in range(block.count):
-            if is_in(k, outside & block.taking):
+            if is_in(k, outside & block.active_mask):
                 w = (block.start + k) / n
                 i = (block.start + k) % n
                 robots.status[w, i] = REMOVED

@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from lissajous_env.parameters.scenario import Curve
+from lissajous_env.theory.closed_forms import curve_derivatives, curve_point
 
 TOLERANCE = 1e-4
 """Largest error of the table where it is checked, as a share of the smaller half extent of the rectangle."""
@@ -41,8 +42,8 @@ def nearest_phase(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndar
     nearest = np.argmin(_squares(curve, places[:, None, None], phases), axis=-1)
     phases = np.take_along_axis(phases, nearest[..., None], axis=-1)[..., 0]
     for _ in range(4):
-        point, tangent, bend = _derivatives(curve, phases)
-        away, square = places[:, None] - point, np.sum(tangent**2, axis=-1)
+        tangent, bend = curve_derivatives(curve, phases)
+        away, square = places[:, None] - curve_point(curve, phases), np.sum(tangent**2, axis=-1)
         # Newton's step towards r'.(q - r) = 0, or twice that of Gauss and Newton where the second derivative vanishes.
         slope = np.maximum(square - np.sum(bend * away, axis=-1), square / 2)
         phases = phases + np.clip(np.sum(tangent * away, axis=-1) / slope, -spacing, spacing)
@@ -72,18 +73,7 @@ def _edges(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _squares(curve: Curve, places: np.ndarray, phases: np.ndarray) -> np.ndarray:
     """Squared distances of places (..., 2) from the points of the curve at phases (...) [m^2]."""
-    x = curve.half_width * np.cos(curve.a * phases)
-    y = curve.half_height * np.sin(curve.b * phases)
-    return (places[..., 0] - x) ** 2 + (places[..., 1] - y) ** 2
-
-
-def _derivatives(curve: Curve, phases: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Point [m] of the curve (3), and its first and second derivative by gamma, each (..., 2)."""
-    A, B, a, b = curve.half_width, curve.half_height, curve.a, curve.b
-    across, up = a * phases, b * phases
-    x, y = A * np.cos(across), B * np.sin(up)
-    tangent = np.stack([-A * a * np.sin(across), B * b * np.cos(up)], axis=-1)
-    return np.stack([x, y], axis=-1), tangent, np.stack([-(a**2) * x, -(b**2) * y], axis=-1)
+    return np.sum((places - curve_point(curve, phases)) ** 2, axis=-1)
 
 
 # The table.
@@ -102,9 +92,9 @@ class Table:
     arcs: np.ndarray
     """(arcs, 5) a point of the curve [m], the unit normal there, and the curvature against it [1/m]."""
     columns: int
-    """Of the innermost grid."""
+    """Columns of the innermost grid."""
     rows: int
-    """Of the innermost grid."""
+    """Rows of the innermost grid."""
 
 
 def arc_distance(arcs: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -183,7 +173,7 @@ def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.
     """
     places = centres[:, None] + _CHECKED * halves[:, None]
     phases, exact = nearest_phase(curve, places.reshape(-1, 2))
-    point, tangent, bend = _derivatives(curve, phases)
+    point, (tangent, bend) = curve_point(curve, phases), curve_derivatives(curve, phases)
     speed = np.linalg.norm(tangent, axis=-1, keepdims=True)
     normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1) / speed
     curvature = -np.sum(normal * bend, axis=-1, keepdims=True) / speed**2

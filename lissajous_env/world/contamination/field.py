@@ -1,28 +1,29 @@
-"""Contamination: where a rogue may be that was never seen, whatever it does, and since when.
+"""Contamination: where a target may be that was never detected, however it moves, and since when.
 
-Of each cell of a grid is known e, the earliest time at which a rogue can have been introduced that may be there now
-and was in no working robot's disc since. In the words of the search for evaders a cell with such a rogue is
-contaminated, one without is cleared: T. D. Parsons, "Pursuit-evasion in a graph" (Theory and Applications of Graphs,
-1978); L. J. Guibas, J.-C. Latombe, S. M. LaValle, D. Lin, R. Motwani, "A visibility-based pursuit-evasion problem"
-(Int. J. Computational Geometry & Applications 9, 1999). t - min e is how long a rogue can have gone unseen.
+Each cell of a grid has e, the earliest time at which a target can have been introduced that may be there now and was in
+no working robot's disc since. In the literature on pursuit and evasion, a cell that may have such a target is
+contaminated, one that has none is cleared: T. D. Parsons, "Pursuit-evasion in a graph" (Theory and Applications of
+Graphs, 1978); L. J. Guibas, J.-C. Latombe, S. M. LaValle, D. Lin, R. Motwani, "A visibility-based pursuit-evasion
+problem" (Int. J. Computational Geometry & Applications 9, 1999). t - min e is the time for which a target can have
+stayed undetected.
 
-A label is e in control steps times 256, plus what share of a tick the rogue came after the tick before: of two labels
+A label is e in control steps times 256, plus what share of a tick the target came after the tick before: of two labels
 the smaller one is older or, of one age, came earlier. The labels of the latest ticks are kept of each cell, because a
-rogue that hops now (`lissajous_env.parameters.spreading`) came to where it hops from some ticks ago. A cell that is
-sensed loses them all: a rogue on its way is where it came from, until it arrives.
+target that hops now (`lissajous_env.parameters.spreading`) came to where it hops from some ticks ago. A cell that is
+sensed loses them all: a target on its way is where it came from, until it arrives.
 """
 
 import warp as wp
 
+from lissajous_env.device.bits import half_of, run_of_bits
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.discs import along, mark_disc, mark_way
 from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings import parts
-from lissajous_env.world.bits import half_of, run_of_bits
-from lissajous_env.world.discs import along, mark_disc, mark_way
-from lissajous_env.world.labels import MARGIN, Hops, forget_seen, label_cells, now_of, slot_of
-from lissajous_env.world.sight import planar
+from lissajous_env.world.contamination.labels import MARGIN, Hops, context_of, forget_seen, label_cells, slot_of
+from lissajous_env.world.robots.sight import planar
 from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
 
 wp.set_module_options(OPTIONS)
@@ -32,7 +33,7 @@ BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
 
 @wp.func
 def entries(entry: int, word: int, row: int, rows: int, columns: int) -> wp.uint32:
-    """Bits of the cells of a word in which rogues are introduced."""
+    """Return the bits of the cells of a word in which targets are introduced."""
     if entry != BOUNDARY or row == 0 or row == rows - 1:
         return half_of(run_of_bits(word / 2, 0, columns - 1), word)
     ends = run_of_bits(word / 2, 0, 0) | run_of_bits(word / 2, columns - 1, columns - 1)
@@ -41,7 +42,7 @@ def entries(entry: int, word: int, row: int, rows: int, columns: int) -> wp.uint
 
 @wp.func
 def is_over(w: int, target: TargetStruct, clock: Clock, contamination: Contamination) -> bool:
-    """Whether no rogue is left unseen, none will be introduced, and those that were are forgotten in all ticks."""
+    """Return whether no undetected target is left in any tick, and none will be introduced."""
     return target.arrival_rate == 0.0 and contamination.cleared_at[w] < clock.step[w] - 1
 
 
@@ -57,14 +58,14 @@ def clear_cells(
     robots: Robots,
     contamination: Contamination,
 ):
-    """Find the cells that are sensed in a tick, and forget the rogues of those that were in the tick before."""
+    """Find the cells that are sensed in a tick, and clear those that were sensed in the tick before."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
     slot = slot_of(clock.step[w], tick, hops)
     # Under the labels of the tick before, in the ring that the first tick of an episode does not have yet.
-    latest = (slot - 1 + hops.ring) % hops.ring
+    latest = (slot - 1 + hops.history_length) % hops.history_length
     if hops.period > 1 and clock.step[w] % hops.period != 0:
         latest = slot
     rows = contamination.sensed.shape[2]
@@ -97,7 +98,7 @@ def reset_labels(
     clock: Clock,
     contamination: Contamination,
 ):
-    """Let rogues that are present from the start be wherever they are introduced and no robot senses."""
+    """Contaminate the cells in which targets are introduced, where targets are present from the start."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -118,9 +119,9 @@ def reset_labels(
             is_inside = row >= 0 and row < rows and place > 0 and place < contamination.there.shape[2] - 1
             if is_inside and target.count > 0:
                 there = entries(target.entry, place - 1, row, rows, hops.columns)
-            for k in range(hops.ring):
+            for k in range(hops.history_length):
                 contamination.there[w, line, place, k] = there
-        for k in range(hops.ring):
+        for k in range(hops.history_length):
             for column in range(contamination.labels.shape[3]):
                 contamination.labels[w, k, line, column] = 0
     if lane == 0:
@@ -137,12 +138,12 @@ def spread(
     clock: Clock,
     contamination: Contamination,
 ):
-    """Let rogues stay, hop and be introduced where no robot senses."""
+    """Spread contamination: targets stay, hop and are introduced where no robot senses."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0 or is_over(w, target, clock, contamination):
         return
-    now = now_of(clock.step[w], tick, contamination.oldest[w], target.arrival_rate > 0.0, hops)
+    now = context_of(clock.step[w], tick, contamination.oldest[w], target.arrival_rate > 0.0, hops)
     rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         row_oldest = int(NEVER)
@@ -162,7 +163,7 @@ def spread(
                 row_oldest = wp.min(row_oldest, found[0])
                 ages += wp.int64(found[1])
                 there |= wp.uint32(found[2])
-                # Who was seen now is only forgotten in the next tick: its old labels are no reason to settle.
+                # A cell that is sensed now is cleared in the next tick only: its old labels are no reason to settle.
                 settled |= wp.uint32(found[3]) & ~seen
             contamination.there[w, row + MARGIN, word + 1, now.slot] = there
             contamination.settled[w, row, word] = settled

@@ -1,26 +1,27 @@
-"""Contamination on the safe side, for `task.conservative`: no rogue is ever unseen for longer than it says.
+"""Contamination with bounds for `task.conservative`: no target stays undetected for longer than it reports.
 
-A label L[n, c] is a lower bound: every rogue that is somewhere in cell c at the end of step n, and that no working
-robot has sensed until then, was introduced at the end of step L[n, c] or later. Proof, by induction over steps; a rogue
-goes any way at no more than the speed limit v, and D(c, c') is the least distance between two points of two cells.
+A label L[n, c] is a lower bound: every target that is somewhere in cell c at the end of step n, and that no working
+robot has sensed until then, was introduced at the end of step L[n, c] or later. Proof, by induction over steps; a
+target goes any way at no more than the speed limit v, and D(c, c') is the least distance between two points of two
+cells.
 
-* At the start, rogues that are present have label 0 wherever rogues are introduced, and 0 is when they came.
-* A tick is P steps. A rogue that is in c' at the end of tick n, and was there k ticks ago, was in a cell c with
-  D(c, c') <= k P v dt. It has gone unseen until then, so L[n - k, c] holds for it. So the least L[n - k, c] of these
+* At the start, targets that are present have label 0 wherever targets are introduced, and 0 is when they came.
+* A tick is P steps. A target that is in c' at the end of tick n, and was there k ticks ago, was in a cell c with D(c,
+  c') <= k P v dt. It has stayed undetected until then, so L[n - k, c] holds for it. So the least L[n - k, c] of these
   cells is a bound, for each k: the largest bound is one.
-* A rogue that came since then was introduced in a cell where rogues are introduced, at most k P v dt away. To be
+* A target that came since then was introduced in a cell where targets are introduced, at most k P v dt away. To be
   introduced in tick n - k counts as having been there from that tick on: all that follows allows it to be where it is.
-  Rogues that came later came at the end of step (n - k + 1) P - 1 or later, which enters the bound of the lag k of
+  Targets that came later came at the end of step (n - k + 1) P - 1 or later, which enters the bound of the lag k of
   cells that are so near.
-* In the steps s = 1 ... P - 1 between two ticks, labels stay with the cell in which a rogue was in the tick before. It
+* In the steps s = 1 ... P - 1 between two ticks, labels stay with the cell in which a target was in the tick before. It
   is within s v dt of that cell, so where a disc covers the cell and as much around it, it has been sensed, and there is
-  no rogue left to be bounded. With s = 0 that is: where a disc covers the whole cell. A rogue that comes between two
+  no target left to be bounded. With s = 0 that is: where a disc covers the whole cell. A target that comes between two
   ticks counts, as above, from the tick before, with the step before its introduction as its label.
 * Sensing at other times than at the ends of steps is left out, so is what several discs cover together: a label
   becomes older by either, never younger.
 
-A rogue that is unseen at the end of step n may be sensed any time later in step n + 1: the age that is kept as the
-longest is that at the end of that step (`lissajous_env.world.guarantee`).
+A target that is unseen at the end of step n may be sensed any time later in step n + 1: the age that is kept as the
+longest is that at the end of that step (`lissajous_env.world.contamination.undetected_time`).
 
 The labels are those of `Contamination.labels`, times 256 as there.
 """
@@ -34,14 +35,14 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.parameters.reaches import Reaches
-from lissajous_env.world.contamination import BOUNDARY
-from lissajous_env.world.labels import MARGIN, NONE, Hops
+from lissajous_env.world.contamination.field import BOUNDARY
+from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops
 from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
 
 wp.set_module_options(OPTIONS)
 
 _ROUNDING = wp.constant(1e-6)
-"""By what share of all lengths a disc is made smaller, for numbers of 32 bits."""
+"""Share of all lengths by which a disc is made smaller, for numbers of 32 bits."""
 
 
 @wp.struct
@@ -70,7 +71,7 @@ def as_reach(reaches: Reaches, device: Any) -> Reach:
 
 @wp.func
 def is_near_entry(row: int, column: int, up: int, aside: int, rows: int, columns: int, target: TargetStruct) -> bool:
-    """Whether a rogue comes here that is introduced at most so many rows and columns away."""
+    """Return whether targets are introduced at most so many rows and columns away."""
     if target.arrival_rate == 0.0:
         return False
     if target.entry != BOUNDARY:
@@ -91,7 +92,7 @@ def least_label(
     reach: Reach,
     contamination: Contamination,
 ) -> int:
-    """Least label among the cells that a lag reaches, or any that is not above `enough`."""
+    """Return the smallest label among the cells that a lag reaches, or any that is not above `enough`."""
     least = int(NONE)
     most = reach.widths.shape[1]
     for k in range(2 * most - 1):  # this row, one below, one above, two below ...
@@ -119,11 +120,11 @@ def bound(
     reach: Reach,
     contamination: Contamination,
 ) -> int:
-    """Label of a cell at a tick: the largest of the bounds of all lags."""
+    """Return the label of a cell at a tick: the largest of the bounds of all lags."""
     label = int(-1)
     for k in range(reach.lags.shape[0]):
         lag = reach.lags[k]
-        since = int(NONE)  # of rogues that were introduced in the meantime
+        since = int(NONE)  # of targets that were introduced in the meantime
         up = int(0)
         while up < reach.widths.shape[1] - 1 and reach.widths[k, wp.min(up + 1, reach.widths.shape[1] - 1)] >= 0:
             up += 1
@@ -148,7 +149,7 @@ def forget_covered(
     robots: Robots,
     contamination: Contamination,
 ):
-    """Forget who was in the cells of a row that a disc covers, and `grown` [m] around them."""
+    """Clear the cells of a row that a disc covers together with `grown` [m] around them."""
     height = 2.0 * curve.half_height / float(rows)
     scale = float(hops.columns) / (2.0 * curve.half_width)
     bottom = float(row) * height - curve.half_height
@@ -171,7 +172,7 @@ def forget_covered(
 
 @wp.kernel
 def reset_bounds(first: int, lanes: int, target: TargetStruct, hops: Hops, clock: Clock, contamination: Contamination):
-    """Let rogues that are present from the start be wherever they are introduced."""
+    """Contaminate the cells in which targets are introduced, where targets are present from the start."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -181,7 +182,7 @@ def reset_bounds(first: int, lanes: int, target: TargetStruct, hops: Hops, clock
         for column in range(hops.columns):
             is_edge = row == 0 or row == rows - 1 or column == 0 or column == hops.columns - 1
             there = target.count > 0 and (is_edge or target.entry != BOUNDARY)
-            for k in range(hops.ring):
+            for k in range(hops.history_length):
                 contamination.labels[w, k, row + MARGIN, column + MARGIN] = wp.where(there, 0, NONE)
 
 
@@ -197,7 +198,7 @@ def bound_labels(
     robots: Robots,
     contamination: Contamination,
 ):
-    """Let rogues be wherever they can have come to, but where a disc covers all of it."""
+    """Bound the label of each cell, and clear the cells that a disc covers entirely."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
@@ -205,12 +206,14 @@ def bound_labels(
     now = clock.step[w]
     tick = now / reach.period
     since = now - tick * reach.period
-    slot = tick % hops.ring
+    slot = tick % hops.history_length
     rows = contamination.row_ages.shape[1]
     for row in range(lane, rows, lanes):
         for column in range(hops.columns):
             if now > 0 and since == 0:
-                label = bound(w, tick, row, column, rows, hops.columns, hops.ring, target, reach, contamination)
+                label = bound(
+                    w, tick, row, column, rows, hops.columns, hops.history_length, target, reach, contamination
+                )
                 contamination.labels[w, slot, row + MARGIN, column + MARGIN] = label
             elif now > 0 and is_near_entry(row, column, 0, 0, rows, hops.columns, target):
                 label = contamination.labels[w, slot, row + MARGIN, column + MARGIN]

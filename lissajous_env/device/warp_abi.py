@@ -1,0 +1,78 @@
+"""Everything that the package uses of Warp beyond its documentation, to mend when a new version breaks it.
+
+`tests/test_warp_abi.py` has a test of each, whose name says what broke.
+"""
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import warp as wp
+
+
+def names_of_arguments(kernel: Any) -> list[str]:
+    """Return the names of a kernel's parameters."""
+    return [argument.label for argument in kernel.adj.args]
+
+
+def is_struct(value: Any) -> bool:
+    """Return whether a value is an instance of a `wp.struct`."""
+    return hasattr(value, "_cls") and hasattr(value, "_ctype")
+
+
+def content_of(struct: Any) -> bytes:
+    """Return the bytes that a launch takes of an instance of a `wp.struct`."""
+    return bytes(struct._ctype)
+
+
+def fields_of(struct: Any) -> dict[str, Any]:
+    """Return the values of an instance of a `wp.struct` by the names of its fields."""
+    return {name: getattr(struct, name) for name in struct._cls.vars}
+
+
+def name_of(struct: Any) -> str:
+    """Return the name of the `wp.struct` of which this is an instance."""
+    return struct._cls.key
+
+
+def replace_load(replacement: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
+    """Wrap the method by which Warp compiles or loads a module: `replacement` is given it and returns another."""
+    wp.Module.load = replacement(wp.Module.load)  # type: ignore
+
+
+def folder_of(module: Any, block_dim: int | None) -> str:
+    """Return the name of the folder in Warp's cache where a compiled module is."""
+    return module.get_module_identifier(block_dim)
+
+
+class Call:
+    """A launch on a CPU whose arguments are laid out once, as the compiled kernel reads them.
+
+    Args:
+        launch: What `wp.launch` returned that recorded it.
+    """
+
+    def __init__(self, launch: Any):
+        self._launch = launch
+        self._bounds, *values = launch.params
+        fields = [(f"argument_{k}", type(value)) for k, value in enumerate(values)]
+        self._arguments = type("Arguments", (ctypes.Structure,), {"_fields_": fields})(*values)
+        self._function = launch.hooks.forward
+        self._places = ctypes.byref(self._bounds), ctypes.byref(self._arguments)
+
+    def __call__(self) -> None:
+        """Make the launch."""
+        if self._launch.device.is_capturing:  # by a user, whose graph is made of launches
+            self._launch.launch()
+        else:
+            self._function(*self._places)
+
+    @property
+    def addresses(self) -> tuple[int, int, int]:
+        """Addresses of function, bounds and arguments, good while this lives."""
+        function = ctypes.cast(self._function, ctypes.c_void_p).value or 0
+        return function, ctypes.addressof(self._bounds), ctypes.addressof(self._arguments)
+
+    def read_argument(self, index: int) -> None:
+        """Read one of the arguments again after a change."""
+        setattr(self._arguments, f"argument_{index}", self._launch.params[1 + index])

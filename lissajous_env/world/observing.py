@@ -1,0 +1,390 @@
+"""The kernels that fill the observation: `lissajous_env.world.observation` documents its entries.
+
+Where robots or targets are many, those that a robot detects are found through bins: the same, to the last bit.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from lissajous_env.device.bits import lowest
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.part_structs import SensingStruct
+from lissajous_env.device.trig import cos_sin
+from lissajous_env.world.observation import LINK, OWN, ROBOT, TARGET
+from lissajous_env.world.robots.bins import Bins, bin_of, column_of, row_of
+from lissajous_env.world.robots.sight import planar
+from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Links, Robots, StepEvents, Targets
+
+wp.set_module_options(OPTIONS)
+
+_FAR = wp.constant(4.0)
+
+
+@wp.func
+def clear(w: int, i: int, start: int, stop: int, observation_out: wp.array3d(dtype=float)):
+    """Zero a range of a row."""
+    for k in range(start, stop):
+        observation_out[w, i, k] = 0.0
+
+
+@wp.func
+def empty(w: int, i: int, start: int, width: int, listed: int, room: int, observation_out: wp.array3d(dtype=float)):
+    """Zero the entries of a list after the first `listed`, up to the first that is zero."""
+    for place in range(listed, room):
+        entry = start + place * width
+        if observation_out[w, i, entry] == 0.0:
+            break
+        clear(w, i, entry, entry + width, observation_out)
+
+
+@wp.func
+def insert(
+    w: int,
+    i: int,
+    start: int,
+    width: int,
+    listed: int,
+    room: int,
+    offset: wp.vec2,
+    observation_out: wp.array3d(dtype=float),
+) -> int:
+    """Enter `offset` into a list of at most `room` entries, `listed` so far, sorted by distance.
+
+    Returns its place, or `room` where that many are nearer.
+    """
+    place = int(listed)
+    square = wp.dot(offset, offset)
+    while place > 0:
+        before = start + (place - 1) * width
+        x = observation_out[w, i, before + 1]
+        y = observation_out[w, i, before + 2]
+        if x * x + y * y <= square:
+            break
+        if place < room:
+            for k in range(width):
+                observation_out[w, i, before + width + k] = observation_out[w, i, before + k]
+        place -= 1
+    if place < room:
+        entry = start + place * width
+        observation_out[w, i, entry] = 1.0
+        observation_out[w, i, entry + 1] = offset[0]
+        observation_out[w, i, entry + 2] = offset[1]
+    return place
+
+
+@wp.func
+def velocity(w: int, i: int, robots: Robots) -> wp.vec2:
+    """Velocity of a robot [m/s]."""
+    return robots.speed[w, i] * cos_sin(robots.heading[w, i])
+
+
+@wp.func
+def far(value: float) -> float:
+    """Clip a scaled coordinate to the range of the observation."""
+    return wp.clamp(value, -_FAR, _FAR)
+
+
+@wp.func
+def observe_self(
+    w: int, i: int, curve: CurveStruct, speed_unit: float, robots: Robots, observation_out: wp.array3d(dtype=float)
+):
+    """Fill entries 0 to 7."""
+    own = robots.measured[w, i]
+    turn = robots.measured_turn[w, i]
+    observation_out[w, i, 0] = far(own[0] / curve.half_width)
+    observation_out[w, i, 1] = far(own[1] / curve.half_height)
+    observation_out[w, i, 2] = turn[2]
+    observation_out[w, i, 3] = turn[3]
+    observation_out[w, i, 4] = far(own[3] / speed_unit)
+    observation_out[w, i, 5] = turn[0]
+    observation_out[w, i, 6] = turn[1]
+    observation_out[w, i, 7] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
+
+
+@wp.func
+def observe_ring(
+    w: int,
+    i: int,
+    now: int,
+    curve: CurveStruct,
+    age_per_step: float,
+    robots: Robots,
+    links: Links,
+    observation_out: wp.array3d(dtype=float),
+):
+    """Fill entries 8 to 19."""
+    own = robots.measured[w, i]
+    turn = robots.measured_turn[w, i]
+    for side in range(2):
+        start = OWN + LINK * side
+        heard_at = links.heard_at[w, i, side]
+        if heard_at < 0 or robots.status[w, i] == REMOVED:
+            clear(w, i, start, start + LINK, observation_out)
+        else:
+            message = links.heard[w, i, side]
+            observation_out[w, i, start] = 1.0
+            observation_out[w, i, start + 1] = wp.min(float(now - heard_at) * age_per_step, 1.0)
+            observation_out[w, i, start + 2] = wp.clamp(message[0] * turn[0] + message[1] * turn[1], -1.0, 1.0)
+            observation_out[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
+            observation_out[w, i, start + 4] = far(0.5 * (message[2] - own[0]) / curve.half_width)
+            observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
+
+
+@wp.func
+def observe_robots(
+    w: int,
+    i: int,
+    sensing: SensingStruct,
+    speed_unit: float,
+    robots: Robots,
+    targets: Targets,
+    bins: Bins,
+    latest: StepEvents,
+    observation_out: wp.array3d(dtype=float),
+):
+    """List the nearest robots in the disc."""
+    start = OWN + 2 * LINK
+    room = sensing.robots_seen
+    listed = int(0)
+    if room > 0 and robots.status[w, i] == WORKING:
+        here = planar(robots.position[w, i])
+        for j in range(robots.status.shape[1]):
+            away = planar(robots.position[w, j]) - here
+            if wp.dot(away, away) < sensing.radius * sensing.radius and j != i and robots.status[w, j] != REMOVED:
+                place = insert(w, i, start, ROBOT, listed, room, away / sensing.radius, observation_out)
+                if place < room:
+                    relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
+                    observation_out[w, i, start + place * ROBOT + 3] = wp.clamp(relative[0], -1.0, 1.0)
+                    observation_out[w, i, start + place * ROBOT + 4] = wp.clamp(relative[1], -1.0, 1.0)
+                    listed = wp.min(listed + 1, room)
+    empty(w, i, start, ROBOT, listed, room, observation_out)
+
+
+_IN_DISC = """
+    const int together = 32, left = in_sight.shape[1] - first;
+    const wp::vec2* positions = &wp::index(position, w, first);
+    const int* seen = &wp::index(in_sight, w, first);
+    const float square = radius * radius;
+    unsigned int near = 0;
+    for (int k = 0; k < (left < together ? left : together); ++k) {
+        const float x = positions[k][0] - place[0], y = positions[k][1] - place[1];
+        near |= (unsigned int)(seen[k] == 1 & x * x + y * y < square) << k;
+    }
+    return near;
+"""
+
+
+@wp.func_native(_IN_DISC)
+def in_disc(
+    w: int,
+    first: int,
+    place: wp.vec2,
+    radius: float,
+    position: wp.array2d(dtype=wp.vec2),
+    in_sight: wp.array2d(dtype=wp.int32),
+) -> wp.uint32:
+    """Bits of the targets, of the 32 from the first, that are in sight and in the disc at a place [m]."""
+    ...
+
+
+@wp.func
+def observe_targets(
+    w: int,
+    i: int,
+    sensing: SensingStruct,
+    speed_unit: float,
+    robots: Robots,
+    targets: Targets,
+    bins: Bins,
+    latest: StepEvents,
+    observation_out: wp.array3d(dtype=float),
+):
+    """List the nearest targets in the disc."""
+    start = OWN + 2 * LINK + ROBOT * sensing.robots_seen
+    room = sensing.targets_seen
+    listed = int(0)
+    if room > 0 and latest.in_sight[w] > 0:
+        here = robots.sensor[w, i]
+        for first in range(0, targets.in_sight.shape[1], 32):
+            near = in_disc(w, first, here, sensing.radius, targets.position, targets.in_sight)
+            while near != wp.uint32(0):
+                away = targets.position[w, first + lowest(near)] - here
+                near &= near - wp.uint32(1)
+                place = insert(w, i, start, TARGET, listed, room, away / sensing.radius, observation_out)
+                listed = wp.where(place < room, wp.min(listed + 1, room), listed)
+    empty(w, i, start, TARGET, listed, room, observation_out)
+
+
+@wp.func
+def comes_before(one: wp.vec2, other: wp.vec2) -> bool:
+    """Return whether one (squared distance, index) is nearer than the other or, if equally near, of lower index."""
+    return one[0] < other[0] or (one[0] == other[0] and one[1] < other[1])
+
+
+@wp.func
+def keep_nearest(w: int, i: int, kept: int, room: int, offset: wp.vec2, index: int, bins: Bins) -> int:
+    """Enter what a robot sees at `offset` among the nearest that it sees, in their order; returns how many are kept."""
+    new = wp.vec2(wp.dot(offset, offset), float(index))
+    place = int(kept)
+    while place > 0:
+        if not comes_before(new, bins.nearest[w, i, place - 1]):
+            break
+        place -= 1
+    is_known = bool(False)  # a robot may be in a list twice
+    if place > 0:
+        is_known = bins.nearest[w, i, place - 1] == new
+    if place == room or is_known:
+        return kept
+    for k in range(wp.min(kept, room - 1), place, -1):
+        bins.nearest[w, i, k] = bins.nearest[w, i, k - 1]
+    bins.nearest[w, i, place] = new
+    return wp.min(kept + 1, room)
+
+
+@wp.func
+def nearest_robots(w: int, i: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
+    """Find the nearest robots in the disc; returns how many, at most `room`."""
+    here = planar(robots.position[w, i])
+    kept = int(0)
+    entry = bins.entry[w, bins.first[w, bin_of(here, bins)]]
+    while entry[0] >= 0:
+        j = entry[0]
+        away = planar(robots.position[w, j]) - here
+        if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
+            kept = keep_nearest(w, i, kept, room, away / radius, j, bins)
+        entry = bins.entry[w, entry[1]]
+    return kept
+
+
+@wp.func
+def nearest_targets(w: int, i: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
+    """Find the nearest targets in the disc; returns how many, at most `room`."""
+    here = robots.sensor[w, i]
+    kept = int(0)
+    left = column_of(here[0] - bins.widened, bins)
+    right = column_of(here[0] + bins.widened, bins)
+    for row in range(row_of(here[1] - bins.widened, bins), row_of(here[1] + bins.widened, bins) + 1):
+        for column in range(left, right + 1):
+            place = bins.first_seen[w, row * bins.columns + column]
+            while place >= 0:
+                seen = bins.seen[w, place]
+                away = wp.vec2(seen[0], seen[1]) - here
+                if wp.dot(away, away) < radius * radius:
+                    kept = keep_nearest(w, i, kept, room, away / radius, int(seen[2]), bins)
+                place = int(seen[3])
+    return kept
+
+
+@wp.func
+def observe_listed_robots(
+    w: int,
+    i: int,
+    sensing: SensingStruct,
+    speed_unit: float,
+    robots: Robots,
+    targets: Targets,
+    bins: Bins,
+    latest: StepEvents,
+    observation_out: wp.array3d(dtype=float),
+):
+    """`observe_robots` by the list of the robot's bin."""
+    kept = int(0)
+    if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
+        kept = nearest_robots(w, i, sensing.robots_seen, sensing.radius, robots, bins)
+    entry = OWN + 2 * LINK
+    clear(w, i, entry + ROBOT * kept, entry + ROBOT * sensing.robots_seen, observation_out)
+    for k in range(kept):
+        j = int(bins.nearest[w, i, k][1])
+        offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.radius
+        relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
+        observation_out[w, i, entry] = 1.0
+        observation_out[w, i, entry + 1] = offset[0]
+        observation_out[w, i, entry + 2] = offset[1]
+        observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
+        observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
+        entry += ROBOT
+
+
+@wp.func
+def observe_listed_targets(
+    w: int,
+    i: int,
+    sensing: SensingStruct,
+    speed_unit: float,
+    robots: Robots,
+    targets: Targets,
+    bins: Bins,
+    latest: StepEvents,
+    observation_out: wp.array3d(dtype=float),
+):
+    """`observe_targets` by the lists of the bins around the robot."""
+    kept = int(0)
+    if sensing.targets_seen > 0 and robots.sensor[w, i][0] < NOWHERE:
+        kept = nearest_targets(w, i, sensing.targets_seen, sensing.radius, robots, bins)
+    entry = OWN + 2 * LINK + ROBOT * sensing.robots_seen
+    clear(w, i, entry + TARGET * kept, entry + TARGET * sensing.targets_seen, observation_out)
+    for k in range(kept):
+        offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.radius
+        observation_out[w, i, entry] = 1.0
+        observation_out[w, i, entry + 1] = offset[0]
+        observation_out[w, i, entry + 2] = offset[1]
+        entry += TARGET
+
+
+def _observing(robots_seen: Any, targets_seen: Any) -> Any:
+    """Make the kernel that fills the rows, for robots and targets that are few or many."""
+
+    @wp.kernel
+    def observe(
+        first: int,
+        lanes: int,
+        begin: int,
+        end: int,
+        curve: CurveStruct,
+        sensing: SensingStruct,
+        age_per_step: float,
+        speed_unit: float,
+        clock: Clock,
+        robots: Robots,
+        links: Links,
+        targets: Targets,
+        bins: Bins,
+        latest: StepEvents,
+        observation_out: wp.array3d(dtype=float),
+    ):
+        """Fill the row of each robot."""
+        tid, lane = wp.tid()
+        w = first + tid
+        if clock.active[w] == 0:
+            return
+        for i in range(begin + lane, end, lanes):
+            observe_self(w, i, curve, speed_unit, robots, observation_out)
+            observe_ring(w, i, clock.step[w], curve, age_per_step, robots, links, observation_out)
+            robots_seen(w, i, sensing, speed_unit, robots, targets, bins, latest, observation_out)
+            targets_seen(w, i, sensing, speed_unit, robots, targets, bins, latest, observation_out)
+
+    return observe
+
+
+observe = _observing(observe_robots, observe_targets)
+observe_listed = _observing(observe_listed_robots, observe_listed_targets)
+
+
+@wp.kernel
+def keep_final(
+    first: int,
+    lanes: int,
+    clock: Clock,
+    observation: wp.array3d(dtype=float),
+    final_observation_out: wp.array3d(dtype=float),
+):
+    """Keep the rows with which the episode before ended."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for i in range(lane, observation.shape[1], lanes):
+        for k in range(observation.shape[2]):
+            final_observation_out[w, i, k] = observation[w, i, k]

@@ -1,0 +1,170 @@
+"""Bins: squares of the rectangle, each with a list of the robots that come near it in a step.
+
+Where robots are many, the robots near a place are found in the list of its bin. A robot is in the list of each bin that
+its path through the step, widened by `reach` to both sides, touches. So the list of a place's bin has every robot that
+came within `reach` of the place at any time of the step. It may have others, and its order is not defined: kernels
+measure the distance, and take the lower index of two robots that are equally near.
+
+A list is read from the first entry of its bin to one without a robot:
+
+    entry = bins.entry[w, bins.first[w, k]]
+    while entry[0] >= 0:
+        ...  # robot entry[0]
+        entry = bins.entry[w, entry[1]]
+"""
+
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.world.robots.sight import planar
+from lissajous_env.world.state import REMOVED, Clock, Robots
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.struct
+class Bins:
+    """The K bins of each world; none where robots are few."""
+
+    half_width: wp.float32
+    half_height: wp.float32
+    """Half extents of the rectangle [m]."""
+    size: wp.float32
+    """Side of a bin [m]."""
+    columns: wp.int32
+    rows: wp.int32
+    """The bins in row k begin with bin k columns; the outermost go on for ever."""
+    reach: wp.float32
+    """Distance up to which lists are complete [m]."""
+    widened: wp.float32
+    """The same, and a margin for rounding [m]."""
+    room: wp.int32
+    """Entries for lists of one bin; those after them are of the list with which every other ends."""
+    first: wp.array2d(dtype=wp.int32)
+    """(W, K) first entry of each bin."""
+    entry: wp.array2d(dtype=wp.vec2i)
+    """(W, room + N + 1) robot, or -1 at the end, and the next entry."""
+    used: wp.array(dtype=wp.int32)
+    """(W,) entries that were asked for."""
+    everywhere: wp.array(dtype=wp.int32)
+    """(W,) robots that stand in every list."""
+    is_everywhere: wp.array2d(dtype=wp.int32)
+    """(W, N) 1 for these."""
+    first_seen: wp.array2d(dtype=wp.int32)
+    """(W, K) place in `seen` of the first target in sight of each bin, or -1."""
+    seen: wp.array2d(dtype=wp.vec4)
+    """(W, T) x, y [m], target, and the place of the next one of the same bin, or -1; side by side, as they are read
+    many times."""
+    seen_used: wp.array(dtype=wp.int32)
+    """(W,) how many places are taken."""
+    nearest: wp.array3d(dtype=wp.vec2)
+    """(W, N, entries) squared distance [radius^2] and index of what a robot sees, while it is being listed."""
+
+
+@wp.func
+def row_of(y: float, bins: Bins) -> int:
+    """Row of the bins at y [m]."""
+    return int(wp.clamp((y + bins.half_height) / bins.size, 0.0, float(bins.rows - 1)))
+
+
+@wp.func
+def column_of(x: float, bins: Bins) -> int:
+    """Column of the bins at x [m]."""
+    return int(wp.clamp((x + bins.half_width) / bins.size, 0.0, float(bins.columns - 1)))
+
+
+@wp.func
+def bin_of(place: wp.vec2, bins: Bins) -> int:
+    """Bin of a place."""
+    return row_of(place[1], bins) * bins.columns + column_of(place[0], bins)
+
+
+@wp.func
+def rows_of(w: int, i: int, widened: float, robots: Robots, bins: Bins) -> wp.vec2i:
+    """First and last row that a robot's way through the step, `widened` [m] to both sides, touches."""
+    low = robots.track[w, i, 0][1]
+    high = low
+    for s in range(1, robots.track.shape[2]):
+        low = wp.min(low, robots.track[w, i, s][1])
+        high = wp.max(high, robots.track[w, i, s][1])
+    return wp.vec2i(row_of(low - widened, bins), row_of(high + widened, bins))
+
+
+@wp.func
+def columns_of(w: int, i: int, row: int, widened: float, robots: Robots, bins: Bins) -> wp.vec2i:
+    """First and last column in one of these rows."""
+    bottom = float(row) * bins.size - bins.half_height
+    low = wp.where(row == 0, -1.0e30, bottom - widened)
+    high = wp.where(row == bins.rows - 1, 1.0e30, bottom + bins.size + widened)
+    left = float(1.0e30)
+    right = float(-1.0e30)
+    start = planar(robots.track[w, i, 0])
+    for s in range(1, robots.track.shape[2]):
+        end = planar(robots.track[w, i, s])
+        moved = end - start
+        enter = float(0.0)
+        leave = float(1.0)
+        if moved[1] != 0.0:
+            one = (low - start[1]) / moved[1]
+            other = (high - start[1]) / moved[1]
+            enter = wp.max(wp.min(one, other), 0.0)
+            leave = wp.min(wp.max(one, other), 1.0)
+        elif start[1] < low or start[1] > high:
+            leave = -1.0
+        if enter <= leave:
+            one = start[0] + enter * moved[0]
+            other = start[0] + leave * moved[0]
+            left = wp.min(left, wp.min(one, other))
+            right = wp.max(right, wp.max(one, other))
+        start = end
+    if left > right:
+        return wp.vec2i(0, -1)
+    return wp.vec2i(column_of(left - widened, bins), column_of(right + widened, bins))
+
+
+@wp.func
+def list_robot(w: int, i: int, robots: Robots, bins: Bins) -> bool:
+    """Put a robot into the lists of the bins that it comes near; return whether there was room for it."""
+    rows = rows_of(w, i, bins.widened, robots, bins)
+    for row in range(rows[0], rows[1] + 1):
+        columns = columns_of(w, i, row, bins.widened, robots, bins)
+        for column in range(columns[0], columns[1] + 1):
+            entry = wp.atomic_add(bins.used, w, 1)
+            if entry >= bins.room:
+                return False
+            after = wp.atomic_exch(bins.first, w, row * bins.columns + column, entry)
+            bins.entry[w, entry] = wp.vec2i(i, after)
+    return True
+
+
+@wp.kernel
+def clear_bins(first: int, lanes: int, clock: Clock, bins: Bins):
+    """Empty the lists."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for k in range(lane, bins.first.shape[1], lanes):
+        bins.first[w, k] = bins.room
+        bins.first_seen[w, k] = -1
+    for k in range(bins.room + lane, bins.entry.shape[1], lanes):
+        bins.entry[w, k] = wp.vec2i(-1, k + 1)
+    if lane == 0:
+        bins.used[w] = 0
+        bins.seen_used[w] = 0
+        bins.everywhere[w] = 0
+
+
+@wp.kernel
+def list_robots(first: int, lanes: int, clock: Clock, robots: Robots, bins: Bins):
+    """List the robots that are not removed; those for which there is no room, where all lists end."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for i in range(lane, robots.status.shape[1], lanes):
+        bins.is_everywhere[w, i] = 0
+        if robots.status[w, i] != REMOVED and not list_robot(w, i, robots, bins):
+            bins.is_everywhere[w, i] = 1
+            last = bins.room + wp.atomic_add(bins.everywhere, w, 1)
+            bins.entry[w, last] = wp.vec2i(i, last + 1)

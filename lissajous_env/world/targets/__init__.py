@@ -1,0 +1,1 @@
+"""Targets: how they appear, move and are detected."""

@@ -1,0 +1,397 @@
+"""Detection of targets: they appear, move, and are detected by the first working robot that has them in its disc.
+
+Those of a world are worked on side by side. Where robots or targets are many, the robots near a target are found
+through the bins: the same, to the last bit.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from lissajous_env.device import atomic, randomness
+from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
+from lissajous_env.device.compilation import MOTION
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
+from lissajous_env.world.robots.bins import Bins, bin_of
+from lissajous_env.world.robots.sight import (
+    first_sight,
+    max_displacement,
+    nearest_sensor,
+    nearest_sensors,
+    share_until_sight,
+)
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, NOWHERE, PRESENT, Clock, Robots, StepEvents, Targets
+from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, flee, is_moved, wander
+
+wp.set_module_options(MOTION)
+
+PLACES = wp.constant(64)
+"""Places that are tried for a target that appears unseen."""
+
+
+# The robots near targets: of all robots, and of those in the lists of bins.
+
+
+@wp.func
+def nearest_of_all(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec2:
+    """`nearest_sensor` where there are no bins."""
+    return nearest_sensor(w, place, robots)
+
+
+@wp.func
+def nearest_of_all_together(
+    w: int, count: int, x: Floats, y: Floats, robots: Robots, bins: Bins
+) -> tuple[Ints, Floats]:
+    """`nearest_sensors` where there are no bins."""
+    return nearest_sensors(w, x, y, robots)
+
+
+@wp.func
+def first_sight_of_all(
+    w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots, bins: Bins
+) -> wp.vec2:
+    """`first_sight` where there are no bins."""
+    return first_sight(w, before, after, radius, reach, robots)
+
+
+@wp.func
+def nearest_listed(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec2:
+    """`nearest_sensor` of the robots in the list of a place's bin."""
+    nearest = int(0)
+    least = float(1.0e30)
+    entry = bins.entry[w, bins.first[w, bin_of(place, bins)]]
+    while entry[0] >= 0:
+        i = entry[0]
+        away = robots.sensor[w, i] - place
+        square = wp.dot(away, away)
+        if square < least or (square == least and i < nearest):
+            least = square
+            nearest = i
+        entry = bins.entry[w, entry[1]]
+    return wp.vec2(float(nearest), least)
+
+
+@wp.func
+def nearest_listed_together(
+    w: int, count: int, x: Floats, y: Floats, robots: Robots, bins: Bins
+) -> tuple[Ints, Floats]:
+    """`nearest_listed` of `count` places: index, squared distance [m^2]."""
+    nearest = Ints()
+    least = Floats(1.0e30)
+    for k in range(count):
+        found = nearest_listed(w, wp.vec2(x[k], y[k]), robots, bins)
+        nearest[k] = int(found[0])
+        least[k] = found[1]
+    return nearest, least
+
+
+@wp.func
+def first_sight_listed(
+    w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots, bins: Bins
+) -> wp.vec2:
+    """`first_sight` by the robots in the list of the bin from which a target came, or by all if it moved far."""
+    if wp.length(after - before) > bins.reach - radius:
+        return first_sight(w, before, after, radius, reach, robots)
+    finder = int(-1)
+    least = float(2.0)
+    entry = bins.entry[w, bins.first[w, bin_of(before, bins)]]
+    while entry[0] >= 0:
+        i = entry[0]
+        if robots.sensor[w, i][0] < NOWHERE:
+            share = share_until_sight(w, i, before, after, radius, robots)
+            if share < least or (share == least and i < finder):
+                least = share
+                finder = i
+        entry = bins.entry[w, entry[1]]
+    return wp.vec2(float(finder), least)
+
+
+@wp.func
+def list_in_sight(w: int, t: int, place: wp.vec2, bins: Bins):
+    """List a target that is in sight, for the robots that observe it."""
+    here = atomic.add(bins.seen_used, w, 1)
+    after = atomic.exchange(bins.first_seen, w, bin_of(place, bins), here)
+    bins.seen[w, here] = wp.vec4(place[0], place[1], float(t), float(after))
+
+
+@wp.func
+def list_none(w: int, t: int, place: wp.vec2, bins: Bins):
+    """List nothing where there are no bins."""
+
+
+def _placing(nearest_to: Any) -> Any:
+    """Make the kernel that places targets out of sight, for robots that are few or many."""
+
+    @wp.kernel
+    def place_unseen(
+        first: int,
+        lanes: int,
+        begin: int,
+        end: int,
+        curve: CurveStruct,
+        sensing: SensingStruct,
+        clock: Clock,
+        robots: Robots,
+        targets: Targets,
+        bins: Bins,
+    ):
+        """Put each target that appears now at the first of `PLACES` random places out of sight, or at the last."""
+        tid, lane = wp.tid()
+        w = first + tid
+        if clock.active[w] == 0:
+            return
+        now = clock.step[w]
+        key = randomness.step_key(clock.seed[w], now)
+        for t in range(begin + lane, end, lanes):
+            if targets.appears_at[w, t] > now:
+                break  # the slots are in the order of their times
+            if targets.stage[w, t] == HIDDEN:
+                draw = randomness.stream(key, t, randomness.UNSEEN)
+                for _ in range(PLACES):
+                    x = (2.0 * wp.randf(draw) - 1.0) * curve.half_width
+                    y = (2.0 * wp.randf(draw) - 1.0) * curve.half_height
+                    targets.position[w, t] = wp.vec2(x, y)
+                    nearest = nearest_to(w, wp.vec2(x, y), robots, bins)
+                    if nearest[1] >= sensing.radius * sensing.radius:
+                        break
+
+    return place_unseen
+
+
+place_unseen = _placing(nearest_of_all)
+place_unseen_listed = _placing(nearest_listed)
+
+
+@wp.struct
+class Flock:
+    """Some targets of a world, side by side."""
+
+    count: wp.int32
+    number: Ints
+    stage: Ints
+    motion: Ints
+    """STILL for one that is hidden."""
+    before_x: Floats
+    before_y: Floats
+    """Position at the beginning of the step [m]."""
+    x: Floats
+    y: Floats
+    heading: Floats
+    reach: Floats
+    """Largest distance at the end of the step of a robot that can have detected it within the step [m]."""
+
+
+@wp.func
+def gather(w: int, count: int, number: Ints, near: float, way: float, radius: float, targets: Targets) -> Flock:
+    """Load the targets of these numbers; one that an extension moves has already moved."""
+    flock = Flock()
+    flock.count = count
+    flock.number = number
+    flock.reach = Floats(near + way)
+    for k in range(count):
+        t = number[k]
+        place = targets.position[w, t]
+        flock.stage[k] = targets.stage[w, t]
+        flock.motion[k] = targets.motion[w, t]
+        flock.x[k] = place[0]
+        flock.y[k] = place[1]
+        flock.heading[k] = targets.heading[w, t]
+        before = place
+        if targets.motion[w, t] == CUSTOM:
+            before = targets.before[w, t]
+            targets.before[w, t] = place
+            flock.reach[k] = radius + wp.length(place - before) + way
+        flock.before_x[k] = before[0]
+        flock.before_y[k] = before[1]
+        if targets.stage[w, t] == HIDDEN:
+            flock.motion[k] = STILL
+    return flock
+
+
+@wp.func
+def move_together(
+    w: int,
+    key: int,
+    flock: Flock,
+    nearest: Ints,
+    square: Floats,
+    step: float,
+    curve: CurveStruct,
+    target: TargetStruct,
+    robots: Robots,
+    targets: Targets,
+) -> tuple[Floats, Floats]:
+    """Move targets over a step [s]; returns their new places [m]. `nearest` and `square` are of `nearest_sensors`."""
+    # Copies: a loop over the fields of a struct does not become SIMD.
+    number = flock.number
+    motion = flock.motion
+    x = flock.x
+    y = flock.y
+    heading = flock.heading
+    for k in range(ABREAST):
+        if k < width():
+            moved = wander(number[k], key, motion[k], x[k], y[k], heading[k], step, curve, target)
+            x[k] = wp.where(is_moved(motion[k]), moved[0], x[k])
+            y[k] = wp.where(is_moved(motion[k]), moved[1], y[k])
+            heading[k] = moved[2]
+    for k in range(flock.count):
+        if square[k] < target.flee_radius * target.flee_radius and flock.motion[k] == FLEEING:
+            fled = flee(wp.vec2(flock.x[k], flock.y[k]), robots.sensor[w, nearest[k]], step, curve, target)
+            x[k] = fled[0]
+            y[k] = fled[1]
+            heading[k] = fled[2]
+        if is_moved(flock.motion[k]):
+            targets.position[w, flock.number[k]] = wp.vec2(x[k], y[k])
+            targets.heading[w, flock.number[k]] = heading[k]
+    return x, y
+
+
+@wp.func
+def detect(
+    w: int,
+    t: int,
+    now: int,
+    nearest: wp.vec2,
+    sight: wp.vec2,
+    radius: float,
+    targets: Targets,
+    latest: StepEvents,
+) -> int:
+    """Let a robot detect a target: the first on its way or else, if it is seen there, the nearest at its end.
+
+    `nearest` is of `nearest_sensor`, `sight` of `first_sight`. Returns 1 where it does.
+    """
+    found = wp.where(nearest[1] < radius * radius, int(nearest[0]), -1)
+    if sight[1] <= 1.0:
+        found = int(sight[0])
+        targets.found_early[w, t] = 1.0 - sight[1]
+    targets.stage[w, t] = wp.where(found >= 0, FOUND, PRESENT)
+    if found < 0:
+        return 0
+    targets.found_at[w, t] = now
+    atomic.add_for(latest.detections, w, found, 1)
+    return 1
+
+
+def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any) -> Any:
+    """Make the kernel that moves and detects targets, for robots and targets that are few or many."""
+
+    @wp.func
+    def detect_together(
+        w: int,
+        now: int,
+        flock: Flock,
+        square: Floats,
+        x: Floats,
+        y: Floats,
+        near: float,
+        far: float,
+        radius: float,
+        robots: Robots,
+        targets: Targets,
+        bins: Bins,
+        latest: StepEvents,
+    ) -> wp.vec2i:
+        """Let robots detect targets that are at x, y now [m]; return how many wait on, and are in sight.
+
+        `square` is of `nearest_to`, at the places before.
+        """
+        comes_near = bool(False)
+        for k in range(flock.count):
+            comes_near = comes_near or square[k] < near * near
+        # A target that was far from every sensor cannot have come into one's reach in this step.
+        nearest = Ints()
+        least = square
+        if comes_near:
+            nearest, least = nearest_to(w, flock.count, x, y, robots, bins)
+        waiting = int(0)
+        sighted = int(0)
+        stage = flock.stage
+        reach = flock.reach
+        seen = Ints()
+        asks = Ints()
+        for k in range(ABREAST):
+            if k < width():
+                seen[k] = wp.where(least[k] < radius * radius, 1, 0)
+                met = wp.where(square[k] < reach[k] * reach[k] or reach[k] > far, 1, 0)
+                appears = wp.where(stage[k] == HIDDEN, 1, 0)
+                asks[k] = wp.where(stage[k] == FOUND, 0, seen[k] | met | appears)
+        for k in range(flock.count):
+            t = flock.number[k]
+            targets.in_sight[w, t] = seen[k]
+            sighted += seen[k]
+            if seen[k] == 1:
+                list_seen(w, t, wp.vec2(x[k], y[k]), bins)
+            waiting += wp.where(flock.stage[k] == FOUND, 0, 1)
+            if asks[k] == 1:  # which is rare
+                sight = wp.vec2(-1.0, 2.0)
+                if flock.stage[k] == PRESENT:
+                    before = wp.vec2(flock.before_x[k], flock.before_y[k])
+                    sight = sight_of(w, before, wp.vec2(x[k], y[k]), radius, flock.reach[k], robots, bins)
+                at_end = wp.vec2(float(nearest[k]), least[k])
+                waiting -= detect(w, t, now, at_end, sight, radius, targets, latest)
+        return wp.vec2i(waiting, sighted)
+
+    @wp.kernel
+    def move_and_detect(
+        first: int,
+        lanes: int,
+        begin: int,
+        end: int,
+        curve: CurveStruct,
+        target: TargetStruct,
+        sensing: SensingStruct,
+        task: TaskStruct,
+        clock: Clock,
+        robots: Robots,
+        targets: Targets,
+        bins: Bins,
+        latest: StepEvents,
+    ):
+        """Remove detected targets, let others appear or move, and let the first robot that senses one detect it.
+
+        A target appears at the end of its step: it is detected then or, on its way, from the next step on.
+        """
+        tid, lane = wp.tid()
+        w = first + tid
+        if clock.active[w] == 0:
+            return
+        now = clock.step[w]
+        key = randomness.step_key(clock.seed[w], now)
+        way, radius = max_displacement(w, robots), sensing.radius
+        near = radius + task.step * wp.max(target.speed, target.flee_speed)
+        # A target that an extension moved farther than lists reach may have met any robot.
+        far = wp.where(bins.columns > 0, bins.widened + way, 1.0e30)
+        total = wp.vec2i(0, 0)
+        t = int(begin + lane)
+        while t < end:
+            number = Ints()
+            count = int(0)
+            while t < end and count < width():
+                if targets.appears_at[w, t] > now:
+                    t = end  # the slots are in the order of their times
+                else:
+                    stage = targets.stage[w, t]
+                    if target.leave == 1 and stage == FOUND:
+                        targets.stage[w, t] = GONE
+                        targets.in_sight[w, t] = 0
+                    elif stage != GONE:
+                        number[count] = t
+                        count += 1
+                    t += lanes
+            if count > 0:
+                flock = gather(w, count, number, near, way, radius, targets)
+                nearest, square = nearest_to(w, count, flock.x, flock.y, robots, bins)
+                x, y = move_together(w, key, flock, nearest, square, task.step, curve, target, robots, targets)
+                total += detect_together(w, now, flock, square, x, y, near, far, radius, robots, targets, bins, latest)
+        if total[0] > 0:
+            atomic.add(latest.waiting, w, total[0])
+        if total[1] > 0:
+            atomic.add(latest.in_sight, w, total[1])
+
+    return move_and_detect
+
+
+move_and_detect = _moving_and_detecting(nearest_of_all_together, first_sight_of_all, list_none)
+move_and_detect_listed = _moving_and_detecting(nearest_listed_together, first_sight_listed, list_in_sight)
