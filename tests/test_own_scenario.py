@@ -110,7 +110,7 @@ def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, mo
     assert training.load("run").scenario == wanted
     # Story: another process, which has not imported it; a stranger's folder cannot make it.
     monkeypatch.delitem(sys.modules, "my_extras")
-    with pytest.raises(ValueError, match="scenario mine brings my_extras:doubled: import my_extras before"):
+    with pytest.raises(ValueError, match="scenario mine uses my_extras:doubled: import my_extras before"):
         training.load("run")
     assert "my_extras" not in sys.modules
     __import__("my_extras")

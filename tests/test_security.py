@@ -6,8 +6,8 @@ import shutil
 
 import pytest
 
-from benchmarks.planted import opened, payloads, plant, plant_rllib
 from lissajous_env.console.cli import main
+from tests.adversarial.planted import opened, payloads, plant, plant_rllib
 from training.learned import policy
 
 SHORT = ("--set", "task.duration=1.0")

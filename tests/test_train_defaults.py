@@ -12,7 +12,7 @@ from rich.console import Console
 pytest.importorskip("stable_baselines3")
 
 import lissajous_env
-from benchmarks import killing
+from tests.adversarial import killing
 from tests.test_train import QUIET, SMALL
 from training.display import Display
 from training.learned.history import LEARNING, MOST_UPDATES, History
@@ -75,7 +75,7 @@ def test_the_terminal_says_what_was_chosen_how_far_it_is_and_how_it_ended(tmp_pa
     _, words = printed(
         TrainingSettings(**SMALL | points | {"out": tmp_path / "b", "imitation_steps": 1920, "steps": 3200})
     )
-    assert "base: none (as --base names it)" in words
+    assert "base: none (given by --base)" in words
     assert words.index("imitation of kuramoto from 0 steps") < words.index("PPO from 1,920 steps")
     assert "left of this phase)" in words
 
@@ -168,7 +168,7 @@ def test_the_writers_of_the_docs_receive_what_tensorboard_shows(tmp_path, monkey
     names["run"](**SMALL | {"out": tmp_path / "run", "teacher": "none", "steps": 2560})
     rows = killing.tensorboard_rows(tmp_path / "run" / "tensorboard")
     shown = {(step, name): value for name, points in rows.items() for step, value in points}
-    assert {"rollout/ep_rew_mean", "train/approx_kl", "evaluation/detection_time"} <= {name for _, name in shown}
+    assert {"rollout/return", "train/approx_kl", "evaluation/detection_time"} <= {name for _, name in shown}
     for values in told.values():
         assert shown.keys() <= values.keys()
         assert all(values[key] == pytest.approx(value, rel=1e-5) for key, value in shown.items())

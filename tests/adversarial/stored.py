@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from attacks import Attack
-from attacks.terminal import pick
 from baselines.benchmark.rows import NUMBER_COLUMNS
 from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
+from tests.adversarial import Attack
+from tests.adversarial.terminal import pick
 
 _QUIET = Console(quiet=True)
 
