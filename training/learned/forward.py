@@ -58,9 +58,10 @@ def relu(x: float) -> float:
 
 @wp.func
 def smooth(x: float) -> float:
-    """Return tanh x with relative error 3e-7: Lambert's fraction at x / 8, then tanh 2y = 2 tanh y / (1 + tanh^2 y) three times.
+    """Return tanh x with relative error 3e-7.
 
-    The compiler vectorises this form. Beyond 9 it is 1 in float32; NaN stays NaN.
+    Lambert's fraction at x / 8, then tanh 2y = 2 tanh y / (1 + tanh^2 y) three times, which the compiler vectorises.
+    Beyond 9 it is 1 in float32; NaN stays NaN.
     """
     y = 0.125 * wp.where(x > 9.0, 9.0, wp.where(x < -9.0, -9.0, x))
     s = y * y
@@ -129,7 +130,7 @@ def act_by_network(
     """Write the actions of ROWS robots: the network's output, or its sum with a base's action; row w N + i is robot i.
 
     The network reads the entries `columns` of the observation and then the base's action, if `base` is not empty.
-    Inputs and outputs of a layer are in `blocks` (2, rows, blocks) and, in the same memory, `values` (2, rows, numbers).
+    Inputs and outputs of a layer are in `blocks` (2, rows, blocks); `values` (2, rows, numbers) is the same memory.
     """
     row = ROWS * (first + wp.tid())
     robots = observation.shape[1]
