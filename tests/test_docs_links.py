@@ -88,11 +88,6 @@ def test_nothing_names_the_machine_that_wrote_it(texts):
         assert not re.search(r"/(?:tmp|work|root|home)/|localhost", text), name
 
 
-def test_the_readme_is_short():
-    # Half of what it was when all of the documentation stood there.
-    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 256
-
-
 def test_every_page_is_in_the_contents():
     listed = (DOCS / "index.md").read_text(encoding="utf-8") + (DOCS / "api" / "index.md").read_text(encoding="utf-8")
     for path in sorted(DOCS.glob("*.md")) + sorted((DOCS / "notebooks").glob("*.md")) + sorted(DOCS.glob("api/*.md")):

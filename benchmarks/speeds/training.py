@@ -1,10 +1,10 @@
 """Speed of training, compared with another checkout and with the PPO of Stable-Baselines3.
 
-Each side runs in a process of its own, in turns, and its rate is the number of robot steps over the time that they took,
-without evaluations and imports. `ppo` is reinforcement learning only, after the first evaluation, with the same settings
-on all sides; `ppo, defaults` has each side's default settings, as does `whole`, the README's command for 5 million
-steps. A ratio is the interquartile mean over the pairs of neighbouring runs, with its 95 % interval. A second table has
-the fraction of a training's time that its environment takes.
+Each side runs in a process of its own, in turns, and its rate is the number of robot steps over the time that they
+took, without evaluations and imports. `ppo` is reinforcement learning only, after the first evaluation, with the same
+settings on all sides; `ppo, defaults` has each side's default settings, as does `whole`, the README's command for 5
+million steps. A ratio is the interquartile mean over the pairs of neighbouring runs, with its 95 % interval. A second
+table has the fraction of a training's time that its environment takes.
 """
 
 import json
@@ -100,7 +100,8 @@ env = RobotVecEnv(settings.make_cautious_scenario(), settings.num_worlds, seed=0
 layers = {"net_arch": list(settings.layers), "activation_fn": torch.nn.ReLU, "log_std_init": settings.log_std}
 batch_size = min(settings.batch_size, settings.rollout * env.num_envs)
 model = PPO(
-    "MlpPolicy", env, settings.learning_rate, settings.rollout, batch_size, n_epochs=4, device="cpu", policy_kwargs=layers | {"optimizer_kwargs": {"eps": 1e-5, "fused": True}},
+    "MlpPolicy", env, settings.learning_rate, settings.rollout, batch_size, n_epochs=4, device="cpu",
+    policy_kwargs=layers | {"optimizer_kwargs": {"eps": 1e-5, "fused": True}},
 )
 model.learn(settings.steps // 5)
 first, began = model.num_timesteps, time.monotonic()
