@@ -1,4 +1,4 @@
-"""The BenchMARL tasks: its algorithms train on them, and what they log are the scores of the simulation."""
+"""BenchMARL tasks: its algorithms train on them, and logged values are the scores of the simulation."""
 
 import subprocess
 import sys

@@ -1,6 +1,6 @@
 """README and docs: every block of code and every command on their pages runs, shortened where it takes long.
 
-What docs/extending.md holds is tried in test_extending.py, the notebooks are run when the documentation is built.
+The examples of docs/extending.md run in test_extending.py, and the notebooks when the documentation is built.
 """
 
 import ast

@@ -1,4 +1,4 @@
-"""What the documentation is made of when it is built: pages of scenarios, drawings, docstrings."""
+"""Generated parts of the documentation: pages of scenarios, drawings, docstrings."""
 
 import re
 from xml.etree import ElementTree

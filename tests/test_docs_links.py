@@ -1,4 +1,4 @@
-"""Where the links of README and docs lead, and how far it is to what newcomers ask; sources, no build, are read."""
+"""Links of README and docs: their targets exist, and answers are few links away from the start page."""
 
 import re
 

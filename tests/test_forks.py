@@ -1,4 +1,4 @@
-"""Forks under threads, calls inside calls, and threads with small stacks: nothing hangs, and nothing is half done."""
+"""Forks with threads, nested calls, and threads with small stacks: no deadlock, and no partial results."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Any value in any field: a scenario is refused with a ValueError of a line, or it runs and stays finite."""
+"""Any value in any field: the scenario is rejected with a one-line ValueError, or runs and stays finite."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Which package may import which, and no circle of modules, by reading the imports; the core without the extras."""
+"""Allowed imports between packages, no cycles, and the core without extras."""
 
 import ast
 import subprocess

@@ -1,4 +1,4 @@
-"""Killed at any of its writes, or out of disk at it, a command that is called again ends as if nothing had happened."""
+"""Commands that are killed, or run out of disk, at any write: repeating them gives the same result."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Learned policies: the same interface as the classical ones, and nothing seen but the observation."""
+"""Learned policies: the interface of the classical ones, with the observation as the only input."""
 
 import subprocess
 import sys

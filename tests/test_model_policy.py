@@ -1,4 +1,4 @@
-"""Models that were trained with plain Stable-Baselines3, played like every other policy."""
+"""Models trained with plain Stable-Baselines3, played as policies."""
 
 import json
 import os

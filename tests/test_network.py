@@ -1,4 +1,4 @@
-"""Networks and checkpoints: plain arrays, written so that a kill or a damaged file is noticed."""
+"""Networks and checkpoints: plain arrays, written such that kills and damage are detected."""
 
 import itertools
 import json

@@ -1,4 +1,4 @@
-"""A policy that was trained on a scenario of one's own: its folder holds that scenario, and every command plays it."""
+"""Policies trained on a user's scenario: the folder contains that scenario, and every command plays it."""
 
 import json
 import sys

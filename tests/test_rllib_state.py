@@ -1,4 +1,4 @@
-"""What a training of RLlib goes on from: arrays of ours, which do what RLlib's own checkpoint does, and run no code."""
+"""State of a training with RLlib: plain arrays equivalent to RLlib's own checkpoint, without pickles."""
 
 import dataclasses
 import shutil

@@ -1,4 +1,4 @@
-"""Files of strangers are data: a pickle in place of any file of any folder that a command reads is never opened."""
+"""Untrusted files: a pickle in place of any file of any folder that a command reads is never opened."""
 
 import json
 import pickle

@@ -1,4 +1,4 @@
-"""The stages of a step and of a reset: what they are, how they are bound, that they run as they would one by one."""
+"""Stages of a step and of a reset: list, arguments, and equality with separate launches."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""The TorchRL environment: the library's checker, and what it misses: equality with the simulation stepped by hand."""
+"""The TorchRL environment: the library's checker, and equality with the simulation."""
 
 import pickle
 

@@ -1,4 +1,4 @@
-"""Training: it learns, shows what it does, and goes on after a kill as if nothing had happened."""
+"""Training: it learns, writes its files, and resumes bit-identically after a kill."""
 
 import dataclasses
 import functools

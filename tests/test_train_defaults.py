@@ -1,4 +1,4 @@
-"""What a training chooses where nothing is said, what it prints, and how it compares with its rivals."""
+"""Defaults of a training, its terminal output, and its comparison with rivals."""
 
 import io
 import re

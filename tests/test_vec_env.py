@@ -1,4 +1,4 @@
-"""The batch as a VecEnv of Stable-Baselines3: rows are robots, and a time limit is not a death."""
+"""`RobotVecEnv` for Stable-Baselines3: rows are robots, and a time limit is not a terminal state."""
 
 import warnings
 
