@@ -59,13 +59,13 @@ class RobotPPO:
             log_std_init=settings.log_std,
             optimizer_kwargs={"eps": 1e-5, "fused": True},
         ).to(settings.device)
-        self.observation: np.ndarray | None = None
-        """(R, inputs) rows to act on next; None before the first `reset`."""
+        self.observation = np.zeros((env.num_envs, self.policy.features_dim), np.float32)
+        """(R, inputs) rows to act on next; zeros before the first `reset`."""
 
         def tensor(*size: int) -> Tensor:
             return torch.zeros((settings.rollout, env.num_envs, *size), device=settings.device)
 
-        self._observations, self._actions = tensor(*env.observation_space.shape), tensor(*env.action_space.shape)
+        self._observations, self._actions = tensor(self.policy.features_dim), tensor(card.action_size)
         self._log_probs, self._rewards, self._dones, self._advantages, self._returns = (tensor() for _ in range(5))
         self._on_cpu = self.policy.device.type == "cpu"
         self._pool = ThreadPoolExecutor((settings.threads or cores()) if self._on_cpu else 1)
@@ -99,7 +99,7 @@ class RobotPPO:
                     batch[3] = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
                 logged.append(self.minimize(self._loss, batch))
         names = ("loss", "policy_loss", "value_loss", "entropy", "clip_fraction", "approx_kl")
-        means = dict(zip(names, torch.stack(logged).mean(0).tolist(), strict=True))
+        means: dict[str, float] = dict(zip(names, torch.stack(logged).mean(0).tolist(), strict=True))
         means["explained_variance"] = (1 - (self._returns - values).var() / self._returns.var()).item()
         means["std"] = self.policy.log_std.exp().mean().item()
         return means
