@@ -123,7 +123,7 @@ def test_a_state_that_does_not_fit_is_refused_by_its_file(tmp_path):
     text = checkpoint.read_text(tmp_path)
     whole = checkpoint.read_state(tmp_path, text)
     text["counters"]["steps"] = 160
-    for name, array in (("rows", None), ("random.torch", np.arange(3)), ("scores", np.ones((2, 2)))):
+    for name, array in (("rows", None), ("random", np.arange(3)), ("scores", np.ones((2, 2)))):
         arrays = {key: value for key, value in whole.items() if key != name} | ({} if array is None else {name: array})
         data = to_safetensors(arrays)
         digest = hashlib.sha256(data).hexdigest()

@@ -45,7 +45,7 @@ class Network:
         for before, after in pairwise(self.weights):
             if after.shape[1] != before.shape[0]:
                 raise ValueError(
-                    f"inputs of a layer must be the {before.shape[0]} outputs of the previous one, got {after.shape[1]}"
+                    f"layer must have {before.shape[0]} inputs, the outputs of the previous, got {after.shape[1]}"
                 )
 
     @property
