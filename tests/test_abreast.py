@@ -1,4 +1,4 @@
-"""Robots and targets side by side: what a GPU does with each alone."""
+"""Kernels that process robots or targets side by side compute the same as the GPU form, one per thread."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""Assumptions of the paper: each that a scenario violates is named with its number, once, and not for what ships."""
+"""Assumptions of the paper: a violated one is reported once with its equation, and shipped scenarios have none."""
 
 import dataclasses
 import math

@@ -1,6 +1,6 @@
-"""Bad input is refused with the name, the rule and the value that came; and nothing has moved after it.
+"""Invalid input raises an error with name, rule and value, and leaves the environment unchanged.
 
-What a scenario refuses is tested beside it; here is what a running environment, or the making of one, refuses.
+Scenarios are tested in test_scenario.py; here are running environments and their constructors.
 """
 
 import numpy as np

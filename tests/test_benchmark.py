@@ -1,4 +1,4 @@
-"""The benchmark: what it writes, and that a kill, a second process or other settings cannot spoil its results."""
+"""The benchmark: its files, and that no kill, second process or change of settings can corrupt its results."""
 
 import csv
 import fcntl

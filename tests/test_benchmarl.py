@@ -1,4 +1,4 @@
-"""The BenchMARL tasks: its algorithms train on them, and what they log are the scores of the simulation."""
+"""BenchMARL tasks: its algorithms train on them, and logged values are the scores of the simulation."""
 
 import subprocess
 import sys
@@ -93,7 +93,7 @@ def test_a_module_of_another_shape_is_refused():
         return data.set(("robot", "action"), data["robot", "observation"])
 
     seen = np.zeros((2, 5, 42), dtype=np.float32)
-    with pytest.raises(ValueError, match=r"action of function must be of shape \(2, 5, 2\), or whole numbers of shape"):
+    with pytest.raises(ValueError, match=r"action of function must have shape \(2, 5, 2\), or whole numbers of shape"):
         ModelPolicy(pointless, "intruders", 2).act(seen)
     with pytest.raises(ValueError, match=r"module must be callable with a TensorDict, got 'policy.pt'"):
         ModelPolicy("policy.pt", "intruders", 2)

@@ -1,4 +1,4 @@
-"""BenchMARL's own command by Hydra, called as its users call it."""
+"""BenchMARL's Hydra command on the scenarios."""
 
 import os
 import re

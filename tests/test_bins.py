@@ -1,4 +1,4 @@
-"""Many robots and targets: through bins and on threads the same to the last bit, and as brute force finds it."""
+"""Many robots and targets: bins and threads give bit-identical results, equal to brute force."""
 
 import subprocess
 import sys

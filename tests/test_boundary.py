@@ -1,4 +1,4 @@
-"""The edge of the rectangle: open, a wall, or the end."""
+"""The boundary of the rectangle: open, a wall, or removal."""
 
 import math
 

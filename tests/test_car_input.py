@@ -1,4 +1,4 @@
-"""The input of a car: its action as steering and throttle, and the way back, by hand and through the world."""
+"""The input of a car: actions to steering and throttle and back, by hand and in the simulation."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Checkpoints that somebody changed: each is refused with file, rule and value, or is one that plays."""
+"""Modified checkpoints: each is rejected with file, rule and value, or is a policy that can be played."""
 
 import copy
 import hashlib

@@ -1,4 +1,4 @@
-"""The reference that sees the rogues: whom it sends where, and that nothing but a benchmark hands it the world."""
+"""The clairvoyant reference: its assignment of robots to targets, and that only a benchmark gives it the state."""
 
 import itertools
 

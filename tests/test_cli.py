@@ -1,4 +1,4 @@
-"""The command `lissajous`, as a person runs it: another process, its output, its exit code."""
+"""The command `lissajous` in a process of its own: output and exit codes."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""The benchmark over a Ray cluster: the rows of the engine `local`, whatever node, worker or driver is lost."""
+"""The benchmark over a Ray cluster: same rows as the engine `local`, also if a node, worker or driver is lost."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Pictures for colour-blind readers: what meets in one picture differs in a colour that they see, or in its mark."""
+"""Colours of pictures for colour-blind readers: elements of a picture differ in visible colour or in their mark."""
 
 import re
 from itertools import combinations

@@ -1,4 +1,4 @@
-"""What a benchmark says of its rows: limits, open guarantees, a reference seed by seed, and what is no policy."""
+"""Comparison of a benchmark's rows: bounds, open worst cases, paired differences, and references."""
 
 import json
 import math

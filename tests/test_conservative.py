@@ -1,4 +1,4 @@
-"""`task.conservative`: no rogue is unseen for longer than it says, in any direction, at any step, on any grid."""
+"""`task.conservative`: no target is undetected for longer than reported, for any direction, step and grid."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""The field of contamination: small stories, an independent field by brute force, and rogues that know the future."""
+"""The contamination field: small stories, brute force, and evading targets that know the future."""
 
 import numpy as np
 import pytest

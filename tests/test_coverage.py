@@ -1,4 +1,4 @@
-"""Coverage and idleness of the grid, against brute force over the cells and closed forms of simple stories."""
+"""Coverage and idleness of the grid, compared with brute force and closed forms."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The same source on CUDA: compiled for it everywhere, and compared with the CPU where there is a device."""
+"""Kernels on CUDA: compiled everywhere, and compared with the CPU if there is a device."""
 
 import importlib
 import pkgutil

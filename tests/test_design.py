@@ -1,4 +1,4 @@
-"""Designs: the paper's own is found, reasons are true, the phase rate is one that robots can drive, in any units."""
+"""Designs: the paper's own is found, reasons are true, and robots can drive the phase rate, in any units."""
 
 import math
 

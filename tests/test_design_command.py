@@ -1,4 +1,4 @@
-"""The command `lissajous design`: what it recommends can be driven, covers, and is made by the file that it prints."""
+"""The command `lissajous design`: its recommendations are feasible, cover, and match the printed file."""
 
 import json
 import math

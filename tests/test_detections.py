@@ -1,4 +1,4 @@
-"""Times of targets beside the score rows of a benchmark, and the share detected over time by Kaplan and Meier."""
+"""Detection times of targets in a benchmark, and the Kaplan-Meier estimate of the detected fraction."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""The distance from the whole curve: the exact one, and the table that kernels take it from."""
+"""Distance from the curve: the exact one, and the table that kernels use."""
 
 import numpy as np
 import pytest

@@ -123,6 +123,7 @@ def check_python(line):
         assert "-m pytest -n auto --dist loadfile" in (ROOT / ".ci" / "run").read_text()
         return
     path = ROOT / (module if module.endswith(".py") else f"{module.replace('.', '/')}.py")
+    path = path if path.exists() else path.with_suffix("") / "__main__.py"
     source = path.read_text(encoding="utf-8")
     for option in re.findall(r"--([\w-]+)", line):
         # By argparse, or as a field or an argument of what tyro reads; every --set is `Overrides`.
@@ -172,7 +173,7 @@ def test_commands_in_the_text_are_commands(path):
     text = " ".join(path.read_text(encoding="utf-8").split())
     for command, rest in re.findall(r"`lissajous ([a-z]+)([^`]*)`", text):
         assert set(re.findall(r"(?<= )--[\w-]+", rest)) <= options_of(command), (command, rest)
-    for line in re.findall(r"`(?:[^`]* && )?(python (?:benchmarks/|-m training)[^`]*)`", text):
+    for line in re.findall(r"`(?:[^`]* && )?(python (?:benchmarks/|-m (?:training|tests))[^`]*)`", text):
         check_python(line)
 
 

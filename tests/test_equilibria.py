@@ -1,4 +1,4 @@
-"""Which equilibria are stable, what they look like and what they survive, against the dynamics (1) themselves."""
+"""Equilibria of the formation: stability, shape and tolerance of faults, compared with the dynamics (1)."""
 
 import math
 

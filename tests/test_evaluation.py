@@ -1,4 +1,4 @@
-"""Evaluation: a policy whose actions are no actions is stopped by name, wherever policies are played."""
+"""Evaluation: invalid actions of a policy raise an error that names it, in every command."""
 
 import json
 from functools import partial

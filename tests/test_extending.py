@@ -1,4 +1,4 @@
-"""What users bring: every file and command of docs/extending.md works in a folder of their own, against an oracle."""
+"""Extensions by users: every file and command of docs/extending.md works in an empty folder, against an oracle."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What users bring and cannot be used: one clear line that names it, and nothing is loaded that nobody asked for."""
+"""Invalid extensions: one clear line names the cause, and no unrequested module is imported."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What an extension is given cannot be written to, and what it brings is finite or refused by name."""
+"""Extensions cannot write to their inputs, and values that are not finite raise an error that names them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a scenario brings of its own: reward terms, score columns, observation entries, motions, models and curves."""
+"""Extensions of a scenario: reward terms, score columns, observation entries, motions, models and curves."""
 
 import pickle
 

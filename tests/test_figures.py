@@ -1,4 +1,4 @@
-"""The numbers of the documentation: each page says what docs/figures.json holds, and what it says is looked up."""
+"""Numbers of the documentation: each page shows the value in docs/figures.json."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Files: a user's are never hit, links never followed, JSON is read strictly, a full disk costs what is not written."""
+"""Files: users' files stay untouched, links are not followed, JSON is strict, and a full disk is survived."""
 
 import errno
 import json

@@ -1,4 +1,4 @@
-"""MP4 films: they show what was drawn, at the pace that was asked for, in a form that browsers play."""
+"""MP4 videos: they show what was drawn, at the requested pace, in a format that browsers play."""
 
 import base64
 import os

@@ -1,4 +1,4 @@
-"""The benchmark of growth: what it makes of the times that it measured."""
+"""The benchmark of growth: its evaluation of measured times."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a formation and policies guarantee, the command that says so and the score, against numbers from elsewhere."""
+"""Worst-case undetected times of formations and policies, compared with independent numbers."""
 
 import json
 import math

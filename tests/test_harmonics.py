@@ -1,4 +1,4 @@
-"""Any closed curve as a Fourier series: it is the function that it was made of, and the world goes along it."""
+"""Closed curves as Fourier series: they equal the function that they approximate, and robots follow them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Names that modules and files of the current folder bring, on the command line and in what is suggested."""
+"""Names from modules and files of the current folder, on the command line and in suggestions."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Which evaluation of a training is its best, and when it beat a rival."""
+"""History of a training: its best evaluation, and the first that beats a rival."""
 
 import pytest
 

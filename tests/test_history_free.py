@@ -1,4 +1,4 @@
-"""A world depends on its seed and actions alone: never on what its memory held, nor on what was played there before."""
+"""A world depends on its seed and actions only, not on earlier contents of its memory or earlier episodes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What tells code from other code: sources, captured values and checkpoints, the same in every process."""
+"""Digests of code: sources, captured values and checkpoints, equal in every process."""
 
 import dataclasses
 import functools

@@ -1,4 +1,4 @@
-"""Killed at any of its writes, or out of disk at it, a command that is called again ends as if nothing had happened."""
+"""Commands that are killed, or run out of disk, at any write: repeating them gives the same result."""
 
 import os
 import re
@@ -11,8 +11,8 @@ pytest.importorskip("stable_baselines3")
 if sys.platform != "linux":
     pytest.skip("where a process writes is asked of Linux", allow_module_level=True)
 
-from benchmarks import killing
 from lissajous_env.storage.folder import Folder
+from tests.adversarial import killing
 from tests.test_files import NEIGHBOURS
 from training.learned import checkpoint
 

@@ -1,4 +1,4 @@
-"""Learned policies: the same interface as the classical ones, and nothing seen but the observation."""
+"""Learned policies: the interface of the classical ones, with the observation as the only input."""
 
 import subprocess
 import sys
@@ -156,7 +156,7 @@ def test_the_commands_take_a_folder_for_a_name(tmp_path):
     assert {cell.policy for cell in cells} == {str(tmp_path), "still"}
     assert isinstance(cells[-1].factory(cells[-1].scenario, 2, "cpu"), Learned)
     (tmp_path / "nothing").mkdir()
-    with pytest.raises(ValueError, match=r"or a folder that holds checkpoint.json, got .*nothing"):
+    with pytest.raises(ValueError, match=r"or a folder with checkpoint.json, got .*nothing"):
         baselines.make(str(tmp_path / "nothing"), "rough")
 
 
@@ -176,7 +176,7 @@ def test_a_folder_with_the_suffix_of_a_wrapper_is_its_policy_wrapped():
 
 @pytest.mark.parametrize("name", ["learned-nothing", "", "/nowhere/at/all"])
 def test_an_unknown_name_is_refused_with_what_there_is(name):
-    with pytest.raises(ValueError, match=r"policy must be one of learned-.*, or a folder that holds checkpoint.json"):
+    with pytest.raises(ValueError, match=r"policy must be one of learned-.*, or a folder with checkpoint.json"):
         training.load(name)
 
 

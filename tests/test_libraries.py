@@ -1,4 +1,4 @@
-"""Other people's libraries, used as their users do, with nothing of ours between: each learns, records or rolls out."""
+"""Third-party libraries, used as in their documentation: each trains, records or rolls out."""
 
 import gymnasium
 import numpy as np

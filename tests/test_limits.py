@@ -1,4 +1,4 @@
-"""Lower bounds of the detection time: numbers computed elsewhere, sweeps that meet them, and our own policies."""
+"""Lower bounds of the detection time: compared with independent numbers, sweeps that reach them, and policies."""
 
 import math
 

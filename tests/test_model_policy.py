@@ -1,4 +1,4 @@
-"""Models that were trained with plain Stable-Baselines3, played like every other policy."""
+"""Models trained with plain Stable-Baselines3, played as policies."""
 
 import json
 import os
@@ -166,7 +166,7 @@ def test_spaces_that_do_not_fit_are_refused_by_name(rows, actions, words):
 
 @pytest.mark.parametrize("model", ["mine.zip", None, DQN])
 def test_what_is_no_model_is_refused(model):
-    with pytest.raises(ValueError, match=r"model must be one of Stable-Baselines3, which has .*, got"):
+    with pytest.raises(ValueError, match=r"model must be a model of Stable-Baselines3, with .*, got"):
         training.sb3.ModelPolicy(model, "experiment")
 
 

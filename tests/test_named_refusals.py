@@ -1,4 +1,4 @@
-"""What cannot be is refused by its name, before any work: names, models of robots, exits, long lists, --out."""
+"""Invalid names, robot models, exits, long lists and --out raise named errors before any work."""
 
 import dataclasses
 import math

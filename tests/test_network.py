@@ -1,4 +1,4 @@
-"""Networks and checkpoints: plain arrays, written so that a kill or a damaged file is noticed."""
+"""Networks and checkpoints: plain arrays, written such that kills and damage are detected."""
 
 import itertools
 import json
@@ -94,7 +94,7 @@ def test_the_arrays_of_a_network_are_its_own():
 @pytest.mark.parametrize(
     ("weights", "biases", "words"),
     [
-        ([np.ones((2, 3)), np.ones((1, 4))], [np.ones(2), np.ones(1)], "layer must take the 2 outputs"),
+        ([np.ones((2, 3)), np.ones((1, 4))], [np.ones(2), np.ones(1)], "layer must have 2 inputs"),
         ([np.ones((2, 3))], [np.ones(3)], "bias must have shape"),
         ([np.full((2, 3), np.nan)], [np.ones(2)], "must be finite"),
         ([np.full((2, 3), 1e39)], [np.ones(2)], "must be finite in float32"),
@@ -109,7 +109,7 @@ def test_the_arrays_of_a_network_are_its_own():
         ([np.array([["a", "b"]])], [np.ones(1)], "weights must be numbers"),
         ([np.ones((1, 2), complex)], [np.ones(1)], "weights must be numbers"),
         ([np.array([[None]])], [np.ones(1)], "weights must be numbers"),
-        ([np.ones((1, 2))], [], "of the same layers"),
+        ([np.ones((1, 2))], [], "the same number of layers"),
         ([], [], "at least one"),
     ],
 )
@@ -191,7 +191,7 @@ def test_damage_is_named(tmp_path):
         path.write_text(broken)
         with pytest.raises(ValueError, match=checkpoint.FILE):
             checkpoint.read(tmp_path)
-    with pytest.raises(ValueError, match="must be a folder that holds"):
+    with pytest.raises(ValueError, match="must be a folder with"):
         checkpoint.read(tmp_path / "nowhere")
 
 

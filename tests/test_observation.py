@@ -1,4 +1,4 @@
-"""What a robot observes: the layout that the docstring promises, messages, noise, and the lists of what is near."""
+"""Observations: the documented layout, messages, noise, and lists of neighbours."""
 
 import math
 import re

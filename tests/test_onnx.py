@@ -1,4 +1,4 @@
-"""ONNX: the exported graph does what the policy does."""
+"""ONNX: the exported graph computes the policy's actions."""
 
 import importlib.util
 import json

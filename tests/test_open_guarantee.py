@@ -1,4 +1,4 @@
-"""When an episode shows no bound of the worst-case undetected time, and what a table states of censored episodes."""
+"""Episodes without a bound of the worst-case undetected time, and tables of censored episodes."""
 
 import math
 import os

@@ -1,4 +1,4 @@
-"""What `--set` takes: literals that are read and never run, words, infinity."""
+"""Parsing of `--set`: literals, which are never executed, words, infinity."""
 
 import math
 

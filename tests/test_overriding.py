@@ -1,4 +1,4 @@
-"""Overrides of scenarios by people who did not write these: what fits another number of robots, and what does not."""
+"""Overrides of shipped scenarios: dependent fields adapt to another number of robots, or raise an error."""
 
 import numpy as np
 import pytest

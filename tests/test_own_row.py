@@ -1,4 +1,4 @@
-"""What the classical policies decode of their row, held to the layout that the world documents and to the truth."""
+"""Decoding of the observation by classical policies, compared with the documented layout and the true state."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A policy that was trained on a scenario of one's own: its folder holds that scenario, and every command plays it."""
+"""Policies trained on a user's scenario: the folder contains that scenario, and every command plays it."""
 
 import json
 import sys
@@ -110,7 +110,7 @@ def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, mo
     assert training.load("run").scenario == wanted
     # Story: another process, which has not imported it; a stranger's folder cannot make it.
     monkeypatch.delitem(sys.modules, "my_extras")
-    with pytest.raises(ValueError, match="scenario mine brings my_extras:doubled: import my_extras before"):
+    with pytest.raises(ValueError, match="scenario mine uses my_extras:doubled: import my_extras before"):
         training.load("run")
     assert "my_extras" not in sys.modules
     __import__("my_extras")

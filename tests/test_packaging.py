@@ -1,4 +1,4 @@
-"""What is shipped: an sdist that can be tested, a wheel with weights and types, a citation that can be read."""
+"""Packages: an sdist that can be tested, a wheel with weights and types, a valid citation."""
 
 import shutil
 import subprocess

@@ -1,4 +1,4 @@
-"""The parts of a scenario: what was taken and vanished, or ended later without a name; and what help() says of them."""
+"""Parts of a scenario: errors for unknown or misplaced fields, and help()."""
 
 import dataclasses
 import inspect

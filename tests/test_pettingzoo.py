@@ -1,4 +1,4 @@
-"""The PettingZoo environment: its library's own checkers, and what they miss.
+"""The PettingZoo environment: its library's checkers, and properties that these do not check.
 
 The checkers compare one step only and pass NaN and observations outside their space; so a bitwise repeat of whole
 episodes, containment and finiteness are tested here.

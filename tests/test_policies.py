@@ -1,4 +1,4 @@
-"""The classical policies: what they compute, what they see, and what they achieve on the paper's scenarios."""
+"""Classical policies: their computations, inputs, and results on the paper's scenarios."""
 
 import math
 from functools import partial

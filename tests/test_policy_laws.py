@@ -1,4 +1,4 @@
-"""What every registered policy promises: its rows hang on themselves alone, and it can be copied at any moment."""
+"""Properties of every registered policy: rows are independent, and it can be copied at any time."""
 
 import copy
 import pickle

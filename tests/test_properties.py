@@ -1,6 +1,6 @@
-"""What holds in every world, whatever the scenario: Hypothesis makes up scenarios and actions.
+"""Properties of every world: Hypothesis generates scenarios and actions.
 
-Oracle: ranges that follow from the definitions, and plain logic between what the environment returns.
+Oracle: ranges that follow from the definitions, and logical relations between returned values.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""The ranking of a report: mean ranks by hand, and that of scipy on drawn scores."""
+"""The ranking of a report: mean ranks compared with hand calculation and SciPy."""
 
 import numpy as np
 import pytest

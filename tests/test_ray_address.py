@@ -1,4 +1,4 @@
-"""Addresses of Ray clusters: what is none is refused, and who is none is known within seconds."""
+"""Addresses of Ray clusters: invalid and unreachable ones are reported within seconds."""
 
 import contextlib
 import re

@@ -1,4 +1,4 @@
-"""Files that say they are recordings: whatever they claim is refused by name, with little memory."""
+"""Malicious recording files: each is rejected by name, with little memory."""
 
 import io
 import json

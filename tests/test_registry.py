@@ -1,4 +1,4 @@
-"""The registry: names that are taken stay, and what other packages add cannot take the rest down."""
+"""The registry of policies: no name is registered twice, and a broken plug-in does not affect others."""
 
 from functools import partial
 from importlib.metadata import EntryPoint

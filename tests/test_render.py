@@ -1,4 +1,4 @@
-"""Pictures: they answer to what happens in the world, change nothing in it, and need no display."""
+"""Pictures: they show the state, do not change it, and need no display."""
 
 import dataclasses
 import subprocess

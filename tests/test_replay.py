@@ -1,4 +1,4 @@
-"""Recordings: kept as they were, refused when damaged, drawn as the simulation was."""
+"""Recordings: stored exactly, rejected if damaged, and drawn like the simulation."""
 
 import dataclasses
 import io

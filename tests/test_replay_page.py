@@ -1,4 +1,4 @@
-"""Replay pages without a browser: what they hold, that nothing of a recording is run, and how they come about."""
+"""Replay pages without a browser: contents, escaping of untrusted text, and creation."""
 
 import base64
 import dataclasses

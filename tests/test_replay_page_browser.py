@@ -1,4 +1,4 @@
-"""Replay pages in a real browser, Chromium without a window: they play, are scrubbed, pick robots, and ask nobody."""
+"""Replay pages in headless Chromium: playing, scrubbing, selecting robots, no network access."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""The report of a benchmark: what it holds, which replays it has, and the form that marl-eval reads."""
+"""The report of a benchmark: contents, replays, and the format for marl-eval."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""Reports in a real browser: the ranking first, tables in any order, replays in a frame, phone, dark and paper."""
+"""Reports in headless Chromium: ranking, sortable tables, replays, phones, dark mode and printing."""
 
 import json
 

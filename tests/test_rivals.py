@@ -1,4 +1,4 @@
-"""The rivals of the paper's method, and its own variants: arc length, clustered places, random starts."""
+"""Competing methods, and variants of the paper's method: arc length, clustered places, random starts."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""RLlib: the environment's contract, the policy that comes out, and trainings that lose a process, a node or a file."""
+"""RLlib: the environment's contract, its policies, and trainings that lose a process, a node or a file."""
 
 import json
 import math

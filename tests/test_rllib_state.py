@@ -1,4 +1,4 @@
-"""What a training of RLlib goes on from: arrays of ours, which do what RLlib's own checkpoint does, and run no code."""
+"""State of a training with RLlib: plain arrays equivalent to RLlib's own checkpoint, without pickles."""
 
 import dataclasses
 import shutil
@@ -14,7 +14,7 @@ from test_rllib import QUIET, ROWS, counted, settings  # noqa: E402
 
 import lissajous_env  # noqa: E402
 from baselines.benchmark import cluster  # noqa: E402
-from benchmarks.planted import opened, payloads, plant, plant_rllib  # noqa: E402
+from tests.adversarial.planted import opened, payloads, plant, plant_rllib  # noqa: E402
 from training.learned import checkpoint  # noqa: E402
 from training.learned.card import Card  # noqa: E402
 from training.rllib import ppo, state  # noqa: E402
@@ -132,7 +132,7 @@ def an_algorithm(make):
 @pytest.mark.parametrize(
     ("name", "array", "words"),
     [
-        ("model.log_std", None, "state must hold model.log_std"),
+        ("model.log_std", None, "state must contain model.log_std"),
         ("model.value.0.weight", np.zeros((3, 4), np.float32), r"model.value.0.weight must be .* shape \(16, 42\)"),
         ("optimizer.policy.0.bias.exp_avg", np.full(16, np.nan, np.float32), "exp_avg must be finite"),
         ("counter.steps_sampled", np.zeros(2), "counter.steps_sampled must be"),

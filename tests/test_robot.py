@@ -1,4 +1,4 @@
-"""How robots move: cars against closed forms of (12) and the order of the integrator, points against the curve."""
+"""Motion of robots: cars compared with closed forms of (12) and the integrator's order, points with the curve."""
 
 import math
 

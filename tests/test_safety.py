@@ -1,4 +1,4 @@
-"""The collision filter: its quadratic program, what it leaves alone, the meetings it resolves, what it achieves."""
+"""The collision filter: its quadratic program, unchanged actions, resolved encounters, and results."""
 
 import casadi as ca
 import numpy as np

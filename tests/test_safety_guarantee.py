@@ -1,4 +1,4 @@
-"""What the collision filter costs of the promise that every rogue is detected in finite time, whatever it does."""
+"""The collision filter's effect on the guarantee that every target is detected in finite time."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""Files of strangers are data: a pickle in place of any file of any folder that a command reads is never opened."""
+"""Untrusted files: a pickle in place of any file of any folder that a command reads is never opened."""
 
 import json
 import pickle
@@ -6,8 +6,8 @@ import shutil
 
 import pytest
 
-from benchmarks.planted import opened, payloads, plant, plant_rllib
 from lissajous_env.console.cli import main
+from tests.adversarial.planted import opened, payloads, plant, plant_rllib
 from training.learned import policy
 
 SHORT = ("--set", "task.duration=1.0")

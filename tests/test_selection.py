@@ -1,4 +1,4 @@
-"""Which worlds of a batch are meant: as indices, and as a mask."""
+"""Selection of worlds by indices or mask."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the scenarios that ship are for: each tells a story that its numbers have to bear out."""
+"""Shipped scenarios: the numbers support the purpose of each."""
 
 import numpy as np
 import pytest

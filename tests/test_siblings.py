@@ -1,4 +1,4 @@
-"""Modules of a user that have the names of our packages: both are used side by side, and a warning names both paths."""
+"""User modules with the names of our packages: both can be used, and a warning names both paths."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Detection between control steps: when a disc first has a target, whatever the step, and where targets are unseen."""
+"""Detection between control steps: the first time that a disc contains a target, for any step length."""
 
 import math
 

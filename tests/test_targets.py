@@ -1,4 +1,4 @@
-"""Targets: when and where they appear, how they move, who detects them."""
+"""Targets: arrival, motion and detection."""
 
 import math
 

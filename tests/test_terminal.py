@@ -1,4 +1,4 @@
-"""What a terminal shows: whole numbers and names at any width, streams that are closed, kernels, the time left."""
+"""Terminal output: complete numbers and names at any width, closed streams, kernels, remaining time."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Tensors of torch go in and come out with the numbers of NumPy's arrays; and a network is what torch makes of it."""
+"""Torch tensors as input and output, with the same numbers as NumPy arrays; and networks in torch."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The TorchRL environment: the library's checker, and what it misses: equality with the simulation stepped by hand."""
+"""The TorchRL environment: the library's checker, and equality with the simulation."""
 
 import pickle
 
@@ -300,9 +300,9 @@ def test_pickled_in_mid_episode():
 
 def test_refusals():
     env = make()
-    with pytest.raises(ValueError, match="_reset must be of worlds"):
+    with pytest.raises(ValueError, match="_reset must be a mask of worlds"):
         env.reset(env.reset().set(("robot", "_reset"), torch.ones(4, 5, 1, dtype=torch.bool)))
-    with pytest.raises(ValueError, match="device must be cpu, for which the environment was made, got meta"):
+    with pytest.raises(ValueError, match="device must be cpu, the device of the environment, got meta"):
         env.to("meta")
     assert env.to("cpu") is env
     with pytest.raises(ValueError, match="did you mean intruders"):

@@ -1,4 +1,4 @@
-"""How many files of the package one more thing of a kind takes, tried in a copy of it."""
+"""Number of files that one more scenario, policy, stage, ... changes, tried in a copy of the package."""
 
 import os
 import shutil

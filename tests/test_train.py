@@ -1,4 +1,4 @@
-"""Training: it learns, shows what it does, and goes on after a kill as if nothing had happened."""
+"""Training: it learns, writes its files, and resumes bit-identically after a kill."""
 
 import dataclasses
 import functools
@@ -22,7 +22,6 @@ from lissajous_env.storage.folder import LIST, Folder
 from training.events import open_rows
 from training.learned import checkpoint
 from training.publish import publish
-from training.sb3 import ppo
 from training.sb3.trainer import Sb3Trainer, train
 from training.settings import TrainingSettings
 
@@ -103,7 +102,7 @@ def trained(changes, out):
 )
 def test_a_killed_training_ends_with_the_same_weights(tmp_path, changes, share):
     # Oracle: the run that nobody killed, on one thread. Killed in the imitation and in the reinforcement learning.
-    from benchmarks import killing
+    from tests.adversarial import killing
 
     work = functools.partial(trained, changes)
     writes = killing.run(work, tmp_path / "whole").writes
@@ -118,13 +117,13 @@ def test_a_killed_training_ends_with_the_same_weights(tmp_path, changes, share):
 
 
 def test_a_state_that_does_not_fit_is_refused_by_its_file(tmp_path):
-    from benchmarks import killing
+    from tests.adversarial import killing
 
     killing.train(tmp_path)
     text = checkpoint.read_text(tmp_path)
     whole = checkpoint.read_state(tmp_path, text)
     text["counters"]["steps"] = 160
-    for name, array in (("rows", None), ("random.torch", np.arange(3)), ("scores", np.ones((2, 2)))):
+    for name, array in (("rows", None), ("random", np.arange(3)), ("scores", np.ones((2, 2)))):
         arrays = {key: value for key, value in whole.items() if key != name} | ({} if array is None else {name: array})
         data = to_safetensors(arrays)
         digest = hashlib.sha256(data).hexdigest()
@@ -133,23 +132,23 @@ def test_a_state_that_does_not_fit_is_refused_by_its_file(tmp_path):
         with open(tmp_path / LIST, "a") as file:
             file.write(json.dumps({"wrote": entry["name"]}) + "\n")
         (tmp_path / checkpoint.FILE).write_text(json.dumps(text | {"files": text["files"] | {"state": entry}}))
-        with pytest.raises(ValueError, match=rf"{entry['name']} must hold the state of this training"):
+        with pytest.raises(ValueError, match=rf"{entry['name']} must be the state of this training"):
             killing.train(tmp_path)
 
 
 @pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_keeps_what_was_learned(tmp_path, monkeypatch):
     # Pressed in the third rollout, far from any evaluation.
-    seen, observe = [], Sb3Trainer.observe_rollout
+    seen, observe = [], Sb3Trainer.observe_update
 
-    def pressed(trainer, extra=None):
+    def pressed(trainer, logged):
         seen.append(trainer.history.steps)
         if len(seen) == 3:
             os.kill(os.getpid(), signal.SIGINT)
-        observe(trainer, extra)
+        observe(trainer, logged)
 
-    monkeypatch.setattr(Sb3Trainer, "observe_rollout", pressed)
-    with pytest.raises(KeyboardInterrupt, match=r"1,920 steps are kept in .*, the same command goes on from there"):
+    monkeypatch.setattr(Sb3Trainer, "observe_update", pressed)
+    with pytest.raises(KeyboardInterrupt, match=r"1,920 steps are saved in .*; the same command resumes there"):
         train(small(tmp_path, steps=10**9, evaluate_every=10**9, teacher="none"), QUIET)
     assert seen == [640, 1280, 1920]
     assert checkpoint.read_text(tmp_path / "run")["counters"]["steps"] == 1920
@@ -257,7 +256,7 @@ def test_the_result_may_be_an_average(tmp_path, monkeypatch):
     average_in = Sb3Trainer.average_in
 
     def recorded(trainer):
-        seen.append(ppo.to_network(trainer.model, "relu").to_arrays())
+        seen.append(trainer.model.network().to_arrays())
         average_in(trainer)
 
     monkeypatch.setattr(Sb3Trainer, "average_in", recorded)
@@ -303,8 +302,8 @@ def test_what_a_training_leaves(tmp_path):
         ({"scenario": "intruder"}, "scenario must be one of .*did you mean intruders"),
         ({"base": "swep"}, "did you mean sweep"),
         ({"base": "kuramoto"}, "must drive robots of kind car"),
-        ({"base": "sweep", "teacher": "sweep"}, "teacher must be none beside a base, got 'sweep'"),
-        ({"algorithm": "dagger", "teacher": "none"}, "teacher must be given for imitation alone, got 'none'"),
+        ({"base": "sweep", "teacher": "sweep"}, "teacher must be none if there is a base, got 'sweep'"),
+        ({"algorithm": "dagger", "teacher": "none"}, "teacher must be given for dagger and clone, got 'none'"),
         ({"inputs": ("speeed",)}, "lacks speeed"),
         ({"overrides": {"task.stepp": 1}}, "did you mean step"),
     ],

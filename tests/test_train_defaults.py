@@ -1,4 +1,4 @@
-"""What a training chooses where nothing is said, what it prints, and how it compares with its rivals."""
+"""Defaults of a training, its terminal output, and its comparison with rivals."""
 
 import io
 import re
@@ -12,7 +12,7 @@ from rich.console import Console
 pytest.importorskip("stable_baselines3")
 
 import lissajous_env
-from benchmarks import killing
+from tests.adversarial import killing
 from tests.test_train import QUIET, SMALL
 from training.display import Display
 from training.learned.history import LEARNING, MOST_UPDATES, History
@@ -75,7 +75,7 @@ def test_the_terminal_says_what_was_chosen_how_far_it_is_and_how_it_ended(tmp_pa
     _, words = printed(
         TrainingSettings(**SMALL | points | {"out": tmp_path / "b", "imitation_steps": 1920, "steps": 3200})
     )
-    assert "base: none (as --base names it)" in words
+    assert "base: none (given by --base)" in words
     assert words.index("imitation of kuramoto from 0 steps") < words.index("PPO from 1,920 steps")
     assert "left of this phase)" in words
 

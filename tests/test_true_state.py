@@ -1,4 +1,4 @@
-"""The true state of a batch of worlds: by name, the same in NumPy and torch, of every adapter."""
+"""The true state of a batch: by name, equal in NumPy and torch, for every interface."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A coordinator of one's own: it goes with every tracker and filter, by name and as a factory, and reads rows in SI."""
+"""User-defined coordinators: with every tracker and filter, by name and as a factory, in SI units."""
 
 import dataclasses
 import pickle

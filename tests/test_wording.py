@@ -1,4 +1,4 @@
-"""What errors of others look like in our messages: a line of the user's code, or none, and nothing raw."""
+"""Errors of user code in our messages: the line of the user's code, and no raw traceback."""
 
 import subprocess
 import sys

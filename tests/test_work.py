@@ -1,4 +1,4 @@
-"""Work that threads share: each task is done once, after those of the groups before it, whoever does it."""
+"""Work shared by threads: each task is done once, after the tasks of earlier groups."""
 
 import gc
 import os

@@ -1,4 +1,4 @@
-"""What a training shows in the terminal: a bar while it learns, a line for each phase and each evaluation."""
+"""Terminal output of a training: a progress bar, and a line per phase and evaluation."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -14,25 +14,25 @@ from training.learned.history import History
 from training.settings import TrainingSettings
 
 _UPDATES = 16
-"""Latest updates over which the speed is taken, all of the present phase."""
+"""Number of latest updates over which the speed is averaged, all in the current phase."""
 
 
 class Display:
-    """Bar with phase, speed and time left; lines for what is trained, for phases and for evaluations."""
+    """Progress bar with phase, speed and remaining time, and lines above it."""
 
     def __init__(self, settings: TrainingSettings, console: Console, history: History):
         self._settings, self._console, self._history = settings, console, history
         self._phase, self._latest = "", deque(maxlen=_UPDATES + 1)
         self.evaluation_seconds = 0.0
-        """Time that the latest evaluation took [s]."""
+        """Duration of the latest evaluation [s]."""
         self._bar = bar(console, None, bars.TextColumn("{task.description}"), bars.TextColumn("{task.fields[words]}"))
         self._task = self._bar.add_task("", total=settings.steps, completed=history.steps, left="", words="")
 
     def __enter__(self) -> "Display":
         settings, history = self._settings, self._history
         title = f"[b]{escape(settings.scenario)}[/b], {settings.algorithm}, {settings.num_worlds} worlds"
-        went_on = f", from {_million(history.steps)}" if history.steps else ""
-        self.say(f"{title}, {_million(settings.steps)} of a robot{went_on}, to {escape(str(settings.out))}")
+        resumed = f", resumed at {_million(history.steps)}" if history.steps else ""
+        self.say(f"{title}, {_million(settings.steps)} over all robots{resumed}, to {escape(str(settings.out))}")
         without = "; --base none trains without" if settings.chosen_base is not None and settings.base is None else ""
         self.say(f"base: {escape(settings.chosen_base or 'none')} ({escape(settings.reason_for_base)}{without})")
         for name, scores in history.rivals.items():
@@ -48,17 +48,17 @@ class Display:
         self._console.print(text, highlight=False, soft_wrap=True)
 
     def begin(self, phase: str) -> None:
-        """Print that a phase begins, where it does; speeds are not compared across phases."""
+        """Print the phase if it is new; speed is averaged within a phase."""
         if phase != self._phase:
             self._phase = phase
             self._latest.clear()
             self.say(f"{escape(phase)} from {_million(self._history.steps)}")
 
     def update(self, recent: Mapping[str, float | None]) -> None:
-        """Show the scores of the latest episodes, once for each update."""
+        """Show the scores of the latest episodes; to be called once per update."""
         history = self._history
         self._latest.append((history.steps, history.seconds))
-        # A narrow terminal has room for the speed alone: a number is never cut.
+        # A narrow terminal shows the speed only, so that no number is cut.
         wide = self._console.width >= 110
         words = ", ".join(filter(None, [self._phase, self.speed, _words(recent) if recent and wide else ""]))
         self._bar.update(
@@ -67,15 +67,15 @@ class Display:
 
     @property
     def speed(self) -> str:
-        """Steps per second of the latest updates in this phase, evaluations left out, in words."""
+        """Steps per second of the latest updates in this phase, without evaluations, in words."""
         pace = self._pace
         return "" if pace is None else f"{pace / 1e3:.1f} k steps/s"
 
     @property
     def left(self) -> str:
-        """Estimate of the time left, in words: the steps at the latest speed, and the evaluations as long as the last.
+        """Estimate of the remaining time in words: steps at the latest speed, and evaluations as long as the last one.
 
-        Before the last phase the speed of the next one is unknown, so that only the end of this phase is estimated.
+        Before the last phase, only the end of the current phase is estimated, because the next speed is unknown.
         """
         settings, steps, pace = self._settings, self._history.steps, self._pace
         ends = [end for end in (settings.imitated_until, settings.steps) if end > steps]
@@ -101,12 +101,12 @@ class Display:
         self.say(f"{at}: {_words(point)}" + (f" ({escape(how)})" if how else ""))
 
     def beaten(self, rival: str, point: Mapping[str, Any]) -> None:
-        """Print that the policy is better than a rival for the first time."""
+        """Print that the policy beats a rival for the first time."""
         after = timedelta(seconds=round(point["seconds"]))
         self.say(f"better than {escape(rival)} after {after}, {point['steps']:,} steps")
 
     def conclude(self) -> None:
-        """Print how the best policy compares with each rival, and warn where it is worse."""
+        """Print the scores of the best policy, and a warning for each rival to which it loses."""
         history = self._history
         if history.best is None:
             return
@@ -122,7 +122,9 @@ class Display:
     def _advice(self) -> str:
         settings = self._settings
         if settings.chosen_base is None and settings.papers_method[0] is not None:
-            return f"--base {settings.papers_method[0]} trains a correction of the paper's method, with which it begins"
+            return (
+                f"--base {settings.papers_method[0]} trains a correction of the paper's method, starting as good as it"
+            )
         return "more --steps, another --seed or a smaller --residual may help; until then, use the rival"
 
 

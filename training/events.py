@@ -1,4 +1,4 @@
-"""What a training shows in TensorBoard, over all the processes that it took."""
+"""TensorBoard files of a training, across the processes that resume it."""
 
 import re
 import time
@@ -10,12 +10,12 @@ _NAME = r"events\.out\.tfevents\.(\d+)\..*"
 
 
 def open_rows(folder: Path, steps: int) -> SummaryWriter:
-    """Open TensorBoard's rows to go on after some steps; what an earlier process logged beyond them is taken back.
+    """Open a TensorBoard file that continues after `steps`; later values of an earlier process are hidden.
 
-    TensorBoard reads the files of a folder in the order of their names: by the second in which they were begun, then by
-    host and process. Two of one second could be read in the wrong order, so that of the newest is waited out.
+    TensorBoard reads the files of a folder by name: first the second of their creation, then host and process. To keep
+    the order, this waits until the second of the newest file is over.
     """
     begun = [int(found[1]) for path in folder.iterdir() if (found := re.fullmatch(_NAME, path.name))]
-    # A clock that was turned back is not waited for.
+    # At most a second, in case the clock was set back.
     time.sleep(min(max(max(begun, default=0) + 1 - time.time(), 0.0), 1.0))
     return SummaryWriter(str(folder), purge_step=steps + 1)

@@ -1,4 +1,4 @@
-"""The training curve as a picture."""
+"""Picture of the learning curves."""
 
 from itertools import groupby
 from pathlib import Path
@@ -9,22 +9,20 @@ from training.learned.history import History
 
 _PANELS = (
     ("detection_time", "detection time, interquartile mean [s]"),
-    ("collisions", "collisions an episode"),
-    ("return", "return of a robot"),
+    ("collisions", "collisions per episode"),
+    ("return", "return per robot"),
 )
 
 
 def draw_curve(folder: str | Path, path: str | Path) -> None:
-    """Draw what the evaluations of a checkpoint's training were over its steps, its rivals as lines.
-
-    Where a training had stages, dotted lines part them.
+    """Draw the evaluations of a training over its steps, with rivals as dashed lines and dotted lines between stages.
 
     Args:
-        folder: The checkpoint.
-        path: PNG to write.
+        folder: Folder of a checkpoint.
+        path: PNG file to write.
 
     Raises:
-        ValueError: the checkpoint is damaged, or no training's.
+        ValueError: the checkpoint is damaged or has no evaluations.
     """
     from matplotlib.figure import Figure
 
@@ -32,8 +30,8 @@ def draw_curve(folder: str | Path, path: str | Path) -> None:
     history = History.read(text)
     curve, rivals = history.curve, history.rivals
     if not curve:
-        raise ValueError(f"{folder} must hold the curve of a training, got a checkpoint without evaluations")
-    # Stages have settings of their own, so that what is earned in one does not compare with the next.
+        raise ValueError(f"{folder} must contain evaluations of a training, got a checkpoint without any")
+    # Returns of stages are not comparable, because their settings differ.
     stages = [list(points) for _, points in groupby(curve, key=lambda point: point.get("stage"))]
     figure = Figure(figsize=(12, 3.6), layout="constrained", dpi=120)
     axes = figure.subplots(1, len(_PANELS))
@@ -48,7 +46,7 @@ def draw_curve(folder: str | Path, path: str | Path) -> None:
         for k, (rival, scores) in enumerate(rivals.items()):
             if scores[name] is not None:
                 axis.axhline(scores[name], color=f"C{k + 1}", linestyle="--", linewidth=1, label=rival)
-        axis.set(xlabel="steps of a robot [million]", title=title)
+        axis.set(xlabel="robot steps [million]", title=title)
         axis.grid(alpha=0.3)
         axis.spines[["top", "right"]].set_visible(False)
         if name != "return":

@@ -1,4 +1,4 @@
-"""Copy a trained policy to where shipped ones live: `python -m training.publish runs/x learned-x`."""
+"""Add a trained policy to the shipped ones: `python -m training.publish runs/x learned-x`."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,15 +25,15 @@ def publish(
     folder: Path = Path(__file__).parent / "policies",
     command: str = "",
 ) -> None:
-    """Copy a policy without what training goes on from, with its curve and its scores on the held-out seeds.
+    """Copy a policy without the state of its training, with its curve and its scores on held-out seeds.
 
     Args:
-        source: checkpoint that is copied.
-        name: name that the policy is shipped under.
-        before: checkpoints that the training started from, the first one first; their curves are put before its own.
-        made_for: scenarios on which a benchmark plays it without being asked to; by default the one it was trained on.
-        folder: where the shipped ones live.
-        command: command that trained it, where its settings alone do not say it.
+        source: folder of the checkpoint to copy.
+        name: name of the shipped policy.
+        before: checkpoints of earlier stages in order; their curves precede that of `source`.
+        made_for: scenarios on which a benchmark plays it by default; by default the scenario of the training.
+        folder: folder of the shipped policies.
+        command: command that trained it, if the settings do not show it.
     """
     with checkpoint.hold(folder / name) as held:
         _publish(source, made_for, before, held, command)
@@ -44,7 +44,7 @@ def _publish(source: Path, made_for: tuple[str, ...], before: tuple[Path, ...], 
     made_for = made_for or (card.scenario,)
     scores = {}
     for each in made_for:
-        # The scenario that it was trained on is in its folder; it need not be registered.
+        # The scenario of the training is in its folder and need not be registered.
         scenario = checkpoint.home_scenario(card) if each == card.scenario else named.scenario(each)
         policy = Learned(network, card, scenario, len(HELD_OUT))
         rows = evaluate(policy, scenario, HELD_OUT)
@@ -60,7 +60,7 @@ def _publish(source: Path, made_for: tuple[str, ...], before: tuple[Path, ...], 
 
 
 def _joined(curves: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """One curve of those of stages, each of which goes on from the end of the one before; a point says its `stage`."""
+    """Join the curves of stages into one with cumulative steps; each point has its `stage`."""
     joined: list[dict[str, Any]] = []
     for stage, curve in enumerate(curves, 1):
         done = joined[-1]["steps"] if joined else 0

@@ -1,4 +1,4 @@
-"""The report that a training writes while it runs: curve, evaluations, and a replay of the latest checkpoint."""
+"""Report page of a running training: learning curves, evaluations, and a replay of the latest checkpoint."""
 
 import time
 from collections.abc import Mapping
@@ -17,23 +17,23 @@ from training.settings import TrainingSettings
 NAME = "report.html"
 FORMAT = "lissajous training 1"
 SHARE = 0.01
-"""Share of the time of a training that replays may take; less often than each evaluation they are made anew then."""
+"""Fraction of the training time that recording replays may take; if it is exceeded, evaluations skip the replay."""
 _LEARNING = {
-    "approx_kl": ("divergence (KL) [1/1000]", "of the policy from the one before the update", 1000),
-    "entropy": ("entropy [nat]", "of the exploration", 1),
-    "explained_variance": ("explained variance", "of the returns, by the critic; 1 is all of it", 1),
+    "approx_kl": ("divergence (KL) [1/1000]", "between the policies before and after an update", 1000),
+    "entropy": ("entropy [nat]", "of the exploration noise", 1),
+    "explained_variance": ("explained variance", "of the returns by the critic; at most 1", 1),
 }
 assert _LEARNING.keys() == set(LEARNING)
 
 
 class TrainingReport:
-    """Writes the report of one training.
+    """Writer of the report of a training.
 
     Args:
-        folder: The training's folder, held.
-        settings: Of the training.
-        scenario: What is trained on.
-        seed: Seed of the episode that is replayed.
+        folder: Locked folder of the training.
+        settings: Settings of the training.
+        scenario: Scenario of the evaluations.
+        seed: Seed of the replayed episode.
     """
 
     def __init__(self, folder: Folder, settings: TrainingSettings, scenario: Scenario, seed: int):
@@ -45,9 +45,9 @@ class TrainingReport:
         """Replace the page.
 
         Args:
-            history: Of the training.
-            policy: What was learned, for one world.
-            last: Whether the training ends here; the replay is made anew in any case.
+            history: History of the training.
+            policy: Current policy, for one world.
+            last: True at the end of the training, when the replay is always recorded.
         """
         began = time.monotonic()
         if last or began >= self._due:
@@ -56,7 +56,7 @@ class TrainingReport:
         self._folder.write(NAME, self.html(history))
 
     def html(self, history: History) -> str:
-        """Make the page."""
+        """Return the page."""
         settings = self._settings
         data = {
             "format": FORMAT,
@@ -74,14 +74,14 @@ class TrainingReport:
             "made": {name: _in_words(value) for name, value in settings.to_dict().items()},
             "replays": {name: entry for name, (entry, _) in self._replays.items()},
         }
-        done = f"{history.steps:,} of {settings.steps:,} steps of a robot, {history.seconds / 60:.1f} min"
+        done = f"{history.steps:,} of {settings.steps:,} robot steps, {history.seconds / 60:.1f} min"
         words = {"title": f"{settings.scenario}: {settings.algorithm}, seed {settings.seed}", "state": done}
         return report(
             "training.html", "training.js", data, words, {name: of for name, (_, of) in self._replays.items()}
         )
 
     def _replay(self, history: History, policy: Any) -> None:
-        """Play the episode with what was learned; once with the first rival."""
+        """Record the episode with the current policy, and once with the first rival."""
         played = {"replay-policy": self._played(policy, f"{history.steps:,} steps")}
         if "replay-rival" in self._replays:
             played["replay-rival"] = self._replays["replay-rival"]

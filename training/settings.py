@@ -18,7 +18,7 @@ from training.learned.network import ACTIVATIONS
 from training.learned.policy import find
 
 CHANGES_NOTHING = ("steps", "out", "threads", "address", "workers", "evaluation_episodes", "rivals")
-"""Settings that may differ when a training goes on: they do not change what is learned from a step."""
+"""Settings that may change when a training is resumed: they do not affect what is learned from a step."""
 
 _MOST = {
     "steps": 10**15,
@@ -33,118 +33,119 @@ _MOST = {
     "noise_steps": 10**9,
     "workers": 10_000,
 }
-"""Whole numbers, all of at least 1, and the most that each may be: above it lie typing errors alone."""
+"""Largest value of each whole number, all of which must be at least 1; larger ones can only be typing errors."""
 _POSITIVE = ("residual", "clip_range", "gradient_max", "short_time")
 _PAPERS_METHODS = {"car": ("kuramoto-mpcc", "kuramoto-gvf"), "curve": ("kuramoto",)}
 _TEACHERS = {"car": ("arc-mpcc", "arc-gvf"), "curve": ("kuramoto",)}
-"""By kind of robot; the first that can be made: contouring control follows Lissajous curves only, the field any."""
+"""By kind of robot, in order of preference: contouring control follows only Lissajous curves, the vector field any."""
 
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """What is trained, how, and where it goes. The defaults are for two cores of a laptop."""
+    """Settings of a training. The defaults suit two cores of a laptop."""
 
     scenario: str = "intruders"
     """Scenario to train on."""
     algorithm: Literal["ppo", "dagger", "clone"] = "ppo"
-    """ppo: proximal policy optimization of Stable-Baselines3, after a start by imitation. dagger: imitation alone, in
-    the states that the student reaches; clone: in those that the teacher reaches."""
+    """ppo: proximal policy optimization, after imitation if there is a teacher. dagger: imitation only, in the states
+    that the learned policy reaches; clone: imitation only, in the states that the teacher reaches."""
     steps: int = 100_000_000
-    """Steps of a robot to train for, over all robots of all worlds."""
+    """Robot steps to train for, summed over all robots and worlds. The default takes about six hours on two cores; a
+    few million show whether a scenario can be learned."""
     worlds: int | None = None
-    """Worlds that are stepped together; each robot of each is one row. By default 128 beside a base, so that
-    more is learned from fewer steps, for it takes most of the time; else 512."""
+    """Environments that are stepped together. By default 128 with a base, which takes most of the time, so that
+    updates are more frequent; otherwise 512."""
     short: float = 0.0
-    """Share of the worlds that begin anew after `short_time`: more is learned of how an episode begins."""
+    """Fraction of the worlds whose episodes end after `short_time`: the beginning of an episode is learned better."""
     short_time: float = 3.0
-    """Time after which these worlds begin anew [s]."""
+    """Duration of their episodes [s]."""
     seed: int = 0
-    """Seed of the worlds, the initial weights and the exploration."""
+    """Seed of the worlds, initial weights and exploration."""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/train")
-    """Folder of the results; the same command goes on there from the last checkpoint."""
+    """Folder for the results; the same command resumes from its last checkpoint."""
     start: Annotated[str | None, tyro.conf.arg(metavar="CHECKPOINT")] = None
-    """Checkpoint, or name of a shipped policy, whose network is the first one."""
+    """Checkpoint folder, or name of a shipped policy, whose network is the initial one."""
     base: str | None = None
-    """Classical policy that the network's output is added to; `none` lets the network act alone. By default that of
-    `start`, else the paper's method where it can be made for the scenario and nothing is imitated: kuramoto-mpcc for
-    cars (kuramoto-gvf on a curve of harmonics), kuramoto for points."""
+    """Classical policy to whose action the network's output is added; `none`: the network acts alone. By default the
+    base of `start`, or, if nothing is imitated, the paper's method: kuramoto-mpcc for cars (kuramoto-gvf on a curve
+    of harmonics), kuramoto for points. The policy then starts as good as the base."""
     residual: float = 0.5
-    """What the network's output is multiplied with where there is a base."""
+    """Factor of the network's output if there is a base: 0.5 lets it change an action by half of its range."""
     residual_penalty: float = 0.0
-    """Reward that a residual costs, per step and mean square of the output: it leaves the base only where that pays."""
+    """Penalty per step and mean square of the network's output if there is a base: a large one keeps it close."""
     teacher: str | None = None
-    """Policy that is imitated; `none` disables imitation. By default none with `start` or a base, else kuramoto for
+    """Policy to imitate; `none` disables imitation. By default none with `start` or a base, otherwise kuramoto for
     points and arc-mpcc (arc-gvf on a curve of harmonics) for cars."""
     imitation: Literal["dagger", "clone"] = "dagger"
-    """How ppo imitates at its start."""
+    """Kind of imitation before ppo."""
     imitation_steps: int = 1_000_000
-    """Steps of a robot, the first of `steps`, in which ppo imitates."""
+    """Robot steps of imitation before ppo, counted in `steps`."""
     imitation_batch: int = 1024
-    """Rows of a minibatch of imitation."""
+    """Rows per minibatch of imitation."""
     imitation_epochs: int = 4
-    """Passes over a rollout of imitation."""
+    """Passes over each rollout of imitation."""
     inputs: tuple[str, ...] = ()
-    """Entries of the observation that the network reads; all by default."""
+    """Names of the observation's entries that the network reads; all by default."""
     critic: Literal["robot", "world"] | None = None
-    """What the critic of ppo sees: the policy's inputs, or the whole world besides (MAPPO). By default the world, and
-    robot with ray, which knows no other."""
+    """Input of the critic. robot: the policy's inputs; world: also the state of the whole world (MAPPO). By default
+    world; ray supports only robot."""
     critic_steps: int = 0
-    """Steps of a robot, the first of ppo, in which the critic alone learns: what it says of a policy that was learned
-    elsewhere is wrong at first, and would spoil it."""
+    """Robot steps of ppo in which only the critic learns, so that its initial errors do not spoil a policy given by
+    `start`."""
     layers: tuple[int, ...] = (64, 64)
     """Sizes of the hidden layers."""
     activation: Literal["relu", "tanh"] = "relu"
     """Activation between layers."""
     learning_rate: float = 7e-4
-    """Learning rate at the start; it falls linearly to a fiftieth."""
+    """Initial learning rate; it decreases linearly to 1/50 of this."""
     rollout: int = 64
     """Steps of each world between updates."""
     batch_size: int = 8192
-    """Rows of a minibatch."""
+    """Rows per minibatch."""
     epochs: int = 2
-    """Passes over a rollout."""
+    """Passes over each rollout."""
     gamma: float = 0.99
-    """Discount per step."""
+    """Discount factor per step."""
     gae_lambda: float = 0.95
-    """lambda of the generalized advantage estimate."""
+    """Lambda of generalized advantage estimation."""
     clip_range: float = 0.2
-    """Largest change of a ratio of probabilities that is still rewarded."""
+    """Clipping range of the ratio of probabilities."""
     entropy: float = 0.0
     """Weight of the entropy bonus."""
     value_weight: float = 0.5
     """Weight of the value loss."""
     gradient_max: float = 0.5
-    """Largest norm of a gradient."""
+    """Norm to which gradients are clipped."""
     averaging: float = 0.0
-    """Share that the average of the policy's weights keeps in each update; above 0, that average is the result."""
+    """Decay of the exponential moving average of the weights; if above 0, the averaged policy is saved."""
     log_std: float = -0.7
-    """Logarithm of the standard deviation of the exploration at the start."""
+    """Logarithm of the initial standard deviation of the exploration noise."""
     log_std_end: float | None = -1.2
-    """The same at the end, where it is lower; it falls linearly, for what earns the most under much noise is not what
-    does without. None lets it be learned."""
+    """The same at the end of the training, to which it decreases linearly; None: it is learned. Less noise at the end
+    matters because a saved policy acts without noise."""
     noise_steps: int | None = None
-    """Steps for which a robot explores with one random function of its inputs (gSDE); 1 draws noise in each step. By
-    default 30 beside a base, else 1; always 1 with ray."""
+    """Steps for which a robot uses the same random function of its inputs as noise (gSDE); 1: independent noise in
+    each step. By default 30 with a base, otherwise 1; always 1 with ray."""
     caution: float = 3.0
-    """What a collision costs while ppo learns, as a multiple of the scenario's `task.reward_collision`."""
+    """Factor of `task.reward_collision` while ppo learns: 3 makes collisions cost three times as much."""
     evaluate_every: int = 1_000_000
-    """Robot steps between evaluations, each of which ends in a checkpoint."""
+    """Robot steps between evaluations, each of which writes a checkpoint."""
     evaluation_episodes: int = 64
-    """Episodes of an evaluation; their seeds, from 20,000, are kept from training."""
+    """Episodes per evaluation; their seeds, from 20,000, do not occur in training."""
     rivals: tuple[str, ...] | None = None
-    """Policies that the evaluations are compared with; by default the paper's method and the base."""
+    """Policies to compare the evaluations with; by default the paper's method and the base."""
     device: str = "cpu"
     """cpu, cuda or cuda:k."""
     threads: int | None = None
-    """CPU threads of torch and of the worlds; all cores by default."""
+    """CPU threads; all cores by default."""
     engine: Literal["sb3", "ray"] = "sb3"
-    """sb3: this process. ray: RLlib, over a cluster."""
+    """sb3: in this process. ray: RLlib, over a Ray cluster."""
     address: str | None = None
-    """Address of a Ray cluster: auto, HOST:PORT or ray://HOST:PORT; without it one is started here."""
+    """Address of a Ray cluster: auto, HOST:PORT or ray://HOST:PORT; by default a local one is started."""
     workers: int = 2
-    """Processes that collect episodes, with ray."""
+    """Processes that collect episodes with ray."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
-    """Fields changed in the scenario, as {"task.reward_collision": -5.0}."""
+    """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
 
     def __post_init__(self) -> None:
         for name, most in _MOST.items():
@@ -156,7 +157,7 @@ class TrainingSettings:
         few = len(self.layers) <= 100 and all(size <= 65_536 for size in self.layers)
         self._require("layers", few, "must be at most 100 sizes of at most 65,536")
         self._require("activation", self.activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}")
-        self._require("address", self.address is None or self.engine == "ray", "must be given with engine ray alone")
+        self._require("address", self.address is None or self.engine == "ray", "must be given only with engine ray")
         self._require(
             "threads", self.threads is None or 1 <= self.threads <= 1024, "must be at least 1 and at most 1,024"
         )
@@ -176,9 +177,11 @@ class TrainingSettings:
             self._require(name, getattr(self, name) >= 0, "must not be negative")
             self._require(name, getattr(self, name) <= _MOST["steps"], f"must be at most {_MOST['steps']:,}")
         self._require("start", self.start != "", "must not be empty")
-        self._require("teacher", self.imitated is None or self.base in (None, "none"), "must be none beside a base")
         self._require(
-            "teacher", self.imitated is not None or self.algorithm == "ppo", "must be given for imitation alone"
+            "teacher", self.imitated is None or self.base in (None, "none"), "must be none if there is a base"
+        )
+        self._require(
+            "teacher", self.imitated is not None or self.algorithm == "ppo", "must be given for dagger and clone"
         )
         if self.engine == "sb3":
             as_device(self.device)
@@ -188,11 +191,11 @@ class TrainingSettings:
 
     @cached_property
     def papers_method(self) -> tuple[str | None, str]:
-        """The paper's method for the scenario, where there is one, and why it is or is not there, in words."""
+        """Name of the paper's method for the scenario, or None, and the reason in words."""
         return self._first_made(_PAPERS_METHODS, "the paper's method")
 
     def _first_made(self, names: Mapping[str, tuple[str, ...]], what: str) -> tuple[str | None, str]:
-        """First policy of some for the scenario's kind of robot that can be made for it, and why, in words."""
+        """Return the first policy for the scenario's kind of robot that can be made for it, and the reason in words."""
         scenario = self.make_scenario()
         kind, refused = scenario.robot.kind, ""
         for name in names.get(kind, ()):
@@ -206,44 +209,44 @@ class TrainingSettings:
 
     @cached_property
     def chosen_base(self) -> str | None:
-        """Policy that the network's output is added to."""
+        """Policy to whose action the network's output is added."""
         return self._base_and_reason[0]
 
     @property
     def reason_for_base(self) -> str:
-        """Why `chosen_base` is what it is, in words."""
+        """Reason for `chosen_base` in words."""
         return self._base_and_reason[1]
 
     @cached_property
     def _base_and_reason(self) -> tuple[str | None, str]:
         if self.base is not None:
-            return (None if self.base == "none" else self.base), "as --base names it"
+            return (None if self.base == "none" else self.base), "given by --base"
         if self.start is not None:
-            return checkpoint.read(find(self.start))[1].base, f"that of {self.start}, which --start names"
+            return checkpoint.read(find(self.start))[1].base, f"the base of {self.start}, given by --start"
         if self.algorithm != "ppo" or self.teacher not in (None, "none"):
             return None, "a policy is imitated instead"
         return self.papers_method
 
     @property
     def num_worlds(self) -> int:
-        """Worlds that are stepped together."""
+        """Number of worlds that are stepped together."""
         return self.worlds or (512 if self.chosen_base is None else 128)
 
     @property
     def chosen_noise_steps(self) -> int:
-        """Steps for which a robot explores with one random function of its inputs."""
+        """Steps for which a robot uses the same random function of its inputs as noise."""
         return self.noise_steps or (1 if self.chosen_base is None or self.engine == "ray" else 30)
 
     @cached_property
     def chosen_rivals(self) -> tuple[str, ...]:
-        """Policies that the evaluations are compared with."""
+        """Policies to compare the evaluations with."""
         if self.rivals is not None:
             return self.rivals
         return tuple(dict.fromkeys(name for name in (self.papers_method[0], self.chosen_base) if name is not None))
 
     @property
     def imitated(self) -> str | None:
-        """Policy that is imitated."""
+        """Policy to imitate, or None."""
         if self.teacher is not None:
             return None if self.teacher == "none" else self.teacher
         if self.start is not None or self.chosen_base is not None:
@@ -256,39 +259,39 @@ class TrainingSettings:
 
     @property
     def has_central_critic(self) -> bool:
-        """Whether the critic sees the world."""
+        """True if the critic's input contains the state of the whole world."""
         return self.engine == "sb3" and self.critic != "robot"
 
     @property
     def imitated_until(self) -> int:
-        """Steps of a robot after which imitation ends; RLlib does not imitate."""
+        """Robot steps after which imitation ends; 0 with RLlib, which does not imitate."""
         if self.imitated is None or self.engine == "ray":
             return 0
         return min(self.imitation_steps, self.steps) if self.algorithm == "ppo" else self.steps
 
     @property
     def student_drives(self) -> bool:
-        """Whether the states that are imitated in become those that the student reaches."""
+        """True if the teacher is imitated in the states that the learned policy reaches."""
         return (self.imitation if self.algorithm == "ppo" else self.algorithm) == "dagger"
 
     def make_home_scenario(self) -> Scenario:
-        """Make the scenario as it was given."""
+        """Return the scenario with its overrides."""
         return make_scenario(self.scenario, **self.overrides)
 
     def make_scenario(self) -> Scenario:
-        """Make the scenario, without the coverage grid unless the reward depends on it."""
+        """Return the scenario, without the coverage grid unless the reward depends on it."""
         made = self.make_home_scenario()
         if made.task.reward_idleness == 0:
             made = make_scenario(made, **{"task.grid": None})
         return made
 
     def make_cautious_scenario(self) -> Scenario:
-        """Make the scenario that is learned in: that of the evaluations, but for what a collision costs."""
+        """Return the scenario to learn in: that of the evaluations, with a larger penalty for collisions."""
         made = self.make_scenario()
         return make_scenario(made, **{"task.reward_collision": self.caution * made.task.reward_collision})
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, as written into a checkpoint: those that change what is learned, and the number of steps."""
+        """Return plain values, as written into a checkpoint, with defaults replaced by what they resolve to."""
         kept = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         kept |= {"base": self.chosen_base or "none", "rivals": self.chosen_rivals, "worlds": self.num_worlds}
         kept |= {"noise_steps": self.chosen_noise_steps}
@@ -296,7 +299,7 @@ class TrainingSettings:
         return plain | {"out": str(self.out), "overrides": dict(self.overrides)}
 
     def differences(self, stored: Mapping[str, Any]) -> list[str]:
-        """Settings that keep a training from going on with what is stored, each in words."""
+        """Return the settings that prevent a training from resuming what is stored, each in words."""
         return [
             f"{name} = {stored.get(name)!r} there, {value!r} here"
             for name, value in self.to_dict().items()

@@ -1,4 +1,4 @@
-"""What every training does, whichever library learns: count, evaluate, keep, stop gently and go on."""
+"""Common part of all trainings, whichever library learns: count steps, evaluate, save, stop on Ctrl-C, resume."""
 
 import contextlib
 import signal
@@ -29,7 +29,7 @@ FIRST_EVALUATION_SEED = 20_000
 
 
 def _code_of(settings: TrainingSettings, scenario: Scenario) -> dict[str, str]:
-    """Name what tells the code that a training uses from other code of the same names; the scenario has its own."""
+    """Return digests of the code that a training uses besides the scenario, by name."""
     names = dict.fromkeys(name for name in (settings.chosen_base, settings.imitated) if name)
     found = {f"{part} of {name}": each for name in names for part, each in registry.parts(name).items()}
     kind = scenario.robot.kind
@@ -38,7 +38,7 @@ def _code_of(settings: TrainingSettings, scenario: Scenario) -> dict[str, str]:
 
 
 class Trainer:
-    """One training in the folder that it holds. A subclass says what learns: `network`, `save`, `log` and `_learn`."""
+    """A training in a locked folder. Subclasses implement the learner: `network`, `save`, `log` and `_learn`."""
 
     def __init__(self, settings: TrainingSettings, console: Console, folder: Folder):
         self.settings, self.console, self.folder = settings, console, folder
@@ -55,31 +55,31 @@ class Trainer:
         self.report = TrainingReport(folder, settings, self.scenario, FIRST_EVALUATION_SEED)
 
     def keep(self, history: History) -> None:
-        """Go on with a history."""
+        """Use a history, and a display of it."""
         self.history = history
         self.display = Display(self.settings, self.console, history)
 
     def network(self) -> Network:
-        """Copy the policy that has been learned so far."""
+        """Copy the current policy."""
         raise NotImplementedError
 
     def save(self) -> None:
-        """Write a checkpoint that a training can go on from."""
+        """Write a checkpoint from which a training can be resumed."""
         raise NotImplementedError
 
     def log(self, values: Mapping[str, float | None]) -> None:
-        """Write what TensorBoard shows of the moment that the training is at."""
+        """Write values to TensorBoard, at the current number of steps."""
         raise NotImplementedError
 
     def _learn(self) -> None:
-        """Learn to the end of the steps; `evaluate_and_save` where it is `due`, and at the end; `stop_if_asked`."""
+        """Learn until the last step; call `evaluate_and_save` whenever `due` and at the end, and `stop_if_asked`."""
         raise NotImplementedError
 
     def run(self) -> History:
-        """Train to the end."""
+        """Train until the last step."""
         history, settings = self.history, self.settings
         if history.steps >= settings.steps:
-            self.console.print(f"{settings.out} is trained: {history.steps:,} steps of {settings.steps:,}")
+            self.console.print(f"{settings.out} is finished: {history.steps:,} of {settings.steps:,} steps")
             self._draw_curve()
             self.display.conclude()
             return history
@@ -91,12 +91,12 @@ class Trainer:
         return history
 
     def due(self) -> bool:
-        """Whether an evaluation is due."""
+        """Return True if the next evaluation is due."""
         every, done = self.settings.evaluate_every, self.history.curve[-1]["steps"] if self.history.curve else 0
         return self.history.steps // every > done // every
 
     def evaluate_and_save(self) -> None:
-        """Evaluate the policy and write a checkpoint; of the best one so far, one more under `best`."""
+        """Evaluate the policy and write a checkpoint; the best policy so far is also written under `best`."""
         network, settings, history = self.network(), self.settings, self.history
         policy = Learned(network, self.card, self.scenario, settings.evaluation_episodes, settings.device)
         point: dict[str, Any] = {"steps": history.steps, "seconds": round(history.seconds, 1)}
@@ -113,11 +113,11 @@ class Trainer:
                 self.display.beaten(rival, point)
 
     def stop_if_asked(self) -> None:
-        """After Ctrl-C, write a checkpoint and end."""
+        """After Ctrl-C, write a checkpoint and raise KeyboardInterrupt."""
         if self.stopping:
             self.save()
             raise KeyboardInterrupt(
-                f"{self.history.steps:,} steps are kept in {self.settings.out}, the same command goes on from there"
+                f"{self.history.steps:,} steps are saved in {self.settings.out}; the same command resumes there"
             )
 
     def _meet_rivals(self) -> None:
@@ -139,7 +139,7 @@ class Trainer:
             draw_curve(self.settings.out, path)
 
     def _check_same(self, stored: Card) -> None:
-        """Raise ValueError where a training with other settings or on another scenario is in the folder."""
+        """Raise ValueError if the folder contains a training with other settings, scenario or code."""
         differences = self.settings.differences(stored.settings)
         there, here = stored.home or {}, self.card.home or {}
         for part in here:
@@ -149,15 +149,15 @@ class Trainer:
         differences += [f"{part} has changed" for part in code[0] if code[0][part] != code[1].get(part)]
         if differences:
             raise ValueError(
-                f"out must be a folder that is empty or holds a training of the same settings, "
+                f"out must be an empty folder or contain a training with the same settings, "
                 f"got {self.settings.out}: {'; '.join(differences)}"
             )
 
     def _network_to_start_from(self) -> Network | None:
-        """Read the network that `start` names.
+        """Read the network given by `start`.
 
         Raises:
-            ValueError: it reads other inputs, is added to another base, or has other layers.
+            ValueError: its inputs, base, layers or activation differ from the settings.
         """
         name = self.settings.start
         if name is None:
@@ -173,7 +173,7 @@ class Trainer:
 
     @contextlib.contextmanager
     def _stopping_gently(self) -> Iterator[None]:
-        """Let the first Ctrl-C end the training where a checkpoint can be written; a second one ends it at once."""
+        """Let the first Ctrl-C end the training after the current update, and a second one immediately."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -181,7 +181,7 @@ class Trainer:
         def stop(*_: Any) -> None:
             self.stopping = True
             signal.signal(signal.SIGINT, before)
-            self.display.say("stopping after this update; once more stops at once")
+            self.display.say("stopping after this update; press Ctrl-C again to stop immediately")
 
         before = signal.signal(signal.SIGINT, stop)
         try:

@@ -1,10 +1,10 @@
-"""How fast a training learns, beside another checkout and beside Stable-Baselines3's own loop.
+"""Speed of training, compared with another checkout and with the PPO of Stable-Baselines3.
 
-Each side runs `lissajous train` in a process of its own, A B A B, and its rate is what its checkpoint says: steps of a
-robot over the time that they took, evaluations and imports left out. `ppo` is reinforcement learning alone, from the
-first evaluation on, with the same settings on all sides; `ppo, defaults` with each side's own, as `whole`, which is the
-README's command for 5 million steps. A ratio is the interquartile mean over the pairs of neighbouring runs, with its
-95 % interval. Then the share of a training's time that its environment takes.
+Each side runs in a process of its own, in turns, and its rate is the number of robot steps over the time that they
+took, without evaluations and imports. `ppo` is reinforcement learning only, after the first evaluation, with the same
+settings on all sides; `ppo, defaults` has each side's default settings, as does `whole`, the README's command for 5
+million steps. A ratio is the interquartile mean over the pairs of neighbouring runs, with its 95 % interval. A second
+table has the fraction of a training's time that its environment takes.
 """
 
 import json
@@ -32,7 +32,19 @@ KINDS = {
     "whole": ["--steps", "5000000", "--evaluate-every", "1000000"],
 }
 """Options of a training: what is learned, and how often the time is taken."""
-QUICK = ["--steps", "4000", "--evaluate-every", "1000", "--worlds", "4", "--rollout", "8", "--imitation-steps", "0"]
+QUICK_STEPS = 4000
+QUICK = [
+    "--steps",
+    str(QUICK_STEPS),
+    "--evaluate-every",
+    "1000",
+    "--worlds",
+    "4",
+    "--rollout",
+    "8",
+    "--imitation-steps",
+    "0",
+]
 """Options that are given once more where the figures need not say anything."""
 OURS, LIBRARY = "here", "the library's loop"
 
@@ -44,10 +56,14 @@ def rate(side: str, checkout: Path, kind: str, seed: int, quick: bool) -> float:
                    "--rivals", *KINDS[kind], *(QUICK if quick else [])]  # fmt: skip
         if checkout == ROOT and kind != "whole":
             options += ["--base", "none"]  # another version may have no such default
+        if side == LIBRARY:
+            options = [json.dumps({"steps": QUICK_STEPS, "worlds": 4, "rollout": 8} if quick else {"steps": 1_500_000})]
         start = ["-c", _LIBRARY] if side == LIBRARY else ["-m", "lissajous_env", "train"]
         path = os.pathsep.join(map(str, (checkout, declared(checkout, Path(folder)))))
-        subprocess.run([sys.executable, *start, *options], check=True, cwd=folder, stdout=subprocess.DEVNULL,
-                       env=os.environ | {"PYTHONPATH": path})  # fmt: skip
+        done = subprocess.run([sys.executable, *start, *options], check=True, cwd=folder, stdout=subprocess.PIPE,
+                              env=os.environ | {"PYTHONPATH": path}, text=True)  # fmt: skip
+        if side == LIBRARY:
+            return float(done.stdout)
         curve = json.loads((Path(folder) / "checkpoint.json").read_text())["curve"]
     # How a training begins belongs to the whole; before the first evaluation kernels are loaded and threads start.
     first = {"steps": 0, "seconds": 0.0} if kind == "whole" else curve[0]
@@ -70,23 +86,29 @@ def declared(checkout: Path, folder: Path) -> Path:
 
 
 _LIBRARY = """
+import json
 import sys
+import time
+
 import torch
 from stable_baselines3 import PPO
-from training.sb3 import ppo
+from training.sb3 import RobotVecEnv
+from training.settings import TrainingSettings
 
-threads = torch.get_num_threads()
-
-def library(policy, env, threads=None, **settings):
-    return PPO(policy, env, **settings)
-
-ppo.RobotPPO = library
-torch.set_num_threads = lambda count: None
-sys.argv = ["lissajous", "train", *sys.argv[1:]]
-from lissajous_env.console.cli import main
-main()
+settings = TrainingSettings("intruders", base="none", teacher="none", rivals=(), **json.loads(sys.argv[1]))
+env = RobotVecEnv(settings.make_cautious_scenario(), settings.num_worlds, seed=0, staggered=True)
+layers = {"net_arch": list(settings.layers), "activation_fn": torch.nn.ReLU, "log_std_init": settings.log_std}
+batch_size = min(settings.batch_size, settings.rollout * env.num_envs)
+model = PPO(
+    "MlpPolicy", env, settings.learning_rate, settings.rollout, batch_size, n_epochs=4, device="cpu",
+    policy_kwargs=layers | {"optimizer_kwargs": {"eps": 1e-5, "fused": True}},
+)
+model.learn(settings.steps // 5)
+first, began = model.num_timesteps, time.monotonic()
+model.learn(settings.steps - first, reset_num_timesteps=False)
+print((model.num_timesteps - first) / (time.monotonic() - began))
 """
-"""`lissajous train`, with `PPO` itself and torch's own threads."""
+"""Training of the same kind `ppo` with Stable-Baselines3's PPO and torch's own threads."""
 
 
 def rows_of(kind: str, rates: dict[str, list[float]]) -> list[list[str]]:

@@ -1,4 +1,4 @@
-"""The card of a learned policy: what it is, apart from its weights; checked once, when it is made or read."""
+"""Card of a learned policy: its description without the weights, validated at construction."""
 
 import math
 from collections.abc import Mapping
@@ -14,37 +14,37 @@ from lissajous_env.console.terminal import plain
 from lissajous_env.world.observation import layout
 
 LARGEST_RESIDUAL = 2.0
-"""With it, the network alone can choose any action, whatever the base's is."""
+"""Residual with which the network can choose any action, whatever the base's is."""
 
 
 @dataclass(frozen=True)
 class Card:
-    """What a policy is, apart from its weights: what it was trained on, what it reads, what it adds to.
+    """Description of a policy without its weights: scenario, inputs and base.
 
     Raises:
-        ValueError: a value of another type, or one that a rule forbids; the message says which.
+        ValueError: a value has another type or violates a rule.
     """
 
     scenario: str
-    """Name of the scenario that it was trained on."""
+    """Name of the scenario of the training."""
     kind: str
-    """Kind of robot that it drives."""
+    """Kind of robot."""
     inputs: tuple[str, ...]
-    """Entries of the observation that the network reads, by name and in this order."""
+    """Names of the observation's entries that the network reads, in order."""
     action_size: int
-    """Components of a robot's action."""
+    """Number of components of a robot's action."""
     base: str | None = None
-    """Name of the classical policy whose action the network's output is added to; None: the output is the action.
+    """Name of the classical policy to whose action the network's output is added; None: the output is the action.
 
-    The network reads the base's action too, after `inputs`.
+    The network also reads the base's action, after `inputs`.
     """
     residual: float = 1.0
-    """What the network's output, clipped to [-1, 1], is multiplied with before it is added to the base's action."""
+    """Factor of the network's output, clipped to [-1, 1], before it is added to the base's action."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """How it was trained."""
+    """Settings of the training."""
     home: Mapping[str, Any] | None = None
-    """The scenario that it was trained on as plain values, as `Scenario.to_dict` returns them with every derived field
-    filled in; None: the registered one of that name."""
+    """Scenario of the training as plain values of `Scenario.to_dict`, including derived fields; None: the registered
+    scenario of that name."""
 
     def __post_init__(self) -> None:
         for name in ("scenario", "kind"):
@@ -54,7 +54,7 @@ class Card:
         require("inputs", words and len(set(self.inputs)) == len(self.inputs), "must be words, each once", self.inputs)
         size = self.action_size
         require("action_size", type(size) is int and size >= 1, "must be a whole number of at least 1", size)
-        # A folder or a learned policy could have a base itself, and that be this very policy.
+        # A folder or a learned policy could have this very policy as its base.
         base = self.base
         known = base is None or (isinstance(base, str) and registry.is_classical(base))
         require("base", known, "must be a registered classical policy, or none", base)
@@ -67,7 +67,7 @@ class Card:
 
     @classmethod
     def of(cls, scenario: str | Scenario, inputs: tuple[str, ...] = (), **more: Any) -> "Card":
-        """Make the card of a policy for a scenario that reads `inputs`; by default the whole observation."""
+        """Return the card of a policy for a scenario that reads `inputs`, by default the whole observation."""
         scenario = make_scenario(scenario)
         names = inputs or layout(scenario).names
         home = plain(scenario.resolve().to_dict())
@@ -77,38 +77,38 @@ class Card:
     def from_dict(
         cls, policy: Mapping[str, Any], settings: Mapping[str, Any], home: Mapping[str, Any] | None = None
     ) -> "Card":
-        """Make the card that `to_dict` wrote.
+        """Return the card that `to_dict` converted.
 
         Raises:
-            ValueError: an entry is missing or wrong.
+            ValueError: an entry is missing or invalid.
         """
         names = ("scenario", "kind", "inputs", "action_size", "base", "residual")
         for name in names:
-            require("policy", name in policy, f"must hold {name}", list(policy))
+            require("policy", name in policy, f"must contain {name}", list(policy))
         values: dict[str, Any] = {name: policy[name] for name in names}
         if isinstance(values["inputs"], list):
             values["inputs"] = tuple(values["inputs"])
         return cls(**values, settings=settings, home=home)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values of all but the settings and the scenario."""
+        """Return plain values of all fields but the settings and the scenario."""
         return {name: getattr(self, name) for name in ("scenario", "kind", "inputs", "action_size", "base", "residual")}
 
     @property
     def network_inputs(self) -> int:
-        """Entries that the network takes."""
+        """Number of inputs of the network."""
         return len(self.inputs) + (self.action_size if self.base else 0)
 
     @property
     def overrides(self) -> Mapping[str, Any]:
-        """Fields of the scenario that were changed for the training."""
+        """Overrides of the scenario in the training."""
         return self.settings.get("overrides", {})
 
     def columns(self, scenario: Scenario) -> np.ndarray:
-        """Where `inputs` stand in the observation of a scenario.
+        """Return the indices of `inputs` in the observation of a scenario.
 
         Raises:
-            ValueError: the scenario's robots or observation do not fit the policy; the message says how.
+            ValueError: the robots or observation of the scenario do not fit the policy.
         """
         if scenario.robot.kind != self.kind:
             raise ValueError(
@@ -122,7 +122,7 @@ class Card:
         if missing:
             sizes = f"{scenario.sensing.robots_seen} robots and {scenario.sensing.targets_seen} targets"
             raise ValueError(
-                f"observation of {scenario.name} must hold {len(self.inputs)} entries that the policy trained on "
+                f"observation of {scenario.name} must contain {len(self.inputs)} entries that the policy trained on "
                 f"{self.scenario} reads; it lists {sizes} and lacks {', '.join(missing[:4])}"
                 f"{f' and {len(missing) - 4} more' if len(missing) > 4 else ''}"
             )
@@ -130,6 +130,6 @@ class Card:
 
 
 def require(name: str, holds: Any, rule: str, got: Any) -> None:
-    """Raise ValueError with name, rule and value where a rule does not hold."""
+    """Raise ValueError with name, rule and value if a rule is violated."""
     if not holds:
         raise ValueError(f"{name} {rule}, got {repr(got)[:60]}")

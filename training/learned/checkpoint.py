@@ -1,8 +1,8 @@
-"""A checkpoint: a folder with `checkpoint.json` and the safetensors files that it names.
+"""Checkpoints: folders with `checkpoint.json` and the safetensors files that it names.
 
-`checkpoint.json` is the commit point. It is replaced as a whole after the files that it names, with their SHA-256, are
-on the disk; so a kill at any moment leaves the checkpoint before or the one after. It names the best policy so far too,
-whose own checkpoint, `best`, is made from it. Nothing in it is unpickled, and what does not hold together is refused.
+`checkpoint.json` is the commit point. It is replaced atomically after the files that it names, with their SHA-256, have
+been written; so a kill at any moment leaves the previous or the new checkpoint. It also names the best policy so far,
+from which the checkpoint in the folder `best` is made. No pickle is read, and inconsistent files are rejected.
 """
 
 import contextlib
@@ -34,20 +34,20 @@ from training.learned.network import ACTIVATIONS, Network
 FILE = "checkpoint.json"
 FORMAT = 1
 LARGEST = 1 << 31
-"""Size up to which a file of arrays is read [bytes]."""
+"""Largest size of a file of arrays [bytes]."""
 _BEST = "best"
 _PACKAGES = ("lissajous-env", "warp-lang", "numpy", "torch", "stable-baselines3", "ray", "gymnasium")
 _NAME = r"-[0-9a-f]{12}\.safetensors"
 
 
 def hold(folder: str | Path) -> Folder:
-    """Hold the folder of a training, and bring it into agreement where an earlier process was killed.
+    """Lock the folder of a training, and complete what a killed process left unfinished.
 
     Args:
-        folder: Made if it is not there.
+        folder: Folder, which is created if it does not exist.
 
     Raises:
-        ValueError: it is in use, holds files of a user under these names, or is damaged; the message says which.
+        ValueError: it is in use, contains files of a user under these names, or is damaged.
     """
     held = Folder(folder, (FILE, _BEST + "/", "curve.png", "report.html", "tensorboard/"))
     try:
@@ -69,11 +69,11 @@ def save(
     """Replace the checkpoint of a folder.
 
     Args:
-        folder: Made if it is not there. A path is held while this writes; who holds it already gives what it holds.
-        network: The policy's network.
-        card: What the policy is.
-        state: Arrays that training goes on from.
-        notes: What else is written into `checkpoint.json`: scores, counters; `best` as `best_of` makes it.
+        folder: Path, which is locked while this writes, or a locked folder.
+        network: Network of the policy.
+        card: Card of the policy.
+        state: Arrays from which the training can be resumed.
+        notes: Further entries of `checkpoint.json`: scores, counters; `best` as returned by `best_of`.
     """
     with _held(folder) as held:
         files = {"weights": _write(held, "weights", to_bytes(network.to_arrays()))}
@@ -93,19 +93,19 @@ def save(
 
 
 def best_of(network: Network, counters: Mapping[str, Any], point: Mapping[str, Any]) -> dict[str, Any]:
-    """What `notes` of `save` say of the best policy so far, at the moment that it is the best.
+    """Return the entry `best` of the `notes` of `save`, for a policy that has just become the best.
 
     Args:
-        network: The policy's network, which that checkpoint holds as well.
-        counters: How far the training was.
-        point: How it was evaluated, the latest point of the curve.
+        network: Network of the policy, which the next checkpoint also contains.
+        counters: Counters of the training.
+        point: Its evaluation, the latest point of the curve.
     """
     entry = _entry("weights", to_bytes(network.to_arrays()))
     return {"counters": dict(counters), "scores": dict(point), "files": {"weights": entry}}
 
 
 def settle(folder: Folder) -> None:
-    """Bring `best` into agreement with a held folder's checkpoint, and remove files of ours that none names.
+    """Update `best` to the checkpoint of a locked folder, and remove our files that no checkpoint names.
 
     Raises:
         ValueError: the checkpoint is damaged.
@@ -125,10 +125,10 @@ def settle(folder: Folder) -> None:
 
 
 def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
-    """Read a checkpoint: its network, its card, and all that `checkpoint.json` holds.
+    """Read a checkpoint; return its network, its card and the contents of `checkpoint.json`.
 
     Raises:
-        ValueError: there is none, it is of a newer format, or a file of it is damaged; the message names the file.
+        ValueError: there is none, it has another format, or a file is damaged; the message names the file.
     """
     text = read_text(folder)
     path = Path(folder) / FILE
@@ -147,14 +147,14 @@ def read(folder: str | Path) -> tuple[Network, Card, dict[str, Any]]:
 
 
 def read_text(folder: str | Path) -> dict[str, Any]:
-    """Read `checkpoint.json` of a folder; files and policy are in it as `save` writes them.
+    """Read and validate `checkpoint.json` of a folder.
 
     Raises:
-        ValueError: there is none, it is of a newer format or damaged; the message names the file.
+        ValueError: there is none, it has another format, or it is damaged; the message names the file.
     """
     path = Path(folder) / FILE
     if not path.is_file():
-        raise ValueError(f"checkpoint must be a folder that holds {FILE}, got {folder}")
+        raise ValueError(f"checkpoint must be a folder with {FILE}, got {folder}")
     text = read_json(path)
     with _naming(path):
         require("it", isinstance(text, dict), "must be an object", text)
@@ -172,7 +172,7 @@ def read_text(folder: str | Path) -> dict[str, Any]:
 
 
 def parts(folder: str | Path) -> dict[str, str]:
-    """Name the parts that tell a policy from another one of the same folder: its card and its weights, as digests.
+    """Return digests of the card and the weights, which identify a policy in a folder.
 
     Raises:
         ValueError: there is no checkpoint, or it is damaged.
@@ -183,36 +183,36 @@ def parts(folder: str | Path) -> dict[str, str]:
 
 
 def read_state(folder: str | Path, text: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Read the arrays that training goes on from; `text` is what `read` returned.
+    """Read the arrays from which a training is resumed; `text` is the result of `read`.
 
     Raises:
         ValueError: the checkpoint has none, or the file is damaged.
     """
     if "state" not in text["files"]:
-        raise ValueError(f"{folder} must hold the state of a training that goes on; it holds a finished policy only")
+        raise ValueError(f"{folder} must contain the state of a training, got a policy without it")
     return _read(Path(folder), text["files"]["state"])
 
 
 def to_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Arrays by name as a safetensors file."""
+    """Return named arrays in the safetensors format."""
     return to_safetensors({name: np.ascontiguousarray(array) for name, array in arrays.items()})
 
 
 def home_scenario(card: Card) -> Scenario:
-    """Make the scenario that a policy was trained on, from the values that its folder holds.
+    """Return the scenario on which a policy was trained, from the values in its folder.
 
-    A folder may come from anyone, so none makes a module be imported: an extension that the scenario brings is taken
-    from its module where the program has imported that already.
+    A folder may come from anyone, so no module is imported because of it: the module of an extension must have been
+    imported by the program.
 
     Raises:
-        ValueError: values that make no scenario, an extension whose module has not been imported, or, where the folder
-            holds the scenario's name alone, one that is not registered or overrides that it does not have.
+        ValueError: the values are invalid, the module of an extension has not been imported, or, if the folder contains
+            only the name of the scenario, that is not registered or lacks an overridden field.
     """
     if card.home is not None:
         return scenario_of(card.home, [_brought(each, card) for each in card.home.get("extensions") or ()])
     if "extensions" in card.overrides:
         rule = f"must be given with the extensions that the policy was trained with, {card.overrides['extensions']}"
-        raise ValueError(f"scenario {rule}: none is imported because a folder says so")
+        raise ValueError(f"scenario {rule}: none is imported because a folder names it")
     try:
         return named.scenario(named.registered_scenario(card.scenario), **card.overrides)
     except TypeError as error:
@@ -220,20 +220,20 @@ def home_scenario(card: Card) -> Scenario:
 
 
 def _brought(entry: Any, card: Card) -> Extension:
-    """Return an extension that the program has imported already."""
+    """Return an extension whose module the program has imported."""
     place = entry.get("place") if isinstance(entry, Mapping) else None
     require("place of an extension", isinstance(place, str), "must be module:name", place)
     module = str(place).partition(":")[0]
     if module not in sys.modules:
         raise ValueError(
-            f"scenario {card.scenario} brings {place}: import {module} before the policy is loaded, or give the "
+            f"scenario {card.scenario} uses {place}: import {module} before the policy is loaded, or give the "
             "scenario; no module is imported because a folder names it"
         )
     return load_extension(str(place))
 
 
 def _publish(folder: Folder, text: dict[str, Any], best: dict[str, Any]) -> None:
-    """Make the checkpoint of the best policy from what the training's own says of it; all that is there is left."""
+    """Write the checkpoint of the best policy from the entry in the training's; unchanged files are not rewritten."""
     entry = best["files"]["weights"]
     home = folder.make_folder(_BEST)
     if not (home / entry["name"]).exists():
@@ -256,7 +256,7 @@ def _held(folder: str | Path | Folder) -> Iterator[Folder]:
 
 @contextlib.contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Say in which file it is that a value breaks a rule."""
+    """Add the name of the file to the error about a value."""
     try:
         yield
     except ValueError as error:
@@ -272,7 +272,7 @@ def _check_files(files: Any, known: set[str]) -> None:
     require("files", names, "must name weights, and no others but state", files)
     for stem, entry in files.items():
         holds = isinstance(entry, dict) and all(isinstance(entry.get(key), str) for key in ("name", "sha256"))
-        require(stem, holds, "must hold a name and a SHA-256", entry)
+        require(stem, holds, "must have a name and a SHA-256", entry)
         name, digest = entry["name"], entry["sha256"]
         require(f"name of {stem}", re.fullmatch(stem + _NAME, name), f"must be {stem}-HASH.safetensors", name)
         require(f"SHA-256 of {stem}", re.fullmatch("[0-9a-f]{64}", digest), "must be 64 hexadecimal digits", digest)
@@ -302,7 +302,7 @@ def _read(folder: Path, entry: Mapping[str, str]) -> dict[str, np.ndarray]:
 def _read_file(folder: Path, entry: Mapping[str, str]) -> bytes:
     path = folder / entry["name"]
     if not path.exists():
-        raise ValueError(f"{path} is missing, which {folder / FILE} names")
+        raise ValueError(f"{path} is missing, but {folder / FILE} names it")
     data = read_bytes(path, LARGEST)
     digest = hashlib.sha256(data).hexdigest()
     if digest != entry["sha256"]:

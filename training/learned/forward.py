@@ -1,10 +1,10 @@
-"""A network in a kernel: a thread takes a few rows, each for itself, from their observations to their actions.
+"""Evaluation of a network in a kernel: a thread maps a few observations to actions, each row independently.
 
-So a row's action is the same to the last bit in any batch, at any place in it and on any number of threads, which a
-product of matrices does not give: that rounds by how many rows there are.
+The action for a row is therefore bit-identical in any batch, at any position and for any number of threads, unlike with
+a matrix product, whose rounding depends on the number of rows.
 
-On a CPU the inner loop runs over the inputs, with WIDTH outputs of ROWS rows in vector registers: an addition need not
-wait for the one before it, and a weight that was read serves all the rows.
+On a CPU the inner loop runs over the inputs, with WIDTH outputs of ROWS rows in vector registers, so that additions are
+independent and each weight is read once for all these rows.
 """
 
 # Warp reads these types, not Python.
@@ -24,14 +24,14 @@ from training.learned.residual import OPTIONS, added, limited
 wp.set_module_options(OPTIONS)
 
 WIDTH = wp.constant(32)
-"""Outputs that are computed together."""
+"""Number of outputs that are computed together."""
 ROWS = wp.constant(4)
-"""Rows that a thread takes; `layer` writes them out."""
+"""Number of rows per thread; `layer` is unrolled for them."""
 SMALLEST_SHARE = 128
-"""Threads of the kernel that a further CPU thread must have to be worth its hand-over."""
+"""Smallest number of kernel threads for which another CPU thread is used."""
 
 ABSURD = wp.constant(1.0e6)
-"""What an entry of the observation, which is of the order of 1, is held to: beyond, sums would overflow."""
+"""Magnitude to which entries of the observation, of order 1, are clipped so that sums do not overflow."""
 NONE, RELU, TANH = wp.constant(0), wp.constant(1), wp.constant(2)
 _KIND = dict(zip(ACTIVATIONS, (RELU, TANH), strict=True))
 
@@ -40,27 +40,28 @@ block = wp.types.vector(length=32, dtype=wp.float32)
 
 @wp.struct
 class Layers:
-    """The layers of a network, one after the other."""
+    """Layers of a network."""
 
     sizes: wp.array(dtype=wp.vec2i)
-    """Inputs, and blocks of outputs, of each layer."""
+    """Number of inputs, and of blocks of outputs, of each layer."""
     weights: wp.array(dtype=block)
-    """Of each block of outputs: its biases, then its weights of each input; zero where there is nothing."""
+    """For each block of outputs: biases, then weights of each input, padded with zeros."""
     activation: int
-    """What stands between layers."""
+    """Activation between layers."""
 
 
 @wp.func
 def relu(x: float) -> float:
-    """max(x, 0); NaN stays NaN."""
+    """Return max(x, 0); NaN stays NaN."""
     return wp.where(x < 0.0, 0.0, x)
 
 
 @wp.func
 def smooth(x: float) -> float:
-    """tanh x, to 3e-7 of it: Lambert's fraction at x / 8, then tanh 2y = 2 tanh y / (1 + tanh^2 y) three times.
+    """Return tanh x with relative error 3e-7.
 
-    It is written out so that a compiler can do it for many x at once. Beyond 9 it is 1 in float32; NaN stays NaN.
+    Lambert's fraction at x / 8, then tanh 2y = 2 tanh y / (1 + tanh^2 y) three times, which the compiler vectorises.
+    Beyond 9 it is 1 in float32; NaN stays NaN.
     """
     y = 0.125 * wp.where(x > 9.0, 9.0, wp.where(x < -9.0, -9.0, x))
     s = y * y
@@ -72,7 +73,7 @@ def smooth(x: float) -> float:
 
 @wp.func
 def activated(y: block, activation: int) -> block:
-    """S(y), for each of a block's outputs."""
+    """Return s(y) for each of a block's outputs."""
     if activation == RELU:
         for j in range(WIDTH):
             y[j] = relu(y[j])
@@ -93,7 +94,7 @@ def layer(
     x: wp.array2d(dtype=float),
     y_out: wp.array2d(dtype=block),
 ) -> int:
-    """Write y = s(W x + b) of one layer for ROWS rows from `row` on; returns where the next layer's weights begin."""
+    """Write y = s(W x + b) of one layer for ROWS rows from `row` on; return the index of the next layer's weights."""
     at = first
     for b in range(blocks):
         y0 = weights[at]
@@ -126,11 +127,10 @@ def act_by_network(
     values: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Actions of ROWS robots, those of world w from row w N on: the network's, or what it adds to a base's action.
+    """Write the actions of ROWS robots: the network's output, or its sum with a base's action; row w N + i is robot i.
 
-    The network reads the entries `columns` of the observation and, where `base` has a size, the base's action after
-    them. What goes into a layer and comes out of it lies in `blocks` (2, rows, blocks) and, as numbers, in `values`
-    (2, rows, numbers): the same memory.
+    The network reads the entries `columns` of the observation and then the base's action, if `base` is not empty.
+    Inputs and outputs of a layer are in `blocks` (2, rows, blocks); `values` (2, rows, numbers) is the same memory.
     """
     row = ROWS * (first + wp.tid())
     robots = observation.shape[1]
@@ -159,19 +159,19 @@ def act_by_network(
 
 
 _FIRST_INPUT = 4
-"""Where the observation stands among the kernel's arguments; the base follows."""
+"""Index of the observation in the kernel's arguments; the base follows."""
 
 
 class Forward:
-    """A network over W N rows on one device, recorded once; many rows are split over the threads of a CPU.
+    """Recorded evaluation of a network for W N rows on a device; CPU threads share many rows.
 
     Args:
-        network: The network.
-        columns: Entries of the observation that it reads.
-        observation: (W, N, D) where it reads them.
-        base: (W, N, action_size) actions that its own are added to, or None.
-        residual: What its own are multiplied with before.
-        action: (W, N, action_size) where the actions go.
+        network: Network to evaluate.
+        columns: Indices of the observation's entries that it reads.
+        observation: (W, N, D) array of observations.
+        base: (W, N, action_size) array of a base's actions, or None.
+        residual: Factor of the network's output if there is a base.
+        action: (W, N, action_size) array for the actions.
         threads: CPU threads; all cores by default.
     """
 
@@ -206,7 +206,7 @@ class Forward:
             self._work = shared_launch(act_by_network, tasks, inputs, [action], device, threads, SMALLEST_SHARE)
 
     def launch(self, observation: wp.array, base: wp.array | None) -> None:
-        """Write the actions for an observation and a base's actions; arrays of the same shapes as those it has."""
+        """Write the actions for an observation and a base's actions, with the same shapes as at construction."""
         for k, array in enumerate((observation, base)):
             if array is not None and array is not self._inputs[k]:
                 self._work.set_argument(_FIRST_INPUT + k, array)
@@ -215,7 +215,7 @@ class Forward:
 
 
 def _layers(network: Network, device: Any) -> tuple[Any, int]:
-    """Constants of the kernel, and the most blocks that go into a layer or come out of it."""
+    """Return the kernel's constants, and the largest number of blocks of inputs or outputs of a layer."""
     packed, sizes = [], []
     for weight, bias in zip(network.weights, network.biases, strict=True):
         outputs, inputs = weight.shape

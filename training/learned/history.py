@@ -1,4 +1,4 @@
-"""How a training has gone so far: written into each checkpoint, and read again to go on."""
+"""History of a training, written into each checkpoint and read when it is resumed."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,17 +18,17 @@ SCORES = {
 """Scores of an evaluation, each a number, or None without one, and the column of which it is a statistic."""
 
 LEARNING = ("approx_kl", "entropy", "explained_variance")
-"""What is kept of updates: divergence of the policy from the one before, its entropy [nat], and the share of the
-variance of the returns that the critic explains."""
+"""Stored diagnostics of updates: divergence between the policies before and after, entropy [nat], and the fraction of
+the variance of the returns that the critic explains."""
 MOST_UPDATES = 400
-"""Updates that are kept, spread over the training: a curve needs no more."""
+"""Largest number of stored updates, spread over the training."""
 
 OFTEN = 0.02
-"""Collisions an episode by which a policy may exceed a rival's and still be as careful."""
+"""Collisions per episode by which a policy may exceed a rival and still count as equally safe."""
 
 
 def summarize_scores(rows: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
-    """Interquartile mean of the detection time [s], and means of the rest of `SCORES`, over score rows."""
+    """Return the interquartile mean of the detection time [s], and means of the other `SCORES`, over score rows."""
     summary: dict[str, float | None] = {}
     for name, column in SCORES.items():
         values = [row[column.name] for row in rows if math.isfinite(row[column.name])]
@@ -44,23 +44,23 @@ class History:
     """Counters, evaluations and the best policy of a training."""
 
     steps: int = 0
-    """Steps of a robot."""
+    """Robot steps so far."""
     updates: int = 0
-    """Passes over rollouts."""
+    """Passes over rollouts so far."""
     seconds: float = 0.0
-    """Time that it took, evaluations left out [s]."""
+    """Duration without evaluations [s]."""
     curve: list[dict[str, Any]] = field(default_factory=list)
     """Evaluations, in order: steps, seconds, and the scores of `SCORES`."""
     learning: list[dict[str, float]] = field(default_factory=list)
-    """What the learner said of its updates: `steps`, and those of `LEARNING` that it knows; at most `MOST_UPDATES`."""
+    """Diagnostics of updates: `steps` and values of `LEARNING`; at most `MOST_UPDATES`."""
     rivals: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """The same of the policies that it is compared with."""
+    """Scores of the rivals, by name."""
     best: dict[str, Any] | None = None
-    """The best policy by `add`, as `checkpoint.best_of` describes it."""
+    """Best policy according to `add`, as returned by `checkpoint.best_of`."""
 
     @classmethod
     def read(cls, text: Mapping[str, Any]) -> "History":
-        """Take up the history that a checkpoint holds; `text` is what `checkpoint.read_text` returned."""
+        """Return the history in a checkpoint; `text` is the result of `checkpoint.read_text`."""
         counters = text.get("counters") or {}
         return cls(
             **{name: counters.get(name, 0) for name in ("steps", "updates", "seconds")},
@@ -72,36 +72,36 @@ class History:
 
     @property
     def counters(self) -> dict[str, Any]:
-        """How far it is."""
+        """Steps, updates and seconds so far."""
         return {"steps": self.steps, "updates": self.updates, "seconds": round(self.seconds, 1)}
 
     @property
     def notes(self) -> dict[str, Any]:
-        """What a checkpoint says about it."""
+        """Entries of a checkpoint."""
         scores = self.curve[-1] if self.curve else None
         more = {"curve": self.curve, "learning": self.learning, "rivals": self.rivals, "best": self.best}
         return {"counters": self.counters, "scores": scores, **more}
 
-    def learned(self, told: Mapping[str, float]) -> None:
-        """Keep what the learner said of its latest updates; of many updates every second one is left out."""
-        kept = {name: float(told[name]) for name in LEARNING if name in told and math.isfinite(told[name])}
+    def learned(self, values: Mapping[str, float]) -> None:
+        """Store diagnostics of the latest update; when there are too many, every second update is dropped."""
+        kept = {name: float(values[name]) for name in LEARNING if name in values and math.isfinite(values[name])}
         if kept:
             self.learning.append({"steps": self.steps} | kept)
         if len(self.learning) > MOST_UPDATES:
             del self.learning[1::2]
 
     def add(self, point: dict[str, Any]) -> bool:
-        """Add an evaluation to the curve; whether it is the best so far.
+        """Add an evaluation to the curve; return True if it is the best so far.
 
-        One that collides hardly more often than the best rival, in `OFTEN` more of the episodes at most, is better than
-        one that does; of two such the one of higher return is.
+        A policy that exceeds the collisions of every rival by at most `OFTEN` is better than one that does not;
+        otherwise the higher return decides.
         """
         before = max(map(self._rank, self.curve), default=None)
         self.curve.append(point)
         return (before is None and point["return"] is not None) or (before is not None and self._rank(point) > before)
 
     def first_better(self, rival: str) -> dict[str, Any] | None:
-        """First evaluation that detects sooner than a rival does and collides hardly more often."""
+        """Return the first evaluation that detects faster than a rival and is equally safe, or None."""
         theirs = self.rivals[rival]["detection_time"]
         for point in self.curve:
             ours = point["detection_time"]
@@ -110,15 +110,15 @@ class History:
         return None
 
     def losses(self, rival: str) -> list[str]:
-        """Columns in which the best policy is worse than a rival, and by how much, in words."""
+        """Return the scores in which the best policy is worse than a rival, and by how much, in words."""
         ours, theirs = (self.best or {}).get("scores", {}), self.rivals[rival]
         found, here, there = [], ours.get("detection_time"), theirs["detection_time"]
         if there is not None and (here is None or here > there):
             by = "none" if here is None else f"{here:.4g} s, {here - there:.2g} s more"
-            found.append(f"detection time {by} (of the rival: {there:.4g} s)")
+            found.append(f"detection time {by} (rival: {there:.4g} s)")
         here, there = ours.get(COLLISIONS.name) or 0.0, theirs[COLLISIONS.name] or 0.0
         if here > there + OFTEN:
-            found.append(f"collisions {here:.3g} an episode, {here - there:.2g} more")
+            found.append(f"collisions {here:.3g} per episode, {here - there:.2g} more")
         return found
 
     def _rank(self, point: Mapping[str, Any]) -> tuple[bool, float]:
@@ -130,10 +130,10 @@ class History:
 
 
 def check_notes(text: Mapping[str, Any]) -> None:
-    """Check what a checkpoint says about its history, as far as it says it.
+    """Validate the entries of a checkpoint about its history.
 
     Raises:
-        ValueError: a value of another type; the message says which.
+        ValueError: a value has another type.
     """
     curve, rivals, best = text.get("curve"), text.get("rivals"), text.get("best")
     _check_counters("counters", text.get("counters"))
@@ -145,7 +145,7 @@ def check_notes(text: Mapping[str, Any]) -> None:
     require("learning", learning is None or isinstance(learning, list), "must be a list", learning)
     for point in learning or ():
         numbers = isinstance(point, dict) and all(type(value) in (int, float) for value in point.values())
-        require("learning", numbers and "steps" in point, "must hold numbers by name, with steps", point)
+        require("learning", numbers and "steps" in point, "must be numbers by name, with steps", point)
     for name, scores in (rivals or {}).items():
         _check_scores(f"rival {name[:40]}", scores)
     if best is not None:

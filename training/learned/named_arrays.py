@@ -1,14 +1,14 @@
-"""Arrays by name, several sets of them in one: `world.clock.step` is `clock.step` of the set `world`."""
+"""Named arrays, with several sets in one dictionary: `world.clock.step` is `clock.step` of the set `world`."""
 
 import numpy as np
 
 
 def prefixed(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Arrays of one set, under the names that they have among several."""
+    """Return the arrays of a set with the prefix of the set."""
     return {f"{part}.{name}": array for name, array in arrays.items()}
 
 
 def within(part: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Arrays of one set among several, under their own names."""
+    """Return the arrays of one set without its prefix."""
     start = f"{part}."
     return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}

@@ -1,4 +1,4 @@
-"""The network of a policy: a multilayer perceptron as plain arrays, which `training.learned.forward` evaluates."""
+"""Multilayer perceptron as plain arrays, which `training.learned.forward` evaluates."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,13 +13,13 @@ ACTIVATIONS = ("relu", "tanh")
 
 @dataclass(frozen=True)
 class Network:
-    """y = W_k s(... s(W_1 x + b_1) ...) + b_k: float32, the activation s between layers, none after the last.
+    """Multilayer perceptron y = W_k s(... s(W_1 x + b_1) ...) + b_k in float32, with activation s between layers.
 
-    Its arrays are copies of those that are given, and cannot be written to.
+    Its arrays are read-only copies.
 
     Raises:
-        ValueError: layers that do not fit together or have no size, numbers that are not finite in float32, or an
-            unknown activation.
+        ValueError: layers do not fit together or are empty, numbers are not finite in float32, or the activation is
+            unknown.
     """
 
     weights: tuple[np.ndarray, ...]
@@ -34,7 +34,7 @@ class Network:
             raise ValueError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {self.activation!r}")
         if not len(self.weights) or len(self.weights) != len(self.biases):
             count = f"{len(self.weights)} and {len(self.biases)}"
-            raise ValueError(f"weights and biases must be of the same layers, at least one, got {count}")
+            raise ValueError(f"weights and biases must have the same number of layers, at least one, got {count}")
         for name in ("weights", "biases"):
             object.__setattr__(self, name, tuple(_numbers(name, array) for array in getattr(self, name)))
         for weight, bias in zip(self.weights, self.biases, strict=True):
@@ -44,25 +44,27 @@ class Network:
                 raise ValueError(f"bias must have shape {weight.shape[:1]}, got {bias.shape}")
         for before, after in pairwise(self.weights):
             if after.shape[1] != before.shape[0]:
-                raise ValueError(f"layer must take the {before.shape[0]} outputs before it, got {after.shape[1]}")
+                raise ValueError(
+                    f"layer must have {before.shape[0]} inputs, the outputs of the previous, got {after.shape[1]}"
+                )
 
     @property
     def inputs(self) -> int:
-        """Entries of x."""
+        """Number of entries of x."""
         return self.weights[0].shape[1]
 
     @property
     def outputs(self) -> int:
-        """Entries of y."""
+        """Number of entries of y."""
         return self.weights[-1].shape[0]
 
     @property
     def hidden(self) -> tuple[int, ...]:
-        """Sizes of the layers between."""
+        """Sizes of the hidden layers."""
         return tuple(weight.shape[0] for weight in self.weights[:-1])
 
     def to_torch(self, device: Any) -> Any:
-        """Make the same network as a `torch.nn.Sequential` on a device, without gradients."""
+        """Return the network as a `torch.nn.Sequential` on a device, without gradients."""
         import torch
         from torch import nn
 
@@ -76,7 +78,7 @@ class Network:
         return nn.Sequential(*layers[:-1]).to(device).requires_grad_(False)
 
     def to_arrays(self) -> dict[str, np.ndarray]:
-        """Arrays by name, as a checkpoint stores them: `policy.K.weight`, `policy.K.bias` of layer K."""
+        """Return the arrays by name, as stored in a checkpoint: `policy.K.weight`, `policy.K.bias` of layer K."""
         named = {}
         for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             named |= {f"policy.{k}.weight": weight, f"policy.{k}.bias": bias}
@@ -84,7 +86,7 @@ class Network:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, np.ndarray], activation: str) -> "Network":
-        """Make the network of `to_arrays`; other arrays are ignored.
+        """Return the network that `to_arrays` converted; other arrays are ignored.
 
         Raises:
             ValueError: the arrays do not fit together.
@@ -94,12 +96,12 @@ class Network:
             weights = tuple(arrays[f"policy.{k}.weight"] for k in range(count))
             biases = tuple(arrays[f"policy.{k}.bias"] for k in range(count))
         except KeyError as error:
-            raise ValueError(f"weights must hold {error.args[0]}, got {few_of(sorted(arrays))}") from None
+            raise ValueError(f"weights must contain {error.args[0]}, got {few_of(sorted(arrays))}") from None
         return cls(weights, biases, activation)
 
 
 def _numbers(name: str, array: Any) -> np.ndarray:
-    """Return a float32 copy that cannot be written to."""
+    """Return a read-only float32 copy."""
     given = np.asarray(array)
     if given.dtype.kind not in "fiu":
         raise ValueError(f"{name} must be numbers, got an array of {given.dtype}")

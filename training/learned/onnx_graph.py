@@ -1,12 +1,11 @@
-"""A learned policy as an ONNX graph, for robots and programs that have neither this package nor torch.
+"""Export of a learned policy as an ONNX graph, for programs without this package and torch.
 
     training.export_onnx("runs/mine/best", "mine.onnx")
 
-The graph is the policy as it is played: a robot's row of the observation goes in as the environment returns it (nothing
-is normalised elsewhere), its action in [-1, 1] comes out. A policy that adds to a classical one has a second input,
-`base_action`: the graph holds what was learned and how it is added, and not the classical policy itself, which is a
-program with a memory (a model predictive controller, say) and no network. Metadata name the entries of the inputs, the
-scenario and the base.
+The graph maps a robot's row of the observation, as the environment returns it and without further normalisation, to its
+action in [-1, 1]. A policy with a base has a second input, `base_action`: the graph contains the network and the sum,
+but not the classical policy, which is a program with a state (such as a model predictive controller). The metadata
+contain the names of the inputs' entries, the scenario and the base.
 """
 
 import importlib
@@ -26,23 +25,23 @@ from training.learned.network import Network
 from training.learned.policy import Learned, find
 
 _OPSET = 17
-"""Version of the operators: one that runtimes of 2022 and later know."""
+"""Version of the operators, which runtimes support since 2022."""
 
 
 def export_onnx(policy: Learned | str | Path, path: str | Path, scenario: Scenario | None = None) -> None:
     """Write a learned policy as an ONNX file.
 
-    Inputs are `observation` (rows, D), float32, D as `layout(scenario)` has it, and, where the policy has a base,
-    `base_action` (rows, action_size), what the base does for the same rows; the output is `action` (rows, action_size).
+    Inputs are `observation` (rows, D), float32, as in `layout(scenario)`, and, if the policy has a base, `base_action`
+    (rows, action_size), the base's actions for the same rows; the output is `action` (rows, action_size).
 
     Args:
-        policy: A policy, the name of a shipped one, or the folder of a checkpoint.
+        policy: Policy, name of a shipped one, or folder of a checkpoint.
         path: File to write.
-        scenario: Whose observation goes in; by default that of the policy, or that a folder's was trained on.
+        scenario: Scenario of the observation; by default that of the policy, or of its training.
 
     Raises:
         MissingExtraError: the extra `onnx` is not installed.
-        ValueError: no such policy, or a scenario that it does not fit.
+        ValueError: there is no such policy, or it does not fit the scenario.
     """
     try:
         importlib.import_module("onnx")

@@ -1,4 +1,4 @@
-"""A checkpoint as a policy: the same interface as the classical ones."""
+"""Learned policies, with the same interface as the classical ones."""
 
 import json
 from functools import partial
@@ -19,20 +19,20 @@ from training.learned.network import Network
 
 
 class Learned(Policy):
-    """A network's action, clipped to [-1, 1]; where the policy has a base, a share of it is added to the base's action.
+    """Policy whose action is a network's output, clipped to [-1, 1], or the sum of a base's action and a part of it.
 
-    Each row of the observation gives the action of its own robot, for all robots by the same network.
+    The same network maps each row of the observation to the action of its robot.
 
     Args:
-        network: The network.
-        card: What the policy is.
-        scenario: What it is played on.
+        network: Network of the policy.
+        card: Card of the policy.
+        scenario: Scenario to play.
         num_worlds: W.
         device: Warp device.
 
     Raises:
-        ValueError: the network does not fit the card, its base is not a registered classical policy, or the scenario's
-            robots or observation do not fit the policy.
+        ValueError: the network does not fit the card, the base is not a registered classical policy, or the robots or
+            observation of the scenario do not fit the policy.
     """
 
     arrays = "warp"
@@ -49,12 +49,12 @@ class Learned(Policy):
         self._forward = Forward(network, columns, self._observation, added_to, card.residual, self.action)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what the base remembers."""
+        """Reset the base for the masked worlds."""
         if self.base is not None:
             self.base.reset(mask)
 
     def decide(self, observation: wp.array) -> None:
-        """Run the network, on top of the base's action where there is one."""
+        """Run the network, and add its output to the base's action if there is a base."""
         base = None if self.base is None else self.base.act(observation)
         self._forward.launch(observation, base)
 
@@ -66,10 +66,10 @@ def _check(network: Network, card: Card) -> None:
 
 
 def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Learned:
-    """Make a policy of a shipped name or of a checkpoint's folder; by default for the scenario it was trained on.
+    """Load a shipped policy by name, or a checkpoint from its folder; by default for the scenario of its training.
 
     Raises:
-        ValueError: no such name or folder, a damaged checkpoint, or a scenario that the policy does not fit.
+        ValueError: there is no such name or folder, the checkpoint is damaged, or the policy does not fit the scenario.
     """
     network, card, _ = checkpoint.read(find(name))
     made = checkpoint.home_scenario(card) if scenario is None else scenario
@@ -79,19 +79,19 @@ def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: i
 
 
 def home(name: str | Path) -> Scenario:
-    """Make the scenario that a shipped policy, or the one in a folder, was trained on.
+    """Return the scenario on which a shipped policy, or that in a folder, was trained.
 
     Raises:
-        ValueError: no such name or folder, a damaged checkpoint, or a scenario that cannot be made.
+        ValueError: there is no such name or folder, the checkpoint is damaged, or the scenario is invalid.
     """
     return checkpoint.home_scenario(checkpoint.read(find(name))[1])
 
 
 def find(name: str | Path) -> Path:
-    """Folder of a shipped policy, or of a checkpoint: the folder itself.
+    """Return the folder of a shipped policy, or the given folder if it contains a checkpoint.
 
     Raises:
-        ValueError: there is neither.
+        ValueError: it is neither.
     """
     shipped = _SHIPPED / str(name)
     if str(name) in names():
@@ -99,13 +99,13 @@ def find(name: str | Path) -> Path:
     if (Path(name) / checkpoint.FILE).is_file():
         return Path(name)
     raise ValueError(
-        f"policy must be one of {few_of(names(), name) or 'none shipped'}, or a folder that holds {checkpoint.FILE}, "
+        f"policy must be one of {few_of(names(), name) or 'none shipped'}, or a folder with {checkpoint.FILE}, "
         f"got {str(name)!r}"
     )
 
 
 def register_shipped() -> None:
-    """Add the shipped policies to the registry of `baselines`, which then takes a checkpoint's folder for a name too.
+    """Register the shipped policies in `baselines`, which then also accepts the folder of a checkpoint as a name.
 
     Weights are read when a policy is made.
     """
@@ -121,5 +121,5 @@ _SHIPPED = Path(__file__).parent.parent / "policies"
 
 
 def names() -> tuple[str, ...]:
-    """Names of the shipped policies."""
+    """Return the names of the shipped policies."""
     return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{checkpoint.FILE}")))

@@ -1,7 +1,7 @@
-"""An action that is added to a classical policy's: action = clip(base + residual * clip(own)), all in [-1, 1].
+"""Sum of a classical policy's action and a learned one: action = clip(base + residual * clip(own)), all in [-1, 1].
 
-T. Johannink et al., "Residual Reinforcement Learning for Robot Control" (ICRA 2019). Training and playing launch the
-same function, so that a policy is played, bit for bit, as it was trained.
+T. Johannink et al., "Residual Reinforcement Learning for Robot Control" (ICRA 2019). Training and evaluation launch
+the same function, so that a policy acts bit for bit as it was trained.
 """
 
 # Warp reads these types, not Python.
@@ -16,23 +16,23 @@ import warp as wp
 from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import compile_quietly
 
-# A multiplication and the addition after it are one instruction; a whole vector register is used where there is one.
+# Fuse a multiplication with the addition after it, and use whole vector registers.
 _CPU_FLAGS = "-march=native -ffp-contract=fast -mprefer-vector-width=512"
 OPTIONS = {"enable_backward": False, "max_unroll": 1, "cpu_compiler_flags": _CPU_FLAGS}
-"""How the kernels of learned policies are compiled."""
+"""Compiler options of the kernels of learned policies."""
 
 wp.set_module_options(OPTIONS)
 
 
 @wp.func
 def limited(x: float, bound: float) -> float:
-    """X held to [-bound, bound]; NaN stays NaN, which a simulation tells of."""
+    """Clip x to [-bound, bound]; NaN stays NaN, which a simulation reports."""
     return wp.where(x > bound, bound, wp.where(x < -bound, -bound, x))
 
 
 @wp.func
 def added(base: float, residual: float, own: float) -> float:
-    """clip(base + residual * clip(own))."""
+    """Return clip(base + residual * clip(own))."""
     return limited(base + residual * limited(own, 1.0), 1.0)
 
 
@@ -46,7 +46,7 @@ def add(
 
 
 class Adder(Copyable):
-    """Adds actions of one shape, on the host, to a base's."""
+    """Function on the host that adds actions of one shape to a base's."""
 
     def __init__(self, shape: tuple[int, ...], residual: float):
         base, own, action = (wp.zeros(shape, dtype=wp.float32, device="cpu") for _ in range(3))
@@ -57,7 +57,7 @@ class Adder(Copyable):
             )
 
     def __call__(self, base: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Actions in [-1, 1] of a base's actions and what is added to them."""
+        """Return the actions in [-1, 1] for a base's actions and those added to them."""
         self._base[:], self._own[:] = base, own
         self._launch.launch()
         return self._action.copy()

@@ -1,4 +1,4 @@
-"""What stands between a learner and the worlds: the rows that it reads, the actions that its outputs become."""
+"""Conversion between a learner and the worlds: observations to its input rows, its outputs to actions."""
 
 from typing import Any
 
@@ -13,17 +13,17 @@ from training.learned.residual import Adder
 
 
 class Wiring:
-    """A batch of W worlds of N robots, wired to a learner as a card says; arrays are NumPy's.
+    """Conversion for W worlds of N robots according to a card, in NumPy arrays.
 
-    A row holds the entries of the observation that the card lists and, where there is a base, its action. The base's
-    action is the one of the latest `read`.
+    A row contains the entries of the observation that the card lists and, if there is a base, the base's action of the
+    latest `read`.
 
     Args:
-        card: What the learner reads, and what its outputs are added to.
-        scenario: What is played.
+        card: Inputs of the learner, and the base to which its outputs are added.
+        scenario: Scenario of the worlds.
         num_worlds: W.
-        device: Warp device, on which the base works.
-        residual_penalty: Reward that an output which is added costs, per step and mean square.
+        device: Warp device of the base.
+        residual_penalty: Penalty per step and mean square of an output that is added to a base.
 
     Raises:
         ValueError: the scenario's robots or observation do not fit the card.
@@ -43,42 +43,42 @@ class Wiring:
             ends = np.ones(card.action_size, dtype=np.float32)
         self.low = np.concatenate([ranges.low[columns], -ends])
         self.high = np.concatenate([ranges.high[columns], ends])
-        """Ranges of a row's entries, (inputs,)."""
+        """Upper ends of the ranges of a row's entries, (inputs,); `low` are the lower ones."""
 
     def reset(self, worlds: Any = None) -> None:
-        """Let the base forget some worlds, by mask or index, or all."""
+        """Reset the base for some worlds, by mask or index, or for all."""
         if self.base is not None:
             self.base.reset(worlds)
 
     def read(self, observation: np.ndarray) -> np.ndarray:
-        """Ask the base what it does, and return the rows (W, N, inputs) of observations (W, N, D)."""
+        """Compute the base's actions, and return the rows (W, N, inputs) of observations (W, N, D)."""
         if self.base is not None:
             self._base_action = self.base.act(observation)
         return self.rows(observation)
 
     def rows(self, observation: np.ndarray) -> np.ndarray:
-        """Rows (W, N, inputs) of observations (W, N, D), with what the base did last."""
+        """Return the rows (W, N, inputs) of observations (W, N, D), with the base's latest actions."""
         rows = observation if self._columns is None else observation[:, :, self._columns]
         return rows if self.base is None else np.concatenate([rows, self._base_action], axis=2)
 
     def actions(self, outputs: np.ndarray) -> np.ndarray:
-        """Actions (W, N, action_size) that a learner's outputs of the same shape become."""
+        """Return the actions (W, N, action_size) for a learner's outputs of the same shape."""
         return outputs if self.base is None else self._adder(self._base_action, outputs)
 
     def penalty(self, outputs: np.ndarray) -> np.ndarray:
-        """Reward (W, N) that outputs in [-1, 1] cost, where there is a base."""
+        """Return the penalty (W, N) of outputs in [-1, 1], which is 0 without a base."""
         if self._penalty == 0:
             return np.zeros(outputs.shape[:2], dtype=np.float32)
         return self._penalty * np.square(outputs).mean(axis=2)
 
     def save_state(self) -> dict[str, np.ndarray]:
-        """Copy what changes while the worlds go on, by name."""
+        """Copy everything that changes during steps, by name."""
         if self.base is None:
             return {}
         return prefixed("base", self.base.save_state()) | {"base_action": self._base_action}
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
-        """Go on from what `save_state` returned; other names are ignored."""
+        """Resume from what `save_state` returned; other names are ignored."""
         if self.base is not None:
             self.base.load_state(within("base", saved))
             self._base_action = saved["base_action"]

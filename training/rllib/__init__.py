@@ -1,4 +1,4 @@
-"""RLlib: the environment, PPO over a cluster, and what it goes on from."""
+"""RLlib: the environment, and PPO over a cluster."""
 
 from training.rllib.env import LissajousMultiAgentEnv
 

@@ -1,4 +1,4 @@
-"""The environment for RLlib: one world as a `MultiAgentEnv` of its new API stack."""
+"""Environment for RLlib: a `MultiAgentEnv` of its new API stack."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,30 +12,29 @@ from training.learned.card import Card
 from training.learned.wiring import Wiring
 
 _APART = 100_000
-"""Distance of the seeds of two processes that collect episodes."""
+"""Difference between the seeds of two processes that collect episodes."""
 
 
 class LissajousMultiAgentEnv(MultiAgentEnv):
-    """One world; the agents are `robot_0` ... in this order, the same in every episode.
+    """Environment whose agents are `robot_0`, `robot_1` ... in every episode.
 
         config.environment(LissajousMultiAgentEnv, env_config={"scenario": "intruders", "task.duration": 60.0})
 
-    A robot that a fault stops keeps observing and acting, without effect. One that is removed, with
-    `task.on_collision` or `task.boundary` set to `remove`, is terminated: it has no observation after that of the step
-    in which it goes.
-    When the time is over, only `truncateds["__all__"]` says so. A flag for each robot as well would make RLlib call
-    the whole episode terminated, and value its last states at zero. `terminateds["__all__"]` is set when the last robot
-    was removed before that. Seeds and observations are those of `LissajousParallelEnv`; infos are empty.
+    A failed robot continues to observe and act, without effect. A removed robot (`task.on_collision` or `task.boundary`
+    set to `remove`) terminates: its last observation is that of the step in which it is removed.
+    At the time limit, only `truncateds["__all__"]` is set. With a flag for each robot, RLlib would treat the episode as
+    terminated and assign zero value to its last states. `terminateds["__all__"]` is set when the last robot has been
+    removed earlier. Seeds and observations are those of `LissajousParallelEnv`; infos are empty.
 
     Args:
-        config: `scenario` (name, or one that was made), `render_mode`, `card` (a `training.learned.card.Card`: which
-            entries of the observation the agents get, and which policy's action theirs is added to),
-            `residual_penalty` (reward that an action which is added costs, per step and mean square), and anything else
-            that `LissajousParallelEnv` takes, fields of the scenario among it. In RLlib's own processes, each adds a
-            number of its own to the seeds, so that no two of them play the same worlds.
+        config: `scenario` (name or object), `render_mode`, `card` (a `training.learned.card.Card`: entries of the
+            observation for the agents, and policy to whose action theirs is added), `residual_penalty` (penalty per
+            step and mean square of an added action), and further arguments of `LissajousParallelEnv`, including fields
+            of the scenario. Each of RLlib's processes adds its own offset to the seeds, so that no two of them play the
+            same episodes.
 
     Raises:
-        ValueError: what the scenario, the card or an action is refused for.
+        ValueError: the scenario, the card or an action is invalid.
     """
 
     def __init__(self, config: Mapping[str, Any] | None = None):
@@ -60,7 +59,7 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         self._seeds_from = _APART * int(getattr(config, "worker_index", 0))
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
-        """Begin an episode: with the given seed, or with the next that the world draws from its last."""
+        """Begin an episode with the given seed, or with one drawn from the previous seed."""
         observations, _ = self.parallel.reset(None if seed is None else seed + self._seeds_from, options)
         self.agents = list(self.parallel.agents)
         if self._wiring is not None:
@@ -68,7 +67,7 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         return self._observed(observations), {}
 
     def step(self, action_dict: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
-        """Take one control step with an action for each robot that is there."""
+        """Take a control step with an action for each robot that has not been removed."""
         action_dict, penalties = self._wired(action_dict)
         observations, rewards, terminated, truncated, _ = self.parallel.step(action_dict)
         if penalties:
@@ -79,11 +78,11 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         return self._observed(observations), rewards, terminated | {"__all__": gone}, {"__all__": timed_out}, {}
 
     def score(self) -> dict[str, Any]:
-        """Score of the episode so far: the columns of `lissajous_env.world.columns.NAMES`."""
+        """Return the score of the episode so far, with the columns of `lissajous_env.world.columns.NAMES`."""
         return self.parallel.score()
 
     def render(self) -> Any:
-        """Draw the world, as `LissajousParallelEnv.render`."""
+        """Draw the environment as `LissajousParallelEnv.render` does."""
         return self.parallel.render()
 
     def close(self) -> None:
@@ -91,7 +90,7 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         self.parallel.close()
 
     def _wired(self, outputs: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float]]:
-        """What the agents' outputs become, and the reward that each costs; misshapen ones are left to be refused."""
+        """Return the actions for the agents' outputs, and their penalties; misshapen outputs are not changed."""
         wiring, agents, size = self._wiring, self.parallel.possible_agents, self.scenario.action_size
         if wiring is None or wiring.base is None or any(np.shape(each) != (size,) for each in outputs.values()):
             return outputs, {}

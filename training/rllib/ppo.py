@@ -1,4 +1,4 @@
-"""RLlib's PPO on `LissajousMultiAgentEnv`: one module `robot` for all robots, and a policy of ours out of it."""
+"""RLlib's PPO on `LissajousMultiAgentEnv`, with one module `robot` for all robots."""
 
 import contextlib
 import math
@@ -28,19 +28,19 @@ from training.rllib.env import LissajousMultiAgentEnv
 from training.settings import TrainingSettings
 
 MODULE = "robot"
-"""Name of the module that all robots share."""
+"""Name of the module of all robots."""
 _RECENT = 256
-"""Episodes over which scores are averaged."""
+"""Number of latest episodes over which scores are averaged."""
 
 
 class RobotModule(TorchRLModule, ValueFunctionAPI):
-    """A multilayer perceptron for the mean of a robot's action, another for the value, a free standard deviation.
+    """Module of two perceptrons, for the mean of a robot's action and for the value, and a learned standard deviation.
 
-    `model_config` holds `layers`, `activation`, `log_std` and, to start from, `start`: a `Network`, or None.
+    `model_config` contains `layers`, `activation`, `log_std` and `start`, the initial `Network` or None.
     """
 
     def setup(self) -> None:
-        """Make the networks, with orthogonal weights, the policy's last ones small."""
+        """Make the networks with orthogonal weights, which are small in the policy's last layer."""
         config = self.model_config
         inputs, outputs = self.observation_space.shape[0], self.action_space.shape[0]
         self.policy = _perceptron(inputs, config["layers"], outputs, config["activation"], 0.01)
@@ -54,7 +54,7 @@ class RobotModule(TorchRLModule, ValueFunctionAPI):
         return {Columns.ACTION_DIST_INPUTS: torch.cat([mean, self.log_std.expand_as(mean)], dim=-1)}
 
     def compute_values(self, batch: dict[str, Any], embeddings: Any = None) -> torch.Tensor:
-        """Value (B,) of each observation."""
+        """Return the values (B,) of the observations."""
         return self.value(batch[Columns.OBS]).squeeze(-1)
 
 
@@ -70,27 +70,27 @@ def _perceptron(inputs: int, layers: tuple[int, ...], outputs: int, activation: 
 
 
 class Scores(RLlibCallback):
-    """Keeps the means of the columns of `SCORES` over the latest episodes, among RLlib's metrics under `score`."""
+    """Callback that logs the columns of `SCORES` over the latest episodes as RLlib's metrics `score`."""
 
     def on_episode_end(self, *, metrics_logger: Any = None, env: Any = None, env_index: int, **kwargs: Any) -> None:
-        """Note the score of an episode that has ended."""
+        """Log the score of an ended episode."""
         score = env.envs[env_index].unwrapped.score()
-        for name in SCORES.values():
-            if math.isfinite(score[name]):
-                metrics_logger.log_value(("score", name), score[name], window=_RECENT)
+        for column in SCORES.values():
+            if math.isfinite(value := score[column.name]):
+                metrics_logger.log_value(("score", column.name), value, window=_RECENT)
 
 
 def make_ppo(
     settings: TrainingSettings, scenario: Scenario, card: Card, start: Network | None = None, iteration: int = 0
 ) -> Algorithm:
-    """Make RLlib's PPO with the settings, on the Ray cluster that this process is connected to.
+    """Return RLlib's PPO with the settings, on the Ray cluster to which this process is connected.
 
     Args:
-        settings: How to train.
-        scenario: What is played; a step of RLlib's is one of all its robots.
-        card: What the policy reads, and what it adds to.
-        start: Network to start from.
-        iteration: Where a training goes on; its worlds are others than those that it began with.
+        settings: Settings of the training.
+        scenario: Scenario to learn in; a step of RLlib is one of all its robots.
+        card: Inputs and base of the policy.
+        start: Initial network.
+        iteration: Number of completed iterations, which changes the seeds of a resumed training.
     """
     worlds = -(-settings.num_worlds // settings.workers)
     rows = settings.workers * worlds * settings.rollout
@@ -111,7 +111,7 @@ def make_ppo(
                 "residual_penalty": settings.residual_penalty if card.base else 0.0,
             },
             disable_env_checking=True,
-            # The mean of the distribution is the action; the environment clips it.
+            # The environment clips actions.
             normalize_actions=False,
             clip_actions=False,
         )
@@ -119,7 +119,7 @@ def make_ppo(
             num_env_runners=settings.workers,
             num_envs_per_env_runner=worlds,
             rollout_fragment_length=settings.rollout,
-            # A slow worker is waited for: what it has collected would be thrown away.
+            # Wait for slow workers: a timeout would discard their episodes.
             sample_timeout_s=600.0,
         )
         .learners(num_learners=0, num_gpus_per_learner=1 if settings.device == "cuda" else 0)
@@ -147,23 +147,23 @@ def make_ppo(
         .fault_tolerance(
             restart_failed_env_runners=True,
             delay_between_env_runner_restarts_s=1.0,
-            # Each iteration waits this long for workers that are still gone.
+            # Wait this long in each iteration for workers that are restarting.
             env_runner_health_probe_timeout_s=2.0,
         )
         .callbacks(Scores)
         .debugging(seed=_first_seed(settings.seed, iteration), log_level="ERROR")
     )
-    # Native code of Ray warns there of RLlib's own workers; what fails raises.
+    # Ray's native code prints warnings about RLlib's own workers; errors are raised.
     with silent_stderr():
         algorithm = config.build_algo()
     with contextlib.suppress(OSError):
-        # RLlib makes an empty folder in the user's home, and never writes to it.
+        # RLlib creates an empty folder in the user's home directory and never uses it.
         Path(str(algorithm.logdir)).rmdir()
     return algorithm
 
 
 def to_network(weights: Mapping[str, Any], activation: str) -> Network:
-    """Make the policy's network of a module's state: `RobotModule.get_state()`, or as `policy_of` reads it.
+    """Return the policy's network from the state of a module, `RobotModule.get_state()`.
 
     Raises:
         ValueError: a weight is not finite.
@@ -178,7 +178,7 @@ def to_network(weights: Mapping[str, Any], activation: str) -> Network:
 
 
 def policy_of(algorithm: Algorithm, activation: str) -> Network:
-    """Copy the policy that an algorithm has learned so far, the mean of its action."""
+    """Copy the current policy of an algorithm, the mean of its action."""
     group = algorithm.learner_group
     assert group is not None
     return to_network(group.get_weights([MODULE])[MODULE], activation)

@@ -1,4 +1,4 @@
-"""What a training of RLlib goes on from, as plain arrays: a checkpoint of ours holds them, and no pickle of RLlib's."""
+"""State of a training with RLlib as plain arrays, for checkpoints without RLlib's pickles."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,24 +20,24 @@ _COUNTERS = {
     "steps_sampled": (ENV_RUNNER_RESULTS, NUM_ENV_STEPS_SAMPLED_LIFETIME),
     "rows_trained": (LEARNER_RESULTS, ALL_MODULES, NUM_MODULE_STEPS_TRAINED_LIFETIME),
 }
-"""What RLlib counts over the life of a training and reads again: the learning rate falls with the first."""
+"""RLlib's lifetime counters; the learning rate depends on the first."""
 _OPTIMIZER = f"{MODULE}_default_optimizer"
-"""RLlib's name of the Adam of the module."""
+"""RLlib's name of the module's optimizer."""
 _MOMENTS = ("step", "exp_avg", "exp_avg_sq")
-"""What Adam keeps of each parameter."""
+"""State of Adam per parameter."""
 
 
 def steps_sampled(algorithm: Algorithm) -> int:
-    """Steps of a world that an algorithm has collected in its life."""
+    """Return the number of environment steps that an algorithm has collected."""
     return _count(algorithm, "steps_sampled")
 
 
 def save_ppo(algorithm: Algorithm) -> dict[str, np.ndarray]:
-    """Copy what a training goes on from: policy, value, deviation, Adam's moments, learning rate and counters."""
+    """Copy what a resumed training needs: module, Adam's moments, learning rate and counters."""
     module, optimizer = _learner_state(algorithm)
     arrays = {f"model.{name}": np.array(array) for name, array in module.items()}
     for k, (name, array) in enumerate(module.items()):
-        # Before the first update there are none, which to Adam is the same as zeros.
+        # Before the first update there are no moments, which is equivalent to zeros.
         kept = optimizer["state"].get(k, {})
         for moment in _MOMENTS:
             values = np.broadcast_to(kept.get(moment, 0.0), _shape(moment, array))
@@ -47,15 +47,15 @@ def save_ppo(algorithm: Algorithm) -> dict[str, np.ndarray]:
 
 
 def load_ppo(algorithm: Algorithm, arrays: Mapping[str, np.ndarray], updates: int) -> None:
-    """Let an algorithm that was just made with the same settings, and its workers, go on from what was saved.
+    """Restore the saved state in a new algorithm with the same settings, and in its workers.
 
     Args:
-        algorithm: What goes on.
-        arrays: What `save_ppo` returned.
-        updates: Iterations that were trained.
+        algorithm: New algorithm.
+        arrays: Result of `save_ppo`.
+        updates: Number of completed iterations.
 
     Raises:
-        ValueError: an array is missing, is of another shape or holds what is not finite.
+        ValueError: an array is missing, has another shape or is not finite.
     """
     module, optimizer = _learner_state(algorithm)
     shapes: dict[str, tuple[int, ...]] = {"learning_rate": (1,)} | {f"counter.{name}": (1,) for name in _COUNTERS}
@@ -64,7 +64,7 @@ def load_ppo(algorithm: Algorithm, arrays: Mapping[str, np.ndarray], updates: in
         shapes |= {f"optimizer.{name}.{moment}": _shape(moment, array) for moment in _MOMENTS}
     for name, shape in shapes.items():
         if name not in arrays:
-            raise ValueError(f"state must hold {name}, which it lacks")
+            raise ValueError(f"state must contain {name}, but it is missing")
         if arrays[name].dtype.kind not in "fi" or arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
             raise ValueError(f"state's {name} must be finite and of shape {shape}, got shape {arrays[name].shape}")
     for k, name in enumerate(module):
@@ -74,19 +74,19 @@ def load_ppo(algorithm: Algorithm, arrays: Mapping[str, np.ndarray], updates: in
     weights = {"rl_module": {MODULE: {name: arrays[f"model.{name}"] for name in module}}}
     learner = weights | {"optimizer": {_OPTIMIZER: {"module_id": MODULE, "state": optimizer}}}
     algorithm.set_state({"learner_group": {"learner": learner}, "training_iteration": updates})
-    # That drops the message to a worker which has not taken the one before: here it is waited for.
+    # `set_state` drops messages to a busy worker; this call waits instead.
     workers = algorithm.env_runner_group
     assert workers is not None
     workers.foreach_env_runner("set_state", kwargs={"state": weights}, local_env_runner=False)
     for name, (source, *key) in _COUNTERS.items():
-        # As if a worker, or the learner, had counted them: what was logged here could not be added to by these.
+        # Logged as by a worker or the learner, because later counts of these could not be added to own values.
         counted = MetricsLogger()
         counted.log_value(tuple(key), int(arrays[f"counter.{name}"][0]), reduce="lifetime_sum", with_throughput=True)
         algorithm.metrics.aggregate([counted.reduce()], key=source)
 
 
 def _learner_state(algorithm: Algorithm) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Arrays of the module by name, in the order of the optimizer's parameters, and the optimizer's `state_dict`."""
+    """Return the module's arrays by name, in the optimizer's order, and the optimizer's `state_dict`."""
     group = algorithm.learner_group
     assert group is not None
     learner = group.get_state()["learner"]

@@ -1,4 +1,4 @@
-"""`lissajous train` by RLlib, over a cluster: a kill costs what was learned since the last checkpoint."""
+"""`lissajous train` with RLlib over a cluster; a killed training resumes from its last checkpoint."""
 
 import logging
 import time
@@ -22,27 +22,27 @@ from training.settings import TrainingSettings
 from training.trainer import Trainer
 
 _LEARNING = {"entropy": "entropy", "vf_explained_var": "explained_variance"}
-"""What RLlib calls what a history keeps of an update."""
+"""RLlib's names of the diagnostics in a history."""
 
 
 def train(settings: TrainingSettings, console: Console | None = None) -> History:
-    """Train to the end, from the last checkpoint where `settings.out` has one.
+    """Train until the last step, from the last checkpoint if `settings.out` has one.
 
-    `out` then holds the policy and the state, as every training writes them, the best policy under `best`, and what
-    TensorBoard shows under `tensorboard`. RLlib's own checkpoints, which are pickles, are neither written nor read.
+    `out` then contains the same files as with engine sb3. RLlib's own checkpoints, which are pickles, are neither
+    written nor read.
 
     Raises:
-        ValueError: settings that RLlib cannot train with, a folder that holds the results of others or is in use by
-            another process, or weights that are no longer finite.
-        ConnectionError: nothing answers at the address.
-        KeyboardInterrupt: Ctrl-C; everything up to then is in the checkpoint.
+        ValueError: settings are not supported by RLlib, the folder contains other results or is in use by another
+            process, or weights are no longer finite.
+        ConnectionError: there is no cluster at the address.
+        KeyboardInterrupt: Ctrl-C; a checkpoint has been written.
     """
     cluster.check(settings.device, settings.address)
     console = console or make_console()
     if settings.algorithm != "ppo":
         raise ValueError(f"algorithm of engine ray must be ppo, got {settings.algorithm}")
     if settings.teacher not in (None, "none"):
-        raise ValueError(f"teacher of engine ray must be none, for it does not imitate, got {settings.teacher}")
+        raise ValueError(f"teacher of engine ray must be none, because it does not imitate, got {settings.teacher}")
     if settings.critic == "world":
         raise ValueError("critic of engine ray must be robot, got world")
     if settings.chosen_noise_steps != 1:
@@ -51,13 +51,13 @@ def train(settings: TrainingSettings, console: Console | None = None) -> History
         if getattr(settings, name) != value:
             raise ValueError(f"{name} of engine ray must be {value}, got {getattr(settings, name)}")
     if settings.imitated is not None:
-        console.print("engine ray does not imitate first; --start takes the network of a training that did")
+        console.print("engine ray does not imitate; --start can continue from a training that did")
     with checkpoint.hold(settings.out) as folder:
         return RllibTrainer(settings, console, folder).run()
 
 
 class RllibTrainer(Trainer):
-    """One training in its folder; RLlib's algorithm takes the place of model and worlds."""
+    """A training with RLlib."""
 
     def __init__(self, settings: TrainingSettings, console: Console, folder: Folder):
         super().__init__(settings, console, folder)
@@ -71,7 +71,7 @@ class RllibTrainer(Trainer):
             self._start = self._network_to_start_from()
 
     def run(self) -> History:
-        """Train to the end."""
+        """Train until the last step."""
         settings, history = self.settings, self.history
         if history.steps >= settings.steps:
             return super().run()
@@ -90,20 +90,19 @@ class RllibTrainer(Trainer):
                 self.algorithm.stop()
 
     def network(self) -> Network:
-        """Copy the policy that has been learned so far."""
+        """Copy the current policy."""
         try:
             return ppo.policy_of(self.algorithm, self.settings.activation)
         except ValueError as error:
             raise ValueError(f"learning_rate must be low enough that weights stay finite: {error}") from error
 
     def save(self) -> None:
-        """Write a checkpoint: what was learned and how far, and a run that goes on from it plays other worlds."""
+        """Write a checkpoint; a training resumed from it plays other episodes than one that was not interrupted."""
         state = kept.save_ppo(self.algorithm)
         checkpoint.save(self.folder, self.network(), self.card, state=state, notes=self.history.notes)
 
     def _learn(self) -> None:
         history, robots = self.history, self.scenario.num_robots
-        # What an earlier process logged after its last checkpoint is taken back.
         log = self.folder.make_folder("tensorboard")
         with open_rows(log, history.steps) as self._writer:
             self.display.begin("PPO")
@@ -113,7 +112,7 @@ class RllibTrainer(Trainer):
                 history.seconds += time.monotonic() - began
                 history.steps = kept.steps_sampled(self.algorithm) * robots
                 history.updates = self.algorithm.iteration
-                self.network()  # raises where the training has diverged
+                self.network()  # raises if the training has diverged
                 self._show(result)
                 if self.due() and history.steps < self.settings.steps:
                     self.evaluate_and_save()
@@ -129,7 +128,7 @@ class RllibTrainer(Trainer):
 
     def _show(self, result: dict[str, Any]) -> None:
         score = result.get("env_runners", {}).get("score", {})
-        shown = {name: float(score[column]) for name, column in SCORES.items() if column in score}
+        shown = {name: float(score[of.name]) for name, of in SCORES.items() if of.name in score}
         learned = result.get("learners", {}).get(ppo.MODULE, {})
         losses = {name: float(learned[name]) for name in ("policy_loss", "vf_loss", "entropy") if name in learned}
         for folder, values in {"rollout": shown, "train": losses}.items():
@@ -148,4 +147,4 @@ class RllibTrainer(Trainer):
         try:
             kept.load_ppo(self.algorithm, state, self.history.updates)
         except ValueError as error:
-            raise ValueError(f"{self._state_file} is no state of this training: {error}") from error
+            raise ValueError(f"{self._state_file} must be the state of this training: {error}") from error

@@ -1,4 +1,4 @@
-"""Stable-Baselines3: the batch of worlds as its `VecEnv`, its models as policies, and PPO."""
+"""Stable-Baselines3: the batch of worlds as a `VecEnv`, its models as policies, and training by PPO."""
 
 from training.sb3.model_policy import ModelPolicy
 from training.sb3.vec_env import RobotVecEnv

@@ -1,7 +1,7 @@
-"""A critic that sees the whole world while the policy that it teaches sees a robot's observation alone.
+"""Policy network with a central critic: the critic reads the whole world, the actor its robot's observation only.
 
-C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games" (NeurIPS 2022): MAPPO. The reward
-is the team's, and what it will be hangs on targets that nobody sees; a critic that sees them leaves less to chance.
+C. Yu et al., "The Surprising Effectiveness of PPO in Cooperative Multi-Agent Games" (NeurIPS 2022): MAPPO. The
+reward is the team's and depends on targets that no robot may see; a critic that sees them has less variance.
 """
 
 import torch
@@ -11,7 +11,7 @@ from torch import nn
 
 
 class CentralCriticPolicy(ActorCriticPolicy):
-    """Stable-Baselines3's policy, whose actor reads the first `actor_inputs` entries of a row and its critic all."""
+    """Actor-critic policy whose actor reads the first `actor_inputs` entries of a row, and whose critic reads all."""
 
     def __init__(self, *args, actor_inputs: int, **more):
         self.actor_inputs = actor_inputs
@@ -34,13 +34,13 @@ class _TwoViews(nn.Module):
         self.latent_dim_pi, self.latent_dim_vf = ([first, *layers][-1] for first in (actor_inputs, inputs))
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Last hidden layers of actor and critic."""
+        """Return the last hidden layers of actor and critic."""
         return self.forward_actor(rows), self.forward_critic(rows)
 
     def forward_actor(self, rows: torch.Tensor) -> torch.Tensor:
-        """Last hidden layer of the actor."""
+        """Return the last hidden layer of the actor."""
         return self.policy_net(rows[:, : self.actor_inputs])
 
     def forward_critic(self, rows: torch.Tensor) -> torch.Tensor:
-        """Last hidden layer of the critic."""
+        """Return the last hidden layer of the critic."""
         return self.value_net(rows)

@@ -1,84 +1,72 @@
-"""Imitation of a classical policy: in the states that it reaches (cloning), or that the student reaches (DAgger).
+"""Imitation of a classical policy in the states that it reaches (cloning), or that the student reaches (DAgger).
 
 S. Ross, G. J. Gordon, J. A. Bagnell, "A Reduction of Imitation Learning and Structured Prediction to No-Regret Online
-Learning" (AISTATS 2011). With DAgger the teacher drives all worlds at first, fewer and fewer of them over the first
-half, then none; in every state that is met, its action is asked for.
+Learning" (AISTATS 2011). With DAgger the teacher drives all worlds at first, linearly fewer over the first half, then
+none; the student learns the teacher's action in every visited state.
 
-Differs from the paper: states are not aggregated over rounds. A round of the batch holds so many that each learns from
-fresh ones alone, and nothing but the worlds has to be kept to go on.
+Differs from the paper: states are not aggregated over rounds. A round of the batch has enough states to learn from, and
+a resumed training needs to restore nothing but the worlds.
 """
-
-from collections.abc import Sequence
 
 import numpy as np
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 import baselines
-from training.sb3.blocks import Loss
-from training.sb3.rollouts import RobotPPO
+from training.sb3.ppo import RobotPPO
 from training.sb3.vec_env import RobotVecEnv
 from training.settings import TrainingSettings
 
 
 def taught_share(settings: TrainingSettings, steps: int) -> float:
-    """Share of the worlds that the teacher drives after some steps of a robot."""
+    """Return the fraction of the worlds that the teacher drives after some robot steps."""
     return max(0.0, 1.0 - 2.0 * steps / settings.imitated_until) if settings.student_drives else 1.0
 
 
 def collect(
     env: RobotVecEnv, model: RobotPPO, teacher: baselines.Policy, share: float, steps: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Play on from the model's latest rows.
+    """Step the environments from the model's latest rows.
 
     Args:
-        env: Worlds.
+        env: Environments.
         model: Student, which drives where the teacher does not.
         teacher: Policy for as many worlds.
-        share: Share of the worlds, the first ones, that the teacher drives.
-        steps: How long.
+        share: Fraction of the worlds, the first ones, that the teacher drives.
+        steps: Number of steps.
 
     Returns:
-        Rows that were met (K, inputs), and the teacher's action in each (K, action_size).
+        Visited rows (K, inputs), and the teacher's action in each (K, action_size).
     """
     worlds, n, _ = env.simulation.action_shape
     taught = np.repeat(np.arange(worlds) < share * worlds, n)[:, None]
     rows, wanted = [], []
     for _ in range(steps):
         shown = teacher.act(env.simulation.observation.numpy()).reshape(env.num_envs, -1)
-        met = np.asarray(model._last_obs)
-        rows.append(torch.from_numpy(met))
+        rows.append(torch.from_numpy(model.observation))
         wanted.append(torch.from_numpy(shown))
-        own, _ = model.predict(met, deterministic=True)
+        own, _ = model.policy.predict(model.observation, deterministic=True)
         after = env.step_rows(np.where(taught, shown, own))
-        model._last_obs, model._last_episode_starts = after.rows, after.dones
+        model.observation = after.rows
         if after.dones.any():
             teacher.reset(after.dones.reshape(worlds, n).all(axis=1))
     return torch.cat(rows), torch.cat(wanted)
 
 
-def fit(model: RobotPPO, settings: TrainingSettings, rows: torch.Tensor, wanted: torch.Tensor) -> float:
-    """Pass over the rows in minibatches; returns the mean squared error of the last pass."""
-    policy = model.policy
+def fit(model: RobotPPO, rows: torch.Tensor, wanted: torch.Tensor) -> float:
+    """Fit the policy to the wanted actions in minibatches; return the mean squared error of the last pass."""
+    settings, policy = model.settings, model.policy
     policy.set_training_mode(True)
-    rows, wanted = rows.to(policy.device), wanted.to(policy.device)
+    data = [rows.to(policy.device), wanted.to(policy.device)]
     losses = []
     for _ in range(settings.imitation_epochs):
-        losses = []
-        drawn = torch.from_numpy(np.random.permutation(len(rows))).to(policy.device)
-        for chosen in drawn.split(settings.imitation_batch):
-            losses.append(model.blocks.differentiate(_squared_error(len(chosen)), (rows, wanted), chosen))
-            torch.nn.utils.clip_grad_norm_(model.blocks.parameters, settings.gradient_max)
-            policy.optimizer.step()
+        losses = [model.minimize(_squared_error, batch) for batch in model.minibatches(data, settings.imitation_batch)]
     return torch.stack(losses).mean().item()
 
 
-def _squared_error(count: int) -> Loss:
-    """Mean squared error over a number of rows, by block."""
-
-    def loss(policy: ActorCriticPolicy, rows: Sequence[torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
-        met, wanted = rows
-        total = (policy.get_distribution(met).mode() - wanted).square().mean(1).sum() / count
-        return total, total
-
-    return loss
+def _squared_error(
+    policy: ActorCriticPolicy, rows: torch.Tensor, wanted: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the sum over rows of the squared error, mean over the components of an action, twice."""
+    total = (policy.get_distribution(rows).mode() - wanted).square().mean(1).sum()
+    return total, total

@@ -1,4 +1,4 @@
-"""A model of Stable-Baselines3 as a policy, to be evaluated and benchmarked like the others.
+"""A model of Stable-Baselines3 as a policy that can be evaluated and benchmarked.
 
     from stable_baselines3 import PPO
 
@@ -6,12 +6,12 @@
     policy = training.sb3.ModelPolicy(model, "experiment", num_worlds=16)
     rows = lissajous_env.evaluate(policy, "experiment", seeds=range(16))
 
-For the command line, `lissajous evaluate experiment my_module:my_policy` where `my_module.py` holds
+For the command line, `lissajous evaluate experiment my_module:my_policy` where `my_module.py` contains
 
     def my_policy(scenario, num_worlds, device):
         return training.sb3.ModelPolicy(PPO.load("mine.zip"), scenario, num_worlds, device)
 
-`load` of Stable-Baselines3 unpickles, which runs what the file says: open files of your own alone.
+`load` of Stable-Baselines3 uses pickle, which can run any code, so load only files that you trust.
 """
 
 from typing import Any
@@ -29,23 +29,23 @@ from training.learned.wiring import Wiring
 
 
 class ModelPolicy(Policy):
-    """What `model.predict` says for each robot's row, or for the team's rows at once.
+    """Policy whose actions are those of `model.predict`, for each robot's row or for the team's rows at once.
 
-    A model that was trained on rows, as those of `RobotVecEnv`, takes (inputs,) and gives (action_size,) or a row of
-    the action table; one that was trained on the team, as on `lissajous_env.LissajousEnv`, takes (N, inputs) and gives
-    (N, action_size), flat or not, or N rows of the table. A recurrent model keeps its state from step to step.
+    A model trained on rows, such as those of `RobotVecEnv`, maps (inputs,) to (action_size,) or to a row of the action
+    table. A model trained on the team, such as on `lissajous_env.LissajousEnv`, maps (N, inputs) to (N, action_size),
+    flat or not, or to N rows of the table. The state of a recurrent model is preserved from step to step.
 
     Args:
-        model: The model, PPO or another, or anything with its `predict`, `observation_space` and `action_space`.
-        scenario: What it is played on.
+        model: Model such as PPO, or any object with `predict`, `observation_space` and `action_space`.
+        scenario: Scenario to play.
         num_worlds: W.
-        device: Warp device; the model stays on its own.
-        deterministic: Whether it takes its best action instead of a drawn one.
-        normalizer: The `VecNormalize` that it was trained behind, if it was; its statistics are not changed.
-        card: The card of the `RobotVecEnv` that it was trained on, if one was given there.
+        device: Warp device; the model stays on its device.
+        deterministic: Use the most likely action instead of a random one.
+        normalizer: `VecNormalize` of the training, if there was one; its statistics are not changed.
+        card: Card of the `RobotVecEnv` of the training, if it had one.
 
     Raises:
-        ValueError: no such model, or its spaces do not fit the scenario; the message says which and how.
+        ValueError: not a model, or its spaces do not fit the scenario.
     """
 
     arrays = "warp"
@@ -64,7 +64,7 @@ class ModelPolicy(Policy):
         super().__init__(scenario, num_worlds, device)
         for part in ("predict", "observation_space", "action_space"):
             if not hasattr(model, part):
-                raise ValueError(f"model must be one of Stable-Baselines3, which has {part}, got {shown(model)}")
+                raise ValueError(f"model must be a model of Stable-Baselines3, with {part}, got {shown(model)}")
         self.name, self.kind = type(model).__name__, self.scenario.robot.kind
         self.model, self.deterministic, self.normalizer = model, deterministic, normalizer
         self._wiring = Wiring(card or Card.of(self.scenario), self.scenario, self.num_worlds, self.device)
@@ -74,7 +74,7 @@ class ModelPolicy(Policy):
         self._begins = np.ones((self.num_worlds, 1 if of_team else self.num_robots), dtype=bool)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what is kept of these worlds."""
+        """Reset the state of the masked worlds."""
         self._wiring.reset(mask)
         self._begins[mask] = True
 
@@ -91,7 +91,7 @@ class ModelPolicy(Policy):
         self.action.assign(self._wiring.actions(np.asarray(chosen, dtype=np.float32).reshape(self.action.shape)))
 
     def _read_observation_space(self, space: Any) -> tuple[tuple[int, ...], bool]:
-        """Shape of what the model takes, and whether that is the team's."""
+        """Return the shape of the model's input, and whether it is the team's."""
         n, inputs = self.num_robots, len(self._wiring.low)
         shape = space.shape if isinstance(space, Box) else None
         if shape not in ((inputs,), (n, inputs), (n * inputs,)):
@@ -102,7 +102,7 @@ class ModelPolicy(Policy):
         return shape, shape != (inputs,)
 
     def _read_action_space(self, space: Any, of_team: bool) -> np.ndarray | None:
-        """Action table that the model chooses from, or None where it says the action itself."""
+        """Return the action table that the model chooses from, or None if it returns actions."""
         n, size, table = self.num_robots, self.scenario.action_size, action_table(self.scenario)
         shapes = ((n, size), (n * size,)) if of_team else ((size,),)
         if isinstance(space, Box) and space.shape in shapes and (space.low == -1).all() and (space.high == 1).all():

@@ -14,53 +14,53 @@ from lissajous_env.world.seeding import drawn_seeds
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.learned.wiring import Wiring
-from training.sb3.world_view import WorldView
+from training.sb3.critic_view import CriticView
 
 _RECENT = 256
-"""Episodes whose scores are kept."""
+"""Number of latest episodes whose scores are stored."""
 _GOLDEN = (5**0.5 - 1) / 2
 
 
 class Step(NamedTuple):
-    """What a step of all rows returns."""
+    """Result of a step of all rows."""
 
     rows: np.ndarray
-    """(W N, inputs) rows to act on next."""
+    """(W N, inputs) next observations."""
     rewards: np.ndarray
-    """(W N,) reward of each."""
+    """(W N,) rewards."""
     dones: np.ndarray
-    """(W N,) whether its episode ended."""
+    """(W N,) True where an episode ended."""
     truncated: np.ndarray
-    """(W N,) whether it ended for want of time."""
+    """(W N,) True where it ended because of its time limit."""
     last: np.ndarray
-    """(D, inputs) rows of those whose episode ended, in their order, before it began anew."""
+    """(D, inputs) final observations of the rows whose episode ended, in order."""
     episodes: dict[int, dict[str, float]]
-    """Return `r`, length `l` [steps] and time `t` since the batch was made [s] of the episodes that ended, by row. A
-    robot that was removed before has none at the end of its world's: its own ended then."""
+    """Return `r`, length `l` [steps] and time `t` since construction [s] of the ended episodes, by row. The episode
+    of a removed robot ends with its removal, so that it has none at the end of its world's episode."""
 
 
 class RobotVecEnv(VecEnv):
     """`Simulation` as a `VecEnv` with shared parameters: row k N + i is robot i of world k.
 
-    A world whose robots are all done begins anew in the same step. A robot that ran out of time has its last
-    observation in its info as `terminal_observation`, with `TimeLimit.truncated`; one that was removed ends as a
-    termination does, and its row stands still until its world begins anew.
+    A world whose robots are all done is reset in the same step. At a time limit, a robot's info contains the final
+    observation as `terminal_observation`, and `TimeLimit.truncated`. A removed robot terminates, and its row is
+    constant until its world is reset.
 
     Args:
-        scenario: What is simulated.
+        scenario: Scenario, or its name.
         num_worlds: W; there are W N rows.
-        card: Which entries of the observation a row holds, and what its action is added to; by default the whole
-            observation, and nothing.
-        residual_penalty: Reward that an action costs per step and mean square, where it is added to a base's.
+        card: Entries of the observation that a row contains, and the base to which its action is added; by default
+            the whole observation and no base.
+        residual_penalty: Penalty per step and mean square of an action that is added to a base's.
         device: Warp device.
-        seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without one and a call of
-            `seed`, the first reset draws seeds from the system.
+        seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
+            `seed`, the first reset draws seeds from the operating system.
         threads: CPU threads; all cores by default.
-        central: Whether a row ends in what `WorldView` shows of the world, for a critic.
-        short: Share of the worlds, the first ones, that begin anew after `short_time`.
-        short_time: Time after which they do [s].
-        staggered: Whether the first episodes end at moments spread over an episode's time, so that ever after the rows
-            of a step are of all moments of an episode, not of one.
+        central: Append the `CriticView` of the world to each row, for a central critic.
+        short: Fraction of the worlds, the first ones, whose episodes end after `short_time`.
+        short_time: Duration of these episodes [s].
+        staggered: Let the first episodes end at different times, so that the rows of a step are from all phases of an
+            episode instead of the same one.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
     """
 
@@ -86,11 +86,11 @@ class RobotVecEnv(VecEnv):
         self._wiring = Wiring(self.card, self.scenario, num_worlds, device, residual_penalty)
         self.scores: deque[dict[str, Any]] = deque(maxlen=_RECENT)
         self.render_mode = None
-        self._view = WorldView(self.simulation) if central else None
+        self._view = CriticView(self.simulation) if central else None
         steps = self.scenario.task.steps
         self._last_step = np.full(num_worlds, steps)
         self._last_step[: round(short * num_worlds)] = min(max(round(short_time / self.scenario.task.step), 1), steps)
-        # Multiples of the golden section, so that any number of the first worlds is spread, too.
+        # Multiples of the golden ratio are spread evenly also over the first worlds only.
         spread = np.arange(num_worlds) * _GOLDEN % 1.0 if staggered else np.ones(num_worlds)
         self._first_end = np.ceil(np.maximum(spread, 1 / steps) * self._last_step).astype(np.int64)
         self._end = self._first_end.copy()
@@ -103,7 +103,7 @@ class RobotVecEnv(VecEnv):
         super().__init__(rows, gymnasium.spaces.Box(low, high), actions)
 
     def reset(self) -> np.ndarray:
-        """Begin an episode in every world; returns the rows (W N, inputs)."""
+        """Begin an episode in every world; return the rows (W N, inputs)."""
         n, seeds = self.simulation.num_robots, None
         if self._seeds[0] is not None:
             seeds = np.array(self._seeds[::n], dtype=np.int64) % 2**31
@@ -120,12 +120,12 @@ class RobotVecEnv(VecEnv):
         return self._rows(self._wiring.read(self.simulation.observation.numpy()))
 
     def save_state(self) -> dict[str, np.ndarray]:
-        """Copy everything that changes while the worlds go on, by name."""
+        """Copy everything that changes during steps, by name."""
         own = {"end": self._end, "returns": self._returns, "lengths": self._lengths}
         return prefixed("world", self.simulation.save_state()) | self._wiring.save_state() | own
 
     def load_state(self, saved: dict[str, np.ndarray]) -> None:
-        """Go on from what `save_state` returned."""
+        """Resume from what `save_state` returned."""
         self.simulation.load_state(within("world", saved))
         self._seeded = True
         self._done = self.simulation.terminated.numpy().astype(bool).reshape(-1)
@@ -134,10 +134,10 @@ class RobotVecEnv(VecEnv):
         self._wiring.load_state(saved)
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take the actions (W N, action_size) of the next step; numbers outside [-1, 1] are clipped.
+        """Store the actions (W N, action_size) of the next step, clipped to [-1, 1].
 
         Raises:
-            ValueError: actions of another shape, or that are not finite.
+            ValueError: actions have another shape or are not finite.
         """
         worlds, robots, size = self.simulation.action_shape
         given = np.asarray(actions)
@@ -153,7 +153,7 @@ class RobotVecEnv(VecEnv):
         self._actions = clipped.reshape(worlds, robots, size)
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Take the step: rows, rewards, dones, infos; where an episode ended, with what `Monitor` writes of it."""
+        """Take the step; return rows, rewards, dones and infos, which report ended episodes as `Monitor` does."""
         step = self._step()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for k, last in zip(np.flatnonzero(step.dones), step.last, strict=True):
@@ -163,7 +163,7 @@ class RobotVecEnv(VecEnv):
         return step.rows, step.rewards, step.dones, infos
 
     def step_rows(self, actions: np.ndarray) -> Step:
-        """Take a step as `step` does, without a dictionary for each row."""
+        """Take a step as `step` does, without a dictionary per row."""
         self.step_async(actions)
         return self._step()
 
@@ -175,7 +175,7 @@ class RobotVecEnv(VecEnv):
         over = simulation.over | (simulation.clock.step.numpy() >= self._end)
         ended = terminated | np.repeat(over, simulation.num_robots)
         dones = ended & ~self._done | np.repeat(over, simulation.num_robots)
-        # The base's action is the one of the step before: of a last observation only its value is asked for.
+        # The base's action is that of the previous step: a final observation is used for its value only.
         last = self._rows(wiring.rows(simulation.observation.numpy()), dones)
         episodes = self._finished(rewards, dones)
         if over.any():
@@ -189,7 +189,7 @@ class RobotVecEnv(VecEnv):
         return Step(rows, rewards, dones, dones & ~terminated, last, episodes)
 
     def _finished(self, rewards: np.ndarray, dones: np.ndarray) -> dict[int, dict[str, float]]:
-        """Count a step, and return what is said of the episodes that ended with it."""
+        """Count a step, and return the episodes that ended with it."""
         self._returns += rewards
         self._lengths += 1
         at = round(time.monotonic() - self._began, 6)
@@ -199,7 +199,7 @@ class RobotVecEnv(VecEnv):
         return found
 
     def _rows(self, rows: np.ndarray, chosen: np.ndarray | None = None) -> np.ndarray:
-        """(W N, inputs) copy of the rows (W, N, ...), with what a central critic sees; or of those chosen (W N,)."""
+        """Return a copy (W N, inputs) of the rows (W, N, ...), or of the chosen ones (W N,), with the `CriticView`."""
         flat = rows.reshape(self.num_envs, -1)
         if chosen is None:
             return flat.copy() if self._view is None else np.concatenate([flat, self._view.rows()], axis=1)
@@ -209,27 +209,27 @@ class RobotVecEnv(VecEnv):
         return np.concatenate([flat[chosen], self._view.rows(worlds)[chosen]], axis=1)
 
     def close(self) -> None:
-        """Nothing is held that needs closing."""
+        """Do nothing: there is nothing to close."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the batch, once for each of the rows that are asked for."""
+        """Return an attribute of the batch, repeated for each requested row."""
         return [getattr(self, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of the whole batch; rows do not have their own."""
+        """Set an attribute of the whole batch; rows have no attributes of their own."""
         if indices is not None and len(list(self._get_indices(indices))) != self.num_envs:
             raise ValueError(f"{attr_name} must be set for all rows at once, got indices {indices!r}")
         setattr(self, attr_name, value)
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Call a method of the batch once; its result is repeated for each of the rows that are asked for."""
+        """Call a method of the batch once; return its result, repeated for each requested row."""
         result = getattr(self, method_name)(*method_args, **method_kwargs)
         return [result for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """Rows are not wrapped one by one."""
+        """Return False for each row: rows are not wrapped."""
         return [False for _ in self._get_indices(indices)]
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Give world k the seed + k N at the next reset (N rows share a world, and the seed of the first)."""
+        """Seed world k with seed + k N at the next reset: N rows share a world, which uses the seed of the first."""
         return super().seed(seed)

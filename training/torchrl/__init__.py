@@ -1,4 +1,4 @@
-"""TorchRL and BenchMARL: the batch of worlds as an environment and as tasks, and their modules as policies."""
+"""TorchRL and BenchMARL: environments, tasks, and modules as policies."""
 
 from training.torchrl.env import LissajousTorchEnv
 from training.torchrl.model_policy import ModelPolicy

@@ -1,16 +1,17 @@
-"""The scenarios as BenchMARL tasks, for MAPPO, IPPO, QMIX and its other algorithms.
+"""Scenarios as BenchMARL tasks, for MAPPO, IPPO, QMIX and its other algorithms.
 
     from training.torchrl.benchmarl import LissajousTask
 
     task = LissajousTask.INTRUDERS.get_task({"task.duration": 30.0})
 
-A config overrides fields of the scenario, as in `lissajous_env.parameters.scenario`; `state` (True: central critics see
-the true state instead of all observations) and `threads` go to the environment. A scenario of
-one's own is a task as well:
+A config overrides fields of the scenario, as in `lissajous_env.parameters.scenario`; `state` (True: central critics
+read the true state instead of all observations) and `threads` are arguments of the environment. Your own scenario is a
+task as well:
 
     task = LissajousTaskClass("two cars", {"scenario": my_scenario})
 
-`training.torchrl.mappo_example` trains on one. Actions are continuous or discrete, as the algorithm asks.
+`training.torchrl.mappo_example` trains on one. Actions are continuous or discrete, as the algorithm
+requires.
 """
 
 from __future__ import annotations
@@ -30,27 +31,27 @@ from training.torchrl.env import GROUP, SCORES, LissajousTorchEnv
 
 _OF_ENVIRONMENT = ("state", "threads")
 _FILM = 480, 320
-"""Width and height of the film of an evaluation [px]."""
+"""Width and height of the video of an evaluation [px]."""
 
 
 class LissajousTaskClass(TaskClass):
     """A scenario as a BenchMARL task.
 
     Args:
-        name: Name of the task; where the config holds no `scenario`, that of the scenario, as `rough` or `ROUGH`.
-        config: Overrides of the scenario, and `scenario`, `state` and `threads`; nothing by default.
+        name: Name of the task; without `scenario` in the config, the name of a scenario, such as `rough` or `ROUGH`.
+        config: Overrides of the scenario, `scenario`, `state` and `threads`; empty by default.
 
     Raises:
-        ValueError: what the scenario refuses.
+        ValueError: the scenario or an override is invalid.
     """
 
     def __init__(self, name: str, config: dict[str, Any] | None = None):
         super().__init__(name, dict(config or {}))
-        self.scenario  # noqa: B018 - a wrong override is refused here, not when training begins
+        self.scenario  # noqa: B018 - rejects invalid overrides before the training begins
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario with its overrides."""
+        """Scenario with its overrides."""
         overrides = {key: value for key, value in self.config.items() if key not in _OF_ENVIRONMENT}
         scenario = overrides.pop("scenario", self.name.lower().replace("_", "-"))
         return named.scenario(scenario, **overrides)
@@ -58,7 +59,7 @@ class LissajousTaskClass(TaskClass):
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
     ) -> Callable[[], EnvBase]:
-        """Return what makes the environment, of `num_envs` worlds."""
+        """Return a function that makes the environment with `num_envs` worlds."""
         settings = {key: self.config[key] for key in _OF_ENVIRONMENT if key in self.config}
         settings |= {"discrete_actions": not continuous_actions, "seed": seed, "device": device}
         scenario = self.scenario
@@ -73,27 +74,27 @@ class LissajousTaskClass(TaskClass):
         return True
 
     def max_steps(self, env: EnvBase) -> int:
-        """Return the steps of an episode."""
+        """Return the number of steps of an episode."""
         return self.scenario.task.steps
 
     def has_render(self, env: EnvBase) -> bool:
-        """Return True: an evaluation's first world is filmed if the experiment's `render` is on."""
+        """Return True: if the experiment's `render` is on, the first world of an evaluation is recorded."""
         return True
 
     def group_map(self, env: EnvBase) -> dict[str, list[str]]:
-        """Return the one group, with every robot."""
+        """Return the only group, which contains every robot."""
         return env.group_map  # pyright: ignore[reportReturnType]
 
     def observation_spec(self, env: EnvBase) -> Composite:
-        """Return the spec of what the robots observe: (N, D)."""
+        """Return the spec of the robots' observations, (N, D)."""
         return _of_team(env, "observation")
 
     def info_spec(self, env: EnvBase) -> Composite:
-        """Return the spec of the reward's terms: (N, 1) each."""
+        """Return the spec of the reward's terms, (N, 1) each."""
         return _of_team(env, "info")
 
     def state_spec(self, env: EnvBase) -> Composite | None:
-        """Return the spec of the true state, (S,), if the config asks for it."""
+        """Return the spec of the true state, (S,), if the config enables it."""
         if not self.config.get("state"):
             return None
         return Composite({"state": env.full_observation_spec_unbatched["state"]}, device=env.device)
@@ -108,12 +109,12 @@ class LissajousTaskClass(TaskClass):
 
     @staticmethod
     def env_name() -> str:
-        """Return the name under which results are filed."""
+        """Return the name of the environment in results."""
         return "lissajous"
 
     @staticmethod
     def log_info(batch: TensorDictBase) -> dict[str, float]:
-        """Score of the episodes that ended in a batch, the mean of each column over those that have it."""
+        """Return the mean of each score column over the episodes that ended in a batch, without NaN."""
         ended = batch["next", "done"]
         columns = {name: batch["next", "score", name][ended] for name in SCORES}
         known = {name: column[torch.isfinite(column)] for name, column in columns.items()}
@@ -121,7 +122,7 @@ class LissajousTaskClass(TaskClass):
 
     @staticmethod
     def render_callback(experiment: Any, env: EnvBase, data: TensorDictBase) -> Any:
-        """Draw the first world, small: BenchMARL keeps every frame of an episode in memory."""
+        """Draw the first world in small size, because BenchMARL stores every frame of an episode in memory."""
         return env.render(size=_FILM)  # pyright: ignore[reportCallIssue]
 
 
@@ -151,11 +152,11 @@ class LissajousTask(Task):
         return LissajousTaskClass
 
     def get_task(self, config: dict[str, Any] | None = None) -> TaskClass:
-        """Make the task; without a config, the scenario as it is named."""
+        """Return the task; without a config, the scenario without overrides."""
         return LissajousTaskClass(self.name, config)
 
 
 def _of_team(env: EnvBase, name: str) -> Composite:
-    """Spec of one of the entries that the environment returns for each robot."""
+    """Return the spec of an entry that the environment returns for each robot."""
     team = env.full_observation_spec_unbatched[GROUP]
     return Composite({GROUP: Composite({name: team[name]}, shape=team.shape, device=env.device)}, device=env.device)

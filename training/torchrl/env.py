@@ -1,4 +1,4 @@
-"""The simulation as a TorchRL environment: a batch of worlds, one group `robot` of agents `robot_0` ...
+"""The simulation as a TorchRL environment: a batch of worlds with one group `robot` of agents `robot_0` ...
 
     env = LissajousTorchEnv("intruders", num_worlds=64, device="cuda")
     data = env.rollout(100, policy, break_when_any_done=False)
@@ -7,18 +7,18 @@ W worlds, N robots, D entries of an observation, A components of an action:
 
 | key                                  | shape                | what                                                   |
 |--------------------------------------|----------------------|--------------------------------------------------------|
-| `robot, observation`                 | (W, N, D)            | rows as `lissajous_env.world.observation` has them     |
+| `robot, observation`                 | (W, N, D)            | rows, see `lissajous_env.world.observation`            |
 | `robot, action`                      | (W, N, A), or (W, N) | in [-1, 1]; discrete: rows of the action table         |
 | `robot, info, reward_...`            | (W, N, 1)            | the terms of the reward, whose sum it is               |
 | `next, robot, reward`                | (W, N, 1)            | reward                                                 |
-| `done`, `terminated`, `truncated`    | (W, 1)               | of the world: truncated when the time is over,         |
+| `done`, `terminated`, `truncated`    | (W, 1)               | of the world: truncated at the time limit,             |
 |                                      |                      | terminated when collisions have removed all its robots |
 | `robot, done` (`terminated`, ...)    | (W, N, 1)            | of each robot: terminated when a collision removed it  |
 | `next, score, ...` (names: `SCORES`) | (W, 1)               | score of the episode that the step ended; NaN before   |
-| `state`, if asked for                | (W, S)               | true state of the world, for critics that may see it   |
+| `state`, if enabled                  | (W, S)               | true state of the world, for central critics           |
 
-A robot keeps its row to the end of the episode: one that a fault stopped observes `works` at 0, one that a collision
-removed stays `done` and earns nothing. Worlds are reset as wholes, by a mask `_reset` (W, 1).
+A robot has its row until the end of the episode: a failed robot observes `works` = 0, and a removed robot stays `done`
+with reward 0. Whole worlds are reset, by a mask `_reset` (W, 1).
 """
 
 from __future__ import annotations
@@ -55,32 +55,32 @@ GROUP = "robot"
 SCORES = tuple(
     each.name for each in (DETECTED, DETECTION_TIME, WITHIN_BOUND, COLLISIONS, SEPARATION, IDLENESS, LONGEST_IDLENESS)
 )
-"""Columns of the score that an episode ends with; `env.simulation.score()` has them all."""
+"""Score columns that are returned at the end of an episode; `env.simulation.score()` returns all."""
 
 
 class LissajousTorchEnv(EnvBase):
     """A batch of worlds of one scenario as a TorchRL `EnvBase` of batch size (W,); the module lists its keys.
 
-    Tensors live on the device of the simulation. Observations, rewards and flags never pass through the host, and what
-    is returned is the caller's own; the host sees only the masks of worlds that end, and computes their scores.
+    Tensors are on the device of the simulation. Observations, rewards and flags are not copied to the host; only the
+    masks of ended worlds are, for their scores. Returned tensors are copies.
 
     Attributes:
-        simulation: The worlds.
-        group_map: Name of the group, and of its agents in the order of their rows.
+        simulation: Batch of worlds.
+        group_map: Name of the group and names of its agents, in the order of their rows.
 
     Args:
-        scenario: Name of a scenario, or one that was made.
+        scenario: Scenario, or its name.
         num_worlds: W.
         device: `cpu`, `cuda` or `cuda:k`.
-        seed: World k begins with seed + k; without one, and without a call of `set_seed`, seeds are drawn from the
-            system, so that environments in many processes differ.
-        discrete_actions: Whether actions are rows of `lissajous_env.envs.actions.action_table` instead of numbers.
-        state: Whether to return the true state, `lissajous_env.envs.true_state.state_names`.
+        seed: Seed of world 0; world k has seed + k. Without a seed here or by `set_seed`, seeds are drawn from the
+            operating system, so that environments in several processes differ.
+        discrete_actions: Let actions be rows of `lissajous_env.envs.actions.action_table`.
+        state: Return the true state, `lissajous_env.envs.true_state.state_names`.
         threads: CPU threads of the simulation; all cores by default.
         **overrides: Fields of the scenario, as in `lissajous_env.parameters.scenario`.
 
     Raises:
-        ValueError: what the scenario or the simulation refuses.
+        ValueError: an argument is invalid.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class LissajousTorchEnv(EnvBase):
         self.done_spec = each(world, **flags(world), **{GROUP: each(team, **flags(team))})
 
     def _set_seed(self, seed: int | None) -> None:
-        """Let world k begin its next episode with seed + k, and draw its seeds from there on."""
+        """Seed the next episode of world k with seed + k; later seeds are drawn from it."""
         first = int(drawn_seeds(1)[0]) if seed is None else seed
         self._seeds = np.array([fold_seed(first + k) for k in range(self.simulation.num_worlds)])
         self._seeded = np.ones(self.simulation.num_worlds, dtype=bool)
@@ -145,7 +145,7 @@ class LissajousTorchEnv(EnvBase):
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
         if mask is None and tensordict is not None and (GROUP, "_reset") in tensordict.keys(True):
-            raise ValueError(f"_reset must be of worlds, of shape {(*self.batch_size, 1)}, got one of robots alone")
+            raise ValueError(f"_reset must be a mask of worlds of shape {(*self.batch_size, 1)}, got one of robots")
         chosen = np.ones(self.batch_size, dtype=bool) if mask is None else mask.reshape(-1).cpu().numpy()
         seeded, unseeded = chosen & self._seeded, chosen & ~self._seeded
         with self._on_torch_stream():
@@ -163,14 +163,14 @@ class LissajousTorchEnv(EnvBase):
         with self._on_torch_stream():
             self.simulation.step(action)
         after = self._read()
-        self._refuse_invalid(action)
+        self._require_finite(action)
         return after.set((GROUP, "reward"), wp.to_torch(self.simulation.reward).unsqueeze(-1).clone())
 
-    def _refuse_invalid(self, action: torch.Tensor) -> None:
-        """Raise where an action is not finite: what would be learned from it is nothing.
+    def _require_finite(self, action: torch.Tensor) -> None:
+        """Raise ValueError if an action is not finite.
 
-        The simulation has taken it as zero, and flagged its world; the flags are read after the scores, for which the
-        device has been waited for already.
+        The simulation has replaced it by zero and flagged its world. The flags are read after the scores, which wait
+        for the device anyway.
         """
         if wp.to_torch(self.simulation.invalid).any():
             finite = torch.isfinite(action).all(-1)
@@ -178,7 +178,7 @@ class LissajousTorchEnv(EnvBase):
             raise ValueError(f"action of {GROUP}_{i} in world {w} must be finite, got {action[w, i].tolist()}")
 
     def _read(self) -> TensorDict:
-        """Copy what every world shows now out of the simulation's arrays, which the next step overwrites."""
+        """Copy observations, flags and scores from the simulation's arrays, which the next step overwrites."""
         sim = self.simulation
         terms = wp.to_torch(sim.reward_terms).clone().unbind(-1)
         info = {f"reward_{name}": term.unsqueeze(-1) for name, term in zip(sim.reward_term_names, terms, strict=True)}
@@ -199,7 +199,7 @@ class LissajousTorchEnv(EnvBase):
         return self._batched(world, 1)
 
     def _scores(self) -> dict[str, torch.Tensor]:
-        """Scores (W, 1) of the episodes that the latest step ended, NaN in the other worlds."""
+        """Return the scores (W, 1) of the episodes that the latest step ended, NaN for the other worlds."""
         scores = torch.full((len(SCORES), *self.batch_size, 1), torch.nan, device=self.device)
         ended = wp.to_torch(self.simulation.clock.stage) == int(ENDED)
         if ended.any():
@@ -213,24 +213,24 @@ class LissajousTorchEnv(EnvBase):
         return TensorDict(entries, batch_size=shape, device=self.device)
 
     def _on_torch_stream(self) -> AbstractContextManager:
-        """Run the simulation on torch's stream: on CUDA Warp has its own, and neither would wait for the other."""
+        """Run the simulation on torch's CUDA stream, because Warp's own stream is not synchronised with it."""
         if self.simulation.device.is_cpu:
             return nullcontext()
         return wp.ScopedStream(wp.stream_from_torch(self.device))
 
     def render(self, mode: str = "rgb_array", world: int = 0, size: tuple[int, int] | None = None) -> np.ndarray:
-        """Draw one world.
+        """Draw a world.
 
         Args:
-            mode: `rgb_array`, the only one.
-            world: Which.
-            size: Width and height [px]; None fits the scenario's rectangle.
+            mode: `rgb_array`, the only mode.
+            world: Index of the world.
+            size: Width and height [px]; None: fitted to the scenario's rectangle.
 
         Returns:
             (height, width, 3) uint8.
 
         Raises:
-            ValueError: another mode, or a size that the renderer refuses.
+            ValueError: the mode or size is invalid.
         """
         if mode != "rgb_array":
             raise ValueError(f"mode must be rgb_array, got {mode!r}")
@@ -242,14 +242,14 @@ class LissajousTorchEnv(EnvBase):
             return self._renderers[size].draw(self.simulation, world)
 
     def to(self, device: Any) -> LissajousTorchEnv:
-        """Return the environment itself: it stays on the device that it was made for.
+        """Return the environment itself, which cannot be moved to another device.
 
         Raises:
-            ValueError: another device.
+            ValueError: the device differs from the environment's.
         """
         wanted = torch.device(device)
         if wanted.type != self.device.type or wanted.index not in (None, self.device.index):
-            raise ValueError(f"device must be {self.device}, for which the environment was made, got {wanted}")
+            raise ValueError(f"device must be {self.device}, the device of the environment, got {wanted}")
         return self
 
 

@@ -1,9 +1,9 @@
-"""BenchMARL's own command on the scenarios: its algorithms, models and settings, by Hydra.
+"""BenchMARL's command for the scenarios, with its algorithms, models and settings by Hydra.
 
     python -m training.torchrl.hydra_run task=lissajous/intruders algorithm=mappo experiment.max_n_iters=50
     python -m training.torchrl.hydra_run task=lissajous/rough algorithm=ippo +task.targets.count=5 seed=1
 
-Fields of the scenario are `+task.PART.FIELD`; `task.state=true` lets central critics see the true state.
+Fields of the scenario are `+task.PART.FIELD`; with `task.state=true` central critics read the true state.
 """
 
 from lissajous_env.extras import missing
@@ -19,7 +19,7 @@ except ImportError as error:
 
 
 def register_tasks() -> None:
-    """Make each scenario known to BenchMARL and to Hydra, as `lissajous/NAME`."""
+    """Register each scenario in BenchMARL and Hydra as `lissajous/NAME`."""
     for task in LissajousTask:
         name = task.name.lower().replace("_", "-")
         task_config_registry[f"lissajous/{name}"] = task

@@ -3,7 +3,7 @@
     python -m training.torchrl.mappo_example --iterations 50 --scenario intruders --out runs/mappo
     python -m training.torchrl.mappo_example --algorithm qmix --set task.duration=20 state=True
 
-Curves are written below `--out` as CSV files, the scores of the episodes beside their rewards.
+Rewards and scores of the episodes are written as CSV files into a folder in `--out`.
 """
 
 import dataclasses
@@ -30,31 +30,31 @@ ALGORITHMS = {"mappo": MappoConfig, "ippo": IppoConfig, "qmix": QmixConfig}
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """What to train on what, for how long."""
+    """Settings of the example."""
 
     scenario: str = "intruders"
     """Name of the scenario."""
     algorithm: Literal["mappo", "ippo", "qmix"] = "mappo"
-    """MAPPO or IPPO, with continuous actions, or QMIX, with discrete ones."""
+    """mappo or ippo, with continuous actions, or qmix, with discrete ones."""
     iterations: int = 50
-    """Iterations; in each, every world plays one whole episode."""
+    """Iterations, in each of which every world plays one episode."""
     worlds: int = 32
-    """Worlds that are simulated together."""
+    """Environments that are stepped together."""
     out: Path = Path("runs")
-    """Folder for the results; each run makes a folder of its own in it."""
+    """Folder for the results; each run creates its own folder in it."""
     seed: int = 0
     """Seed of the worlds and of the learner."""
     device: str = "cpu"
     """Device of the worlds and of the learner: `cpu` or `cuda`."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = dataclasses.field(default_factory=dict)
-    """Fields changed in the scenario, and `state`, as `training.torchrl.benchmarl` says."""
+    """Overrides of scenario fields, and `state`, as in `training.torchrl.benchmarl`."""
 
 
 def experiment(settings: Settings) -> Experiment:
-    """Make the experiment; its `run()` trains.
+    """Return the experiment, whose `run()` trains.
 
     Raises:
-        ValueError: an unknown scenario or field, or a value that the scenario refuses.
+        ValueError: the scenario or an override is invalid.
     """
     task = LissajousTaskClass(settings.scenario, dict(settings.overrides))
     frames = settings.worlds * task.scenario.task.steps
@@ -67,7 +67,7 @@ def experiment(settings: Settings) -> Experiment:
     config.on_policy_n_minibatch_iters, config.on_policy_minibatch_size = 4, -(-frames // 8)
     config.off_policy_n_optimizer_steps, config.off_policy_memory_size = 64, 20 * frames
     config.evaluation_interval, config.evaluation_episodes = 10 * frames, settings.worlds
-    # The CSV logger would write a film of each evaluation uncompressed, hundreds of MB.
+    # The CSV logger would write uncompressed videos of hundreds of MB.
     config.render, config.loggers = False, ["csv"]
     settings.out.mkdir(parents=True, exist_ok=True)
     config.save_folder = str(settings.out)
@@ -84,8 +84,8 @@ def main(settings: tyro.conf.OmitArgPrefixes[Settings], overrides: Overrides = (
     """Train a team with BenchMARL.
 
     Args:
-        settings: What is trained on what, for how long.
-        overrides: fields changed in the scenario, as in --set task.duration=20 targets.count=5
+        settings: settings of the example.
+        overrides: scenario fields to change, such as --set task.duration=20 targets.count=5
     """
     experiment(dataclasses.replace(settings, overrides=parse_overrides(overrides))).run()
 

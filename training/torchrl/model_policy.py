@@ -1,10 +1,10 @@
-"""A module of TorchRL or BenchMARL as a policy, to be evaluated and benchmarked like the others.
+"""A module of TorchRL or BenchMARL as a policy that can be evaluated and benchmarked.
 
     policy = training.torchrl.ModelPolicy(experiment.policy, "rough", num_worlds=16)
     rows = lissajous_env.evaluate(policy, "rough", seeds=range(16))
 
-where `experiment` is one of BenchMARL that was trained on `LissajousTask.ROUGH`, or the module any that was trained on
-`LissajousTorchEnv`. `torch.load`, where weights are read with `weights_only=False`, runs what the file says.
+where `experiment` is a BenchMARL experiment on `LissajousTask.ROUGH`; the module can also be any that was trained on
+`LissajousTorchEnv`. `torch.load` with `weights_only=False` can run any code, so load only files that you trust.
 """
 
 from typing import Any
@@ -22,19 +22,19 @@ from training.torchrl.env import GROUP
 
 
 class ModelPolicy(Policy):
-    """What a module writes as `robot, action` where `robot, observation` (W, N, D) is given.
+    """Policy whose actions are a module's output `robot, action` for the input `robot, observation` (W, N, D).
 
-    Actions are (W, N, action_size), or (W, N) whole numbers, rows of the action table.
+    Actions have shape (W, N, action_size), or are whole numbers (W, N), rows of the action table.
 
     Args:
-        module: A module of tensordict's, which is called with a TensorDict of batch size (W,).
-        scenario: What it is played on.
+        module: Module that is called with a TensorDict of batch size (W,).
+        scenario: Scenario to play.
         num_worlds: W.
-        device: Warp device, on which the module is too.
-        deterministic: Whether it takes its best action instead of a drawn one.
+        device: Warp device, which must be that of the module.
+        deterministic: Use the most likely action instead of a random one.
 
     Raises:
-        ValueError: no such module; or, when it acts, actions of another shape.
+        ValueError: the module is not callable, or its actions have another shape.
     """
 
     arrays = "warp"
@@ -54,13 +54,13 @@ class ModelPolicy(Policy):
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         with self._on_torch_stream(wp.to_torch(observation)), torch.no_grad(), set_exploration_type(self._exploration):
-            # A copy: what a module keeps must not change with the next step.
+            # A copy, because the module may store it, and the next step overwrites the array.
             rows = TensorDict({"observation": wp.to_torch(observation).clone()}, self.shape)
-            told: Any = self.module(TensorDict({GROUP: rows}, self.shape[:1], device=self._torch_device))
-            action = told[GROUP, "action"]
+            outputs: Any = self.module(TensorDict({GROUP: rows}, self.shape[:1], device=self._torch_device))
+            action = outputs[GROUP, "action"]
             if not action.is_floating_point() and tuple(action.shape) == self.shape:
                 action = self._table[action]
             if tuple(action.shape) != self.action.shape:
                 wanted = f"{tuple(self.action.shape)}, or whole numbers of shape {self.shape}"
-                raise ValueError(f"action of {self.name} must be of shape {wanted}, got {tuple(action.shape)}")
+                raise ValueError(f"action of {self.name} must have shape {wanted}, got {tuple(action.shape)}")
             wp.to_torch(self.action).copy_(action)

@@ -1,7 +1,7 @@
-"""Attacks the package as strangers do, and writes the table of what held: `python benchmarks/attack.py`.
+"""Attack the package with misuse, and write a table of the results: `python -m tests.adversarial`.
 
-Every try is drawn from the seed, the attack and its number, so that a failure can be tried again alone:
-`python benchmarks/attack.py --only NAME --seed S`.
+Every try is drawn from the seed, the attack and its number, so that a failure can be repeated alone:
+`python -m tests.adversarial --only NAME --seed S`.
 """
 
 import importlib
@@ -17,23 +17,20 @@ import tyro
 from rich.console import Console
 from rich.progress import Progress
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-import attacks
-
 from lissajous_env.storage.files import write_atomically
+from tests import adversarial
 
 _SHOWN = 3
-"""Failures of an attack that are shown in full."""
+"""Number of failures that are printed per attack."""
 
 
 def attack(only: str = "", share: float = 1.0, seed: int = 0, out: Path | None = None) -> int:
-    """Try every attack, print what held and what did not.
+    """Run every attack and print how many tries the package withstood.
 
     Args:
-        only: tries only attacks whose names hold these words.
-        share: share of the tries of each attack; at least one is made.
-        seed: another seed draws other tries.
+        only: run only attacks whose names contain these words.
+        share: fraction of the tries of each attack; at least one is run.
+        seed: seed of the tries.
         out: Markdown file whose table is replaced.
     """
     console, rows, failed = Console(), [], 0
@@ -61,18 +58,18 @@ def attack(only: str = "", share: float = 1.0, seed: int = 0, out: Path | None =
     return 1 if failed else 0
 
 
-def _attacks(console: Console) -> list[attacks.Attack]:
-    """All attacks, module by module; one whose libraries are not installed is said to be left out."""
+def _attacks(console: Console) -> list[adversarial.Attack]:
+    """Return all attacks; a module whose library is not installed is skipped with a message."""
     found = []
-    for name in sorted(module.name for module in pkgutil.iter_modules(attacks.__path__)):
+    for name in sorted({module.name for module in pkgutil.iter_modules(adversarial.__path__)} - {"__main__"}):
         try:
-            found += importlib.import_module(f"attacks.{name}").ATTACKS
+            found += getattr(importlib.import_module(f"tests.adversarial.{name}"), "ATTACKS", [])
         except ImportError as error:
-            console.print(f"attacks.{name} is left out: {error}", style="yellow", markup=False)
+            console.print(f"{name} is skipped: {error}", style="yellow", markup=False)
     return found
 
 
-def _tried(each: attacks.Attack, draw: np.random.Generator) -> str | None:
+def _tried(each: adversarial.Attack, draw: np.random.Generator) -> str | None:
     try:
         return each.attempt(draw)
     except Exception as error:
@@ -80,7 +77,7 @@ def _tried(each: attacks.Attack, draw: np.random.Generator) -> str | None:
 
 
 def _replace_table(path: Path, rows: list[tuple[str, str, int, int]], seed: int) -> None:
-    """Replace what stands between the two marks of the table."""
+    """Replace the text between the two marks of the table."""
     begin, end = "<!-- table: begin -->", "<!-- table: end -->"
     before, _, rest = path.read_text(encoding="utf-8").partition(begin)
     lines = ["| attack | what must hold | tries | held |", "|---|---|---:|---:|"]

@@ -15,9 +15,9 @@ import gymnasium
 import numpy as np
 
 import lissajous_env
-from attacks import Attack, held_back
 from lissajous_env.episodes import recording
 from lissajous_env.render import Renderer, Snapshot, film
+from tests.adversarial import Attack, held_back
 
 _SCENARIOS = ("experiment", "failure", "intruders", "rough")
 _ODD = (

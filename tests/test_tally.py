@@ -1,4 +1,4 @@
-"""Sums that a score or a reward is made from: beyond 32 bits they go on, and small parts are not lost in large ones."""
+"""Sums of scores and rewards: no overflow of 32 bits, and no loss of small terms."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a critic sees of a whole world: one kernel, a world to a thread."""
+"""Input of a central critic: the state of the whole world, computed by a kernel with one thread per world."""
 
 # Warp reads these types, not Python.
 # pyright: reportInvalidTypeForm=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
@@ -17,11 +17,11 @@ from lissajous_env.world.state import PRESENT, WORKING, Clock, Robots, Targets
 wp.set_module_options(OPTIONS)
 
 OF_ROBOT = 6
-"""Numbers of a robot."""
+"""Number of values per robot."""
 COLUMNS, ROWS = 12, 6
-"""Columns and rows in which undetected targets are counted."""
+"""Columns and rows of the zones in which undetected targets are counted."""
 MANY = 8.0
-"""Targets that count as one."""
+"""Number of targets that corresponds to a value of 1."""
 
 _COLUMNS, _ROWS, _SHARE = wp.constant(COLUMNS), wp.constant(ROWS), wp.constant(1.0 / MANY)
 _OF_ROBOT = wp.constant(OF_ROBOT)
@@ -29,7 +29,7 @@ _OF_ROBOT = wp.constant(OF_ROBOT)
 
 @wp.func
 def cell(position: float, half: float, cells: int) -> int:
-    """Cell of [-half, half] that a position is in; beyond its ends, the first or the last."""
+    """Return the cell of [-half, half] that contains a position, clamped to the first and last."""
     place = int(wp.floor(0.5 * (position / half + 1.0) * float(cells)))
     return wp.clamp(place, 0, cells - 1)
 
@@ -48,7 +48,7 @@ def view_world(
     targets: Targets,
     view_out: wp.array3d(dtype=float),
 ):
-    """Show each robot the robots in the order of `ahead`, the time, and undetected targets, all and by zone."""
+    """Write for each robot the robots in the order of `ahead`, the time, and the undetected targets by zone."""
     w = first + wp.tid()
     if wanted[w] == 0:
         return
@@ -63,7 +63,7 @@ def view_world(
             zone = cell(at[0], half_width, _COLUMNS) * _ROWS + cell(at[1], half_height, _ROWS)
             view_out[w, 0, common + 1] += _SHARE
             view_out[w, 0, common + 2 + zone] += _SHARE
-    for i in range(n):  # itself comes first in its own row
+    for i in range(n):  # a robot comes first in its own row
         turn = cos_sin(robots.heading[w, i])
         view_out[w, i, 0] = robots.position[w, i][0] / half_width
         view_out[w, i, 1] = robots.position[w, i][1] / half_height
@@ -80,11 +80,11 @@ def view_world(
                 view_out[w, i, k] = view_out[w, 0, k]
 
 
-class WorldView:
-    """Rows of what a central critic sees besides a robot's own inputs.
+class CriticView:
+    """Rows that a central critic reads besides a robot's own inputs.
 
-    Of each robot in the order of the ring, itself first: x, y, cos and sin heading, speed, whether it works; then the
-    share of the episode that is over, the undetected targets, and those in each zone of the rectangle.
+    For each robot in the order of the ring, itself first: x, y, cos and sin heading, speed, 1 if it works; then the
+    elapsed fraction of the episode, the undetected targets, and those in each zone of the rectangle.
     """
 
     def __init__(self, simulation: Simulation):
@@ -112,7 +112,7 @@ class WorldView:
             self._show = Program([Stage("view", view_world)], values, {}, *place)
 
     def rows(self, worlds: np.ndarray | None = None) -> np.ndarray:
-        """(W N, size) what the critic sees of the worlds as they are; of the others than `worlds` (W,), what it saw."""
+        """Return the rows (W N, size) of the current state; with a mask `worlds` (W,), other worlds are not updated."""
         if worlds is None:
             self._wanted.fill_(1)
         else:

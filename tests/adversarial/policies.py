@@ -14,13 +14,13 @@ from rich.console import Console
 
 import baselines
 import lissajous_env
-from attacks import Attack
 from baselines.benchmark.running import measure
 from baselines.benchmark.types import Benchmark
 from baselines.policies.base import Policy
 from lissajous_env import Simulation
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.recording import record
+from tests.adversarial import Attack
 from training.learned.card import Card
 from training.learned.network import Network
 from training.learned.policy import Learned

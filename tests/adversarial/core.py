@@ -12,9 +12,9 @@ import warp as wp
 
 import baselines
 import lissajous_env
-from attacks import Attack, held_back
 from lissajous_env.parameters.scenario import PARTS, Scenario
 from lissajous_env.world.columns import COLUMNS
+from tests.adversarial import Attack, held_back
 
 FIELDS = [(part, field) for part, kind in PARTS.items() for field in dataclasses.fields(kind)]
 BASES = ("experiment", "intruders", "rough", "failure", "knot", "perturbation")
@@ -277,7 +277,7 @@ def history_law(draw: np.random.Generator) -> str | None:
 
 def independent_reference(draw: np.random.Generator) -> str | None:
     """Against the float64 model of the tests: who works, what collides, leaves and is found, and the score."""
-    sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+    sys.path.insert(0, str(Path(__file__).parents[1]))
     import reference
     import reference_driving
 
@@ -353,7 +353,7 @@ def extensions(draw: np.random.Generator) -> str | None:
 
 def conservative(draw: np.random.Generator) -> str | None:
     """A rogue in a gap of a formation that moves as a whole, against the conservative figure."""
-    sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+    sys.path.insert(0, str(Path(__file__).parents[1]))
     import test_conservative
 
     lissajous_env.register_robot_model(test_conservative.CONVOY)

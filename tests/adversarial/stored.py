@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from attacks import Attack
-from attacks.terminal import pick
 from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from lissajous_env.world.columns import COLUMNS
+from tests.adversarial import Attack
+from tests.adversarial.terminal import pick
 
 _QUIET = Console(quiet=True)
 

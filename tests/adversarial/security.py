@@ -14,10 +14,9 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import planted
 
-from attacks import Attack
 from lissajous_env.console.cli import main
+from tests.adversarial import Attack, planted
 
 _SHORT = ("--set", "task.duration=1.0")
 _TRAIN = (

@@ -1,4 +1,4 @@
-"""What an environment can be asked for, whichever interface it has: seeds, keywords, cycles, flat actions, pictures."""
+"""Arguments of every environment interface: seeds, keywords, cycles, flat actions, pictures."""
 
 import pathlib
 

@@ -13,12 +13,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import killing
 import numpy as np
 
-from attacks import Attack
 from lissajous_env.storage.files import parse_json
 from lissajous_env.storage.folder import LIST
+from tests.adversarial import Attack, killing
 
 _STEMS = (
     "weights-abc",

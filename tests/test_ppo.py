@@ -1,4 +1,4 @@
-"""The fast loop of PPO against Stable-Baselines3's own, and the worlds that it learns in."""
+"""The loop of PPO against Stable-Baselines3's own, and the environments that it learns in."""
 
 import io
 
@@ -17,12 +17,13 @@ from training.learned.card import Card
 from training.learned.policy import Learned
 from training.sb3 import RobotVecEnv
 from training.sb3.critic import CentralCriticPolicy
-from training.sb3.rollouts import RobotPPO
-from training.sb3.trainer import Sb3Trainer, _Watch, train
+from training.sb3.ppo import RobotPPO
+from training.sb3.trainer import Sb3Trainer, train
 from training.settings import TrainingSettings
 from training.trainer import Trainer
 
 SHORT = {"task.duration": 2.0, "task.grid": None}
+SMALL = {"base": "none", "teacher": "none", "rivals": (), "threads": 1}
 
 
 def make_env(central=False, **more):
@@ -31,16 +32,56 @@ def make_env(central=False, **more):
     return RobotVecEnv(scenario, 8, short=0.5, short_time=0.7, central=central, **more)
 
 
-def weights(kind, activation, central=False, layers=(16, 8), **settings):
+def make_model(central=False, **settings):
     env = make_env(central)
-    inputs = Card.of(env.scenario).network_inputs
-    policy, own = (CentralCriticPolicy, {"actor_inputs": inputs}) if central else ("MlpPolicy", {})
-    model = kind(
-        policy, env, n_steps=16, batch_size=160, n_epochs=2, seed=3, device="cpu",
-        policy_kwargs={"net_arch": list(layers), "activation_fn": activation, **own}, **settings,
-    )  # fmt: skip
+    made = TrainingSettings(**SMALL | {"layers": (16, 8), "rollout": 16, "batch_size": 160, "seed": 3} | settings)
+    model = RobotPPO(made, env, Card.of(env.scenario))
+    model.reset()
+    return model
+
+
+def weights(policy):
+    return np.concatenate([parameter.detach().numpy().ravel() for parameter in policy.parameters()])
+
+
+def learned(**settings):
+    model = make_model(**settings)
+    for k in range(3):
+        model.learn(remaining=1 - k / 3)
+    return weights(model.policy)
+
+
+def learned_by_the_library(central=False, **changes):
+    """Train as `learned` does, with the loop of Stable-Baselines3."""
+    env = make_env(central)
+    settings = make_model(central, **changes).settings
+    model = PPO(
+        CentralCriticPolicy,
+        env,
+        learning_rate=lambda remaining: settings.learning_rate * (0.02 + 0.98 * remaining),
+        n_steps=16,
+        batch_size=160,
+        n_epochs=settings.epochs,
+        ent_coef=settings.entropy,
+        vf_coef=settings.value_weight,
+        use_sde=settings.chosen_noise_steps > 1,
+        seed=3,
+        device="cpu",
+        policy_kwargs={
+            "actor_inputs": Card.of(env.scenario).network_inputs,
+            "net_arch": list(settings.layers),
+            "activation_fn": {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh}[settings.activation],
+            "log_std_init": settings.log_std,
+            "optimizer_kwargs": {"eps": 1e-5, "fused": True},
+        },
+    )
+    env.seed(1_000_000 * (1 + settings.seed))
+    # The learning rate of `learned` is that of the rollout's beginning, here that of its end.
+    model._update_current_progress_remaining = lambda steps, total: setattr(
+        model, "_current_progress_remaining", 1 - (steps - 16 * env.num_envs) / total
+    )
     model.learn(3 * 16 * env.num_envs)
-    return np.concatenate([parameter.detach().numpy().ravel() for parameter in model.policy.parameters()])
+    return weights(model.policy)
 
 
 @pytest.fixture(autouse=True)
@@ -54,39 +95,42 @@ def on_one_thread():
 @pytest.mark.parametrize(
     "settings",
     [
-        {"activation": torch.nn.ReLU},
-        {"activation": torch.nn.Tanh, "ent_coef": 0.01, "vf_coef": 0.3},
-        {"activation": torch.nn.ReLU, "use_sde": True, "sde_sample_freq": 5},
-        {"activation": torch.nn.Tanh, "central": True},
-        {"activation": torch.nn.ReLU, "central": True, "layers": [], "use_sde": True},
+        {},
+        {"activation": "tanh", "entropy": 0.01, "value_weight": 0.3},
+        {"noise_steps": 16},
+        {"activation": "tanh", "central": True},
+        {"central": True, "layers": (), "noise_steps": 16},
     ],
     ids=["relu", "tanh, entropy", "gSDE", "central critic", "no hidden layer"],
 )
 def test_the_loop_learns_what_the_library_does(settings, monkeypatch):
     # Oracle: PPO itself on the same rows with the same draws. Sums are taken in another order, hence the tolerance.
-    monkeypatch.setattr("training.sb3.blocks.BLOCK", 64)
-    ours, theirs = weights(RobotPPO, **settings), weights(PPO, **settings)
+    monkeypatch.setattr("training.sb3.ppo.BLOCK", 64)
+    ours = learned(**settings)
+
+    def permutation(count):
+        # The library lists the steps of a row one after the other, here the rows of a step are.
+        drawn = torch.randperm(count).numpy()
+        return drawn % 40 * 16 + drawn // 40
+
+    monkeypatch.setattr(np.random, "permutation", permutation)
+    theirs = learned_by_the_library(**settings)
     assert np.abs(ours - theirs).max() < 1e-6
     assert np.abs(theirs).max() > 0.1
 
 
 def test_what_is_learned_does_not_depend_on_the_threads(monkeypatch):
     # Oracle: one thread, bit for bit; blocks of 40 rows make four tasks of a minibatch.
-    monkeypatch.setattr("training.sb3.blocks.BLOCK", 40)
-    alone = weights(RobotPPO, torch.nn.ReLU, threads=1)
-    assert (weights(RobotPPO, torch.nn.ReLU, threads=3) == alone).all()
+    monkeypatch.setattr("training.sb3.ppo.BLOCK", 40)
+    assert (learned(threads=3) == learned(threads=1)).all()
 
 
 def test_a_critic_alone_learns_where_the_actor_is_held():
-    env = make_env()
-    model = RobotPPO("MlpPolicy", env, n_steps=8, batch_size=320, n_epochs=1, seed=0, device="cpu")
-    held = {name: p.detach().clone() for name, p in model.policy.named_parameters() if "value" not in name}
+    model = make_model()
+    before = {name: parameter.detach().clone() for name, parameter in model.policy.named_parameters()}
+    model.learn(1.0, critic_only=True)
     for name, parameter in model.policy.named_parameters():
-        parameter.requires_grad_("value" in name)
-    before = model.policy.value_net.weight.detach().clone()
-    model.learn(8 * env.num_envs)
-    assert not torch.equal(model.policy.value_net.weight, before)
-    assert all(torch.equal(model.policy.get_parameter(name), kept) for name, kept in held.items())
+        assert torch.equal(parameter, before[name]) == ("value" not in name)
 
 
 def test_collisions_cost_more_while_learning_and_nowhere_else(tmp_path):
@@ -104,13 +148,13 @@ def test_collisions_cost_more_while_learning_and_nowhere_else(tmp_path):
 def test_noise_falls_as_the_settings_say(tmp_path, monkeypatch):
     # Oracle: the line from the first to the last, from the end of imitation on; where it would rise it stays.
     seen = []
-    set_noise = _Watch._set_noise
+    learn = RobotPPO.learn
 
-    def recorded(watch):
-        set_noise(watch)
-        seen.append(watch.model.policy.log_std.detach().mean().item())
+    def recorded(model, *args):
+        seen.append(model.policy.log_std.detach().mean().item())
+        return learn(model, *args)
 
-    monkeypatch.setattr(_Watch, "_set_noise", recorded)
+    monkeypatch.setattr(RobotPPO, "learn", recorded)
     small = {"worlds": 4, "rollout": 8, "batch_size": 160, "layers": (4,), "threads": 1, "rivals": (), "epochs": 1,
              "evaluation_episodes": 1, "steps": 800, "imitation_steps": 160, "log_std": -1.0,
              "base": "none"}  # fmt: skip

@@ -1,4 +1,4 @@
-"""The batch with one row for each robot: the same worlds, cut in rows, whose flags are those of the robots."""
+"""`gymnasium_vector`: one row per robot, with the same worlds as the simulation and flags per robot."""
 
 import copy
 

@@ -1,4 +1,4 @@
-"""What a benchmark finds in its folder is held to the rules of what it writes there: each column, each setting."""
+"""Validation of the rows and settings that a benchmark finds in its folder, column by column."""
 
 import json
 import math

@@ -11,14 +11,14 @@ import numpy as np
 from rich.console import Console
 
 import lissajous_env
-from attacks import Attack, held_back
-from attacks.terminal import pick
 from baselines.benchmark.running import run
 from baselines.benchmark.types import Benchmark
 from lissajous_env.parameters import robot_models
 from lissajous_env.storage.files import check_writable_file
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.robots.point import POINT
+from tests.adversarial import Attack, held_back
+from tests.adversarial.terminal import pick
 
 _QUIET = Console(quiet=True)
 

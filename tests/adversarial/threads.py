@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 import lissajous_env
-from attacks import Attack
-from attacks.terminal import pick
+from tests.adversarial import Attack
+from tests.adversarial.terminal import pick
 
 _SECONDS = 400
 _BEGIN = """

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from attacks import Attack
 from baselines.benchmark import tables
 from baselines.benchmark.comparison import statistics
 from baselines.benchmark.shown_columns import SHOWN
@@ -26,6 +25,7 @@ from baselines.commands.design import design
 from lissajous_env.console.cli import main
 from lissajous_env.parameters.overrides import parse_overrides
 from lissajous_env.world.columns import COLUMNS as SCORES
+from tests.adversarial import Attack
 
 _WORDS = [
     "falure",

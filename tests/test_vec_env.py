@@ -1,4 +1,4 @@
-"""The batch as a VecEnv of Stable-Baselines3: rows are robots, and a time limit is not a death."""
+"""`RobotVecEnv` for Stable-Baselines3: rows are robots, and a time limit is not a terminal state."""
 
 import warnings
 
@@ -18,8 +18,7 @@ from stable_baselines3.common.vec_env import VecCheckNan, VecEnv, VecMonitor, Ve
 
 from training.learned.card import Card
 from training.sb3 import RobotVecEnv
-from training.sb3.ppo import make_ppo, to_network
-from training.sb3.rollouts import RobotPPO
+from training.sb3.ppo import RobotPPO
 from training.settings import TrainingSettings
 
 
@@ -213,17 +212,18 @@ def test_a_policy_with_a_central_critic_acts_on_its_own_inputs(tmp_path):
     scenario = settings.make_scenario()
     card = Card.of(scenario)
     env = RobotVecEnv(scenario, 3, card, central=True)
-    model = make_ppo(settings, env, card)
+    model = RobotPPO(settings, env, card)
     rows = env.reset()
     other = rows.copy()
     other[:, card.network_inputs :] += np.random.default_rng(0).normal(size=other[:, card.network_inputs :].shape)
-    assert (model.predict(rows, deterministic=True)[0] == model.predict(other, deterministic=True)[0]).all()
+    acted, _ = model.policy.predict(rows, deterministic=True)
+    assert (acted == model.policy.predict(other, deterministic=True)[0]).all()
     with torch.no_grad():
         values = [model.policy.predict_values(torch.from_numpy(each)) for each in (rows, other)]
     assert not torch.equal(*values)
-    network = to_network(model, "relu").to_torch("cpu")
+    network = model.network().to_torch("cpu")
     own = network(torch.from_numpy(rows[:, : card.network_inputs])).clamp(-1, 1).numpy()
-    assert own == pytest.approx(model.predict(rows, deterministic=True)[0], abs=1e-6)
+    assert own == pytest.approx(acted, abs=1e-6)
 
 
 class Countdown(VecEnv):
@@ -327,11 +327,10 @@ def test_episodes_are_reported_as_a_monitor_reports_them(tmp_path):
     assert early > 0
 
 
-@pytest.mark.parametrize("algorithm", [PPO, RobotPPO])
-def test_the_mean_return_is_logged_without_a_wrapper(algorithm):
+def test_the_mean_return_is_logged_without_a_wrapper():
     # Oracle: the mean of what the batch reported.
     env = RobotVecEnv("failure", 2, seed=0, staggered=True)
-    model = algorithm("MlpPolicy", env, n_steps=32, batch_size=64, n_epochs=1, device="cpu")
+    model = PPO("MlpPolicy", env, n_steps=32, batch_size=64, n_epochs=1, device="cpu")
     model.learn(32 * env.num_envs)
     assert len(model.ep_info_buffer) > 0
     logged = model.logger.name_to_value["rollout/ep_rew_mean"]
