@@ -2,8 +2,9 @@
 
 Lengths are multiplied by L and times by T, each policy plays the same seeds at every scale, and the means in scaled
 units are compared with those at the scale of the scenario. Factors that are powers of 2 change no bit, as
-`tests/test_similarity.py` shows; others round differently, after which two episodes with a near collision part.
-`--store` puts the table into docs/figures.json.
+`tests/test_similarity.py` shows. Others round differently, and after a near collision two episodes that differ in the
+last digit part. The table has the largest difference over the scales, its median over the policies, and how many
+policies differ by less than 1 % in distance and spacing. `--store` puts the table into docs/figures.json.
 """
 
 import argparse
@@ -17,7 +18,8 @@ from baselines.benchmark.tables import number
 
 SCENARIOS = ("experiment", "evaders", "intruders")
 SCALES = ((10.0, 1.0), (10.0, 10.0), (3.0, 0.5), (0.1, 1.0), (100.0, 10.0))
-COLUMNS = {"distance_mean": "distance driven", "spacing_factor": "spacing factor", "collisions": "collisions"}
+COLUMNS = ("distance_mean", "spacing_factor", "collisions")
+WITHIN = 0.01
 
 
 def means(name: str, scenario: lissajous_env.Scenario, length: float, time: float, seeds: int) -> np.ndarray:
@@ -28,13 +30,12 @@ def means(name: str, scenario: lissajous_env.Scenario, length: float, time: floa
     return np.mean([[row[column] for column in COLUMNS] for row in rows], axis=0) / units
 
 
-def row_of(name: str, scenario: lissajous_env.Scenario, seeds: int) -> list[str]:
-    """Return a row of the table: the means at the scenario's own scale, and how far those at the others are off."""
+def largest_differences(name: str, scenario: lissajous_env.Scenario, seeds: int) -> list[float]:
+    """Return how far the means at another scale are from those at the scenario's own: relative, but of collisions."""
     own = means(name, scenario, 1.0, 1.0, seeds)
     others = np.array([means(name, scenario, length, time, seeds) for length, time in SCALES])
     off = np.abs(others - own).max(axis=0)
-    cells = [f"{number(mean)} ({number(most)})" for mean, most in zip(own, off, strict=True)]
-    return [f"{scenario.name}, `{name}`", *cells]
+    return [off[0] / own[0], off[1] / own[1], off[2]]
 
 
 def main() -> None:
@@ -47,10 +48,17 @@ def main() -> None:
     rows = []
     for name in options.scenarios:
         scenario = lissajous_env.scenario(name)
-        for policy in options.policies or baselines.names(scenario):
-            rows.append(row_of(policy, scenario, options.seeds))
-            print(*rows[-1], sep="  ", flush=True)
-    table = {"columns": ["policy", *(f"{title} (largest difference)" for title in COLUMNS.values())], "rows": rows}
+        policies = options.policies or baselines.names(scenario)
+        off = []
+        for policy in policies:
+            off.append(largest_differences(policy, scenario, options.seeds))
+            print(name, policy, *map(number, off[-1]), sep="  ", flush=True)
+        distance, spacing, collisions = np.array(off).T
+        alike = (distance < WITHIN) & (spacing < WITHIN)
+        middle = [f"{100 * np.median(each):.2g} %" for each in (distance, spacing)]
+        rows.append([f"`{name}`", str(len(policies)), str(alike.sum()), *middle, number(np.median(collisions))])
+    titles = "policies", "within 1 %", "distance driven", "spacing factor", "collisions per episode"
+    table = {"columns": ["scenario", *titles], "rows": rows}
     figures.show(f"{options.seeds} seeds, at {len(SCALES)} other scales", table)
     if options.store:
         figures.store({"similarity": table})
