@@ -200,7 +200,7 @@ def test_benchmark_prints_a_table_and_resumes(tmp_path):
     assert "episodes, " not in again.stderr  # there was nothing left to play
     tables = [re.sub(r", [\d.]+ s\n", "", ended.stdout) for ended in (first, again)]
     assert tables[1].startswith(tables[0].partition("Interquartile")[0])
-    assert "6 of 6 episodes were in" in tables[1]
+    assert "6 of 6 episodes were already in" in tables[1]
     assert "kuramoto" in tables[0]
     with open(tmp_path / "episodes.csv", newline="") as file:
         assert tuple(next(csv.reader(file))) == NAMES
@@ -350,7 +350,7 @@ def test_policies_lists_what_drives_a_scenario_and_what_each_one_is(capsys):
     table = called(capsys, "policies")[1]
     for each in everything:
         assert re.search(rf"^{each['name']} +({each['kind'] or 'any'}) ", table, re.MULTILINE)
-    assert "module:factory: factory(scenario" in " ".join(table.split())  # and no little picture of a factory
+    assert "module:factory, where factory(scenario" in " ".join(table.split())  # and no little picture of a factory
     assert called(capsys, "policies", "faliure")[0] == 2
 
 

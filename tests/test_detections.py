@@ -109,5 +109,5 @@ def test_a_damaged_line_is_refused_by_file_and_number(tmp_path, change):
     run(small(tmp_path, episodes=1), console=QUIET)
     first, second = lines(tmp_path)
     (tmp_path / detections.NAME).write_text(f"{first}\n{json.dumps(json.loads(second) | change)}\n")
-    with pytest.raises(ValueError, match=r"detections\.jsonl, line 2 must hold .*; delete that line"):
+    with pytest.raises(ValueError, match=r"detections\.jsonl, line 2: .*; delete that line"):
         run(small(tmp_path, episodes=1), console=QUIET)
