@@ -169,7 +169,9 @@ def test_a_stage_without_its_barrier_races(monkeypatch):
             if stage.name != "sending"
         ]
 
-    assert "EpisodeTotals.min_separation" in in_both_orders(monkeypatch, lissajous_env.scenario("failure", **RANDOM), listed)
+    assert "EpisodeTotals.min_separation" in in_both_orders(
+        monkeypatch, lissajous_env.scenario("failure", **RANDOM), listed
+    )
 
 
 def test_a_kernel_that_asks_for_what_is_not_there_is_refused_by_name():

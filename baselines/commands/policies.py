@@ -35,6 +35,10 @@ def policies(scenario: _ScenarioOrNone = None, output: OutputOptions = DEFAULT_O
     rows = [_described(**each) for each in listed]
     left_out = print_table(console, columns, rows)
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+    if here := [f"{name} ({module}.py)" for name, module in registry.registered_here()]:
+        console.print(
+            f"\nRegistered by modules of the current folder: {', '.join(here)}", markup=False, highlight=False
+        )
     words = (
         "\nA policy can also be given as a checkpoint's folder; as module:factory, where factory(scenario, num_worlds, "
         "device) returns a policy; as module:act, where act(observation) returns actions; or by a name that a module "

@@ -168,9 +168,14 @@ def bring(name: str) -> None:
         here.load_module_of(name, "policy", *_REGISTER)
 
 
+def registered_here() -> list[tuple[str, str]]:
+    """Return the names that modules of the current folder register, each with its module."""
+    return list(here.registered_here(*_REGISTER))
+
+
 def meant_here(name: str) -> list[str]:
-    """Return names that a user may mean by an unknown one: checkpoints beside it, policies of modules in the folder."""
-    return [*here.folders_beside(name, "checkpoint.json"), *(each for each, _ in here.registered_here(*_REGISTER))]
+    """Return what an unknown name may refer to: checkpoints beside it, and policies of the modules here."""
+    return [*here.folders_beside(name, "checkpoint.json"), *(each for each, _ in registered_here())]
 
 
 def parts(name: str) -> dict[str, str]:
