@@ -202,7 +202,8 @@ def test_a_training_that_diverges_ends_in_one_line(tmp_path, algorithm, rate):
     with checkpoint.hold(settings.out) as folder:
         trainer = Sb3Trainer(settings, QUIET, folder)
         trainer.settings = dataclasses.replace(settings, evaluate_every=100_000)
-        trainer.model.lr_schedule = lambda _: rate
+        optimizer = trainer.model.policy.optimizer
+        trainer.model.set_learning_rate = lambda remaining: optimizer.param_groups[0].update(lr=rate)
         with pytest.raises(ValueError, match=words) as refused:
             trainer.run()
     assert f"got {settings.learning_rate:g}: after " in str(refused.value)

@@ -113,9 +113,9 @@ def scores(detection, collisions):
     [
         (scores(4.0, 0.0), scores(5.0, 0.0), []),
         (scores(4.0, 0.015), scores(5.0, 0.0), []),
-        (scores(9.41, 3.59), scores(4.96, 0.0), ["detection time 9.41 s, 4.5 s more (of the rival: 4.96 s)",
-                                                 "collisions 3.59 an episode, 3.6 more"]),
-        (scores(None, 0.0), scores(5.0, 0.0), ["detection time none (of the rival: 5 s)"]),
+        (scores(9.41, 3.59), scores(4.96, 0.0), ["detection time 9.41 s, 4.5 s more (rival: 4.96 s)",
+                                                 "collisions 3.59 per episode, 3.6 more"]),
+        (scores(None, 0.0), scores(5.0, 0.0), ["detection time none (rival: 5 s)"]),
         (scores(4.0, 0.0), scores(None, 1.0), []),
     ],
 )  # fmt: skip

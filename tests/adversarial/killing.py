@@ -137,7 +137,7 @@ def train(folder: Path) -> None:
     settings = TrainingSettings(
         "failure", steps=240, worlds=2, rollout=8, batch_size=40, layers=(4,), base="none", teacher="none", threads=1,
         rivals=(), evaluation_episodes=1, evaluate_every=80, epochs=1, learning_rate=0.3, noise_steps=4, averaging=0.3,
-        out=folder, seed=3,  # one whose second evaluation is the best
+        out=folder, seed=4,  # one whose second evaluation is the best
         overrides={"task.duration": 0.5, "task.reward_effort": -1.0, "robot.count": 5},
     )  # fmt: skip
     train(settings, QUIET)
