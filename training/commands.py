@@ -16,7 +16,9 @@ def train(
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
-    """Train a policy; it can be stopped or killed at any moment, the same command goes on.
+    """Train a policy.
+
+    A training may be interrupted or killed at any moment; the same command resumes it from its last checkpoint.
 
     Example:
         lissajous train --scenario intruders --out runs/intruders
@@ -34,8 +36,8 @@ def train(
         where it runs: device, threads, engine, address, workers
 
     Args:
-        settings: What is trained, how, and where it goes.
-        output: How it speaks.
+        settings: Scenario, algorithm and folder of the results.
+        output: Console output.
         overrides: fields changed in the scenario, as in --set task.reward_collision=-5 targets.count=5
     """
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))

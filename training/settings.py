@@ -47,8 +47,8 @@ class TrainingSettings:
     scenario: str = "intruders"
     """Scenario to train on."""
     algorithm: Literal["ppo", "dagger", "clone"] = "ppo"
-    """ppo: proximal policy optimization, after imitation if there is a teacher. dagger: imitation only, in the states
-    that the learned policy reaches; clone: imitation only, in the states that the teacher reaches."""
+    """`ppo`: proximal policy optimization, after imitation if there is a teacher. `dagger`: imitation only, in the
+    states that the learned policy reaches; `clone`: imitation only, in the states that the teacher reaches."""
     steps: int = 100_000_000
     """Robot steps to train for, summed over all robots and worlds. The default takes about six hours on two cores; a
     few million show whether a scenario can be learned."""
@@ -135,11 +135,11 @@ class TrainingSettings:
     rivals: tuple[str, ...] | None = None
     """Policies to compare the evaluations with; by default the paper's method and the base."""
     device: str = "cpu"
-    """cpu, cuda or cuda:k."""
+    """`cpu`, `cuda` or `cuda:k` for CUDA device k."""
     threads: int | None = None
     """CPU threads; all cores by default."""
     engine: Literal["sb3", "ray"] = "sb3"
-    """sb3: in this process. ray: RLlib, over a Ray cluster."""
+    """`sb3`: in this process. `ray`: RLlib, over a Ray cluster."""
     address: str | None = None
     """Address of a Ray cluster: auto, HOST:PORT or ray://HOST:PORT; by default a local one is started."""
     workers: int = 2

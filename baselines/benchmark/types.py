@@ -33,7 +33,7 @@ class Benchmark:
     batch: int = 16
     """Number of episodes that are played and stored together; it changes the speed, not the results."""
     device: str = "cpu"
-    """Device of the simulation: cpu, cuda or cuda:k (CUDA device k)."""
+    """Device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k."""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("results/benchmark")
     """Folder of the results. A second call with the same folder adds scenarios, policies or episodes, plays no episode
     twice, and refuses other settings. The files cover all episodes of the folder."""

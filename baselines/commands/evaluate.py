@@ -49,7 +49,7 @@ def evaluate(
         episodes: number of episodes on each scenario; more of them narrow the intervals.
         seed: seed of episode 0; episode k has seed + k.
         batch: number of episodes that are played together; it changes the speed, not the results.
-        device: device of the simulation: cpu, cuda or cuda:k (CUDA device k).
+        device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         out: CSV file to which the score rows are written; without it they are only summarized.
         output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5

@@ -52,7 +52,7 @@ def replay(
             pauses, left and right step, escape quits.
         against: second policy, shown beside the first on the same seed; requires --out FILE.html.
         seed: seed of the episode; ignored for a recording.
-        device: device of the simulation: cpu, cuda or cuda:k (CUDA device k).
+        device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         speed: playback speed, in seconds of the episode per second, from 0.01 to 1000.
         fps: frames per second of a GIF or MP4, from 0.1 to 50; more of them make a larger file.
         output: Console output.

@@ -83,7 +83,7 @@ def reproduce(
             printed, window; by default all of them.
         out: folder of the results; existing results in it are replaced.
         seed: seed of the first episode; episode k has seed + k.
-        device: device of the simulation: cpu, cuda or cuda:k (CUDA device k).
+        device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         format: format of the pictures.
         output: Console output.
 

@@ -35,7 +35,7 @@ def run(
         scenario: name of a scenario, .toml file, or module:attribute.
         policy: name of a policy, folder of a checkpoint, or module:factory.
         seed: seed of the episode; the same seed repeats it.
-        device: device of the simulation: cpu, cuda or cuda:k (CUDA device k).
+        device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf or .npz (a recording); without it, a window
             opens if there is a display.
         output: Console output.
