@@ -47,7 +47,7 @@ def replay(
         what is shown: out, against, speed, fps
 
     Args:
-        names: scenario and policy, as for `lissajous run`; or a recording, a .npz file of `lissajous run --out`.
+        names: scenario and policy, as for `lissajous run`; or a recording (.npz) of `lissajous run`.
         out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf or .npz; without it, a window opens: space
             pauses, left and right step, escape quits.
         against: second policy, shown beside the first on the same seed; requires --out FILE.html.
