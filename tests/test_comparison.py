@@ -14,7 +14,7 @@ from baselines.benchmark import clairvoyant, tables
 from baselines.benchmark.bounds import mean_time_bound
 from baselines.benchmark.comparison import compare, with_derived
 from baselines.benchmark.running import run
-from baselines.benchmark.shown_columns import OVER_LIMIT, SHOWN
+from baselines.benchmark.shown_columns import OVER_LOWER_BOUND, SHOWN
 from baselines.benchmark.statistics import summarize
 from baselines.benchmark.types import Benchmark
 from lissajous_env.episodes.limits import mean_time_limit
@@ -39,7 +39,7 @@ def test_over_the_limit_is_the_mean_over_the_bound():
     # Oracle: by hand; the interquartile mean of these would be 2.
     limit = mean_time_limit(INTRUDERS["intruders"])
     cells = compare(list(rows("a", detection_time_mean=[2.0, 2.0, 2.0, 2.0, 12.0])), INTRUDERS).cells
-    of = cells["intruders"]["a"][OVER_LIMIT.name]
+    of = cells["intruders"]["a"][OVER_LOWER_BOUND.name]
     assert of.mean == pytest.approx(4 / limit)
     assert of.mean_low < of.mean < of.mean_high
     assert tables.in_words(cells["intruders"]["a"], SHOWN[1])[0] == f"{4 / limit:.3g}"
@@ -50,7 +50,7 @@ def test_no_ratio_to_a_limit_that_says_nothing():
     assert mean_time_limit(scenario) == 0
     assert math.isnan(mean_time_bound(scenario))
     (row,) = with_derived(rows("a", "experiment", detection_time_mean=[1.0]), {"experiment": scenario})
-    assert math.isnan(row[OVER_LIMIT.name])
+    assert math.isnan(row[OVER_LOWER_BOUND.name])
 
 
 def test_a_guarantee_that_is_open_is_a_lower_bound_and_never_best():
@@ -109,7 +109,7 @@ def test_a_narrow_terminal_keeps_the_most_important_columns():
     numbers = {"guaranteed_detection_time": [3.0, 4.0], "unseen_at_end": [1.0, 1.0], "detection_time_mean": [1.0, 2.0]}
     cells = compare(list(rows("a", **numbers)), INTRUDERS).cells["intruders"]
     order = [each.name for each in SHOWN]
-    assert order[:6] == ["detection_time_mean", OVER_LIMIT.name, "guaranteed_detection_time", "collisions",
+    assert order[:6] == ["detection_time_mean", OVER_LOWER_BOUND.name, "guaranteed_detection_time", "collisions",
                          "sensed_fraction", "distance_mean"]  # fmt: skip
     _, left_out = printed(tables.print_policies, Text("t"), cells, SHOWN, width=70)
     assert 0 < len(left_out) < len(order)
@@ -126,7 +126,7 @@ def test_the_summary_has_limits_and_pairs_and_another_reference_plays_nothing_ag
     assert summary["limits"]["intruders"] == pytest.approx(mean_time_limit(scenario))
     assert summary["against"]["intruders"]["reference"] == "laps"
     assert summary["against"]["intruders"]["policies"]["still"]["detection_time_mean"]["n"] == 2
-    ratio = summary["statistics"]["intruders"]["laps"][OVER_LIMIT.name]["mean"]
+    ratio = summary["statistics"]["intruders"]["laps"][OVER_LOWER_BOUND.name]["mean"]
     times = [row["detection_time_mean"] for row in played if row["policy"] == "laps"]
     assert ratio == pytest.approx(summarize(times).mean / summary["limits"]["intruders"])
     before = (tmp_path / "episodes.jsonl").read_bytes()

@@ -38,7 +38,7 @@ def test_the_table_says_what_the_rows_hold():
     played = [*rows("kuramoto-mpcc", [4.0] * 4), *rows("laps", [2.0, 2.0, 2.0, 6.0]), *rows("clairvoyant", [1.0] * 4)]
     made = table_of(compare(played, {"intruders": scenario}))
     first, laps, seer = (dict(zip(made["columns"], row, strict=True)) for row in made["rows"])
-    assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over limit"]
+    assert list(first)[:4] == ["scenario", "policy", "detection [s]", "over lower bound"]
     assert (first["scenario"], first["detection [s]"], first["sooner"]) == ("`intruders`, lower bound 0.582 s", "4", "")
     assert (laps["scenario"], laps["detection [s]"]) == ("", "2 (2\N{EN DASH}6)")
     assert laps["sooner"].startswith("75 %")

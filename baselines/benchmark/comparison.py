@@ -10,7 +10,7 @@ from baselines.benchmark import clairvoyant
 from baselines.benchmark.bounds import Bounds, bounds_of, mean_time_bound
 from baselines.benchmark.censoring import summarize_censored
 from baselines.benchmark.rows import numbers_of
-from baselines.benchmark.shown_columns import COMPARED, OVER_LIMIT, OVERALL, TIME_OVER_BOUND
+from baselines.benchmark.shown_columns import COMPARED, OVER_LOWER_BOUND, OVERALL, TIME_OVER_BOUND
 from baselines.benchmark.statistics import Paired, Statistics, paired, summarize
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import AT_END, DETECTION_TIME, OPEN, WORST_CASE
@@ -44,9 +44,9 @@ def compare(rows: Rows, scenarios: Mapping[str, Scenario], against: str | None =
 
 
 def with_derived(rows: Iterable[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> list[dict[str, Any]]:
-    """Return rows with the column `OVER_LIMIT`."""
+    """Return rows with the column `OVER_LOWER_BOUND`."""
     bounds = {name: mean_time_bound(scenario) for name, scenario in scenarios.items()}
-    return [row | {OVER_LIMIT.name: row[DETECTION_TIME.name] / bounds[row["scenario"]]} for row in rows]
+    return [row | {OVER_LOWER_BOUND.name: row[DETECTION_TIME.name] / bounds[row["scenario"]]} for row in rows]
 
 
 def is_censored(row: Mapping[str, Any]) -> bool:

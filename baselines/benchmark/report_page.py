@@ -18,7 +18,7 @@ from baselines.benchmark.replays import Key, Played
 from baselines.benchmark.shown_columns import (
     COMPARED,
     MAIN,
-    OVER_LIMIT,
+    OVER_LOWER_BOUND,
     OVERALL,
     SHOWN,
     brought_in,
@@ -204,7 +204,7 @@ def _described(column: Column, lines: Sequence[tuple[float, str]]) -> dict[str, 
         "mean": column.mean,
         "whole": column.rule is WHOLE,
         "about": column.described,
-        "strip": column is not OVER_LIMIT,
+        "strip": column is not OVER_LOWER_BOUND,
         "lines": [[_rounded(value), words] for value, words in lines],
     }
 

@@ -22,8 +22,8 @@ from lissajous_env.world.columns import (
     Column,
 )
 
-OVER_LIMIT = Column(
-    "over_limit",
+OVER_LOWER_BOUND = Column(
+    "over_lower_bound",
     "ratio of the mean detection time to a lower bound that holds for every policy without long-range sensing",
     better=-1,
     mean=True,
@@ -39,7 +39,9 @@ COMPARED = (DETECTION_TIME, WORST_CASE, COLLISIONS, SENSED)
 """Columns by which policies are compared seed by seed, and ranked."""
 OVERALL = (TIME_OVER_BOUND, WITHIN_BOUND, COLLISIONS, SPACING)
 """Columns with the same meaning on every scenario, so that their episodes can be taken together."""
-SHOWN = tuple(sorted((each for each in (*COLUMNS.values(), OVER_LIMIT) if each.place), key=lambda each: each.place))
+SHOWN = tuple(
+    sorted((each for each in (*COLUMNS.values(), OVER_LOWER_BOUND) if each.place), key=lambda each: each.place)
+)
 """Columns of tables of policies, the most important first."""
 
 
@@ -52,7 +54,7 @@ def brought_in(rows: Iterable[Mapping[str, Any]]) -> list[Column]:
     A scenario that was read from a folder no longer has its extensions, but their columns are in its rows.
     """
     known = dict.fromkeys(name for row in rows for name in row)
-    return [column_of(name) for name in known if name not in (*NAMES, OVER_LIMIT.name)]
+    return [column_of(name) for name in known if name not in (*NAMES, OVER_LOWER_BOUND.name)]
 
 
 def shown_columns(scenario: Scenario, policies: Mapping[str, Mapping[str, Any]]) -> list[Column]:

@@ -11,7 +11,7 @@ from baselines.benchmark import clairvoyant
 from baselines.benchmark.bounds import Bounds
 from baselines.benchmark.comparison import Comparisons
 from baselines.benchmark.rows import numbers_of
-from baselines.benchmark.shown_columns import COMPARED, OVER_LIMIT, OVERALL, shown_columns
+from baselines.benchmark.shown_columns import COMPARED, OVER_LOWER_BOUND, OVERALL, shown_columns
 from baselines.benchmark.statistics import Paired, Statistics
 from baselines.benchmark.types import Outcome
 from lissajous_env.console import terminal
@@ -214,13 +214,13 @@ def _print_against(
 def _legend(cells: Mapping[str, Any], episodes: int) -> list[str]:
     counted = "1 episode, below it" if episodes == 1 else f"{episodes} episodes, below it"
     words = [
-        f"Interquartile mean over {counted} the 95 % bootstrap interval; for collisions and over limit, the mean. "
+        f"Interquartile mean over {counted} the 95 % bootstrap interval; for collisions and over lower bound, the mean. "
         "* best; (k/n): k of n episodes had a number. Better: share of seeds on which the policy beats the reference; "
         "ties count half."
     ]
     of = [of for policies in cells.values() for of in policies.values()]
-    if any(each[OVER_LIMIT.name].n_finite for each in of):
-        words.append(f"Over limit: {OVER_LIMIT.meaning}.")
+    if any(each[OVER_LOWER_BOUND.name].n_finite for each in of):
+        words.append(f"Over lower bound: {OVER_LOWER_BOUND.meaning}.")
     if any(each[WORST_CASE.name].at_least or each[WORST_CASE.name].high == math.inf for each in of):
         words.append(
             "Guaranteed: worst-case undetected time; >: the worst case was still growing when too many episodes ended, "

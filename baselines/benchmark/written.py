@@ -23,7 +23,7 @@ _SPECIAL = {
 def table_of(comparisons: Comparisons) -> dict[str, list]:
     """Return titles and rows of text: a row for each policy, the scenario and its bounds in the first of its rows.
 
-    A number is an interquartile mean with its 95 % bootstrap interval; for collisions and over limit, the mean.
+    A number is an interquartile mean with its 95 % bootstrap interval; for collisions and over lower bound, the mean.
     `sooner` is the share of seeds on which a policy's mean detection time is below that of the reference.
     """
     lines: list[list[str]] = []
@@ -76,7 +76,7 @@ def _paper_table(scenario: str, bounds: str, policies: Mapping[str, Mapping[str,
 
 
 _CAPTION = (
-    r"Interquartile mean over the seeds and 95\,\% bootstrap interval; for collisions and over limit, the "
+    r"Interquartile mean over the seeds and 95\,\% bootstrap interval; for collisions and over lower bound, the "
     r"mean. Bold: the best. $>$: a lower bound."
 )
 

@@ -25,7 +25,7 @@ _EXPERIMENT = Scenario(
 
 _INTRUDERS = Scenario(
     name="intruders",
-    description="Five cars in 10.8 m x 4.8 m with a 0.5 m sensor; rogues enter at the boundary, half of them flee.",
+    description="Five cars in 10.8 m x 4.8 m with a 0.5 m sensor; targets enter at the boundary, half of them flee.",
     curve=Curve(half_width=5.4, half_height=2.4, a=3, b=2),
     # omega = 2 m/s / max ||r'||: the fastest stretch of the curve takes the car's top speed.
     formation=Formation(phase_rate=0.118, coupling=1.0, start="rotated", start_noise=0.02),
@@ -48,8 +48,8 @@ _INTRUDERS = Scenario(
 _EVADERS = dataclasses.replace(
     _EXPERIMENT,
     name="evaders",
-    description="The experiment with a 0.6 m sensor, too short for (8), and cars of 3 m/s; rogues of 0.3 m/s evade.",
-    # (36.81 tau - 3.681) / 0.945 = 3; the fastest stretch of the curve asks for 1.69 m/s.
+    description="The experiment with a 0.6 m sensor, too short for (8), and cars of 3 m/s; targets of 0.3 m/s evade.",
+    # (36.81 tau - 3.681) / 0.945 = 3; the fastest stretch of the curve requires 1.69 m/s.
     robot=dataclasses.replace(_EXPERIMENT.robot, throttle_max=0.177017),
     sensing=Sensing(radius=0.6),
     targets=Targets(count=0, arrival_rate=0.5, entry="unseen", wandering=0.5, fleeing=0.5, speed=0.3, flee_speed=0.3),
@@ -96,7 +96,7 @@ SHIPPED = (
     ),
     Scenario(
         name="failure",
-        description="Fig. 6: five points on curve (16), robots 0 and 1 stuck from 9.6 s to 19.5 s.",
+        description="Fig. 6: five points on curve (16), robots 0 and 1 stop from 9.6 s to 19.5 s.",
         curve=Curve(half_width=1.8, half_height=0.8, a=3, b=2),
         formation=Formation(phase_rate=0.3, p=2, start="rotated"),
         robot=Robot(kind="curve", radius=0.125),
@@ -115,26 +115,26 @@ SHIPPED = (
     dataclasses.replace(
         _INTRUDERS,
         name="intruders-inside",
-        description="The same; rogues appear anywhere inside, for which no patrol of the boundary is made.",
+        description="The same, but targets appear anywhere inside, where patrols of the boundary do not look.",
         targets=dataclasses.replace(_INTRUDERS.targets, entry="inside"),
     ),
     _EVADERS,
     dataclasses.replace(
         _EVADERS,
         name="evaders-failure",
-        description="The same, in which robots 0 and 4 stop from 24.5 s to 34.5 s.",
+        description="The same, but robots 0 and 4 stop from 24.5 s to 34.5 s.",
         faults=_EXPERIMENT.faults,
     ),
     _ROUGH,
     dataclasses.replace(
         _ROUGH,
         name="rough-lost",
-        description="The same, and one robot is lost for good: the ring, which the paper takes as given, is cut.",
+        description="The same, but one robot fails for good, which cuts the ring that the paper assumes.",
         faults=dataclasses.replace(_ROUGH.faults, lost=1),
     ),
     Scenario(
         name="team",
-        description="Fifteen cars on the curve of Fig. 2; two, that are neighbours, stop from 15 s to 25 s.",
+        description="Fifteen cars on the curve of Fig. 2; two neighbours stop from 15 s to 25 s.",
         curve=Curve(half_width=5.0, half_height=5.0, a=7, b=8),
         formation=Formation(phase_rate=0.05, coupling=1.0, p=7, start="rotated", start_noise=0.02),
         robot=Robot(kind="car", radius=0.09, model_offset=3.804),
