@@ -215,8 +215,8 @@ def _legend(cells: Mapping[str, Any], episodes: int) -> list[str]:
     counted = "1 episode, below it" if episodes == 1 else f"{episodes} episodes, below it"
     words = [
         f"Interquartile mean over {counted} the 95 % bootstrap interval; for collisions and over lower bound, "
-        "the mean. * best; (k/n): k of n episodes had a number. Better: share of seeds on which the policy beats the reference; "
-        "ties count half."
+        "the mean. * best; (k/n): k of n episodes had a number. Better: share of seeds on which the policy "
+        "beats the reference; ties count half."
     ]
     of = [of for policies in cells.values() for of in policies.values()]
     if any(each[OVER_LOWER_BOUND.name].n_finite for each in of):
