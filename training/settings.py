@@ -50,7 +50,7 @@ class TrainingSettings:
     """`ppo`: proximal policy optimization, after imitation if there is a teacher. `dagger`: imitation only, in the
     states that the learned policy reaches; `clone`: imitation only, in the states that the teacher reaches."""
     steps: int = 100_000_000
-    """Robot steps to train for, summed over all robots and worlds. The default takes about six hours on two cores; a
+    """Robot steps to train for, summed over all robots and worlds. The default takes about 40 minutes on two cores; a
     few million show whether a scenario can be learned."""
     worlds: int | None = None
     """Environments that are stepped together. By default 128 with a base, which takes most of the time, so that
