@@ -111,6 +111,7 @@ def test_summary_is_the_statistics_of_the_episodes(whole):
     assert summary["settings"]["digests"]["failure"] == lissajous_env.scenario("failure", **SHORT).digest()
 
 
+@pytest.mark.long
 def test_killed_at_any_moment_it_goes_on_and_ends_with_the_same_rows(tmp_path):
     # Oracle: the same benchmark, never killed. Killed twice, each time with episodes on the disk.
     command = [sys.executable, "-c", SCRIPT]

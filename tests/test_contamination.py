@@ -152,6 +152,7 @@ def test_the_error_of_the_grid_becomes_smaller_with_its_cells():
     assert errors[2] < 0.11
 
 
+@pytest.mark.long
 def test_a_rogue_that_knows_the_future_never_beats_the_conservative_figure():
     # A rogue that slips between two discs with millimetres to spare makes some of the figures differ; most do not.
     shares = []

@@ -266,6 +266,7 @@ def test_a_model_plays_as_in_the_environment_that_it_was_trained_in(here):
     assert row["return_mean"] != 0
 
 
+@pytest.mark.long
 def test_a_package_brings_both_by_name(home, tmp_path):
     # Story: the package of the docs is installed, its folder on the path, and called from another folder.
     site, elsewhere = tmp_path / "site", tmp_path / "elsewhere"
@@ -294,6 +295,7 @@ def test_a_package_brings_both_by_name(home, tmp_path):
     assert call(line, elsewhere).returncode == 2, "without the package there is neither"
 
 
+@pytest.mark.long
 def test_a_benchmark_goes_on_and_sees_that_a_scenario_has_changed(home, tmp_path):
     write_files(tmp_path)
     line = "lissajous benchmark --scenarios corridor.toml --policies kuramoto --out found --episodes"

@@ -177,7 +177,6 @@ def test_from_python_a_scenario_is_found_by_the_name_that_a_module_here_register
 def test_the_list_of_policies_names_those_of_the_folder(capsys):
     code, out, _ = called(capsys, "policies")
     assert code in (0, None)
-    listed = out.rpartition("Registered by modules of the current folder: ")[2]
-    assert {"my-still (my_policies.py)", "my-way (my_method.py)"} <= {
-        each.strip() for each in listed.partition("\n\n")[0].split(",")
-    }
+    listed = " ".join(out.rpartition("Registered by modules of the current folder: ")[2].split())
+    assert "my-still (my_policies.py)" in listed
+    assert "my-way (my_method.py)" in listed

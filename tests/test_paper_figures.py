@@ -108,6 +108,7 @@ def test_few_episodes_of_one_policy_without_any_bound_are_drawn(tmp_path):
     ]  # fmt: skip
 
 
+@pytest.mark.long
 def test_figures_are_as_wide_as_two_columns_and_no_font_is_of_type_3(folder, tmp_path):
     # Oracle: 7.16 inch, as IEEE asks for; journals refuse fonts of type 3.
     for path in figures(folder, "png", tmp_path / "png")[1:]:
@@ -149,6 +150,7 @@ def test_the_table_escapes_what_latex_would_read_and_marks_the_best():
     assert text.count(r"\toprule") == text.count(r"\midrule") == text.count(r"\bottomrule") == 1
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="LaTeX is not installed")
 def test_the_table_compiles(folder, tmp_path):
     figures(folder, "pdf", tmp_path / "paper")

@@ -64,7 +64,11 @@ def expected():
 USED = "import training, baselines\nassert training.mine == baselines.mine == 'of the user'"
 
 
-@pytest.mark.parametrize(("first", "last"), [("", USED), (USED, USED), ("", "")], ids=["after", "before", "never"])
+@pytest.mark.parametrize(
+    ("first", "last"),
+    [("", USED), pytest.param(USED, USED, marks=pytest.mark.long), ("", "")],
+    ids=["after", "before", "never"],
+)
 def test_a_script_beside_modules_of_our_names(first, last, tmp_path):
     # Story: a project has a folder training/ and a file baselines.py, and imports them before ours, after, or never.
     write(tmp_path, TRAINING, BASELINES)
@@ -102,7 +106,11 @@ def act(observation):
 """
 
 
-@pytest.mark.parametrize("start", [["-P", "-c", SCRIPT_OF_ENTRY], ["-m", "lissajous_env"]], ids=["script", "module"])
+@pytest.mark.parametrize(
+    "start",
+    [["-P", "-c", SCRIPT_OF_ENTRY], pytest.param(["-m", "lissajous_env"], marks=pytest.mark.long)],
+    ids=["script", "module"],
+)
 def test_commands_in_such_a_folder(start, tmp_path):
     # Story: the same project calls `lissajous benchmark` with a policy of its own that imports its own modules.
     write(tmp_path, TRAINING, BASELINES)

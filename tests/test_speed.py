@@ -48,6 +48,7 @@ def test_the_tables_of_a_part_are_those_of_the_pages(part):
         assert all(len(row) == len(table["columns"]) for row in table["rows"])
 
 
+@pytest.mark.long
 def test_memory_is_that_of_a_process_with_nothing_else():
     # Oracle: Python with Warp is above 50 MB; small worlds add little.
     (table,) = speed.measured(speed.PARTS["memory"], LIGHT).values()

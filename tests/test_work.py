@@ -57,6 +57,7 @@ def test_every_task_is_done_once_and_after_those_of_the_group_before(threads, bu
     followed.check(500)
 
 
+@pytest.mark.long
 def test_helpers_go_from_work_to_work():
     # Oracle: as above, of work that takes turns and is forgotten at any time.
     for _ in range(20):
