@@ -1,4 +1,4 @@
-"""What every policy scores on every scenario, for the pages of the scenarios: `python benchmarks/results.py --store`.
+"""Scores of every policy on every scenario, for the pages of the scenarios: `python benchmarks/results.py --store`.
 
 Every policy plays each shipped scenario that it can drive, on few seeds, the same for
 all; `benchmarks/table.py` plays fewer of them on more seeds. FOLDER holds the benchmark of each scenario; killed and

@@ -1,4 +1,4 @@
-"""What the collision filter costs and what it buys: `python benchmarks/safety.py`.
+"""Cost and benefit of the collision filter: `python benchmarks/safety.py`.
 
 Time of the filter per robot and step on one thread, on observations met in episodes; then collisions, spacing and the
 rest of each policy without a filter, with `-safe` and with `-close`, on the same seeds, in one run. `--seeds 16` makes

@@ -1,4 +1,4 @@
-"""How alike policies drive at another scale: `python benchmarks/similarity.py`.
+"""Agreement of policies with themselves at another scale: `python benchmarks/similarity.py`.
 
 Lengths are multiplied by L and times by T, each policy plays the same seeds at every scale, and the means in scaled
 units are compared with those at the scale of the scenario. Factors that are powers of 2 change no bit, as

@@ -1,4 +1,4 @@
-"""How good the classical policies are once somebody tunes them: `python benchmarks/tuning.py --out FOLDER`.
+"""Scores of the classical policies after tuning: `python benchmarks/tuning.py --out FOLDER`.
 
 Learned policies are trained on a scenario, so the classical ones that they are compared with are tuned on it, on
 training seeds (0, 1 ...) alone: each by as many trials, and by four times as many where no controller is to be solved,
@@ -62,7 +62,7 @@ NAMES = ("trials.jsonl", "trials.csv", "tuned.json", "tuned.md")
 PATROLS = {"sweep": Sweep, "laps": Laps}
 
 Settings = dict[str, float | int]
-"""What differs from the default, as `part.name`; part is `formation` or the parameters of a piece of the policy."""
+"""Differences from the default, as `part.name`; part is `formation` or the parameters of a piece of the policy."""
 
 
 def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1, device: Any = "cpu") -> Policy:

@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from browser import browser, folder, recording  # noqa: F401 - fixtures
 
 import baselines
 from baselines.policies import registry

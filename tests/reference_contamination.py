@@ -1,4 +1,4 @@
-"""Where a rogue may be that was never seen: brute force over a fine grid, in float64, with NumPy alone."""
+"""Possible places of an undetected target: brute force over a fine grid, in float64, with NumPy alone."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What the robots of the reference observe, in float64, written from the table and not from the kernel."""
+"""Observations of the reference robots in float64, written from the table and not from the kernel."""
 
 import functools
 import math

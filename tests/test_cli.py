@@ -8,16 +8,13 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Literal
 
 import pytest
-import tyro
+from command_line import called, lissajous
 
 import baselines
 import lissajous_env
-from lissajous_env.console.cli import commands, main
-from lissajous_env.console.help import print_help
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.console.cli import main
 from lissajous_env.world.columns import NAMES
 
 BENCHMARK = (
@@ -34,12 +31,6 @@ BENCHMARK = (
 )
 
 
-def lissajous(*arguments, width=120, **options):
-    environment = os.environ | {"COLUMNS": str(width)}
-    command = [sys.executable, "-m", "lissajous_env", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60, **options)
-
-
 def error_of(ended):
     """The one line on stderr that says what was wrong."""
     lines = [line for line in ended.stderr.splitlines() if not line.startswith("Warp CUDA")]
@@ -47,65 +38,6 @@ def error_of(ended):
     assert len(lines) == 1
     assert lines[0].startswith("error: ")
     return lines[0]
-
-
-@pytest.mark.parametrize("arguments", [(), ("--help",)])
-def test_help_lists_every_command(arguments):
-    ended = lissajous(*arguments, width=80)
-    assert ended.returncode == 0
-    for name in ("benchmark", "design", "evaluate", "policies", "replay", "run", "scenarios", "train"):
-        assert re.search(rf"^  {name} +[A-Z]", ended.stdout, re.MULTILINE), name
-    assert all(len(line) <= 80 for line in ended.stdout.splitlines())
-
-
-def called(capsys, *arguments):
-    """Exit code, stdout and stderr of a command in this process."""
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, arguments)])
-    return (ended.value.code, *capsys.readouterr())
-
-
-@pytest.mark.parametrize("name", sorted(commands()))
-def test_every_command_has_help(name, capsys):
-    # Oracle: the options that tyro, which parses the command line, lists for the function.
-    function, options = commands()[name].load(), r"^\W*(?:-h, )?(--\w[\w-]*)"
-    code, out, error = called(capsys, name, "--help")
-    assert (code, error) == (0, "")
-    assert out.startswith(f"usage: lissajous {name}")
-    assert re.search(rf"^example\n +lissajous {name} ", out, re.MULTILINE)
-    with pytest.raises(SystemExit):
-        tyro.cli(function, args=["--help"])
-    listed = re.findall(options, capsys.readouterr().out, re.MULTILINE)
-    assert sorted(re.findall(options, out, re.MULTILINE)) == sorted(listed)
-
-
-def test_help_sorts_options_into_groups(capsys):
-    def paint(
-        wall: str, colour: Literal["red", "blue"] = "red", coats: int = 2, output: OutputOptions = DEFAULT_OUTPUT
-    ):
-        """Paint a wall.
-
-        Example:
-            lissajous paint north --coats 3
-
-        Options:
-            paint: coats, colour
-
-        Args:
-            wall: name of the wall,
-                or of the room.
-            colour: colour of the paint
-            coats: number of coats.
-            output: Console output.
-        """
-
-    print_help(paint, "lissajous paint")
-    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
-    assert lines[:5] == ["usage: lissajous paint [OPTIONS]", "", "Paint a wall.", "", "example"]
-    assert lines[lines.index("options") + 1] == "--wall TEXT Name of the wall, or of the room."
-    first = lines.index("paint") + 1
-    assert lines[first] == "--coats INT Number of coats (default: 2)."
-    assert lines[first + 1] == "--colour {red,blue} Colour of the paint (default: red)."
 
 
 @pytest.mark.parametrize("width", [80, 120])
@@ -314,11 +246,6 @@ def test_the_scenario_comes_first_and_any_other_order_is_understood(order, capsy
         assert (code, json.loads(out)["policy"], json.loads(out)["scenario"]) == (0, "still", "failure")
 
 
-def test_help_names_the_scenario_first(capsys):
-    for command, usage in (("run", "SCENARIO POLICY"), ("evaluate", "[SCENARIO ...] POLICY")):
-        assert usage in called(capsys, command, "--help")[1]
-
-
 @pytest.mark.parametrize(
     ("names", "words"),
     [
@@ -379,60 +306,6 @@ def test_json_is_all_that_is_on_stdout_and_quiet_says_nothing(arguments, capsys,
     code, out, error = called(capsys, *arguments, "--quiet", "--json")
     assert (code, error) == (0, "")
     assert json.loads(out)
-
-
-def test_a_module_in_the_current_folder_is_found(tmp_path):
-    (tmp_path / "helper.py").write_text("import baselines\nmake = baselines.make\n")
-    (tmp_path / "mine.py").write_text(
-        "from functools import partial\nimport helper\npolicy = partial(helper.make, 'still')\n"
-    )
-    # As the console script is called: the folder that Python itself looks in first is that of the script.
-    command = [sys.executable, "-P", "-c", "from lissajous_env.console.cli import main; main()", "evaluate", "failure"]
-    short = ["mine:policy", "--episodes", "1", "--set", "task.duration=1", "--json", "--quiet"]
-    ended = subprocess.run([*command, *short], capture_output=True, text=True, cwd=tmp_path, timeout=60)
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert json.loads(ended.stdout)["policy"] == "mine:policy"
-
-
-@pytest.mark.parametrize(
-    ("source", "words"),
-    [
-        ("raise RuntimeError('[/b] boom')", "RuntimeError: [/b] boom (mine.py, line 1)"),
-        ("import sys; sys.exit(0)", "SystemExit: 0 (mine.py, line 1)"),
-        ("policy =", "SyntaxError"),
-        ("policy = 3", "policy mine:policy must be a policy or factory"),
-        ("other = 3", "has no attribute 'policy'"),
-    ],
-)
-def test_a_module_that_cannot_be_used_is_one_line(source, words, tmp_path, monkeypatch, capsys):
-    (tmp_path / "mine.py").write_text(source + "\n")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delitem(sys.modules, "mine", raising=False)
-    code, out, error = called(capsys, "run", "failure", "mine:policy")
-    assert (code, out, len(error.splitlines())) == (2, "", 1)
-    assert words in error
-
-
-BROKEN = """
-import numpy as np
-class Broken:
-    def __init__(self, scenario, num_worlds, device):
-        self.num_worlds = num_worlds
-    def reset(self, worlds=None):
-        pass
-    def act(self, observation):
-        raise RuntimeError("[/b] out of ideas\\nand of lines")
-"""
-
-
-def test_a_policy_that_raises_is_one_line_with_its_place(tmp_path, monkeypatch, capsys):
-    (tmp_path / "giving_up.py").write_text(BROKEN)
-    monkeypatch.chdir(tmp_path)
-    for command in ("run", "evaluate"):
-        code, out, error = called(capsys, command, "failure", "giving_up:Broken")
-        assert (code, out) == (1, "")
-        place = "(giving_up.py, line 9)"
-        assert error == f"error: giving_up:Broken failed on failure: RuntimeError: [/b] out of ideas {place}\n"
 
 
 def test_a_missing_extra_says_what_works_from_a_checkout_too(monkeypatch, capsys):

@@ -6,7 +6,6 @@ import sys
 
 import numpy as np
 import pytest
-from test_replay_page_browser import browser  # noqa: F401
 
 import lissajous_env
 from lissajous_env.console.cli import main
@@ -103,7 +102,7 @@ def test_the_command_writes_a_film(tmp_path, monkeypatch, capsys):
         assert sum(1 for _ in opened.decode(video=0)) == 6
 
 
-def test_a_browser_plays_a_film_in_its_colours(recording, tmp_path, browser):  # noqa: F811
+def test_a_browser_plays_a_film_in_its_colours(recording, tmp_path, browser):
     # Oracle: Chromium's own decoder and colours; compared with the last picture where it is even, off all edges.
     film.save_film(recording, tmp_path / "a.mp4", size=(480, 320))
     data = base64.b64encode((tmp_path / "a.mp4").read_bytes()).decode()

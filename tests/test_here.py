@@ -3,11 +3,11 @@
 import sys
 
 import pytest
+from command_line import called
 
 import baselines
 import lissajous_env
 from lissajous_env import here
-from lissajous_env.console import cli
 from lissajous_env.parameters import named
 from lissajous_env.wording import nearest
 from training.learned.card import Card
@@ -53,12 +53,6 @@ def folder(tmp_path, monkeypatch):
     yield tmp_path
     for name in sources:
         sys.modules.pop(name, None)
-
-
-def called(capsys, *arguments):
-    with pytest.raises(SystemExit) as ended:
-        cli.main([*map(str, arguments)])
-    return (ended.value.code, *capsys.readouterr())
 
 
 @pytest.mark.parametrize("line", [

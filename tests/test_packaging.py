@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = "import setuptools.build_meta as b, sys; to = sys.argv[1]; b.build_sdist(to); b.build_wheel(to)"
 MADE = ("docs/drawn/", "docs/scenarios/")
-"""What a build of the documentation makes in its sources."""
+"""Files that a build of the documentation makes in its sources."""
 NOT_SOURCE = (".git", ".venv", "build", "dist", "results", "runs", "*.egg-info", "__pycache__", ".*_cache")
 
 

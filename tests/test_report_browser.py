@@ -3,8 +3,8 @@
 import json
 
 import pytest
+from browser import HOSTILE, complaints, opened, wait
 from rich.console import Console
-from test_replay_page_browser import HOSTILE, browser, complaints, opened, wait  # noqa: F401
 
 import lissajous_env
 import training.report
@@ -51,7 +51,7 @@ def data_of(run):
     return run("return report.report")
 
 
-def test_the_table_of_episodes_is_put_in_order_and_narrowed_down(browser, folder, text):  # noqa: F811
+def test_the_table_of_episodes_is_put_in_order_and_narrowed_down(browser, folder, text):
     run = opened(browser, folder, text)
     episodes = data_of(run)["episodes"]
     assert len(shown(run)) == len(episodes["seed"]) == 24
@@ -75,7 +75,7 @@ def test_the_table_of_episodes_is_put_in_order_and_narrowed_down(browser, folder
     assert complaints(browser) == ([], [])
 
 
-def test_it_begins_with_who_is_best_and_its_tables_are_put_in_order(browser, folder, text):  # noqa: F811
+def test_it_begins_with_who_is_best_and_its_tables_are_put_in_order(browser, folder, text):
     run = opened(browser, folder, text)
     parts = run("return [...document.querySelectorAll('main .part')].map((part) => part.id)")
     assert parts == ["ranking", "failures", "scenario-0", "scenario-1", "episodes", "made"]
@@ -93,7 +93,7 @@ def test_it_begins_with_who_is_best_and_its_tables_are_put_in_order(browser, fol
     assert complaints(browser) == ([], [])
 
 
-def test_a_phone_is_not_endless(browser, folder, text):  # noqa: F811
+def test_a_phone_is_not_endless(browser, folder, text):
     run = opened(browser, folder, text, 390)
     height = "return document.documentElement.scrollHeight"
     assert run(height) < 3000
@@ -114,7 +114,7 @@ def test_a_phone_is_not_endless(browser, folder, text):  # noqa: F811
     assert complaints(browser) == ([], [])
 
 
-def test_what_failed_leads_to_its_episodes(browser, folder, text):  # noqa: F811
+def test_what_failed_leads_to_its_episodes(browser, folder, text):
     run = opened(browser, folder, text)
     data = data_of(run)
     tallies = run("return [...document.querySelectorAll('.tally b')].map((b) => b.textContent)")
@@ -133,7 +133,7 @@ def test_what_failed_leads_to_its_episodes(browser, folder, text):  # noqa: F811
     assert complaints(browser) == ([], [])
 
 
-def test_a_click_plays_the_episode_beside_the_reference(browser, folder, text):  # noqa: F811
+def test_a_click_plays_the_episode_beside_the_reference(browser, folder, text):
     run = opened(browser, folder, text)
     run(
         "const all = report.report.replays, p = report.report.policies.findIndex((each) => each.name === 'laps');"
@@ -162,7 +162,7 @@ def test_a_click_plays_the_episode_beside_the_reference(browser, folder, text): 
     assert [each for each in asked if not each.startswith("about:")] == []
 
 
-def test_rows_without_a_replay_tell_the_command(browser, folder, text):  # noqa: F811
+def test_rows_without_a_replay_tell_the_command(browser, folder, text):
     run = opened(browser, folder, text)
     run("report.episodes.narrow({ scenario: 0, policy: 1 })")
     run("document.querySelector('#list .actions .quiet').click()")
@@ -182,7 +182,7 @@ def test_rows_without_a_replay_tell_the_command(browser, folder, text):  # noqa:
 
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("width", [390, 1280])
-def test_it_fits_phones_and_screens_in_light_and_dark(browser, folder, text, width, dark):  # noqa: F811
+def test_it_fits_phones_and_screens_in_light_and_dark(browser, folder, text, width, dark):
     run = opened(browser, folder, text, width, dark)
     assert run("return document.documentElement.scrollWidth") <= width
     run("for (const part of document.querySelectorAll('details')) part.open = true")
@@ -200,7 +200,7 @@ def test_it_fits_phones_and_screens_in_light_and_dark(browser, folder, text, wid
     assert complaints(browser) == ([], [])
 
 
-def test_on_paper_it_is_light_whole_and_without_buttons(browser, folder, text):  # noqa: F811
+def test_on_paper_it_is_light_whole_and_without_buttons(browser, folder, text):
     run = opened(browser, folder, text, 1030, dark=True)
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
     try:
@@ -216,7 +216,7 @@ def test_on_paper_it_is_light_whole_and_without_buttons(browser, folder, text): 
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 
 
-def test_a_training_shows_its_curve_its_rivals_and_the_latest_episode(browser, folder, tmp_path):  # noqa: F811
+def test_a_training_shows_its_curve_its_rivals_and_the_latest_episode(browser, folder, tmp_path):
     import baselines
 
     settings = TrainingSettings(scenario="intruders", steps=3000, rivals=("laps",), out=tmp_path, overrides=SHORT)
@@ -247,7 +247,7 @@ def test_a_training_shows_its_curve_its_rivals_and_the_latest_episode(browser, f
     assert [each for each in asked if not each.startswith("about:")] == []
 
 
-def test_a_link_into_a_report_opens_its_replay_at_a_moment(browser, folder, text):  # noqa: F811
+def test_a_link_into_a_report_opens_its_replay_at_a_moment(browser, folder, text):
     run = opened(browser, folder, text)
     key = run("const [id] = Object.keys(report.viewer.entries); report.viewer.open(id); return id")
     name = run(f"return encodeURIComponent({json.dumps(key)})")

@@ -30,7 +30,7 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "paper.md"
 FIGURES = ("fig2", "fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "fig9")
 WITHOUT_PICTURE = {"rogues", "theorem2", "lemmas", "printed"}
 DISAGREES = {"printed", "experiment1"}
-"""What is misprinted; and how soon cars drift apart without feedback, which the paper's do sooner."""
+"""Claims that differ: misprints, and the time after which cars drift apart without feedback."""
 OF_CARS = {"fig7", "fig8", "fig9", "experiment1", "printed", "window"}
 
 

@@ -35,7 +35,7 @@ EVERYTHING = {
 CARS = lissajous_env.scenario("rough", **EVERYTHING)
 POINTS = lissajous_env.scenario("failure", **EVERYTHING, **{"formation.start": "random", "task.on_collision": "remove"})
 PAST = ("final_observation",)
-"""What is of the episode before: here the one that the constructor began, with another seed."""
+"""State of the previous episode: here the one that the constructor began, with another seed."""
 BOTH = pytest.mark.parametrize("scenario", [CARS, POINTS], ids=["cars", "points"])
 
 

@@ -7,22 +7,14 @@ import sys
 
 import pytest
 import rich.progress
+from command_line import called
 
 from baselines.benchmark.progress import Clock, in_words
 from baselines.reproduce import claims
 from baselines.reproduce.claims import Claim
-from lissajous_env.console.cli import main
 from lissajous_env.console.terminal import make_console
 from lissajous_env.device import kernel_cache
 from lissajous_env.parameters import named
-
-
-def called(capsys, *arguments):
-    """Exit code, stdout and stderr of a command in this process."""
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, arguments)])
-    return (ended.value.code, *capsys.readouterr())
-
 
 CLAIMS = [
     Claim(f"claim {k} of a lap of 12.5 s", "1.234 m", f"{k}.567 to 9.8765 m", "at most 3", k > 1, "", "fig3")

@@ -1,4 +1,4 @@
-"""What `lissajous_env.device.warp_abi` takes of Warp beyond its documentation: the name of a test says what broke."""
+"""Undocumented parts of Warp that `lissajous_env.device.warp_abi` uses; a failed test names the one that broke."""
 
 import numpy as np
 import pytest

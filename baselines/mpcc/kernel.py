@@ -47,7 +47,7 @@ from lissajous_env.device.trig import cos_sin
 wp.set_module_options(CONTRACTED)
 
 EARLY, SHIFT, KEEP, CLOSE = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
-"""What a start is laid from: along the curve braking early, the last control shifted by the time since then, the
+"""Initial guesses of the inputs: along the curve braking early, the last control shifted by the time since then, the
 control as it stands, close along the curve."""
 
 PROBE = wp.constant(0.13)

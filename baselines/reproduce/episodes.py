@@ -50,7 +50,7 @@ class Played:
     waited: list[np.ndarray]
     """Time from each target's appearance until it was detected, or until the end (K,) [s], for each world."""
     found: list[np.ndarray]
-    """Whether each of them was detected (K,), for each world."""
+    """True for each of these targets (K,) that was detected, for each world."""
 
     @property
     def time(self) -> np.ndarray:

@@ -46,7 +46,8 @@ import warp as wp
 
 from baselines.policies.base import Policy
 from baselines.policies.memory import clear_worlds
-from baselines.safety.kernel import MANOEUVRES, NEAREST, SafetyParameters, SafetyStruct, Scales, keep_clear
+from baselines.safety.kernel import MANOEUVRES, NEAREST, Scales, keep_clear
+from baselines.safety.parameters import SafetyParameters, SafetyStruct
 from lissajous_env.device.curve import curve_struct
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct

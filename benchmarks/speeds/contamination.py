@@ -1,4 +1,4 @@
-"""What it costs to follow where rogues may be, beside the same steps without."""
+"""Cost of the contamination field, beside the same steps without it."""
 
 import statistics
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""How the cost of a step grows with the robots and the targets of one world, beside another version of this project.
+"""Growth of the cost of a step with the robots and targets of one world, beside another version of this project.
 
 Each row is `swarm` on a curve for so many robots, at the same ground speed, in formation; targets stay when they are
 detected, so that no step is an easy one. The versions take turns, each in a process of its own, on one thread: a time

@@ -159,7 +159,7 @@ class Folder:
         return ValueError(f"out must be a folder that can be written to, {words}")
 
     def _path(self, name: str) -> Path:
-        """Where a name is; in a folder of ours that is no link."""
+        """Return the path of a name, and require that its folder was made here and is no link."""
         _require_plain(name)
         folder, _, _ = name.rstrip("/").rpartition("/")
         if folder:

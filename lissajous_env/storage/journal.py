@@ -22,7 +22,7 @@ class Journal:
     def __init__(self, path: str | Path):
         self.path = Path(path)
         self.entries: list[dict[str, Any]] = []
-        """What the file held when it was opened: entry k was on line k + 1."""
+        """Entries of the file when it was opened; entry k was on line k + 1."""
         self._end = 0
         self._descriptor = open_plainly(self.path, os.O_RDWR | os.O_APPEND | os.O_CREAT)
         try:
@@ -90,7 +90,7 @@ def _intact(data: bytes, path: Path) -> tuple[list[dict[str, Any]], int]:
 
 
 def _is_json(line: bytes) -> bool:
-    """Whether a line is JSON of any kind, which no kill leaves half of."""
+    """Return whether a line is complete JSON of any kind; a line that a kill cut off is not."""
     try:
         json.loads(line)
     except RecursionError:

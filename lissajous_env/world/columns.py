@@ -44,13 +44,13 @@ class Column:
     better: int = 0
     """1 if larger values are better, -1 if smaller ones are, 0 if neither."""
     mean: bool = False
-    """Whether policies are compared by the mean, as for rare events, instead of the interquartile mean."""
+    """True to compare policies by the mean, as for rare events, instead of the interquartile mean."""
     place: int = 0
     """Place in tables of policies, from 1; a narrow terminal leaves out the last. 0 leaves it out everywhere."""
     main: bool = False
-    """Whether the README's table, tables for papers and the report's list of episodes have it."""
+    """True for a column of the README's table, of tables for papers and of the report's list of episodes."""
     page: bool = True
-    """Whether the report's tables of policies have it."""
+    """True for a column of the report's tables of policies."""
 
     @property
     def short(self) -> str:

@@ -25,7 +25,7 @@ QUIET = Console(quiet=True)
 _LOADED = ["torch._dynamo", "torch.utils.tensorboard", "matplotlib.backends.backend_agg", "training.sb3.trainer"]
 _LOADED += ["training.learned.policy", "baselines.benchmark.pictures", "baselines.reproduce"]
 _ADDS = ("open", "os.mkdir", "os.rename", "write", "fsync")
-"""What a full disk refuses."""
+"""Operations that a full disk refuses."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ _SLOWEST = 30.0
 
 
 _PLACE = tempfile.TemporaryDirectory(prefix="attacked-")
-"""Where the folders are that are attacked, until this process ends."""
+"""Folder of the attacked folders, until this process ends."""
 
 
 def _run(arguments: tuple) -> tuple[int | str | None, str]:

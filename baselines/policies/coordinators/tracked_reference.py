@@ -41,7 +41,7 @@ class ReferenceParameters(Checked):
     """Parameters of the coordinator, besides the scenario."""
 
     runs_on: bool = flag(False)
-    """Whether the reference of a failed robot keeps moving."""
+    """True for a reference that moves on while its robot has failed."""
     tracking: float | None = number(None, 1e-9, 1e6, "1/s")
     """k, the rate at which a robot makes up for its distance from the reference [1/s]; None is omega / (0.3 rad)."""
     catch_up: float = number(1.0, 0, 1e6)

@@ -1,0 +1,62 @@
+"""Policies in modules of the current folder, called from the command line."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from command_line import called
+
+
+def test_a_module_in_the_current_folder_is_found(tmp_path):
+    (tmp_path / "helper.py").write_text("import baselines\nmake = baselines.make\n")
+    (tmp_path / "mine.py").write_text(
+        "from functools import partial\nimport helper\npolicy = partial(helper.make, 'still')\n"
+    )
+    # As the console script is called: the folder that Python itself looks in first is that of the script.
+    command = [sys.executable, "-P", "-c", "from lissajous_env.console.cli import main; main()", "evaluate", "failure"]
+    short = ["mine:policy", "--episodes", "1", "--set", "task.duration=1", "--json", "--quiet"]
+    ended = subprocess.run([*command, *short], capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert json.loads(ended.stdout)["policy"] == "mine:policy"
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("raise RuntimeError('[/b] boom')", "RuntimeError: [/b] boom (mine.py, line 1)"),
+        ("import sys; sys.exit(0)", "SystemExit: 0 (mine.py, line 1)"),
+        ("policy =", "SyntaxError"),
+        ("policy = 3", "policy mine:policy must be a policy or factory"),
+        ("other = 3", "has no attribute 'policy'"),
+    ],
+)
+def test_a_module_that_cannot_be_used_is_one_line(source, words, tmp_path, monkeypatch, capsys):
+    (tmp_path / "mine.py").write_text(source + "\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    code, out, error = called(capsys, "run", "failure", "mine:policy")
+    assert (code, out, len(error.splitlines())) == (2, "", 1)
+    assert words in error
+
+
+BROKEN = """
+import numpy as np
+class Broken:
+    def __init__(self, scenario, num_worlds, device):
+        self.num_worlds = num_worlds
+    def reset(self, worlds=None):
+        pass
+    def act(self, observation):
+        raise RuntimeError("[/b] out of ideas\\nand of lines")
+"""
+
+
+def test_a_policy_that_raises_is_one_line_with_its_place(tmp_path, monkeypatch, capsys):
+    (tmp_path / "giving_up.py").write_text(BROKEN)
+    monkeypatch.chdir(tmp_path)
+    for command in ("run", "evaluate"):
+        code, out, error = called(capsys, command, "failure", "giving_up:Broken")
+        assert (code, out) == (1, "")
+        place = "(giving_up.py, line 9)"
+        assert error == f"error: giving_up:Broken failed on failure: RuntimeError: [/b] out of ideas {place}\n"
