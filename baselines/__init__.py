@@ -19,6 +19,7 @@ __all__ = [
     "Rows",
     "make",
     "names",
+    "plan",
     "register",
     "register_coordinator",
     "register_opener",
@@ -37,3 +38,6 @@ register_wrapper("-close", "car", close, "with a filter that gives way late and 
 # A policy in a file of its own there registers itself.
 for _module in sorted(each.name for each in pkgutil.walk_packages(policies.__path__, f"{policies.__name__}.")):
     importlib.import_module(_module)
+
+# The planner imports policies, and those above are to be the first in the registry.
+from baselines.planning.planner import plan  # noqa: E402

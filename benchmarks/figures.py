@@ -34,8 +34,9 @@ _PLACE = re.compile(r"<!-- figures: (.+?) -->(.*?)<!-- end -->", re.DOTALL)
 GIST = (
     ("evaders", "guaranteed [s]"),
     ("evaders", "collisions"),
+    ("evaders-lost", "guaranteed [s]"),
+    ("intruders", "guaranteed [s]"),
     ("intruders", "detection [s]"),
-    ("intruders", "sensed"),
     ("rough", "collisions"),
 )
 """Scenario and column of what the README shows of the table of the policies."""
@@ -66,6 +67,9 @@ def made_now() -> dict[str, Table]:
         for place, (prefix, part) in parts.items()
         for j, (name, low, high, meaning) in enumerate(part)
     ]
+    ((_, low, high, meaning),) = observation.message_entries(1)
+    message = ["20 + 5 R + 3 T + M k + m", "`neighbour_k_message_m`", meaning.replace("component 0", "component m")]
+    entries.append([*message, f"[{low}, {high}]"])
     words = {name: text.replace("\n", " ") for name, text in meanings(Task).items()}
     terms = [[f"`{term}`", f"`{formula}`", f"{getattr(Task(), f'reward_{term}'):g}", words[f"reward_{term}"]]
              for term, formula in reward.FORMULAS.items()]  # fmt: skip

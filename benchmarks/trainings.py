@@ -3,7 +3,7 @@
 A training is a random thing, as an episode is: this says what the README's command promises, not what one lucky run of
 it reached. Every training is judged after 5 and after 15 million steps of a robot, by its best checkpoint, on the same
 held-out episodes, which neither the trainings nor any tuning saw. What is said of all of them has an interval over
-trainings and episodes (`baselines.benchmark.statistics.two_level_interval`).
+trainings and episodes (`two_level_interval`).
 
 FOLDER holds a folder for each seed, as `lissajous train` leaves it, the rows of its episodes, and `trainings.json`.
 Killed and called again it goes on, and what is there is neither trained nor played again. Options that this script does
@@ -28,7 +28,7 @@ from tuning import HELD_OUT
 import baselines
 import lissajous_env
 import training
-from baselines.benchmark.statistics import interquartile_mean, paired, summarize, two_level_interval
+from baselines.benchmark.statistics import CUT, RESAMPLES, interquartile_mean, middle_of, paired, summarize
 from baselines.benchmark.tables import between, number
 from lissajous_env.console.terminal import plain
 from lissajous_env.storage.files import read_json, write_atomically
@@ -45,6 +45,45 @@ REFERENCE = "kuramoto-mpcc"
 _PANELS = {"detection_time": "detection time [s]", "collisions": "collisions an episode"}
 _ROLLOUT = 200_000
 """Steps by which a training may go beyond what it was asked for: it ends with a rollout."""
+
+
+def two_level_interval(
+    rows_by_training: Sequence[Sequence[float]] | np.ndarray,
+    confidence: float = 0.95,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+    cut: float = CUT,
+) -> tuple[float, float]:
+    """Percentile bootstrap interval of the interquartile mean over trainings and the seeds that they all played.
+
+    Both are samples, of which either alone would make the interval too short: A. B. Owen, "The Pigeonhole Bootstrap"
+    (Annals of Applied Statistics, 2007).
+
+    In each resample trainings are drawn again, and seeds, the same ones for every training: a seed that is hard for one
+    is hard for all. With K trainings the interval is too short by about sqrt((K - 1) / K), as every bootstrap's is.
+
+    Args:
+        rows_by_training: (K, n) numbers, a row for each training and a column for each seed.
+        confidence: Share of the resamples within the interval.
+        resamples: How many.
+        seed: Of the draws.
+        cut: Share that is left out at either end; 0 for the mean.
+
+    Raises:
+        ValueError: fewer than two trainings or seeds, rows of different lengths, or what is no number.
+    """
+    try:
+        table = np.array([list(row) for row in rows_by_training], dtype=float)
+    except ValueError as error:
+        raise ValueError("rows_by_training must have the same seeds in every row") from error
+    if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
+        rule = "must hold finite numbers of at least two trainings on at least two seeds"
+        raise ValueError(f"rows_by_training {rule}, got shape {table.shape}")
+    generator = np.random.default_rng(seed)
+    trainings, seeds = (generator.integers(0, size, (resamples, size)) for size in table.shape)
+    drawn = np.sort(table[trainings[:, :, None], seeds[:, None, :]].reshape(resamples, -1), axis=1)
+    outside = int(cut * table.size)
+    return middle_of(drawn[:, outside : table.size - outside].mean(axis=1), confidence)
 
 
 def scored(out: Path, scenario: str, seed: int, steps: int, episodes: int, more: Sequence[str]) -> list[dict[str, Any]]:

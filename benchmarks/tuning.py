@@ -38,6 +38,11 @@ from baselines.mpcc.solver import MpccParameters
 from baselines.policies.base import Policy
 from baselines.policies.combinations import COMBINATIONS
 from baselines.policies.coordinators.arc_length import ArcParameters, ground_speed
+from baselines.policies.line_abreast import LineAbreast
+from baselines.policies.line_path import LineParameters, can_span
+from baselines.policies.partition import Partition
+from baselines.policies.partition_plan import PartitionParameters
+from baselines.policies.partition_repair import PartitionRepair, RepairParameters
 from baselines.policies.patrol import Laps, Sweep
 from baselines.policies.patrol_path import SweepParameters, cruising_speed
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
@@ -49,6 +54,8 @@ from lissajous_env.storage.journal import Journal
 POLICIES = (
     "open-loop-mpcc", "tracked-reference-mpcc", "kuramoto-mpcc", "kuramoto-mpcc-safe", "arc-mpcc",
     "arc-mpcc-safe", "consensus-gvf", "consensus-gvf-safe", "sweep", "sweep-safe", "laps", "laps-safe",
+    "partition", "partition-safe", "partition-repair", "partition-repair-safe",
+    "line-abreast", "line-abreast-safe",
 )  # fmt: skip
 HELD_OUT = range(10_000, 10_064)
 BATCH = 64
@@ -60,6 +67,7 @@ ELITE = 3
 NAMES = ("trials.jsonl", "trials.csv", "tuned.json", "tuned.md")
 """Files of the results."""
 PATROLS = {"sweep": Sweep, "laps": Laps}
+PARTITIONS = {"partition": Partition, "partition-repair": PartitionRepair}
 
 Settings = dict[str, float | int]
 """Differences from the default, as `part.name`; part is `formation` or the parameters of a piece of the policy."""
@@ -78,6 +86,13 @@ def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1,
     planned = lissajous_env.scenario(scenario, formation=parts.get("formation", {}))
     if name in PATROLS:
         policy = PATROLS[name](planned, num_worlds, device, SweepParameters(**parts.get("sweep", {})))
+    elif name in PARTITIONS:
+        more = {"repair": RepairParameters(**parts["repair"])} if "repair" in parts else {}
+        policy = PARTITIONS[name](
+            planned, num_worlds, device, PartitionParameters(**parts.get("partition", {})), **more
+        )
+    elif name == "line-abreast":
+        policy = LineAbreast(planned, num_worlds, device, LineParameters(**parts.get("line", {})))
     else:
         coordinator, tracker, _ = COMBINATIONS[name]
         if name.startswith("arc"):
@@ -107,6 +122,18 @@ def space(name: str, scenario: Scenario) -> dict[str, tuple[float, float] | list
         deepest = 0.9 * scenario.curve.half_height
         return {"sweep.cruise": (0.3 * cruise, min(2.5 * cruise, top)), "sweep.inset": (0.02, deepest),
                 "sweep.lanes": [2, 4, 6], "sweep.lookahead": (0.3, 2.0)}  # fmt: skip
+    if name in PARTITIONS:
+        rows = list(range(1, min(scenario.num_robots, 3) + 1))
+        found |= {"partition.speed": (0.1 * top, 0.95 * top), "partition.rows": rows, "partition.extent_x": (0.02, 1.0),
+                  "partition.extent_y": (0.02, 1.0)}  # fmt: skip
+        if name == "partition-repair":
+            found |= {"repair.patience": [1, 2, 3], "repair.reserve": (1.0, 2.0)}
+        return found
+    if name == "line-abreast":
+        resolved = scenario.resolve()
+        lines = [count for count in range(1, resolved.num_robots + 1) if can_span(resolved, count)]
+        return {"line.speed": (0.3 * top, top), "line.lines": lines, "line.grip": (0.3, 1.0),
+                "line.settle": (0.02, 1.0)}  # fmt: skip
     if name.startswith("arc"):
         speed = ground_speed(scenario)
         found |= {"arc.speed": (0.3 * speed, 2.5 * speed), "arc.preview": (0.2, 1.5)}

@@ -17,7 +17,18 @@ from lissajous_env.parameters.extensions import observation_entry, reward_term, 
 from lissajous_env.parameters.ids import register_ids as _register_ids
 from lissajous_env.parameters.named import register_scenario, scenario, scenarios
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
-from lissajous_env.parameters.scenario import Curve, Faults, Formation, Noise, Robot, Scenario, Sensing, Targets, Task
+from lissajous_env.parameters.scenario import (
+    Curve,
+    Faults,
+    Formation,
+    Messages,
+    Noise,
+    Robot,
+    Scenario,
+    Sensing,
+    Targets,
+    Task,
+)
 from lissajous_env.parameters.shipped import SHIPPED as _SHIPPED
 from lissajous_env.siblings import import_ours
 from lissajous_env.world.simulation import Simulation
@@ -29,6 +40,7 @@ __all__ = [
     "LissajousEnv",
     "LissajousParallelEnv",
     "LissajousVectorEnv",
+    "Messages",
     "Noise",
     "Robot",
     "RobotModel",

@@ -81,6 +81,7 @@ class World:
         self.delay = round(scenario.noise.message_delay / task.step)
         self.sent: list[list] = []
         self.heard = [[None, None] for _ in range(self.n)]
+        self.messages = [(0.0,) * scenario.messages.size for _ in range(self.n)]
         self.touching: set[tuple[int, int]] = set()
         self.collisions = self.contact_steps = 0
         self.least_distance = math.inf
@@ -157,6 +158,11 @@ class World:
         self.at_work = [self.works(i) for i in range(self.n)]
         if any(stood[i] and self.at_work[i] for i in range(self.n)):
             self.resumed_at = self.now - 1
+        moving = command.shape[1] - self.scenario.messages.size
+        for i in range(self.n):
+            if self.at_work[i]:
+                self.messages[i] = tuple(command[i, moving:])
+        command = command[:, :moving]
         for i in range(self.n):
             self._move(i, command[i])
         self._send()
@@ -345,8 +351,8 @@ class World:
     # Messages.
 
     def _send(self) -> None:
-        messages = [None if self.removed(i) else (r.phase, *r.position[:2]) for i, r in enumerate(self.robots)]
-        self.sent.append(messages)
+        messages = [(r.phase, *r.position[:2], own) for r, own in zip(self.robots, self.messages, strict=True)]
+        self.sent.append([None if self.removed(i) else message for i, message in enumerate(messages)])
 
     def _hear(self) -> None:
         if self.now < self.delay:

@@ -37,7 +37,7 @@ def _row(world, i: int, unit: float) -> list[float]:
         if heard is None or world.removed(i):
             row += [0.0] * 6
             continue
-        at, (phase, x, y) = heard
+        at, (phase, x, y, _) = heard
         row += [1.0, min((world.now - at) * world.dt, 1.0)]
         row += [math.cos(phase - own.phase), math.sin(phase - own.phase)]
         row += [far((x - own.position[0]) / (2 * width)), far((y - own.position[1]) / (2 * height))]
@@ -47,6 +47,9 @@ def _row(world, i: int, unit: float) -> list[float]:
         targets = [t for t in world.targets if t.in_sight]
     row += _nearest(own, robots, sensing.robots_seen, sensing.radius, unit)
     row += _nearest(own, targets, sensing.targets_seen, sensing.radius, None)
+    for heard in world.heard[i]:
+        is_there = heard is not None and not world.removed(i)
+        row += heard[1][3] if is_there else [0.0] * scenario.messages.size
     return row
 
 

@@ -94,7 +94,7 @@ def test_damaged_settings_are_refused_by_name(out, name, value):
 )  # fmt: skip
 def test_an_episode_that_does_not_belong_is_refused(tmp_path, column, value, words):
     run(small(tmp_path, episodes=2), console=QUIET)
-    changed = [json.loads(line) for line in lines(tmp_path)]
+    changed = sorted((json.loads(line) for line in lines(tmp_path)), key=lambda row: row["policy"])
     changed[0][column] = value
     (tmp_path / "episodes.jsonl").write_text("".join(json.dumps(row) + "\n" for row in changed))
     with pytest.raises(ValueError, match=rf"line \d: .*{words}"):

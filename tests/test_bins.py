@@ -8,7 +8,7 @@ import pytest
 
 import lissajous_env
 from lissajous_env.device import program
-from lissajous_env.world import simulation, stages
+from lissajous_env.world import stages
 from lissajous_env.world.robots import bin_sizes
 from lissajous_env.world.robots.bin_sizes import has_bins
 from lissajous_env.world.state import REMOVED
@@ -44,7 +44,7 @@ def made(monkeypatch):
     """Make a simulation that has bins or not, whatever its size."""
 
     def make(scenario, with_bins, threads=1, worlds=2):
-        for module in (simulation, stages):
+        for module in (bin_sizes, stages):
             monkeypatch.setattr(module, "has_bins", lambda scenario: with_bins)
         return lissajous_env.Simulation(scenario, worlds, seed=3, threads=threads)
 

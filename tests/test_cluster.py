@@ -13,10 +13,10 @@ import pytest
 from rich.console import Console
 
 import baselines
-from baselines.benchmark.cluster import _checked, _packed, _play, _Shown
+from baselines.benchmark.cluster import _packed, _play
 from baselines.benchmark.playing import play
 from baselines.benchmark.running import measure, run
-from baselines.benchmark.types import Batch, Benchmark, Cell
+from baselines.benchmark.types import Benchmark, Cell
 from lissajous_env import scenario as make_scenario
 from lissajous_env import score_column
 
@@ -208,39 +208,6 @@ def test_a_policy_whose_actions_are_no_numbers_ends_as_it_does_here(one_node, tm
     assert (tmp_path / "there/episodes.csv").read_bytes() == (tmp_path / "here/episodes.csv").read_bytes()
 
 
-@pytest.mark.parametrize(
-    "spoil",
-    [
-        lambda rows: rows[:1],
-        lambda rows: rows[::-1],
-        lambda rows: [rows[0], rows[0]],
-        lambda rows: [row | {"seed": row["seed"] + 1} for row in rows],
-        lambda rows: [row | {"collisions": "many"} for row in rows],
-        lambda rows: [row | {"collisions": None} for row in rows],
-        lambda rows: [row | {"more": 1.0} for row in rows],
-        lambda rows: [{name: row[name] for name in row if name != "targets"} for row in rows],
-        lambda rows: None,
-        lambda rows: "rows",
-    ],
-)
-def test_what_a_node_returns_is_checked(tmp_path, spoil):
-    settings = small(tmp_path, seed=7)
-    cell = Cell(make_scenario("failure", **SHORT), "mine", lambda *given: baselines.make("still", *given))
-    batch = next(play(cell, settings, [3, 4], lambda _: None))
-    assert _checked(batch, cell, settings, [3, 4]) is batch
-    with pytest.raises(ValueError, match="a node of the Ray cluster must return"):
-        _checked(Batch(spoil(batch.rows), batch.detections), cell, settings, [3, 4])
-
-
-@pytest.mark.parametrize("spoiled", [None, [{}], [{"found": 3}], "times"])
-def test_times_that_a_node_returns_are_checked(tmp_path, spoiled):
-    settings = small(tmp_path, seed=7)
-    cell = Cell(make_scenario("failure", **SHORT), "mine", lambda *given: baselines.make("still", *given))
-    batch = next(play(cell, settings, [3, 4], lambda _: None))
-    with pytest.raises(ValueError, match="a node of the Ray cluster must return"):
-        _checked(Batch(batch.rows, spoiled), cell, settings, [3, 4])
-
-
 @score_column("max")
 def fastest(world):
     """Speed of the fastest robot [m/s]."""
@@ -248,18 +215,11 @@ def fastest(world):
 
 
 def test_columns_that_a_scenario_brings_come_back(tmp_path):
-    # Oracle: the same episodes played here; a row without the column is refused.
     settings = small(tmp_path, seed=7)
     made = make_scenario("failure", extensions=fastest, **SHORT)
     cell = Cell(made, "kuramoto", lambda *given: baselines.make("kuramoto", *given))
     batch = next(play(cell, settings, [3, 4], lambda _: None))
     assert [list(row)[-1] for row in batch.rows] == ["fastest"] * 2
-    assert _checked(batch, cell, settings, [3, 4]) is batch
-    more = [{**row, "slowest": 1.0} for row in batch.rows]
-    less = [{k: v for k, v in row.items() if k != "fastest"} for row in batch.rows]
-    for rows in (more, less):
-        with pytest.raises(ValueError, match="must have the columns of a score row"):
-            _checked(Batch(rows, batch.detections), cell, settings, [3, 4])
 
 
 def test_a_policy_that_cannot_be_sent_is_named(tmp_path):
@@ -306,39 +266,3 @@ def test_ray_is_loaded_by_its_engine_alone(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
-
-
-class Recorder:
-    """Stands for the bar: what it was told, in order."""
-
-    def __init__(self):
-        self.told = []
-
-    def begin(self, cell):
-        self.told.append(("begin", cell.policy))
-
-    def step(self, worlds):
-        self.told.append(("step", worlds))
-
-    def finished(self, episodes):
-        self.told.append(("finished", episodes))
-
-    def end(self, word=""):
-        self.told.append(("end", word))
-
-
-def test_the_bar_shows_the_cells_in_order_though_batches_end_in_any():
-    scenario = make_scenario("failure", **{"task.duration": 0.2})
-    first, second, third = (Cell(scenario, name, Slow) for name in ("first", "second", "third"))
-    bar = Recorder()
-    shown = _Shown(bar, [(first, [0, 1]), (second, [0, 1]), (third, [0])])
-    shown.finished(third, 1)
-    shown.finished(first, 1)
-    shown.failed(second)
-    shown.finished(first, 1)
-    steps = [("step", 1)] * scenario.task.steps
-    assert bar.told == [
-        ("begin", "first"), *steps, ("finished", 1), *steps, ("finished", 1), ("end", ""),
-        ("begin", "second"), ("end", "failed"),
-        ("begin", "third"), *steps, ("finished", 1), ("end", ""),
-    ]  # fmt: skip

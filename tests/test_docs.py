@@ -45,11 +45,12 @@ NEEDS = {"training.sb3": "stable_baselines3", "training.torchrl": "torchrl", "tr
 SHORTER = {
     "benchmark": "--scenarios intruders --policies sweep laps --episodes 1",
     "evaluate": "--episodes 1",
+    "plan": "--seconds 4",
     "guarantee": "--radii 2 --cells 16 --episodes 1",
     "train": "--steps 2000 --worlds 4 --evaluation-episodes 1 --rivals sweep --imitation-steps 0 --rollout 8",
 }
 """Options added to a command to shorten it."""
-LASTING = ("benchmark", "evaluate", "guarantee", "replay", "run", "train")
+LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "train")
 """Commands that run episodes, here of half a second."""
 IMAGES = {
     "intruders.gif": "lissajous run intruders kuramoto-mpcc --seed 1 --set task.duration=14",
@@ -141,6 +142,8 @@ def run_lissajous(line):
     _, command, *given = shlex.split(re.sub(r"--engine ray( --address \S+)?", "", line))
     if command == "train" or any(word.startswith("runs/") for word in given):
         pytest.importorskip("stable_baselines3")
+    if "--optimise" in given:
+        pytest.importorskip("cma")
     if command == "reproduce":
         given = ["fig2" if word == "all" else word for word in given]
     if command in LASTING and not "".join(given[:1]).endswith(".npz"):

@@ -19,7 +19,7 @@ QUESTIONS = {
     "what ends an episode": "docs/interface.md#what-ends-an-episode",
     "how do I add a policy": "docs/extending.md#a-policy",
     "how do I train on my rectangle": "docs/train.md#on-your-own-rectangle",
-    "how many robots do I need": "docs/sizing.md#how-many-robots-do-i-need",
+    "how many robots do I need": "docs/plan.md#how-many-robots-do-i-need",
     "how do I see why it failed": "docs/failures.md#see-why-it-failed",
     "how do I compare fairly": "docs/comparison.md#how-to-compare-fairly",
     "does it run on my cluster": "docs/train.md#on-a-cluster",

@@ -68,7 +68,7 @@ def here(home, monkeypatch):
 
 def test_the_docs_keep_what_they_promise():
     # Oracle: one short file for each door, and a command for each that is no package's.
-    assert len(FILES) == sum(language != "bash" for language, _ in BLOCKS) == 17
+    assert len(FILES) == sum(language != "bash" for language, _ in BLOCKS) == 18
     assert {name: len(body.splitlines()) for name, body in FILES.items() if len(body.splitlines()) > 30} == {}
     for name in set(FILES) - {"pyproject.toml", "use_corridor.py"}:
         module = name.removesuffix(".py")
@@ -104,6 +104,7 @@ print(json.dumps(ended))
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("line", COMMANDS)
 def test_the_commands_of_the_docs_run(line, home, ended):
     if "my_memory" in line:
@@ -244,6 +245,24 @@ def test_a_memory_is_forgotten_of_the_worlds_that_begin_anew(here):
     again = policy.act(rows).numpy()
     np.testing.assert_array_equal(again[0], first[0][0])
     assert (again[1] > first[2][1]).all(), "the other world goes on"
+
+
+def test_news_of_a_stopped_robot_goes_around_the_ring(here):
+    # Oracle: the distance along the ring from robot 0, which fails from 5 s on: a step for each place.
+    fails = {"formation.ring": (0, 1, 2, 3, 4), "faults.schedule": ((0, 5.0, float("inf")),)}
+    scenario = lissajous_env.scenario("failure", **{"messages.size": 6, **fails})
+    policy, simulation = brought("my_messages:News")(scenario, 2), lissajous_env.Simulation(scenario, 2)
+    told = []
+    for _ in range(60):
+        action = policy.act(simulation.observation.numpy())
+        told.append(np.clip(action[..., 2:], -1, 1))
+        simulation.step(action)
+    told = np.array(told)
+    assert not told[:, :, :, 1:].any(), "nobody else has stopped"
+    heard_at = np.argmax(told[:, 0, :, 0] > 0, axis=0)
+    # Its last number was sent in step 50 and is heard again after step 51, by the robots that act in step 52.
+    assert heard_at[1:].tolist() == [51, 52, 52, 51]
+    assert told[-1, :, 1:, 0].min() >= 0.8
 
 
 def test_a_model_plays_as_in_the_environment_that_it_was_trained_in(here):

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import sys
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -172,6 +173,19 @@ def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path):
     (tmp_path / ".lissajous-1.json").write_text("mine")
     with Folder(tmp_path):
         assert sorted(path.name for path in tmp_path.iterdir()) == [".lissajous-1.json", LIST, "a.json"]
+
+
+def test_a_kill_while_room_for_names_is_tried_leaves_a_folder_that_can_be_used(tmp_path, monkeypatch):
+    def killed(path, **named):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", killed)
+        with pytest.raises(KeyboardInterrupt):
+            Folder(tmp_path / "out")
+    assert len(list((tmp_path / "out").iterdir())) == 2
+    Folder(tmp_path / "out").close()
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [LIST]
 
 
 @pytest.mark.parametrize("torn", ["", '{"lissa', '{"lissajous": 1, "token": "0123456789abcdef"}\n{"wro'])

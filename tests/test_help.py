@@ -16,7 +16,7 @@ from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
 def test_help_lists_every_command(arguments):
     ended = lissajous(*arguments, width=80)
     assert ended.returncode == 0
-    for name in ("benchmark", "design", "evaluate", "policies", "replay", "run", "scenarios", "train"):
+    for name in ("benchmark", "evaluate", "plan", "policies", "replay", "run", "scenarios", "train"):
         assert re.search(rf"^  {name} +[A-Z]", ended.stdout, re.MULTILINE), name
     assert all(len(line) <= 80 for line in ended.stdout.splitlines())
 
@@ -65,5 +65,5 @@ def test_help_sorts_options_into_groups(capsys):
 
 
 def test_help_names_the_scenario_first(capsys):
-    for command, usage in (("run", "SCENARIO POLICY"), ("evaluate", "[SCENARIO ...] POLICY")):
+    for command, usage in (("run", "SCENARIO [POLICY]"), ("evaluate", "[SCENARIO ...] POLICY")):
         assert usage in called(capsys, command, "--help")[1]

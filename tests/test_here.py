@@ -46,7 +46,7 @@ def folder(tmp_path, monkeypatch):
     for name, source in sources.items():
         (tmp_path / f"{name}.py").write_text(source)
     (tmp_path / "unwanted.py").write_text("open('unwanted', 'w')\nregister = 'my-still'\n")
-    (tmp_path / "hall.toml").write_text("base = 'failure'\n[task]\nduration = 0.5\n")
+    (tmp_path / "depot.toml").write_text("base = 'failure'\n[task]\nduration = 0.5\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(named, "register_ids", lambda name: None)
     monkeypatch.setattr(sys, "path", list(sys.path))
@@ -57,7 +57,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("line", [
     ["evaluate", "failure", "my-still", *SHORT],
-    ["evaluate", "my-still", "hall.toml", *SHORT],
+    ["evaluate", "my-still", "depot.toml", *SHORT],
     ["run", "failure", "my-still", "--set", "task.duration=0.5", "--out", "a.npz"],
     ["benchmark", "--scenarios", "failure", "--policies", "my-still", *SHORT, "--replays", "none", "--out", "results"],
     ["evaluate", "failure", "my-way", *SHORT],
@@ -99,9 +99,9 @@ def test_a_module_that_cannot_be_imported_says_why(folder, capsys):
 
 
 @pytest.mark.parametrize(("line", "words"), [
-    (["run", "hall", "kuramoto"], "got 'hall'; did you mean hall.toml?"),
-    (["run", "hal.toml", "kuramoto"], "hal.toml is missing; did you mean hall.toml?"),
-    (["benchmark", "--scenarios", "hall"], "got 'hall'; did you mean hall.toml?"),
+    (["run", "depot", "kuramoto"], "got 'depot'; did you mean depot.toml?"),
+    (["run", "depo.toml", "kuramoto"], "depo.toml is missing; did you mean depot.toml?"),
+    (["benchmark", "--scenarios", "depot"], "got 'depot'; did you mean depot.toml?"),
     (["scenarios", "shrt-one"], "did you mean short-one?"),
     (["evaluate", "failure", "my-stil"], "did you mean my-still?"),
     (["evaluate", "failure", "kuramto"], "did you mean kuramoto?"),
@@ -147,7 +147,7 @@ def test_an_unknown_name_is_answered_in_a_line_or_two(capsys):
 
 
 @pytest.mark.parametrize(("word", "known", "words"), [
-    ("hall", ["still", "hallo", "hall.toml"], "; did you mean hall.toml or hallo?"),
+    ("depot", ["still", "depots", "depot.toml"], "; did you mean depot.toml or depots?"),
     ("kuramto", ["kuramoto-mpcc", "kuramoto", "still"], "; did you mean kuramoto?"),
     ("my-method-mcpp", ["my-method-mpcc", "my-method-gvf"], "; did you mean my-method-mpcc?"),
     ("", ["a"], ""),

@@ -21,7 +21,9 @@ CASES = {
     "contamination, several steps in a tick": (
         "experiment", {**SHORT, "task.contamination": (36, 16), "targets.arrival_rate": 3.0},
     ),
-    "noise, faults and late messages": ("rough-lost", {**SHORT, "faults.rate": 0.5, "noise.message_delay": 0.3}),
+    "noise, faults and late messages": (
+        "rough-lost", {**SHORT, "faults.rate": 0.5, "noise.message_delay": 0.3, "messages.size": 3},
+    ),
     "stopped by collisions": ("rough", {**SHORT, "task.on_collision": "stop", "robot.radius": 0.3}),
     "removed by the edge": ("intruders", {**SHORT, "task.boundary": "remove"}),
     "in space": ("knot", SHORT),

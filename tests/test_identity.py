@@ -21,7 +21,6 @@ from lissajous_env.identity import parts_of
 from lissajous_env.parameters import robot_models
 from lissajous_env.world.robots.point import POINT
 
-LONG = pytest.mark.long
 QUIET = Console(quiet=True)
 SHORT = {"task.duration": 1.0, "faults.schedule": ()}
 
@@ -59,13 +58,14 @@ def benchmark(folder, episodes, *more, seed="0"):
     return command(folder, *given, "--out", "out", "--replays", "none", "--quiet", "--set", *changed, *more, seed=seed)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("file", "old", "new", "more"),
     [
         ("my_numbers.py", "SHARE = 1.0", "SHARE = 0.2", []),
-        pytest.param("my_numbers.py", "SHARE = 1.0", "SHARE = 0.2", ["extensions=my_module:fast"], marks=LONG),
-        pytest.param("my_module.py", "self.shape, SHARE", "self.shape, 0.3 * SHARE", [], marks=LONG),
-        pytest.param("my_module.py", "return 0.5", "return 0.4", [], marks=LONG),
+        ("my_numbers.py", "SHARE = 1.0", "SHARE = 0.2", ["extensions=my_module:fast"]),
+        ("my_module.py", "self.shape, SHARE", "self.shape, 0.3 * SHARE", []),
+        ("my_module.py", "return 0.5", "return 0.4", []),
     ],
 )
 def test_a_folder_holds_one_version_of_a_module(tmp_path, file, old, new, more):

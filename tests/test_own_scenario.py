@@ -124,6 +124,7 @@ def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, mo
         ("curve", {"half_width": -1.0}, "half_width must be"),
         ("curve", 3, "scenario must hold the parts and fields"),
         ("robot", {"kind": "theirs"}, "robot.kind must be one of"),
+        ("extensions", 0.5, "extensions of a scenario must be a list, got 0.5"),
         ("extensions", [{"place": 3}], "place of an extension must be module:name, got 3"),
         ("extensions", [3], "place of an extension must be module:name"),
     ],

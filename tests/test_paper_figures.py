@@ -80,7 +80,7 @@ def test_profiles_are_shares_of_all_episodes():
 @pytest.mark.parametrize(
     ("form", "begins"),
     [
-        ("pdf", b"%PDF-"),
+        pytest.param("pdf", b"%PDF-", marks=pytest.mark.long),
         pytest.param("svg", b"<?xml", marks=pytest.mark.long),
         pytest.param("png", b"\x89PNG\r\n", marks=pytest.mark.long),
     ],
@@ -129,7 +129,7 @@ def test_a_column_of_ones_own_is_in_its_distribution_and_in_the_table(folder, tm
         titles[len(titles)] = [axes.get_title() or axes.get_title(loc="left") for axes in figure.axes]
         return b""
 
-    monkeypatch.setattr(paper_figures, "_saved", saved)
+    monkeypatch.setattr(paper_figures, "saved", saved)
     figures(folder, "pdf", tmp_path / "out")
     assert sum("furthest" in each for each in titles.values()) == 1
     text = (tmp_path / "out" / "table.tex").read_text()

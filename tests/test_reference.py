@@ -32,6 +32,7 @@ CASES = {
         {
             "targets.leave": False,
             "noise.message_delay": 0.3,
+            "messages.size": 3,
             "faults.removed": ((3, 12.0),),
             "faults.schedule": ((0, 4.0, 9.0), (1, 6.0, 9.5)),
             "sensing.radius": 0.8,
@@ -53,6 +54,7 @@ CASES = {
             "formation.p": 3,
             "task.on_collision": "remove",
             "robot.radius": 0.02,
+            "messages.size": 2,
             **ALL_TERMS,
             **SHORT_SIGHT,
             **MIXED,
@@ -97,7 +99,8 @@ class Both:
         self._compare()
         for action in reference_driving.smooth_actions(self.simulation.action_shape[1:], steps, seed):
             if self.world.scenario.robot.kind == "car" and not CASES[case][1].get("task.reward_outside"):
-                action = 0.3 * action + reference_driving.pursuit(self.world, ahead=0.4, speed=1.0)
+                pursued = reference_driving.pursuit(self.world, ahead=0.4, speed=1.0)
+                action = np.concatenate([0.3 * action[:, :2] + pursued, action[:, 2:]], axis=1)
             action = action.astype(np.float32)
             self.simulation.step(action[None])
             self.world.step(action)

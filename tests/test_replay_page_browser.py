@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 from browser import HOSTILE, ROWS, click, complaints, numbers, opened, press, wait, webdriver
 
+import baselines
+import lissajous_env
+from lissajous_env.episodes.witness import witness_of
+from lissajous_env.episodes.witness.replayed import record_again
 from lissajous_env.replay import page
 
 
@@ -37,6 +41,27 @@ def test_the_page_unpacks_what_was_recorded(browser, folder, recording):
         "const { episode } = replay.views[0]; return episode.events.filter((e) => e.kind === 'detection').length"
     )
     assert seen == np.count_nonzero(found)
+    assert complaints(browser) == ([], [])
+
+
+def test_the_rogue_that_a_policy_misses_is_drawn_where_it_is(browser, folder):
+    # Oracle: the witness, and the colour of the page's own legend at the rogue's place.
+    made = lissajous_env.scenario("evaders", **{"task.duration": 8.0})
+    found = witness_of(baselines.make("kuramoto-mpcc", made), made, 1)
+    run = opened(browser, folder, page(record_again(found.played, found.policy), missed=found))
+    (event,) = run("return replay.views[0].episode.events.filter((each) => each.kind === 'rogue')")
+    assert event["time"] == pytest.approx(found.appears)
+    assert event["until"] - event["time"] == pytest.approx(found.undetected, abs=1e-3)
+    assert "the rogue that this policy misses" in run("return document.querySelector('.legend').textContent")
+    middle = len(found.way.places) // 2
+    x, y = found.way.places[middle].tolist()
+    run(f"replay.player.seek({found.appears + middle * made.task.step})")
+    pixel = run(
+        f"const {{ stage }} = replay.views[0], at = [stage.px({x}), stage.py({y})].map((each) => each * stage.ratio);"
+        "return [...stage.context.getImageData(Math.round(at[0]), Math.round(at[1]), 1, 1).data]"
+    )
+    colour = run("return replay.viewing.colours.unseen")
+    assert pixel[:3] == [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
     assert complaints(browser) == ([], [])
 
 

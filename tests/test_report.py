@@ -12,7 +12,7 @@ from rich.console import Console
 import baselines
 import lissajous_env
 import training.report
-from baselines.benchmark import failures, replays, report_page, running
+from baselines.benchmark import failures, local, replays, report_page
 from baselines.benchmark.comparison import with_derived
 from baselines.benchmark.marl_eval import as_marl_eval
 from baselines.benchmark.ranking import rankings
@@ -193,7 +193,7 @@ def test_a_second_call_makes_the_same_report_from_the_rows_alone(small_one, tmp_
     written = [{"wrote": name} for name in ("settings.json", "episodes.jsonl", "detections.jsonl")]
     head = (folder / ".lissajous.jsonl").read_text().splitlines()[0]
     (tmp_path / ".lissajous.jsonl").write_text("\n".join([head, *map(json.dumps, written)]) + "\n")
-    monkeypatch.setattr(running, "play", None)  # nothing is played for it
+    monkeypatch.setattr(local, "play", None)  # nothing is played for it
     run(small(tmp_path), console=QUIET)
     again = blocks_of(tmp_path)
     assert again.keys() == blocks.keys()

@@ -199,6 +199,22 @@ def test_uneven_cars_differ_by_their_spread():
         assert np.abs(relative).max() <= 3.001 * spread
 
 
+def test_cars_with_their_own_motors_reach_their_own_top_speeds():
+    # Oracle: the equilibrium of the motor by hand, (36.81 f tau - 3.681) / 0.945 at full throttle, f per robot.
+    factors = np.array([0.7824, 0.855, 1.0, 1.0725, 1.145])
+    even = {"noise.drive_spread": 0.0, "task.duration": 30.0}
+    simulation = lissajous_env.Simulation(lissajous_env.scenario("evaders-uneven", **even))
+    action = np.ones((1, 5, 2), dtype=np.float32)
+    action[..., 0] = 0.0
+    for _ in range(200):
+        simulation.step(action)
+    wanted = (36.81 * factors * 0.177017 - 3.681) / 0.945
+    np.testing.assert_allclose(simulation.robots.speed.numpy()[0], wanted, rtol=1e-4)
+    assert wanted == pytest.approx([1.5, 2.0, 3.0, 3.5, 4.0], abs=0.01)
+    doubled = lissajous_env.scenario("experiment", **{"robot.drive_factors": ((1, 0.5), (1, 3.0))})
+    assert doubled.drive_factors.tolist() == [1.0, 1.5, 1.0, 1.0, 1.0]
+
+
 def test_the_phase_of_a_car_is_that_of_the_nearest_point_of_its_branch():
     # Oracle: a dense search for the nearest point within 0.3 rad, at each of 400 steps near curve (16). The phase gets
     # one correction in a step, so it lags by millimetres; in the tight turns, where the nearest point leaps ahead, by

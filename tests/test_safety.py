@@ -11,7 +11,7 @@ import baselines
 import lissajous_env
 from baselines.policies.base import Policy
 from baselines.safety.filter import Safe, SafetyParameters, speed_limit
-from baselines.safety.quadratic_program import TOLERANCE, solve_quadratic_programs
+from baselines.safety.quadratic_program import TOLERANCE, solve_quadratic_program
 from lissajous_env.theory.geometry import top_speed
 from lissajous_env.world.observation import layout
 
@@ -71,6 +71,20 @@ def random_programs(count, rng):
     wanted = rng.uniform(-1, 1, (count, 1, 2)).astype(np.float32)
     top = rng.uniform(-0.9, 1, (count, 1)).astype(np.float32)
     return number, rows, wanted, top
+
+
+@wp.kernel
+def solve_quadratic_programs(
+    weight: float,
+    rows: wp.array3d(dtype=wp.vec3),
+    count: wp.array2d(dtype=int),
+    top: wp.array2d(dtype=float),
+    wanted: wp.array3d(dtype=float),
+    solution_out: wp.array2d(dtype=wp.vec3),
+):
+    w, i = wp.tid()
+    u = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
+    solution_out[w, i] = solve_quadratic_program(w, i, count[w, i], rows, weight, top[w, i], u)
 
 
 def test_the_program_is_solved_to_the_optimum():

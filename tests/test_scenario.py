@@ -22,9 +22,9 @@ from lissajous_env.parameters.scenario import (
     Noise,
     Robot,
     Scenario,
-    Sensing,
     Targets,
     Task,
+    digest_of,
 )
 from lissajous_env.theory import closed_forms
 
@@ -39,6 +39,10 @@ DIGESTS = {
     "intruders-inside": "264efad0130f5109",
     "evaders": "2ca604d6bdd80752",
     "evaders-failure": "01905359b8a02b12",
+    "evaders-lost": "9baa3ea821c1c189",
+    "evaders-fast": "84e6086f6fc552c1",
+    "evaders-uneven": "5a6e304dbc5d36fe",
+    "hall": "dc444b0b682fd421",
     "rough": "35881e23fe6bdf10",
     "rough-lost": "cb5030d657984cc4",
     "team": "fc28cbccf7e9adba",
@@ -57,6 +61,7 @@ WRONG_FOR_ALL = [math.nan, -math.inf, "nonsense", object(), 1j, b"1", {"a": 1}, 
 BAD_ROWS = {
     "formation.ring": [(0, -1), (0, 1.5), (False, True), ("0", "1"), 5, [[0], [1]]],
     "formation.displaced": [(0, 0.25), ((0, math.nan),), ((0, 1e39),), ((-1, 0.1),), ((0.5, 0.1),), ((0,),), None],
+    "robot.drive_factors": [(0, 1.1), ((0, 0.0),), ((0, 11.0),), ((0, math.nan),), ((-1, 1.0),), ((0,),), None],
     "faults.schedule": [
         (0, 1.0, 2.0),
         ((0, 2.0, 1.0),),
@@ -156,6 +161,7 @@ def test_every_field_says_its_unit_where_it_has_one(part, field):
         (lambda: Scenario(formation=Formation(ring=(0, 1, 2, 3, 3))), "formation.ring must hold each of the 5 robots"),
         (lambda: Scenario(formation=Formation(ring=(0, 1, 2, 3, 5))), "formation.ring must name robots 0 to 4, got"),
         (lambda: Scenario(formation=Formation(displaced=((5, 0.1),))), "formation.displaced must name robots 0 to 4"),
+        (lambda: Scenario(robot=Robot(drive_factors=((5, 1.1),))), "robot.drive_factors must name robots 0 to 4"),
         (
             lambda: Scenario(faults=Faults(schedule=((7, 1.0, 2.0),))),
             "faults.schedule must name robots 0 to 4, got (7,)",
@@ -205,6 +211,7 @@ def test_rules_that_join_fields(make, message):
         ("noise", "wheelbase_spread", 0.3, 0.301),
         ("noise", "drive_spread", 0.3, 0.301),
         ("noise", "message_loss", 1, 1.001),
+        ("messages", "size", 32, 33),
         ("task", "substeps", 64, 65),
         ("task", "grid", (4096, 4096), (4096, 4097)),
         ("task", "duration", 0.1 * 2**20, 0.1 * 2**20 + 1),
@@ -265,6 +272,7 @@ def test_overrides_that_only_hold_together_are_checked_together():
             r"override must name a field of curve \(.*\), got curve.halfwidth; did you mean half_width",
         ),
         ({"robot": {"radios": 3}}, r"override must name a field of robot .*, got robot.radios; did you mean radius\?"),
+        ({"robot": {1: 2}}, "override must name a field of robot .*, got robot.1"),
         ({"curve.": 3}, "override must name a field of curve .*, got curve."),
         ({"curve": 3}, "override curve must be a mapping or a Curve, got 3"),
         ({"curve": Task()}, "override curve must be a mapping or a Curve, got Task"),
@@ -309,14 +317,19 @@ def test_digest_is_of_the_numbers_alone():
     assert Scenario(name="other", description="words").digest() == base.digest()
     assert dataclasses.replace(base, task=Task(duration=60)).digest() == base.digest()
     seen = {base.digest(), base.resolve().digest()}
+    older = base.to_dict()
+    del older["robot"]["drive_factors"]
+    assert digest_of(older) == base.digest(), "of a version without the field"
     for part, field, value in [
         ("curve", "half_width", 1.8000001),
         ("formation", "start", "random"),
         ("sensing", "radius", 1.0),
         ("faults", "schedule", ((0, 1.0, 2.0),)),
         ("noise", "message_loss", 0.1),
+        ("messages", "size", 1),
         ("targets", "leave", False),
         ("task", "grid", None),
+        ("robot", "drive_factors", ((0, 0.9),)),
     ]:
         digest = lissajous_env.scenario(base, **{f"{part}.{field}": value}).digest()
         assert digest not in seen
@@ -333,12 +346,7 @@ def test_what_ships_is_a_formation_that_works(name):
     assert n < 4 * scenario.p < 3 * n
     assert closed_forms.ring_lies_on_ellipse(scenario.curve, places, scenario.p // clusters, scenario.alpha)
     assert scenario.robot.radius < scenario.robot_radius_bound
-    if name not in (
-        "intruders",
-        "intruders-inside",
-        "evaders",
-        "evaders-failure",
-    ):  # their sensors are too short for (8) on purpose
+    if not name.startswith(("intruders", "evaders", "hall")):  # their sensors are too short for (8) on purpose
         assert scenario.resolve().sensing.radius == pytest.approx(scenario.detection_radius)
 
 
@@ -389,6 +397,6 @@ def test_capacity_leaves_six_deviations():
 
 
 def test_parts_are_frozen():
-    for part in (Curve(), Formation(), Robot(), Sensing(), Targets(), Faults(), Noise(), Task(), Scenario()):
+    for part in (*(kind() for kind in PARTS.values()), Scenario()):
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(part, dataclasses.fields(part)[0].name, 1)

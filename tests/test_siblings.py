@@ -66,7 +66,7 @@ USED = "import training, baselines\nassert training.mine == baselines.mine == 'o
 
 @pytest.mark.parametrize(
     ("first", "last"),
-    [("", USED), pytest.param(USED, USED, marks=pytest.mark.long), ("", "")],
+    [pytest.param("", USED, marks=pytest.mark.long), pytest.param(USED, USED, marks=pytest.mark.long), ("", "")],
     ids=["after", "before", "never"],
 )
 def test_a_script_beside_modules_of_our_names(first, last, tmp_path):
@@ -106,11 +106,8 @@ def act(observation):
 """
 
 
-@pytest.mark.parametrize(
-    "start",
-    [["-P", "-c", SCRIPT_OF_ENTRY], pytest.param(["-m", "lissajous_env"], marks=pytest.mark.long)],
-    ids=["script", "module"],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("start", [["-P", "-c", SCRIPT_OF_ENTRY], ["-m", "lissajous_env"]], ids=["script", "module"])
 def test_commands_in_such_a_folder(start, tmp_path):
     # Story: the same project calls `lissajous benchmark` with a policy of its own that imports its own modules.
     write(tmp_path, TRAINING, BASELINES)

@@ -34,7 +34,9 @@ def observations(scenario, policy=None, steps=60, seed=3):
     return np.array(seen), sim.score()
 
 
-@pytest.mark.parametrize("name", STORIES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long if name == "ideal" else ()) for name in STORIES]
+)
 def test_a_world_keeps_its_bits_at_another_scale(name):
     scenario = lissajous_env.scenario(name)
     seen, score = observations(scenario)

@@ -21,7 +21,7 @@ import lissajous_env
 from baselines.benchmark import clairvoyant, standard
 from baselines.benchmark.comparison import compare
 from baselines.benchmark.running import measure, plan, run
-from baselines.benchmark.statistics import interquartile_mean, summarize, two_level_interval
+from baselines.benchmark.statistics import interquartile_mean, summarize
 from baselines.benchmark.types import Benchmark
 from baselines.benchmark.written import markdown, table_of
 from lissajous_env.world.columns import COLUMNS
@@ -136,7 +136,7 @@ def test_trainings_are_judged_together_and_alone():
     judged = trainings.judged([list(rows(f"training {k}", each)) for k, each in enumerate(times)], reference)
     of = judged["detection_time_mean"]
     assert of["value"] == pytest.approx(interquartile_mean(times.ravel()))
-    assert of["interval"] == two_level_interval(times)
+    assert of["interval"] == trainings.two_level_interval(times)
     assert of["better"] == pytest.approx((times < 2.5).mean())
     assert [each["iqm"] for each in of["trainings"]] == pytest.approx([interquartile_mean(each) for each in times])
     assert judged["collisions"]["statistic"] == "mean"

@@ -1,5 +1,6 @@
 """Terminal output: complete numbers and names at any width, closed streams, kernels, remaining time."""
 
+import math
 import os
 import re
 import subprocess
@@ -9,7 +10,14 @@ import pytest
 import rich.progress
 from command_line import called
 
+import lissajous_env
 from baselines.benchmark.progress import Clock, in_words
+from baselines.planning import tables
+from baselines.planning.planner import Outcome
+from baselines.planning.plans import Figures, Plan, Planned
+from baselines.planning.playing import Episodes
+from baselines.planning.request import Request
+from baselines.policies.settings import PolicySettings
 from baselines.reproduce import claims
 from baselines.reproduce.claims import Claim
 from lissajous_env.console.terminal import make_console
@@ -20,25 +28,34 @@ CLAIMS = [
     Claim(f"claim {k} of a lap of 12.5 s", "1.234 m", f"{k}.567 to 9.8765 m", "at most 3", k > 1, "", "fig3")
     for k in range(3)
 ]
+EVADERS = lissajous_env.scenario("evaders")
+PLANS = [
+    Planned(
+        Plan("Lissajous", EVADERS, PolicySettings("kuramoto-mpcc-safe"), f"a:b = {k}:2, omega = 0.31{k} rad/s"),
+        Figures(1.25 * k, 1.1, math.inf, 0.512, 0, 17, 0.0123, 123.4, "phases of ring neighbours"), 0.105, [], [],
+    )
+    for k in range(1, 4)
+]  # fmt: skip
+OUTCOME = Outcome(Request(EVADERS), Episodes(failures=1), tasks={5: EVADERS}, finals=PLANS)
 
 
-@pytest.mark.parametrize("command", ["scenarios", "policies", "design", "reproduce"])
+@pytest.mark.parametrize("command", ["scenarios", "policies", "plan", "reproduce"])
 @pytest.mark.parametrize("width", [40, 60, 80, 100])
 def test_tables_fit_and_cut_nothing(command, width, capsys, monkeypatch):
     def shown(columns, **place):
         for name, value in {"COLUMNS": str(columns), **place}.items():
             monkeypatch.setenv(name, value)
-        if command != "reproduce":
-            return called(capsys, command, *(["--speed-max", "1.7"] if command == "design" else []))[1]
-        claims.print_claims(make_console(), CLAIMS)
+        if command in ("scenarios", "policies"):
+            return called(capsys, command)[1]
+        if command == "plan":
+            tables.print_plans(make_console(), OUTCOME, PLANS)
+            tables.print_formations(make_console(), PLANS)
+        else:
+            claims.print_claims(make_console(), CLAIMS)
         return capsys.readouterr().out
 
     whole, text = shown(1000), shown(width)
-    rows = [
-        line
-        for line in text.partition("\nTake ")[0].splitlines()
-        if not line.startswith(("Columns that", "Designs for"))
-    ]
+    rows = [line for line in text.partition("\nTake ")[0].splitlines() if not line.startswith("Columns that")]
     assert max(map(len, rows)) <= width
     words = {word for line in rows for word in line.split() if re.search(r"\d", word)}
     assert words <= set(whole.split())

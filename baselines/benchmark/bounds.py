@@ -16,7 +16,7 @@ class Bounds(NamedTuple):
     mean_time: float
     """Lower bound of the mean detection time of every policy without long-range sensing."""
     worst_case: float
-    """Lower bound of the worst-case undetected time."""
+    """Lower bound of the worst-case undetected time; the length of an episode where no policy guarantees anything."""
     in_formation: float
     """Worst-case undetected time of the formation in its equilibrium; inf if a target can stay undetected for ever."""
 

@@ -9,22 +9,19 @@ import contextlib
 import importlib
 import logging
 import textwrap
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any
 
-from baselines.benchmark import detections, ray_address, results_folder
+from baselines.benchmark import ray_address, results_folder
 from baselines.benchmark.playing import failure_of, play
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.rows import refusal_of
 from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
 from baselines.policies.factories import parts
-from lissajous_env.console.terminal import plain
 from lissajous_env.extras import missing
 from lissajous_env.identity import MODULE
 from lissajous_env.wording import shown
-from lissajous_env.world.columns import brought_columns
 
 _RETRIES = 3
 """Times that a batch is played again after its worker or node was lost: a policy that kills its process must end."""
@@ -102,64 +99,37 @@ def play_all(
     waiting = deque((cell, numbers[k : k + size]) for cell, numbers in work for k in range(0, len(numbers), size))
     if not waiting:
         return []
-    shown = _Shown(progress, work)
+    left = {_name(cell): len(numbers) for cell, numbers in work if numbers}
+    begun: set[str] = set()
     failures: dict[str, Failure] = {}
     with connected(settings.address) as ray:
         hand_out = _remote(ray, settings)
         sent = {_name(cell): ray.put(_packed(ray, cell, settings)) for cell, numbers in work if numbers}
-        playing: dict[Any, tuple[Cell, list[int]]] = {}
+        playing: dict[Any, Cell] = {}
         while waiting or playing:
             # Counted anew each time: nodes come and go.
             room = max(_AHEAD * int(ray.cluster_resources().get("CPU", 0)), 1)
             while waiting and len(playing) < room:
                 cell, numbers = waiting.popleft()
                 if _name(cell) not in failures:
-                    playing[hand_out(sent[_name(cell)], numbers)] = cell, numbers
+                    if _name(cell) not in begun:
+                        begun.add(_name(cell))
+                        progress.begin(cell)
+                    playing[hand_out(sent[_name(cell)], numbers)] = cell
             for reference in ray.wait(list(playing), timeout=1.0)[0] if playing else []:
-                cell, numbers = playing.pop(reference)
-                result = _result(ray, reference, cell, settings, numbers)
+                cell = playing.pop(reference)
+                result = _result(ray, reference, cell)
                 if isinstance(result, Failure):
-                    failures.setdefault(_name(cell), result)
-                    shown.failed(cell)
-                else:
-                    kept.add(result)
-                    shown.finished(cell, len(result.rows))
+                    if _name(cell) not in failures:
+                        failures[_name(cell)] = result
+                        progress.end(cell, result.word)
+                    continue
+                kept.add(result)
+                progress.finished(cell, len(result.rows))
+                left[_name(cell)] -= len(result.rows)
+                if not left[_name(cell)]:
+                    progress.end(cell)
     return [failures[_name(cell)] for cell, _ in work if _name(cell) in failures]
-
-
-class _Shown:
-    """Shows the cells in their order, though their batches end in any."""
-
-    def __init__(self, progress: Progress, work: list[tuple[Cell, list[int]]]):
-        self._progress = progress
-        self._left = deque((cell, len(numbers)) for cell, numbers in work if numbers)
-        self._finished: Counter[str] = Counter()
-        self._failed: set[str] = set()
-        progress.begin(self._left[0][0])
-
-    def finished(self, cell: Cell, episodes: int) -> None:
-        self._finished[_name(cell)] += episodes
-        self._show()
-
-    def failed(self, cell: Cell) -> None:
-        self._failed.add(_name(cell))
-        self._show()
-
-    def _show(self) -> None:
-        while self._left:
-            cell, left = self._left.popleft()
-            episodes = self._finished.pop(_name(cell), 0)
-            if episodes:
-                for _ in range(cell.scenario.task.steps):
-                    self._progress.step(episodes)
-                self._progress.finished(episodes)
-            failed = _name(cell) in self._failed
-            if episodes < left and not failed:
-                self._left.appendleft((cell, left - episodes))
-                return
-            self._progress.end("failed" if failed else "")
-            if self._left:
-                self._progress.begin(self._left[0][0])
 
 
 def _remote(ray: Any, settings: Benchmark) -> Any:
@@ -208,33 +178,13 @@ def _packed(ray: Any, cell: Cell, settings: Benchmark) -> bytes:
         ) from error
 
 
-def _result(ray: Any, reference: Any, cell: Cell, settings: Benchmark, numbers: list[int]) -> Batch | Failure:
+def _result(ray: Any, reference: Any, cell: Cell) -> Batch | Failure:
     try:
-        result = ray.get(reference)
+        return ray.get(reference)
     except ray.exceptions.RayTaskError as error:
         raise ValueError(f"a node of the Ray cluster cannot play: {_one_line(error.cause)}") from error
     except ray.exceptions.RayError as error:
         return failure_of(cell, error)
-    return result if isinstance(result, Failure) else _checked(result, cell, settings, numbers)
-
-
-def _checked(batch: Any, cell: Cell, settings: Benchmark, numbers: list[int]) -> Batch:
-    """Refuse what a node returns in place of the episodes that it was given."""
-    expected = [(cell.scenario.name, cell.policy, number, settings.seed + number) for number in numbers]
-    brought = brought_columns(cell.scenario)
-    try:
-        rows = batch.rows
-        wrong = next((wrong for row in rows if (wrong := refusal_of(plain(row), brought))), "")
-        wrong = wrong or next(filter(None, map(detections.refusal_of, batch.detections)), "")
-        identities = [(row["scenario"], row["policy"], row["episode"], row["seed"]) for row in rows]
-    except (AttributeError, KeyError, TypeError) as error:
-        wrong, identities = f"{type(error).__name__}: {error}", []
-    if wrong or identities != expected:
-        raise ValueError(
-            f"a node of the Ray cluster must return the score rows of episodes {numbers} of {_name(cell)}, "
-            f"got {textwrap.shorten(str(batch), 200, placeholder=' ...')}" + f"; a row: {wrong}" * bool(wrong)
-        )
-    return batch
 
 
 def _name(cell: Cell) -> str:

@@ -6,7 +6,6 @@ Cooperative MARL" (NeurIPS 2022, marl-eval): interquartile means, percentile boo
 whole distributions. Times are over T_max of their scenario, so that another policy moves no curve.
 """
 
-import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from baselines.benchmark import clairvoyant
 from baselines.benchmark.comparison import Comparisons, is_censored, reference_of
-from baselines.benchmark.plot_styles import STYLE, styles_of
+from baselines.benchmark.plot_styles import STYLE, saved, styles_of
 from baselines.benchmark.shown_columns import COMPARED, brought_in
 from baselines.benchmark.statistics import performance_profile, probability_of_improvement, summarize
 from baselines.benchmark.tables import shown_name
@@ -109,7 +108,7 @@ def draw(
         for group in groups_of(rows, scenarios, against):
             for name, drawn in (("profiles", _profiles), ("improvement", _improvement), ("aggregates", _aggregates)):
                 if group.columns and not (name == "improvement" and len(group.scores) < 2):
-                    yield f"{name}-{group.kind}.{form}", _saved(drawn(group, styles), form)
+                    yield f"{name}-{group.kind}.{form}", saved(drawn(group, styles), form)
         for name in scenarios:
             of: dict[str, list[Mapping[str, Any]]] = {}
             for row in rows:
@@ -119,7 +118,7 @@ def draw(
             columns = [*COMPARED, *brought_in(played)]
             columns = [each for each in columns if any(math.isfinite(row.get(each.name, math.nan)) for row in played)]
             if columns:
-                yield f"distribution-{name}.{form}", _saved(_distribution(name, of, columns, styles), form)
+                yield f"distribution-{name}.{form}", saved(_distribution(name, of, columns, styles), form)
 
 
 def _scores(rows: Rows, column: Column, scenario: Scenario) -> np.ndarray:
@@ -289,11 +288,3 @@ def _interval(axes: Axes, place: int, found: tuple[float, float, float], style: 
 def _legend(figure: Figure) -> None:
     lines, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(lines, labels, loc="outside lower center", ncols=min(len(labels), 5), columnspacing=1.2)
-
-
-def _saved(figure: Figure, form: str) -> bytes:
-    """Put a figure into a file that is the same every time."""
-    file = io.BytesIO()
-    dateless = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {"Software": None}}[form]
-    figure.savefig(file, format=form, metadata=dateless)
-    return file.getvalue()

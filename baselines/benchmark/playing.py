@@ -7,6 +7,7 @@ from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.detections import detections_of
 from baselines.benchmark.rows import refusal_of
 from baselines.benchmark.types import Batch, Benchmark, Cell, Failure
+from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env.console.terminal import plain
 from lissajous_env.episodes.evaluation import episodes
 from lissajous_env.wording import where_raised
@@ -44,4 +45,6 @@ def play(cell: Cell, settings: Benchmark, numbers: list[int], on_step: Callable[
 
 def failure_of(cell: Cell, error: BaseException) -> Failure:
     """Put an error that a policy raised into words."""
-    return Failure(cell.scenario.name, cell.policy, where_raised(error), "".join(traceback.format_exception(error)))
+    refuses = isinstance(error, UnsuitableScenarioError)
+    words = str(error) if refuses else where_raised(error)
+    return Failure(cell.scenario.name, cell.policy, words, "".join(traceback.format_exception(error)), refuses)

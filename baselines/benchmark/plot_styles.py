@@ -6,6 +6,7 @@ be. No two of the thirteen are one to a reader without red, green or blue cones,
 their marks as well. More things than that share a colour or a mark, never both.
 """
 
+import io
 import zlib
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -22,9 +23,12 @@ _STYLES = len(COLOURS) * len(MARKS)
 
 _FIXED = (
     "kuramoto-mpcc", "open-loop-mpcc", "consensus-mpcc", "sweep", "laps", "learned-intruders", "learned-rough",
-    "random", "kuramoto", "open-loop", "consensus", clairvoyant.NAME,
+    "random", "partition", "partition-repair", "line-abreast", clairvoyant.NAME,
 )  # fmt: skip
-"""Policies of the standard comparison, without the filter, in the order of their styles."""
+"""Policies of the standard comparison for cars, without the filter, in the order of their styles."""
+
+_FIXED_POINTS = ("kuramoto", "open-loop", "consensus")
+"""Standard policies for points, in the same order; no scenario has cars and points."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.5,
@@ -44,6 +48,17 @@ STYLE: dict[Any, Any] = {
     "savefig.facecolor": "white",
 }
 """Style of all pictures, for matplotlib."""
+
+
+_UNDATED = {"png": "Software", "svg": "Date", "pdf": "CreationDate"}
+"""Metadata that is left out, by format, so that the same picture makes the same file."""
+
+
+def saved(figure: Any, suffix: str) -> bytes:
+    """Return the file of a figure of matplotlib, the same every time."""
+    file = io.BytesIO()
+    figure.savefig(file, format=suffix, metadata={_UNDATED[suffix]: None})
+    return file.getvalue()
 
 
 class PlotStyle(NamedTuple):
@@ -67,7 +82,8 @@ def styles_of(played: Iterable[str]) -> dict[str, PlotStyle]:
     """
     policies = list(played)
     plain = dict.fromkeys(unwrapped(policy)[0] for policy in policies)
-    style_of = {policy: style_at(_FIXED.index(policy)) for policy in plain if policy in _FIXED}
+    fixed = {name: style_at(place) for names in (_FIXED, _FIXED_POINTS) for place, name in enumerate(names)}
+    style_of = {policy: fixed[policy] for policy in plain if policy in fixed}
     for policy in sorted(each for each in plain if each not in style_of):
         first = zlib.crc32(policy.encode())
         places = [style_at((first + k) % _STYLES) for k in range(_STYLES)]

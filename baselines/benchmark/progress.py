@@ -1,6 +1,8 @@
 """Progress of long work, on stderr: a bar in a terminal, a line for each finished piece elsewhere."""
 
+import threading
 import time
+from dataclasses import dataclass
 from typing import Any
 
 from rich import progress as bars
@@ -55,49 +57,83 @@ def bar(console: Console, name: bars.ProgressColumn | None, *numbers: bars.Progr
     )
 
 
+@dataclass
+class _Cell:
+    """Name and progress of a cell."""
+
+    name: str
+    steps: int
+    left: int
+    """Episodes that are left to play."""
+    began: float = 0.0
+    steps_done: int = 0
+    """Steps of the episodes that are being played."""
+    played: int = 0
+    """Episodes that have ended."""
+
+
 class Progress:
-    """Shows the current scenario and policy, the episodes done, the time gone and the time left."""
+    """Shows the episodes done, the time gone and the time left; cells may be played at the same time.
+
+    Args:
+        work: Cells to play, each with the numbers of the episodes that are left to play.
+        console: Where to show it.
+    """
 
     def __init__(self, work: list[tuple[Any, list[int]]], console: Console):
-        """Take the cells to play, each with the numbers of the episodes that are left to play."""
-        self._console = console
-        self._left = {id(cell): len(numbers) for cell, numbers in work}
-        self._total = sum(len(numbers) * cell.scenario.task.steps for cell, numbers in work)
-        self._episodes, self._done = sum(self._left.values()), 0
-        self._gone, self._shown, self._began, self._name = 0.0, 0.0, 0.0, ""
+        self._console, self._lock = console, threading.Lock()
+        self._cells = {
+            id(cell): _Cell(f"{escape(cell.scenario.name)} [bold cyan]{escape(cell.policy)}[/]", steps, len(numbers))
+            for cell, numbers in work
+            for steps in [cell.scenario.task.steps]
+        }
+        self._total = sum(cell.left * cell.steps for cell in self._cells.values())
+        self._done, self._shown = 0, 0.0
         counted = bars.TextColumn("{task.fields[done]}/{task.fields[episodes]} episodes")
         self._bar = bar(console, bars.TextColumn("{task.description}"), counted)
-        self._task = self._bar.add_task("", total=max(self._total, 1), done=0, episodes=self._episodes)
+        episodes = sum(cell.left for cell in self._cells.values())
+        self._task = self._bar.add_task("", total=max(self._total, 1), done=0, episodes=episodes)
 
     def begin(self, cell: Any) -> None:
-        """Go on to the next cell."""
-        self._cell, self._cell_done, self._began = cell, 0, time.monotonic()
-        self._name = f"{escape(cell.scenario.name)} [bold cyan]{escape(cell.policy)}[/]"
-        self._bar.update(self._task, description=f"{self._name} [dim]preparing[/]", refresh=True)
+        """Show that a cell begins."""
+        with self._lock:
+            this = self._cells[id(cell)]
+            this.began = time.monotonic()
+            self._bar.update(self._task, description=f"{this.name} [dim]preparing[/]", refresh=True)
 
-    def step(self, worlds: int) -> None:
-        """Note that a batch of some worlds took a step."""
-        self._gone += min(worlds, self._left[id(self._cell)] - self._cell_done)
-        now = time.monotonic()
-        if now - self._shown > _EVERY:
-            self._shown = now
-            self._bar.update(self._task, description=self._name, completed=self._gone)
+    def step(self, cell: Any, worlds: int) -> None:
+        """Show that a batch of some worlds took a step."""
+        with self._lock:
+            this, now = self._cells[id(cell)], time.monotonic()
+            this.steps_done += min(worlds, this.left - this.played)
+            if now - self._shown > _EVERY:
+                self._shown = now
+                self._bar.update(self._task, description=this.name, completed=self._gone())
 
-    def finished(self, episodes: int) -> None:
-        """Note that some episodes have ended."""
-        self._cell_done += episodes
-        self._done += episodes
-        self._bar.update(self._task, done=self._done)
+    def finished(self, cell: Any, episodes: int) -> None:
+        """Show that some episodes have ended."""
+        with self._lock:
+            this = self._cells[id(cell)]
+            this.played += episodes
+            this.steps_done = 0
+            self._done += episodes
+            self._bar.update(self._task, completed=self._gone(), done=self._done)
 
-    def end(self, word: str = "") -> None:
-        """Note that the cell is over."""
-        skipped = self._left[id(self._cell)] - self._cell_done
-        self._total -= skipped * self._cell.scenario.task.steps
-        self._bar.update(self._task, total=max(self._total, 1), completed=self._gone)
-        if not self._console.is_interactive:
-            took = time.monotonic() - self._began
-            counted = "1 episode" if self._cell_done == 1 else f"{self._cell_done} episodes"
-            self._console.print(f"{self._name}: {word or counted}, {took:.1f} s", highlight=False, soft_wrap=True)
+    def end(self, cell: Any, word: str = "") -> None:
+        """Show that a cell is over; a word says how, if not well."""
+        with self._lock:
+            this = self._cells[id(cell)]
+            self._total -= (this.left - this.played) * this.steps
+            this.steps_done = 0
+            self._bar.update(self._task, total=max(self._total, 1), completed=self._gone())
+            if not self._console.is_interactive:
+                took = time.monotonic() - this.began
+                counted = "1 episode" if this.played == 1 else f"{this.played} episodes"
+                self._console.print(f"{this.name}: {word or counted}, {took:.1f} s", highlight=False, soft_wrap=True)
+
+    def _gone(self) -> int:
+        """Return the steps taken so far in all worlds."""
+        return sum(cell.played * cell.steps + cell.steps_done for cell in self._cells.values())
 
     def __enter__(self) -> "Progress":
         self._bar.__enter__()

@@ -14,7 +14,7 @@ from lissajous_env.replay.contents import BRIEF, contents
 from lissajous_env.world.simulation import Simulation, fold_seed
 
 WORDS = ("none", "few", "each", "all")
-FEW_SECONDS = 16.0
+FEW_SECONDS = 8.0
 """Time after which no further replays are begun where `few` are asked for [s]."""
 FEW_BYTES = 11e6
 """Size from which on none are added to those."""

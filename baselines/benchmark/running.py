@@ -13,6 +13,7 @@ from rich.console import Console
 from baselines.benchmark import (
     clairvoyant,
     cluster,
+    local,
     replays,
     report_writer,
     results_folder,
@@ -21,7 +22,6 @@ from baselines.benchmark import (
     tables,
 )
 from baselines.benchmark.comparison import compare
-from baselines.benchmark.playing import failure_of, play
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.types import Benchmark, Cell, Failure, Outcome
 from baselines.policies import registry
@@ -80,11 +80,14 @@ def measure(
         held_scenarios = results_folder.scenarios_of(folder.path, held)
         with results_folder.Episodes(folder, held) as kept:
             found = len(kept.of(cells, settings.episodes))
-            failures = _play_all(settings, cells, kept, progress)
+            raised = _play_all(settings, cells, kept, progress)
             rows, held_rows = kept.of(cells, settings.episodes), kept.all()
             held_curves = kept.detections.curves(held_rows)
         elapsed = time.monotonic() - started
-        outcome = Outcome(settings, cells, rows, failures, found, elapsed, held, held_scenarios, held_rows, held_curves)
+        left_out = [each for each in raised if each.is_refusal and each.policy not in settings.policies]
+        failures = [each for each in raised if each not in left_out]
+        folder_holds = held, held_scenarios, held_rows, held_curves
+        outcome = Outcome(settings, cells, rows, failures, found, elapsed, *folder_holds, left_out)
         comparisons = compare(held_rows, held_scenarios, settings.against)
         summary_files.write_files(folder, outcome, comparisons)
         said = report_writer.write_report(folder, outcome, comparisons, progress)
@@ -180,28 +183,4 @@ def _play_all(settings: Benchmark, cells: list[Cell], kept: results_folder.Episo
     with Progress(work, console) as progress:
         if settings.engine == "ray":
             return cluster.play_all(settings, work, kept, progress)
-        return _play_here(settings, work, kept, progress)
-
-
-def _play_here(
-    settings: Benchmark, work: list[tuple[Cell, list[int]]], kept: results_folder.Episodes, progress: Progress
-) -> list[Failure]:
-    failures = []
-    for cell, numbers in work:
-        if not numbers:
-            continue
-        progress.begin(cell)
-        batches = play(cell, settings, numbers, progress.step)
-        while True:
-            try:
-                batch = next(batches, None)
-            except (Exception, SystemExit) as error:
-                failures.append(failure_of(cell, error))
-                progress.end("failed")
-                break
-            if batch is None:
-                progress.end()
-                break
-            kept.add(batch)
-            progress.finished(len(batch.rows))
-    return failures
+        return local.play_all(settings, work, kept, progress)

@@ -10,12 +10,14 @@ from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.scenario import Scenario
 
 SCENARIOS = (
-    "evaders", "evaders-failure", "team", "intruders", "intruders-inside", "rough", "rough-lost", "redundant",
+    "evaders", "evaders-failure", "evaders-lost", "evaders-fast", "team", "intruders", "intruders-inside", "rough",
+    "redundant",
 )  # fmt: skip
 """Those on which policies differ."""
 
 POLICIES = (
-    "kuramoto-mpcc", "kuramoto-mpcc-close", "open-loop-mpcc", "consensus-mpcc", "sweep", "laps",
+    "kuramoto-mpcc", "kuramoto-mpcc-close", "open-loop-mpcc", "consensus-mpcc", "partition", "partition-repair",
+    "line-abreast", "sweep", "laps",
     "learned-intruders-safe", "learned-rough-safe", "random", "kuramoto", "consensus", "open-loop",
 )  # fmt: skip
 """Each is played where it drives the robots, also where it was not made for; the clairvoyant goes with them."""

@@ -1,11 +1,10 @@
-"""Statistics of scores: interquartile means with bootstrap intervals, comparisons seed by seed, several trainings.
+"""Statistics of scores: interquartile means with bootstrap intervals, comparisons seed by seed.
 
 R. Agarwal, M. Schwarzer, P. S. Castro, A. Courville, M. G. Bellemare, "Deep Reinforcement Learning at the Edge of the
 Statistical Precipice" (NeurIPS 2021) gives the reasons: the mean follows outliers, the median wastes half of the runs.
 
 Where two policies played the same seeds, they are compared seed by seed: what a seed is worth, as easy or hard as it
-is, then cancels. Where a policy was trained several times, both trainings and seeds are samples, of which either alone
-would make the interval too short: A. B. Owen, "The Pigeonhole Bootstrap" (Annals of Applied Statistics, 2007).
+is, then cancels.
 """
 
 from collections.abc import Sequence
@@ -96,13 +95,13 @@ def bootstrap_interval(
     drawn = np.hstack([draws(len(sample), resamples, seed + k) for k, sample in enumerate(samples)])
     outside = int(cut * n)
     if not outside:
-        return _middle(drawn @ pooled / n, confidence)
+        return middle_of(drawn @ pooled / n, confidence)
     order = np.argsort(pooled, kind="stable")
     drawn = drawn[:, order]
     last = np.cumsum(drawn, axis=1)
     counted = np.minimum(last, n - outside) - np.maximum(last - drawn, outside)
     means = np.maximum(counted, 0) @ pooled[order] / (n - 2 * outside)
-    return _middle(means, confidence)
+    return middle_of(means, confidence)
 
 
 def paired(policy: Sequence[float] | np.ndarray, reference: Sequence[float] | np.ndarray, better: int = -1) -> Paired:
@@ -168,46 +167,11 @@ def probability_of_improvement(
         means.append(won.mean())
         counts = draws(len(ours), resamples, 2 * k), draws(len(theirs), resamples, 2 * k + 1)
         drawn += ((counts[0] @ won) * counts[1]).sum(axis=1) / won.size
-    return float(np.mean(means)), *_middle(drawn / len(means), 0.95)
+    return float(np.mean(means)), *middle_of(drawn / len(means), 0.95)
 
 
-def two_level_interval(
-    rows_by_training: Sequence[Sequence[float]] | np.ndarray,
-    confidence: float = 0.95,
-    resamples: int = RESAMPLES,
-    seed: int = 0,
-    cut: float = CUT,
-) -> tuple[float, float]:
-    """Percentile bootstrap interval of the interquartile mean over trainings and the seeds that they all played.
-
-    In each resample trainings are drawn again, and seeds, the same ones for every training: a seed that is hard for one
-    is hard for all. With K trainings the interval is too short by about sqrt((K - 1) / K), as every bootstrap's is.
-
-    Args:
-        rows_by_training: (K, n) numbers, a row for each training and a column for each seed.
-        confidence: Share of the resamples within the interval.
-        resamples: How many.
-        seed: Of the draws.
-        cut: Share that is left out at either end; 0 for the mean.
-
-    Raises:
-        ValueError: fewer than two trainings or seeds, rows of different lengths, or what is no number.
-    """
-    try:
-        table = np.array([list(row) for row in rows_by_training], dtype=float)
-    except ValueError as error:
-        raise ValueError("rows_by_training must have the same seeds in every row") from error
-    if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
-        rule = "must hold finite numbers of at least two trainings on at least two seeds"
-        raise ValueError(f"rows_by_training {rule}, got shape {table.shape}")
-    generator = np.random.default_rng(seed)
-    trainings, seeds = (generator.integers(0, size, (resamples, size)) for size in table.shape)
-    drawn = np.sort(table[trainings[:, :, None], seeds[:, None, :]].reshape(resamples, -1), axis=1)
-    outside = int(cut * table.size)
-    return _middle(drawn[:, outside : table.size - outside].mean(axis=1), confidence)
-
-
-def _middle(values: np.ndarray, confidence: float) -> tuple[float, float]:
+def middle_of(values: np.ndarray, confidence: float = 0.95) -> tuple[float, float]:
+    """Return the ends of the middle share of some values."""
     tail = (1 - confidence) / 2
     low, high = np.quantile(values, [tail, 1 - tail])
     return float(low), float(high)

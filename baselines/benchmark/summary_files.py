@@ -66,6 +66,7 @@ def summarized(outcome: Outcome, rows: Sequence[dict[str, Any]], comparisons: Co
         },
         "overall": _plain_cells(comparisons.overall),
         "failures": [asdict(failure) for failure in outcome.failures],
+        "left_out": [asdict(refusal) for refusal in outcome.left_out],
     }
 
 

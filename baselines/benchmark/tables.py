@@ -38,6 +38,8 @@ def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, s
     print_left_out(console, left_out, f"They are in {settings.out}/episodes.csv, and a wider terminal shows them.")
     for words in _legend(cells, settings.episodes):
         _say(console, words, "dim")
+    for refusal in outcome.left_out:
+        _say(console, f"{refusal.policy} is left out on {refusal.scenario}: {refusal.error}", "dim")
     for failure in outcome.failures:
         _say(console, f"{failure.policy} failed on {failure.scenario}: {failure.error}", "bold red")
     if outcome.failures:

@@ -49,7 +49,7 @@ class Benchmark:
     first policy."""
     replays: tuple[str, ...] = ("few",)
     """Episodes that report.html can play: `none`; `each`: the worst, median and best of each policy on each scenario;
-    `few`: as many of these as can be recorded in 16 s and 11 MB, the worst ones first; a number: that many of the worst
+    `few`: as many of these as can be recorded in 8 s and 11 MB, the worst ones first; a number: that many of the worst
     of each; `all`; or SCENARIO:POLICY:SEED. The reference policy is shown beside each."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
@@ -91,12 +91,19 @@ class Cell:
 
 @dataclass(frozen=True)
 class Failure:
-    """A policy that raised on a scenario."""
+    """A policy that raised on a scenario, or refused it."""
 
     scenario: str
     policy: str
     error: str
     traceback: str = field(repr=False)
+    is_refusal: bool = False
+    """True if the policy refused the scenario (`UnsuitableScenarioError`)."""
+
+    @property
+    def word(self) -> str:
+        """Return what happened in a word."""
+        return "refused" if self.is_refusal else "failed"
 
 
 @dataclass(frozen=True)
@@ -129,6 +136,8 @@ class Outcome:
     """All score rows of the folder."""
     held_curves: dict[str, dict[str, tuple[Any, Any]]]
     """Times [s] and share of the targets detected within each, by scenario and policy, of all episodes."""
+    left_out: list[Failure] = field(default_factory=list)
+    """Policies that refused a scenario, of those that the settings do not name."""
 
     @property
     def scenarios(self) -> dict[str, Scenario]:

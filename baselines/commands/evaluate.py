@@ -1,16 +1,16 @@
 """The command `lissajous evaluate`: statistics of every score of one policy."""
 
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
+from baselines.benchmark.playing import play
 from baselines.benchmark.progress import Progress
-from baselines.benchmark.running import Benchmark, plan, play
-from baselines.commands.playing import made, naming, progress_console
-from baselines.policies import registry
-from baselines.policies.factories import split_scenarios_and_policy
+from baselines.benchmark.running import Benchmark, plan
+from baselines.commands.playing import made, naming, progress_console, scenarios_and_policy
 from lissajous_env.console.recordings import check_file
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
@@ -44,8 +44,8 @@ def evaluate(
         files: out
 
     Args:
-        names: scenarios (names, .toml files, module:attribute); then the policy: a name, a checkpoint's folder, or
-            module:factory. A folder alone is played on the scenario that it was trained on.
+        names: scenarios (names, .toml files, module:attribute); then the policy: a name, the folder of a checkpoint or
+            of a plan, or module:factory. A folder alone is played on the scenario that its policy was made for.
         episodes: number of episodes on each scenario; more of them narrow the intervals.
         seed: seed of episode 0; episode k has seed + k.
         batch: number of episodes that are played together; it changes the speed, not the results.
@@ -58,13 +58,11 @@ def evaluate(
     from baselines.benchmark.comparison import statistics as statistics_of
     from baselines.benchmark.comparison import with_derived
 
-    # A folder holds the scenario that its policy was trained on.
-    alone = len(names) == 1 and registry.is_folder(names[0])
-    scenarios, policy = ((), names[0]) if alone else split_scenarios_and_policy(names)
+    scenarios, policy, home = scenarios_and_policy(names)
     check_file(out, ".csv")
     changed = parse_overrides(overrides)
-    settings = Benchmark(scenarios or (policy,), (policy,), episodes, seed, batch, device, overrides=changed)
-    cells = plan(settings, scenarios=[registry.home(policy)] if alone else None)
+    settings = Benchmark(scenarios, (policy,), episodes, seed, batch, device, overrides=changed)
+    cells = plan(settings, scenarios=None if home is None else [home])
     rows: list[dict[str, Any]] = []
     numbers = list(range(episodes))
     with Progress([(cell, numbers) for cell in cells], progress_console(output)) as progress:
@@ -72,10 +70,10 @@ def evaluate(
             progress.begin(cell)
             ready = made(cell, settings)
             with naming(cell):
-                for finished in play(ready, settings, numbers, progress.step):
+                for finished in play(ready, settings, numbers, partial(progress.step, cell)):
                     rows += finished.rows
-                    progress.finished(len(finished.rows))
-            progress.end()
+                    progress.finished(cell, len(finished.rows))
+            progress.end(cell)
     told = with_derived(rows, {cell.scenario.name: cell.scenario for cell in cells})
     statistics, console = statistics_of(told), output.console()
     left_out: list[str] = []

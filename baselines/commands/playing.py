@@ -1,13 +1,14 @@
 """Policies that a command plays: with progress on stderr, and errors that name the policy."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import Benchmark, Cell, plan
-from baselines.policies.factories import as_factory, is_imported
+from baselines.policies import registry
+from baselines.policies.factories import as_factory, is_imported, split_scenarios_and_policy
 from lissajous_env.console.terminal import CommandError, Output, make_console
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import few_of, where_raised
@@ -17,6 +18,17 @@ if TYPE_CHECKING:
 
 FORMATS = (".html", ".mp4", ".gif", ".png", ".svg", ".pdf", ".npz")
 """Endings of the files that show or store one episode."""
+
+
+def scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], str, Scenario | None]:
+    """Return the scenarios and the policy among some names, and the scenario of a policy's folder that is alone.
+
+    Raises:
+        ValueError: as `split_scenarios_and_policy`, or the folder has no scenario.
+    """
+    if len(names) == 1 and registry.is_folder(names[0]):
+        return (names[0],), names[0], registry.home(names[0])
+    return (*split_scenarios_and_policy(names), None)
 
 
 def record_one(settings: Benchmark, output: Output, scenario: Scenario | None = None) -> "Recording":
@@ -30,9 +42,9 @@ def record_one(settings: Benchmark, output: Output, scenario: Scenario | None = 
         progress.begin(cell)
         acting = made(cell, settings).factory(cell.scenario, 1, settings.device)
         with naming(cell):
-            recording = record(acting, cell.scenario, settings.seed, settings.device, lambda: progress.step(1))
-        progress.finished(1)
-        progress.end()
+            recording = record(acting, cell.scenario, settings.seed, settings.device, lambda: progress.step(cell, 1))
+        progress.finished(cell, 1)
+        progress.end(cell)
     return replace(recording, score=recording.score | {"policy": cell.policy})
 
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from baselines.benchmark.running import Benchmark, plan
-from baselines.commands.playing import FORMATS, record_one
-from baselines.policies.factories import split_scenarios_and_policy
+from baselines.commands.playing import FORMATS, record_one, scenarios_and_policy
+from baselines.policies import registry
 from lissajous_env.console.recordings import check_file, check_pace, has_display, show
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Output, OutputOptions
 from lissajous_env.here import beside
@@ -47,7 +47,7 @@ def replay(
         what is shown: out, against, speed, fps
 
     Args:
-        names: scenario and policy, as for `lissajous run`; or a recording (.npz) of `lissajous run`.
+        names: scenario and policy, or a policy's folder, as for `lissajous run`; or a recording (.npz) of it.
         out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf or .npz; without it, a window opens: space
             pauses, left and right step, escape quits.
         against: second policy, shown beside the first on the same seed; requires --out FILE.html.
@@ -60,16 +60,19 @@ def replay(
     """
     check_file(out, *FORMATS)
     check_pace(speed, fps)
-    if not names or (len(names) == 1 and not Path(names[0]).is_file()):
+    alone = len(names) == 1 and registry.is_folder(names[0])
+    if not names or (len(names) == 1 and not alone and not Path(names[0]).is_file()):
         hint = "".join(nearest(name, beside(name, ".npz")) for name in names)
         got = f"but there is no file {names[0]}{hint}" if names else "got nothing"
-        raise ValueError(f"names must be a scenario and a policy, or the file of a recording (.npz), {got}")
+        raise ValueError(
+            f"names must be a scenario and a policy, a policy's folder, or the file of a recording (.npz), {got}"
+        )
     if against is not None and (out is None or out.suffix.lower() != ".html"):
         raise ValueError(f"out must end in .html beside --against, got {out or 'none'}")
     if out is None and not has_display():
         raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display for a window")
     if against is not None and len(names) > 1:  # refused before the other has been played
-        scenarios, _ = split_scenarios_and_policy(names)
+        scenarios, *_ = scenarios_and_policy(names)
         plan(Benchmark(scenarios, (against,), 1, seed, 1, device, overrides=parse_overrides(overrides)))
     recording = _recorded(names, seed, device, output, overrides)
     other = None
@@ -85,11 +88,11 @@ def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, ov
     """Read the recording of a file, or play a policy on a scenario."""
     from lissajous_env.episodes.recording import load
 
-    file, *others = names
-    if others:
-        scenarios, policy = split_scenarios_and_policy(names)
+    first, *others = names
+    if others or registry.is_folder(first):
+        scenarios, policy, home = scenarios_and_policy(names)
         changed = parse_overrides(overrides)
-        return record_one(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=changed), output)
+        return record_one(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=changed), output, home)
     if overrides:
         raise ValueError("overrides must be left out beside a recording, which was played as it is")
-    return load(file)
+    return load(first)

@@ -6,20 +6,19 @@ from typing import Annotated
 import tyro
 
 from baselines.benchmark.running import Benchmark
-from baselines.commands.playing import FORMATS, progress_console, record_one
-from baselines.policies.factories import split_scenarios_and_policy
+from baselines.commands.playing import FORMATS, progress_console, record_one, scenarios_and_policy
 from lissajous_env.console.recordings import check_file, has_display, show
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
-_PolicyName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
+_PolicyName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY]", help_behavior_hint="")]
 _ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 
 
 def run(
     scenario: _ScenarioName,
-    policy: _PolicyName,
+    policy: _PolicyName = None,
     seed: int = 0,
     device: str = "cpu",
     out: _Out = None,
@@ -33,7 +32,8 @@ def run(
 
     Args:
         scenario: name of a scenario, .toml file, or module:attribute.
-        policy: name of a policy, folder of a checkpoint, or module:factory.
+        policy: name of a policy, folder of a checkpoint or of a plan, or module:factory. A folder alone is played on
+            the scenario that its policy was made for.
         seed: seed of the episode; the same seed repeats it.
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf or .npz (a recording); without it, a window
@@ -43,10 +43,10 @@ def run(
     """
     from baselines.benchmark import tables
 
-    scenarios, policy = split_scenarios_and_policy((scenario, policy))
+    scenarios, name, home = scenarios_and_policy((scenario,) if policy is None else (scenario, policy))
     check_file(out, *FORMATS)
-    settings = Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=parse_overrides(overrides))
-    recording = record_one(settings, output)
+    settings = Benchmark(scenarios, (name,), 1, seed, 1, device, overrides=parse_overrides(overrides))
+    recording = record_one(settings, output, home)
     row = recording.score
     tables.print_row(output.console(), row)
     output.print_json(row)

@@ -9,10 +9,6 @@ Scratch arrays are indexed [row, problem]; the host lays them out so that a prob
 the problems of a row are neighbours on CUDA.
 """
 
-# Warp reads these types, not Python.
-# pyright: reportInvalidTypeForm=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
-# pyright: reportIndexIssue=false, reportAttributeAccessIssue=false, reportReturnType=false, reportGeneralTypeIssues=false
-
 import warp as wp
 
 from baselines.mpcc.model import (

@@ -3,10 +3,6 @@
 A state is x, y [m], heading [rad], speed v [m/s], gamma [rad], a control is steering delta [rad], throttle tau.
 """
 
-# Warp reads these types, not Python.
-# pyright: reportInvalidTypeForm=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
-# pyright: reportIndexIssue=false, reportAttributeAccessIssue=false, reportReturnType=false, reportGeneralTypeIssues=false
-
 import math
 from typing import Any
 
@@ -14,15 +10,11 @@ import numpy as np
 import warp as wp
 
 from baselines.mpcc.parameters import MpccParameters
-from lissajous_env.device.compilation import CONTRACTED
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.structs import struct_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms
-
-wp.set_module_options(CONTRACTED)
-
 
 MpccStruct = struct_of(MpccParameters)
 

@@ -1,15 +1,8 @@
 """The quadratic functions that the backward sweep of the contouring controller passes from stage to stage."""
 
-# Warp reads these types, not Python.
-# pyright: reportInvalidTypeForm=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
-# pyright: reportIndexIssue=false, reportAttributeAccessIssue=false, reportReturnType=false, reportGeneralTypeIssues=false
-
 import warp as wp
 
 from baselines.mpcc.model import Frame, MpccStruct, Stage, vec5
-from lissajous_env.device.compilation import CONTRACTED
-
-wp.set_module_options(CONTRACTED)
 
 
 @wp.struct

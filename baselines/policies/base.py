@@ -23,6 +23,10 @@ from lissajous_env.world.selection import whole_number, world_mask
 _ARRAYS = ("numpy", "torch", "warp")
 
 
+class UnsuitableScenarioError(ValueError):
+    """Error for a scenario that a policy cannot play, such as a rectangle that its motion does not fit in."""
+
+
 class Policy(Copyable):
     """Base of policies: a batch of W worlds of N robots of one scenario, on one device.
 
@@ -42,6 +46,8 @@ class Policy(Copyable):
     """Type of `decide`'s argument: "numpy", an array on the host; "torch" or "warp", one on the policy's device."""
     kind: str | None = None
     """Kind of robot that the policy drives; None drives any."""
+    communicates: str = "nothing"
+    """Content of the messages that the policy uses; "nothing" for one that would do the same without any."""
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"):
         if self.arrays not in _ARRAYS:

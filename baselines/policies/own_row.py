@@ -3,11 +3,8 @@
 import warp as wp
 
 from lissajous_env.device import randomness
-from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.world.observation import LINK, OWN, ROBOT
-
-wp.set_module_options(OPTIONS)
 
 # Places of the entries, by the names that `lissajous_env.world.observation.layout` gives them.
 X, Y = wp.constant(0), wp.constant(1)
@@ -103,6 +100,17 @@ def offset_heard(w: int, i: int, side: int, curve: CurveStruct, observation: wp.
     x = 2.0 * curve.half_width * observation[w, i, start + X_AWAY]
     y = 2.0 * curve.half_height * observation[w, i, start + Y_AWAY]
     return wp.vec2(x, y)
+
+
+@wp.func
+def message_heard(
+    w: int, i: int, side: int, m: int, start: int, size: int, observation: wp.array3d(dtype=float)
+) -> float:
+    """Component `m` of the last message of `size` numbers that a ring neighbour's policy sent; 0 if none was heard.
+
+    `start` is `lissajous_env.world.observation.message_start` of the scenario.
+    """
+    return observation[w, i, start + size * side + m]
 
 
 @wp.func

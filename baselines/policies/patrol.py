@@ -316,8 +316,10 @@ class Still(Policy):
 
     def __init__(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"):
         super().__init__(scenario, num_worlds, device)
-        rest = model_of(self.scenario.robot.kind).rest or (0.0,) * self.scenario.action_size
-        self.action.assign(np.tile(np.array(rest, dtype=np.float32), (*self.shape, 1)))
+        action = np.zeros(self.action.shape, dtype=np.float32)
+        if rest := model_of(self.scenario.robot.kind).rest:
+            action[..., : len(rest)] = rest
+        self.action.assign(action)
 
     def decide(self, observation: wp.array) -> None:
         """Leave the action as it is."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from baselines.policies.base import Policy
 from lissajous_env import here
@@ -33,9 +33,18 @@ _WRAPPERS: dict[str, tuple[str, Callable[[Policy], Policy], str]] = {}
 _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
 _REGISTER = "register", "register_policy", "register_coordinator"
 """Names of the functions that add policies."""
-_opener: Callable[..., Policy] | None = None
-_home: Callable[..., Scenario] | None = None
-_parts_of_folder: Callable[..., dict[str, str]] = dict
+
+
+class _Opener(NamedTuple):
+    """Functions for the policies in folders of one kind."""
+
+    make: Callable[..., Policy]
+    home: Callable[[str], Scenario]
+    parts: Callable[[str], dict[str, str]]
+
+
+_OPENERS: dict[str, _Opener] = {}
+"""Openers of policies in folders, by the file that such a folder contains."""
 
 
 def register(
@@ -120,17 +129,20 @@ def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy]
 
 
 def register_opener(
-    opener: Callable[..., Policy], home: Callable[..., Scenario], parts: Callable[[str], dict[str, str]]
+    opener: Callable[..., Policy],
+    home: Callable[..., Scenario],
+    parts: Callable[[str], dict[str, str]],
+    file: str = "checkpoint.json",
 ) -> None:
-    """Let `make` take a folder for a name.
+    """Let `make` accept as a name a folder that contains a file.
 
     Args:
         opener: `opener(folder, scenario, num_worlds, device)` makes the policy in it.
         home: `home(folder)` is the scenario that it was made for.
         parts: `parts(folder)` names the parts of the policy, as `parts` does.
+        file: Name of the file. A folder without any such file goes to the opener that was registered last.
     """
-    global _opener, _home, _parts_of_folder
-    _opener, _home, _parts_of_folder = opener, home, parts
+    _OPENERS[file] = _Opener(opener, home, parts)
 
 
 def home(folder: str) -> Scenario:
@@ -140,8 +152,8 @@ def home(folder: str) -> Scenario:
         ValueError: there is no policy in it, or its scenario cannot be made.
     """
     _BROUGHT.load()
-    assert _home is not None
-    return _home(_folder_of(folder)[0])
+    inside = _folder_of(folder)[0]
+    return _opener_of(inside).home(inside)
 
 
 def describe(name: str) -> dict[str, Any]:
@@ -174,21 +186,30 @@ def registered_here() -> list[tuple[str, str]]:
 
 
 def meant_here(name: str) -> list[str]:
-    """Return what an unknown name may refer to: checkpoints beside it, and policies of the modules here."""
-    return [*here.folders_beside(name, "checkpoint.json"), *(each for each, _ in registered_here())]
+    """Return what an unknown name may refer to: folders of policies beside it, and policies of the modules here."""
+    folders = [folder for file in _OPENERS for folder in here.folders_beside(name, file)]
+    return [*folders, *(each for each, _ in registered_here())]
 
 
 def parts(name: str) -> dict[str, str]:
     """Name the parts that tell a policy from another one of the same name: `lissajous_env.identity.parts_of`."""
     folder, suffix = _folder_of(name) if is_folder(name) else ("", unwrapped(name)[1])
-    inside = _parts_of_folder(folder) if folder else parts_of(_registry()[unwrapped(name)[0]].factory)
+    inside = _opener_of(folder).parts(folder) if folder else parts_of(_registry()[unwrapped(name)[0]].factory)
     wrapper = parts_of(_WRAPPERS[suffix][1]) if suffix else {}
     return inside | {f"{suffix} {part}": each for part, each in wrapper.items()}
 
 
 def is_folder(name: str) -> bool:
     """Return whether a name is that of a folder that a policy may be in, with or without the suffix of a wrapper."""
-    return name not in _kinds() and _opener is not None and _is_directory(_folder_of(name)[0])
+    return name not in _kinds() and bool(_OPENERS) and _is_directory(_folder_of(name)[0])
+
+
+def _opener_of(folder: str) -> _Opener:
+    """Return the opener of the policy in a folder."""
+    for file, opener in _OPENERS.items():
+        if Path(folder, file).is_file():
+            return opener
+    return [*_OPENERS.values()][-1]
 
 
 def _folder_of(name: str) -> tuple[str, str]:
@@ -274,14 +295,19 @@ def _parted(name: str) -> tuple[str, str]:
     return name, ""
 
 
+def factory_of(name: str) -> Callable[..., Policy]:
+    """Return the factory of a registered policy without its suffix."""
+    return _registry()[unwrapped(name)[0]].factory
+
+
 def _build(name: str, scenario: Scenario, num_worlds: int, device: Any) -> Policy:
     plain, suffix = unwrapped(name)
     policy = _registry()[plain].factory(scenario, num_worlds, device)
     policy.name = plain
-    return _wrapped(policy, suffix, name)
+    return wrapped(policy, suffix, name)
 
 
-def _wrapped(policy: Policy, suffix: str, name: str) -> Policy:
+def wrapped(policy: Policy, suffix: str, name: str) -> Policy:
     """Return a policy under a name; one with the suffix of a wrapper is wrapped."""
     if not suffix:
         return policy
@@ -302,7 +328,7 @@ def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
 
 
 def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
-    """Make a policy by name, or of the folder of a checkpoint; a suffix such as `-safe` wraps either.
+    """Make a policy by name, or of the folder of a checkpoint or a plan; a suffix such as `-safe` wraps either.
 
     Raises:
         ValueError: an unknown name (the message offers the nearest), a policy that does not fit the scenario, a number
@@ -313,9 +339,8 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
         raise ValueError(f"policy must be a name or a folder, got {shown(name)}")
     made = make_scenario(scenario)
     if is_folder(name):
-        assert _opener is not None
         folder, suffix = _folder_of(name)
-        return _wrapped(_opener(folder, made, num_worlds, device), suffix, str(name))
+        return wrapped(_opener_of(folder).make(folder, made, num_worlds, device), suffix, str(name))
     check(name, made)
     return _build(name, made, num_worlds, device)
 

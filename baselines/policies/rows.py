@@ -88,6 +88,12 @@ class Rows:
         return self._pairs("neighbour") * 2 * self._half
 
     @cached_property
+    def message(self) -> np.ndarray:
+        """Return the last message of each neighbour's policy (W, N, 2, k), k = `messages.size`; zeros if none."""
+        sent = [self._of("neighbour", f"message_{m}") for m in range(self.scenario.messages.size)]
+        return np.stack(sent, axis=-1) if sent else np.zeros((*self.heard.shape, 0), self.values.dtype)
+
+    @cached_property
     def robots_seen(self) -> np.ndarray:
         """Return whether there is a robot in the sensing disc (W, N, R); the nearest is the first."""
         return self._of("robot", "present") > 0.5

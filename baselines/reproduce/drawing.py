@@ -1,6 +1,5 @@
 """The style of the paper's pictures: `baselines.benchmark.plot_styles` in the paper's colours, with a footnote."""
 
-import io
 import textwrap
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -11,14 +10,12 @@ from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from baselines.benchmark.plot_styles import BLUE, DARK, GREEN, ORANGE, PINK, RED, SKY, STYLE
+from baselines.benchmark.plot_styles import BLUE, DARK, GREEN, ORANGE, PINK, RED, SKY, STYLE, saved
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory import closed_forms
 
 Format = Literal["png", "svg", "pdf"]
 """Formats of a picture."""
-_UNDATED = {"png": "Software", "svg": "Date", "pdf": "CreationDate"}
-"""Metadata that is left out, by format, so that the same picture makes the same file."""
 GREY = "#a8a8a8"
 SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY)
 """Colours of things that are alike, as robots are."""
@@ -68,10 +65,8 @@ class Sheet:
         self.figure.suptitle(self.title, x=0.008, ha="left", fontsize=10.5, fontweight="bold")
         wrapped = textwrap.fill(" ".join(caption.split()), int(self._size[0] * 19))
         self.figure.supxlabel(wrapped, x=0.008, ha="left", fontsize=7.4, color="#555555", linespacing=1.35)
-        file = io.BytesIO()
         suffix = rcParams["savefig.format"]
-        self.figure.savefig(file, metadata={_UNDATED[suffix]: None})
-        return Picture(self.name, self.title, " ".join(caption.split()), file.getvalue(), suffix)
+        return Picture(self.name, self.title, " ".join(caption.split()), saved(self.figure, suffix), suffix)
 
 
 def drawn_as(suffix: Format) -> AbstractContextManager[None]:

@@ -74,6 +74,7 @@ class Safe(Policy):
 
     kind = "car"
     arrays = "warp"
+    communicates = "positions of ring neighbours"
 
     def __init__(self, policy: Policy, parameters: SafetyParameters | None = None):
         super().__init__(policy.scenario, policy.num_worlds, policy.device)
@@ -100,7 +101,10 @@ class Safe(Policy):
         self.top = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
 
     def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
-        """Actions for wanted ones (W, N, 2) and observations (W, N, D): Warp arrays, the result the filter's own."""
+        """Actions for wanted ones (W, N, A) and observations (W, N, D): Warp arrays, the result the filter's own.
+
+        Messages, the entries after steering and throttle, pass unchanged.
+        """
         inputs = [self._safety, self._robot, self._curve, self._seen, self._listens, self._memory, observation, wanted]
         inputs += [self._others, self._paths]
         outputs = [self.rows, self.count, self.top, self.action]

@@ -312,8 +312,8 @@ def keep_clear(
     u = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
     count_out[w, i] = 0
     top_out[w, i] = 1.0
-    action_out[w, i, 0] = u[0]
-    action_out[w, i, 1] = u[1]
+    for k in range(action_out.shape[2]):
+        action_out[w, i, k] = wanted[w, i, k]  # beyond the first two, a message
     step = scales.step
     speed = wp.max(own_speed(w, i, scales.speed, observation), 0.0)
     heading = own_heading(w, i, observation)

@@ -2,10 +2,6 @@
 
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS
-
-wp.set_module_options(OPTIONS)
-
 TOLERANCE = wp.constant(1.0e-5)
 """Tolerance of the constraints in a solution of the program, in units of the margins."""
 _NONE = wp.constant(1.0e30)
@@ -142,18 +138,3 @@ def solve_quadratic_program(
         missing = least_violation(w, i, n, rows, top)
         best = nearest_action(w, i, n, rows, missing + TOLERANCE, weight, top, wanted)
     return wp.vec3(best[0], best[1], missing)
-
-
-@wp.kernel
-def solve_quadratic_programs(
-    weight: float,
-    rows: wp.array3d(dtype=wp.vec3),
-    count: wp.array2d(dtype=int),
-    top: wp.array2d(dtype=float),
-    wanted: wp.array3d(dtype=float),
-    solution_out: wp.array2d(dtype=wp.vec3),
-):
-    """Solve a program for each (w, i) on its own, as the filter does within its passes."""
-    w, i = wp.tid()
-    u = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
-    solution_out[w, i] = solve_quadratic_program(w, i, count[w, i], rows, weight, top[w, i], u)

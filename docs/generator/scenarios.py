@@ -144,8 +144,9 @@ def observation(made: Scenario) -> list[list[Any]]:
 def action(made: Scenario) -> list[list[Any]]:
     """Return index, name, meaning and range of every component."""
     model = model_of(made.robot.kind)
-    words = model.meanings or model.actions
-    return [[k, name, what, "[-1, 1]"] for k, (name, what) in enumerate(zip(model.actions, words, strict=True))]
+    sent = (f"component {m} of the message to both ring neighbours" for m in range(made.messages.size))
+    words = (*(model.meanings or model.actions), *sent)
+    return [[k, name, what, "[-1, 1]"] for k, (name, what) in enumerate(zip(made.action_names, words, strict=True))]
 
 
 def reward(task: Task) -> list[list[str]]:

@@ -16,10 +16,6 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS
-
-wp.set_module_options(OPTIONS)
-
 ABREAST = wp.constant(16)
 _LENGTH = int(ABREAST)
 
@@ -187,46 +183,38 @@ def _store(type: str, parts: tuple[str, ...], each: str, offset: str = "0") -> s
 @wp.func_native(_store("float32", ("given[k]",), "1"))
 def put_floats(block: Block, mask: int, given: Floats, values: wp.array2d(dtype=wp.float32)):
     """Set the values (W, N) of the block's robots that have a bit."""
-    ...
 
 
 @wp.func_native(_store("float64", ("given[k]",), "1"))
 def put_doubles(block: Block, mask: int, given: Doubles, values: wp.array2d(dtype=wp.float64)):
     """Set the values (W, N) of the block's robots that have a bit."""
-    ...
 
 
 @wp.func_native(_store("int32", ("found >> k & 1",), "1"))
 def put_bits(block: Block, mask: int, found: int, values: wp.array2d(dtype=wp.int32)):
     """Set the values (W, N) of the block's robots that have a bit in `mask` to their bits in `found`."""
-    ...
 
 
 @wp.func_native(_store("float32", ("given[k]",), "values.shape[2]", "entry"))
 def put_entries(block: Block, mask: int, given: Floats, entry: int, values: wp.array3d(dtype=wp.float32)):
     """Set one entry of the rows (W, N, entries) of the block's robots that have a bit."""
-    ...
 
 
 @wp.func_native(_store("float32", ("x[k]", "y[k]"), "2"))
 def put_pairs(block: Block, mask: int, x: Floats, y: Floats, values: wp.array2d(dtype=wp.vec2)):
     """Set the pairs (W, N) of the block's robots that have a bit."""
-    ...
 
 
 @wp.func_native(_store("float32", ("a[k]", "b[k]", "c[k]", "d[k]"), "4"))
 def put_fours(block: Block, mask: int, a: Floats, b: Floats, c: Floats, d: Floats, values: wp.array2d(dtype=wp.vec4)):
     """Set the vectors (W, N) of the block's robots that have a bit."""
-    ...
 
 
 @wp.func_native(_store("float32", ("x[k]", "y[k]", "z[k]"), "3"))
 def put_vectors(block: Block, mask: int, x: Floats, y: Floats, z: Floats, values: wp.array2d(dtype=wp.vec3)):
     """Set the vectors (W, N) of the block's robots that have a bit."""
-    ...
 
 
 @wp.func_native(_store("float32", ("x[k]", "y[k]", "0"), "3 * values.shape[2]", "3 * place"))
 def put_places(block: Block, mask: int, x: Floats, y: Floats, place: int, values: wp.array3d(dtype=wp.vec3)):
     """Set one of the places (W, N, places) of the block's robots that have a bit, in the plane."""
-    ...

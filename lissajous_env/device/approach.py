@@ -4,10 +4,6 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS
-
-wp.set_module_options(OPTIONS)
-
 
 @wp.func
 def closest_approach(before: Any, after: Any) -> float:

@@ -5,10 +5,6 @@ Sums of whole numbers and smallest values do not depend on the order of the thre
 
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS
-
-wp.set_module_options(OPTIONS)
-
 
 def _atomic(on_gpu: str, on_cpu: str) -> str:
     return f"#if defined(__CUDA_ARCH__)\n    {on_gpu};\n#else\n    {on_cpu};\n#endif\n"
@@ -47,7 +43,6 @@ def add_long(values: wp.array(dtype=wp.int64), w: int, more: wp.int64) -> wp.int
 @wp.func_native(_ADD_FOR)
 def add_for(values: wp.array2d(dtype=wp.int32), w: int, i: int, more: int):
     """Add to the value of an entity."""
-    ...
 
 
 @wp.func_native(_EXCHANGE)
@@ -59,4 +54,3 @@ def exchange(values: wp.array2d(dtype=wp.int32), w: int, i: int, value: int) -> 
 @wp.func_native(_LOWER)
 def lower(values: wp.array(dtype=wp.float32), w: int, value: float):
     """Lower the value of a world, at least 0, to this one."""
-    ...

@@ -2,10 +2,6 @@
 
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS
-
-wp.set_module_options(OPTIONS)
-
 
 @wp.func
 def run_of_bits(word: int, low: int, high: int) -> wp.uint64:

@@ -2,10 +2,7 @@
 
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import RobotStruct
-
-wp.set_module_options(OPTIONS)
 
 
 @wp.func

@@ -1,4 +1,7 @@
-"""Compiler options of kernels; a module with device code calls `wp.set_module_options`, usually with OPTIONS."""
+"""Compiler options of kernels; a module with kernels calls `wp.set_module_options`, usually with OPTIONS.
+
+They hold for all that its kernels call: a module of functions alone needs none.
+"""
 
 from typing import Any
 

@@ -11,12 +11,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.structs import to_struct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.settings.parts import Curve
-
-wp.set_module_options(OPTIONS)
 
 
 @wp.struct

@@ -7,10 +7,7 @@ rows stand side by side, (W, words, rows), for the same reason.
 import warp as wp
 
 from lissajous_env.device.bits import run_of_bits
-from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-
-wp.set_module_options(OPTIONS)
 
 
 @wp.func
@@ -157,7 +154,6 @@ def mark_disc(
     marks: wp.array3d(dtype=wp.uint64),
 ):
     """Mark the cells, in the rows of a lane, that a disc covers at a place [m]."""
-    ...
 
 
 _VISIT = """mark[at] |= run;

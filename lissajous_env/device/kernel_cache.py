@@ -12,7 +12,8 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,19 @@ def _watch() -> None:
     replace_load(watch)
 
 
+def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
+    """Compile or load the modules of some kernels side by side, those that were not loaded together before."""
+    key = str(device)
+    modules = {id(kernel.module): kernel.module for kernel in kernels if (id(kernel.module), key) not in _together}
+    if modules:
+        with _small_frames():
+            wp.force_load(device, list(modules.values()), max_workers=threads)
+        _together.update((each, key) for each in modules)
+
+
+_together: set[tuple[int, str]] = set()
+
+
 @contextlib.contextmanager
 def _small_frames() -> Iterator[None]:
     """Compile kernels that leave out the 256 KiB of stack which Warp keeps for tiles, which ours do not use."""
@@ -84,16 +98,21 @@ def _small_frames() -> Iterator[None]:
 
 def _prepare(name: str) -> None:
     """Remove the module's files if they are damaged; if they must be made, see that they can be, and say so."""
-    folder = _folder(name)
-    if folder.is_dir() and not _is_whole(folder):
-        _forget(folder)
-    if folder.is_dir():
-        return
-    try:
-        tempfile.TemporaryFile(dir=folder.parent).close()
-    except OSError as error:
-        _keep_for_this_run(str(error.strerror))
-    _say_that_it_compiles()
+    with _preparing:
+        folder = _folder(name)
+        if folder.is_dir() and not _is_whole(folder):
+            _forget(folder)
+        if folder.is_dir():
+            return
+        try:
+            tempfile.TemporaryFile(dir=folder.parent).close()
+        except OSError as error:
+            _keep_for_this_run(str(error.strerror))
+        _say_that_it_compiles()
+
+
+_preparing = threading.Lock()
+"""Held by the one thread that looks at the folders of modules."""
 
 
 def _folder(name: str) -> Path:

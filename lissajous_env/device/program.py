@@ -27,8 +27,8 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.abreast import width_on
-from lissajous_env.device.devices import as_device
-from lissajous_env.device.kernel_cache import OURS
+from lissajous_env.device.devices import as_device, cores
+from lissajous_env.device.kernel_cache import OURS, load_together
 from lissajous_env.device.stacks import require_room
 from lissajous_env.device.warp_abi import Call, content_of, is_struct, names_of_arguments
 from lissajous_env.device.work import TASKS_PER_THREAD, Work
@@ -162,6 +162,7 @@ class Program:
     ):
         self.stages = tuple(stage for stage in stages if stage.when and sizes.get(stage.over, 1) > 0)
         self._values, self._sizes, self._device = values, sizes, device
+        load_together((stage.run for stage in self.stages if stage.is_kernel), device, cores())
         edges = np.linspace(0, num_worlds, split.blocks + 1).astype(int).tolist()
         self._blocks = list(pairwise(edges))
         own = [stage for stage in self.stages if stage.is_kernel and not stage.run.module.name.startswith(OURS)]

@@ -5,10 +5,6 @@ So world k is the same world in any batch, at any place in it, on any number of 
 
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS
-
-wp.set_module_options(OPTIONS)
-
 START = wp.constant(0)
 BODY = wp.constant(1)
 LOSS = wp.constant(2)

@@ -6,10 +6,6 @@ the library's version.
 
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS
-
-wp.set_module_options(OPTIONS)
-
 _TWO_OVER_PI = wp.constant(0.636619772367581)
 _HALF_PI = wp.constant(wp.float64(1.5707963267948966))
 

@@ -110,7 +110,6 @@ class Plan:
 """)
 def _take_part(plan: Plan, member: int):
     """Do tasks while there are any: one thread leads, opens group after group, and returns when all are done."""
-    ...
 
 
 @wp.kernel

@@ -15,8 +15,15 @@ LARGE = 1e30
 
 
 def action_table(scenario: str | Scenario) -> np.ndarray:
-    """Return (K, action_size) the actions from which a discrete action selects: steering x throttle, or phase rates."""
-    return np.array(model_of(named.scenario(scenario).robot.kind).table, dtype=np.float32)
+    """Return (K, action_size) the actions from which a discrete action selects: steering x throttle, or phase rates.
+
+    With messages of k numbers, the table contains every motion with each of k + 1 messages: first zeros, then 1 in
+    component 0 and zeros elsewhere, and so on.
+    """
+    scenario = named.scenario(scenario)
+    moves = np.array(model_of(scenario.robot.kind).table, dtype=np.float32)
+    words = np.eye(scenario.messages.size + 1, dtype=np.float32)[:, 1:]
+    return np.hstack([np.tile(moves, (len(words), 1)), np.repeat(words, len(moves), axis=0)])
 
 
 def action_space(scenario: Scenario, discrete: bool, seed: int | None = None) -> gymnasium.Space:

@@ -3,6 +3,7 @@
 It contains, for each robot, x [half_width], y [half_height], cos and sin of the heading, the speed [top speed of a car,
 or of a point in the equilibrium], cos and sin of the phase, and 1 if it works; for each target slot, 1 if its target is
 present and undetected, with x [half_width] and y [half_height], otherwise zeros; and the elapsed share of the episode.
+If policies send messages, the numbers of a robot end with the message that it sends.
 """
 
 from typing import Any, NamedTuple
@@ -25,7 +26,7 @@ class TrueState(NamedTuple):
     """The true state of W worlds of N robots and T target slots: NumPy arrays or torch tensors of float32."""
 
     robots: Any
-    """(W, N, 8) columns `OF_ROBOT`."""
+    """(W, N, 8 + k) columns `OF_ROBOT`, and the k numbers of the robot's message."""
     targets: Any
     """(W, T, 3) columns `OF_TARGET`."""
     elapsed: Any
@@ -33,9 +34,10 @@ class TrueState(NamedTuple):
 
 
 def state_names(scenario: str | Scenario) -> tuple[str, ...]:
-    """Return the names of the S = 8 N + 3 T + 1 numbers of a world's state, in order."""
+    """Return the names of the S = (8 + k) N + 3 T + 1 numbers of a world's state, in order."""
     scenario = named.scenario(scenario)
-    robots = [f"robot_{i}_{name}" for i in range(scenario.num_robots) for name in OF_ROBOT]
+    of_robot = (*OF_ROBOT, *(f"message_{m}" for m in range(scenario.messages.size)))
+    robots = [f"robot_{i}_{name}" for i in range(scenario.num_robots) for name in of_robot]
     targets = [f"target_{t}_{name}" for t in range(scenario.target_capacity) for name in OF_TARGET]
     return (*robots, *targets, "elapsed")
 
@@ -65,6 +67,7 @@ def true_state(simulation: Simulation, library: Any = np) -> TrueState:
         return position[..., 0] / scenario.curve.half_width, position[..., 1] / scenario.curve.half_height
 
     heading, phase = read(robots.heading), read(robots.phase)
+    messages = [read(simulation.messages.sending)[..., m] for m in range(scenario.messages.size)]
     of_robots = columns(
         *place(read(robots.position)),
         library.cos(heading),
@@ -73,6 +76,7 @@ def true_state(simulation: Simulation, library: Any = np) -> TrueState:
         library.cos(phase),
         library.sin(phase),
         read(robots.status) == WORKING,
+        *messages,
     )
     waiting = read(targets.stage) == PRESENT
     of_targets = columns(waiting, *(waiting * coordinate for coordinate in place(read(targets.position))))

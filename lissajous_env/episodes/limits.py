@@ -29,6 +29,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Targets
 from lissajous_env.theory.geometry import largest_speed, top_speed
+from lissajous_env.theory.worst_case import clearing_time, revisiting_time
 
 _INSTANTS = 40_001
 """Number of times at which the undetected share is computed; between two times the later, smaller value is used."""
@@ -71,11 +72,14 @@ def mean_time_on_boundary(length: float, num_robots: int, radius: float, speed: 
 def robot_speed_limit(scenario: str | Scenario) -> float:
     """Return the top speed of a robot over the ground [m/s]; NaN for registered models.
 
-    For a car it is the speed at full throttle or at the start, for a point alpha `phase_rate_max` max ||r'||.
+    For a car it is the speed at the start, or at full throttle with the largest drive that `robot.drive_factors` and
+    `noise.drive_spread` allow; for a point it is alpha `phase_rate_max` max ||r'||.
     """
     made = named.scenario(scenario).resolve()
     if made.robot.kind == "car":
-        return max(made.robot.top_speed, top_speed(made.curve, made.formation.phase_rate))
+        strongest = made.robot.drive * made.noise.most_drive * float(made.drive_factors.max())
+        fastest = made.robot.steady_speed(strongest)
+        return max(fastest, top_speed(made.curve, made.formation.phase_rate))
     if made.robot.kind == "curve":
         return made.alpha * float(made.robot.phase_rate_max or 0.0) * largest_speed(made.curve)
     return math.nan
@@ -99,8 +103,7 @@ def mean_time_limit(scenario: str | Scenario) -> float:
     scenario = named.scenario(scenario)
     targets, task, speed = scenario.targets, scenario.task, robot_speed_limit(scenario)
     mean_arrivals = targets.arrival_rate * task.duration
-    ends_early = "remove" in (task.on_collision, task.boundary)
-    if not speed >= 0 or ends_early or targets.custom > 0 or targets.count + mean_arrivals == 0:
+    if not speed >= 0 or _ends_early(scenario) or targets.custom > 0 or targets.count + mean_arrivals == 0:
         return math.nan
     times = np.linspace(0.0, task.duration, _INSTANTS)
     left = sum(share * _undetected(scenario, motion, speed, times) for motion, share in _shares(targets).items())
@@ -114,19 +117,41 @@ def mean_time_limit(scenario: str | Scenario) -> float:
 def guaranteed_time_limit(scenario: str | Scenario) -> float:
     """Return the lower bound of the `guaranteed_detection_time` of a scenario [s] for any policy.
 
-    A target at rest can appear anywhere at any time, so the discs must sweep everything within the time T:
-    m (pi r^2 + 2 r v T) = A, and on a boundary m (2 r + v T) + 4 sqrt(2) r = P. Moving targets only increase it. It is
-    NaN if nothing is proved, as for `mean_time_limit`, and at most the duration of an episode.
+    It is the largest of the bounds that apply; `lissajous_env.theory.worst_case` proves the first two:
+
+    * rogues appear inside: the time in which the discs can clear everything of rogues of the top speed `rogue_speed`;
+    * rogues keep appearing: the time in which the robots can revisit each of a number of points that are far apart;
+    * rogues appear on the boundary: the time in which the discs sweep it, m (2 r + v T) + 4 sqrt(2) r = P.
+
+    If it is the length of an episode, no policy guarantees anything. A score is resolved to a control step and half a
+    cell of the contamination grid, and may be lower by as much. The bound is NaN if nothing is proved: no targets, a
+    custom robot model, or an episode that ends when robots are removed.
     """
     scenario = named.scenario(scenario)
-    speed, radius = robot_speed_limit(scenario), scenario.sensing_radius
-    if not speed > 0 or scenario.targets.count + scenario.targets.arrival_rate == 0:
+    targets, task, speed, team = scenario.targets, scenario.task, robot_speed_limit(scenario), scenario.num_robots
+    if not speed > 0 or _ends_early(scenario) or targets.count + targets.arrival_rate == 0:
         return math.nan
-    swept, size = _swept_and_whole(scenario)
-    at_once, after_a_second = float(swept(radius, 0.0)), float(swept(radius, speed))
-    if at_once >= size:
-        return 0.0
-    return min((size - at_once) / (after_a_second - at_once), scenario.task.duration)
+    on_boundary = targets.entry == "boundary"
+    sides = 2 * scenario.curve.half_width, 2 * scenario.curve.half_height
+    if on_boundary:
+        bound = _time_along_boundary(scenario, speed)
+    else:
+        bound = clearing_time(*sides, team, scenario.sensing_radius, speed, scenario.rogue_speed)
+    if targets.arrival_rate > 0:
+        revisits = revisiting_time(*sides, team, scenario.sensing_radius, speed, task.duration, on_boundary)
+        bound = max(bound, revisits)
+    return min(bound, task.duration if targets.count else task.duration - task.step)
+
+
+def _ends_early(scenario: Scenario) -> bool:
+    return "remove" in (scenario.task.on_collision, scenario.task.boundary)
+
+
+def _time_along_boundary(scenario: Scenario, speed: float) -> float:
+    """Return the least time in which the discs sweep the boundary [s]."""
+    swept, length = _swept_and_whole(scenario)
+    at_once, after_a_second = (float(swept(scenario.sensing_radius, way)) for way in (0.0, speed))
+    return 0.0 if at_once >= length else (length - at_once) / (after_a_second - at_once)
 
 
 def _shares(targets: Targets) -> dict[str, float]:

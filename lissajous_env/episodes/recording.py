@@ -88,22 +88,16 @@ class Recording:
 
     def snapshot(self, moment: int) -> Snapshot:
         """Return the state after a number of steps, with the positions so far as the trail."""
+        changing = ("position", "heading", "status", "target_position", "sensed_at")
+        kept = {name: getattr(self, name)[moment] for name in changing} | {name: getattr(self, name) for name in _FIXED}
         return Snapshot(
             step=moment,
             world=0,
             seed=int(self.score["seed"]),
-            position=self.position[moment],
-            heading=self.heading[moment],
-            status=self.status[moment],
-            target_position=self.target_position[moment],
-            motion=self.motion,
-            appears_at=self.appears_at,
-            found_at=self.found_at,
-            found_early=self.found_early,
-            sensed_at=self.sensed_at[moment],
             contact=self.contact[self.contact[:, 0] == moment, 1:],
             collisions=int(self.collisions[moment]),
             trail=(np.arange(moment + 1), self.position[: moment + 1, :, :2]),
+            **kept,
         )
 
     def save(self, path: str | Path) -> None:

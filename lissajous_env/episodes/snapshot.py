@@ -69,6 +69,8 @@ class Snapshot:
         status = of_world(robots.status, world)
         # The contact of a pair with a removed robot is never reset, but it has ended.
         there = status != int(REMOVED)
+        names = ("motion", "appears_at", "found_at", "found_early")
+        constant: dict[str, Any] = {name: of_world(getattr(targets, name), world) for name in names}
         return cls(
             step=step,
             world=world,
@@ -77,13 +79,10 @@ class Snapshot:
             heading=of_world(robots.heading, world),
             status=status,
             target_position=of_world(targets.position, world),
-            motion=of_world(targets.motion, world),
-            appears_at=of_world(targets.appears_at, world),
-            found_at=of_world(targets.found_at, world),
-            found_early=of_world(targets.found_early, world),
             sensed_at=sensed_at,
             contact=np.argwhere((of_world(simulation.tally.contact, world) > 0) & np.outer(there, there)),
             collisions=int(of_world(simulation.tally.collisions, world)),
+            **constant,
         )
 
     @property

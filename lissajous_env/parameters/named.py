@@ -260,7 +260,7 @@ def _overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
         for field_name in fields:
             if field_name not in known:
                 rule = f"override must name a field of {part} ({', '.join(known)})"
-                hint = nearest(field_name, known) or _nearest_field(field_name)
+                hint = nearest(str(field_name), known) or _nearest_field(str(field_name))
                 raise UnknownSettingError(f"{rule}, got {part}.{field_name}{hint}")
         changed.setdefault(part, {}).update(fields)
     given = {f"{part}.{name}" for part, fields in changed.items() for name in fields}

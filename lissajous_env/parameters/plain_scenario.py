@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from lissajous_env.parameters.extensions import Extension
-from lissajous_env.parameters.scenario import PARTS, Scenario
+from lissajous_env.parameters.scenario import ADDED, PARTS, Scenario
 
 
 def scenario_of(plain: Mapping[str, Any], extensions: Iterable[Extension] = ()) -> Scenario:
@@ -20,8 +20,9 @@ def scenario_of(plain: Mapping[str, Any], extensions: Iterable[Extension] = ()) 
     try:
         if unknown := sorted(plain.keys() - {"name", "description", "extensions", *PARTS}):
             raise ValueError(f"scenario must hold no {unknown[0]}")
+        given = ADDED | dict(plain)
         parts: dict[str, Any] = {
-            part: kind(**{field: _number(value) for field, value in plain[part].items()})
+            part: kind(**{field: _number(value) for field, value in given[part].items()})
             for part, kind in PARTS.items()
         }
         return Scenario(plain["name"], plain["description"], **parts, extensions=tuple(extensions))

@@ -24,6 +24,7 @@ from lissajous_env.settings.parts import (
     Curve,
     Faults,
     Formation,
+    Messages,
     Noise,
     Robot,
     Sensing,
@@ -32,9 +33,26 @@ from lissajous_env.settings.parts import (
 )
 from lissajous_env.theory import closed_forms
 
-__all__ = ["PARTS", "Curve", "Faults", "Formation", "Noise", "Robot", "Scenario", "Sensing", "Targets", "Task"]
+__all__ = [
+    "ADDED",
+    "PARTS",
+    "Curve",
+    "Faults",
+    "Formation",
+    "Messages",
+    "Noise",
+    "Robot",
+    "Scenario",
+    "Sensing",
+    "Targets",
+    "Task",
+]
 
-PARTS = {part.__name__.lower(): part for part in (Curve, Formation, Robot, Sensing, Targets, Faults, Noise, Task)}
+PARTS = {
+    part.__name__.lower(): part for part in (Curve, Formation, Robot, Sensing, Targets, Faults, Noise, Messages, Task)
+}
+ADDED = {"messages": dataclasses.asdict(Messages())}
+"""Defaults of the parts that the first scenarios did not have: digests omit them, and files may."""
 
 _OUTSIDE = 1.002
 """Factor by which a curve of harmonics may exceed its rectangle; `Curve.through` has an error of up to 0.1 %."""
@@ -57,6 +75,7 @@ class Scenario:
     task: Task = field(default_factory=Task)
     extensions: tuple[Extension, ...] = ()
     """Extensions, as objects, `module:name` or tables; see `lissajous_env.parameters.extensions`."""
+    messages: Messages = field(default_factory=Messages)
 
     def __post_init__(self) -> None:
         for name, part in PARTS.items():
@@ -97,6 +116,7 @@ class Scenario:
         named = [
             ("formation.ring", self.formation.ring or ()),
             ("formation.displaced", [robot for robot, _ in self.formation.displaced]),
+            ("robot.drive_factors", [robot for robot, _ in self.robot.drive_factors]),
             ("faults.schedule", [robot for robot, _, _ in self.faults.schedule]),
             ("faults.removed", [robot for robot, _ in self.faults.removed]),
         ]
@@ -195,6 +215,15 @@ class Scenario:
         return tuple(self.ring.index(robot) % shared for robot in range(self.num_robots))
 
     @cached_property
+    def drive_factors(self) -> np.ndarray:
+        """(N,) factor on `robot.drive` of each robot, from `robot.drive_factors`."""
+        factors = np.ones(self.num_robots)
+        for robot, factor in self.robot.drive_factors:
+            factors[robot] *= factor
+        factors.flags.writeable = False
+        return factors
+
+    @cached_property
     def robot_radius_bound(self) -> float:
         """r_max of (6) [m]."""
         return closed_forms.robot_radius_bound(self.curve, self.num_robots)
@@ -257,8 +286,13 @@ class Scenario:
 
     @property
     def action_size(self) -> int:
-        """Number of components of a robot's action, such as one phase rate, or steering and throttle."""
-        return model_of(self.robot.kind).action_size
+        """Number of components of a robot's action: those that move it, then those of its message."""
+        return model_of(self.robot.kind).action_size + self.messages.size
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of the components of a robot's action, such as steering, throttle and message_0."""
+        return (*model_of(self.robot.kind).actions, *(f"message_{m}" for m in range(self.messages.size)))
 
     def resolve(self) -> "Scenario":
         """Return the same scenario with every derived field filled in; it runs identically."""
@@ -307,7 +341,12 @@ class Scenario:
 
 
 def digest_of(plain: Mapping[str, Any]) -> str:
-    """Return `Scenario.digest` from the values of `Scenario.to_dict`."""
+    """Return `Scenario.digest` from the values of `Scenario.to_dict`.
+
+    Fields that came later are left out where they have no effect, so that older digests remain valid.
+    """
     made_of = (*PARTS, "extensions") if plain["extensions"] else PARTS
-    numbers = {name: value for name, value in plain.items() if name in made_of}
+    numbers = {name: value for name, value in plain.items() if name in made_of and value != ADDED.get(name)}
+    if not numbers["robot"].get("drive_factors"):
+        numbers["robot"] = {name: value for name, value in numbers["robot"].items() if name != "drive_factors"}
     return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]

@@ -65,19 +65,22 @@ def as_toml(scenario: Scenario) -> str:
     """
     if scenario.extensions:
         raise ValueError(f"extensions must be empty for a scenario's file, got {len(scenario.extensions)}")
-    lines = [f"name = {_value('name', scenario.name)}", f"description = {_value('description', scenario.description)}"]
+    lines = [
+        f"name = {toml_value('name', scenario.name)}",
+        f"description = {toml_value('description', scenario.description)}",
+    ]
     for part in PARTS:
         fields = [(field, getattr(getattr(scenario, part), field.name)) for field in dataclasses.fields(PARTS[part])]
         changed = [(field.name, value) for field, value in fields if value != field.default]
         lines += ["", f"[{part}]"] if changed else []
-        lines += [f"{name} = {_value(f'{part}.{name}', value)}" for name, value in changed]
+        lines += [f"{name} = {toml_value(f'{part}.{name}', value)}" for name, value in changed]
     return "\n".join(lines) + "\n"
 
 
-def _value(name: str, value: Any) -> str:
+def toml_value(name: str, value: Any) -> str:
     """Format a value as TOML."""
     if isinstance(value, (list, tuple)):
-        return f"[{', '.join(_value(name, entry) for entry in value)}]"
+        return f"[{', '.join(toml_value(name, entry) for entry in value)}]"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, bool):

@@ -125,6 +125,25 @@ SHIPPED = (
         description="The same, but robots 0 and 4 stop from 24.5 s to 34.5 s.",
         faults=_EXPERIMENT.faults,
     ),
+    dataclasses.replace(
+        _EVADERS,
+        name="evaders-lost",
+        description="The same, but robot 0 is removed for good at 20 s, and four cars go on.",
+        faults=Faults(removed=((0, 20.0),)),
+    ),
+    dataclasses.replace(
+        _EVADERS,
+        name="evaders-fast",
+        description="The same, but targets of 0.9 m/s: from 0.65 m/s on, one can evade the paper's formation for ever.",
+        targets=dataclasses.replace(_EVADERS.targets, speed=0.9, flee_speed=0.9),
+    ),
+    dataclasses.replace(
+        _EVADERS,
+        name="evaders-uneven",
+        description="The same, but the cars' top speeds are 1.5 to 4 m/s, and the curve requires up to 1.69 m/s.",
+        # Steady speed (36.81 f tau - 3.681) / 0.945 at full throttle, for factors f; robot 2 is that of `evaders`.
+        robot=dataclasses.replace(_EVADERS.robot, drive_factors=((0, 0.7824), (1, 0.855), (3, 1.0725), (4, 1.145))),
+    ),
     _ROUGH,
     dataclasses.replace(
         _ROUGH,
@@ -142,6 +161,30 @@ SHIPPED = (
         faults=Faults(schedule=((0, 15.0, 25.0), (1, 15.0, 25.0))),
         noise=Noise(wheelbase_spread=0.02, drive_spread=0.02),
         task=Task(duration=60.0, contamination=(80, 80)),
+    ),
+    Scenario(
+        name="hall",
+        description="Seven cars of 1.5 m/s with 8 m sensors in a 40 m x 25 m hall; targets evade at 0.6 m/s.",
+        # Not six: no stable equilibrium of theirs has six places, because p must be coprime to N (Lemma 1).
+        curve=Curve(half_width=20.0, half_height=12.5, a=3, b=4),
+        # 0.9 x 1.5 m/s / max ||r'||: a tenth of the speed remains for robots that have to catch up.
+        formation=Formation(phase_rate=0.0173, start="rotated", start_noise=0.02),
+        # The turning circle is 0.8 m / tan(0.45) = 1.66 m.
+        robot=Robot(kind="car", radius=0.5, wheelbase=0.8, steering_max=0.45, speed_max=1.5),
+        # Too short for (8), 10.2 m, and to cover the hall from places of rest, 8.5 m as found by search. The formation
+        # detects rogues of up to 0.75 m/s.
+        sensing=Sensing(radius=8.0),
+        targets=Targets(
+            count=0,
+            arrival_rate=0.1,
+            entry="unseen",
+            wandering=0.5,
+            fleeing=0.5,
+            speed=0.6,
+            flee_radius=12.0,
+            flee_speed=0.6,
+        ),
+        task=Task(duration=300.0, grid=(40, 25), contamination=(80, 50)),
     ),
     Scenario(
         name="redundant",

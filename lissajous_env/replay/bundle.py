@@ -21,6 +21,7 @@ ASSETS: Traversable = files("lissajous_env.replay") / "assets"
 _IMPORT = re.compile(r'^import \{[^}]*\} from "\./([\w-]+\.js)";\n', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(?:async function|function|class|const|let) )", re.MULTILINE)
 _DECLARED = re.compile(r"^(?:async function|function|class|const|let) (\w+)", re.MULTILINE)
+_INCLUDED = re.compile(r"<!-- include: ([\w.]+) -->\n")
 _SLOT = re.compile(r"<!-- slot: (\w+) -->")
 _ALLOWED = re.compile(r"script-src ([^;]*); style-src ([^;]*);")
 
@@ -42,7 +43,8 @@ def bundled(
     """Return a page made from a template.
 
     Args:
-        template: Name of a template, with the slots `policy`, `styles`, `data`, `scripts` and those of `words`.
+        template: Name of a template, with the slots `policy`, `styles`, `data`, `scripts` and those of `words`; it may
+            include others.
         entry: Name of the main module.
         data: Data of the page as JSON values, in the element `script#data`.
         words: Texts by slot; they are escaped.
@@ -76,7 +78,8 @@ def bundled(
         for name, value in (blocks or {}).items()
     ]
     filled["blocks"] = "\n".join(kept)
-    return _SLOT.sub(lambda slot: filled[slot[1]], _text(template, folders))
+    whole = _INCLUDED.sub(lambda part: _text(part[1], folders), _text(template, folders))
+    return _SLOT.sub(lambda slot: filled[slot[1]], whole)
 
 
 def as_json(data: Any) -> str:

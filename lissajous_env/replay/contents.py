@@ -13,6 +13,7 @@ import numpy as np
 
 from lissajous_env.episodes.recording import Recording
 from lissajous_env.episodes.snapshot import thinned
+from lissajous_env.episodes.witness import Witness
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.render.times import flash_time, trail_time
 from lissajous_env.replay.packing import FARTHEST, angles, counts, quantised
@@ -46,8 +47,8 @@ _MOST_PLACES = 6_000_000
 _MOST_CONTACTS = 2_000
 
 
-def contents(recording: Recording, detail: Detail = WHOLE) -> dict[str, Any]:
-    """Convert a recording to JSON values."""
+def contents(recording: Recording, detail: Detail = WHOLE, missed: Witness | None = None) -> dict[str, Any]:
+    """Convert a recording, and a rogue that its policy misses, to JSON values."""
     scenario, every = recording.scenario, max(math.ceil(len(recording) / detail.moments), 1)
     kept = slice(None, None, every)
     return {
@@ -68,6 +69,7 @@ def contents(recording: Recording, detail: Detail = WHOLE) -> dict[str, Any]:
             "names": list(recording.reward_names),
             "terms": quantised_each(_since_kept(recording.reward_terms.mean(axis=1), every)),
         },
+        "rogue": None if missed is None else _rogue(missed),
     }
 
 
@@ -103,7 +105,7 @@ def _about(recording: Recording) -> dict[str, Any]:
         "leave": scenario.targets.leave,
         "idle": scenario.task.grid is not None,
         "unseen": scenario.task.contamination is not None,
-        "actions": list(model.actions),
+        "actions": list(scenario.action_names),
         "shape": [[np.round(outline, 3).tolist(), fill] for outline, fill in parts],
     }
 
@@ -156,6 +158,18 @@ def _targets(recording: Recording, kept: slice) -> dict[str, Any]:
         "motion": recording.motion[came].tolist(),
         "appears": recording.appears_at[came].tolist(),
         "found": np.where(found < len(recording), found - recording.found_early[came], -1.0).round(4).tolist(),
+    }
+
+
+def _rogue(missed: Witness) -> dict[str, Any]:
+    """Return the steps at whose ends a rogue is somewhere, and its places then [m]."""
+    way, step = missed.way, missed.played.scenario.task.step
+    kept = slice(None, None, max(math.ceil(len(way.places) / WHOLE.moments), 1))
+    return {
+        "steps": list(range(way.appears_at, way.unseen_until + 1))[kept],
+        "places": np.round(way.places, 3)[kept].tolist(),
+        "until": round(way.appears_at + missed.undetected / step, 3),
+        "detected": missed.replayed.detected,
     }
 
 

@@ -4,6 +4,7 @@ import html
 from pathlib import Path
 
 from lissajous_env.episodes.recording import Recording
+from lissajous_env.episodes.witness import Witness
 from lissajous_env.replay.bundle import ASSETS, bundled
 from lissajous_env.replay.contents import FORMAT, contents
 from lissajous_env.storage.files import replacing
@@ -12,12 +13,13 @@ FRAME_HEIGHT = 860
 """Height of the frame in a notebook [px]."""
 
 
-def page(recording: Recording, against: Recording | None = None) -> str:
+def page(recording: Recording, against: Recording | None = None, missed: Witness | None = None) -> str:
     """Return the page of an episode, or of two side by side with a common cursor.
 
     Args:
         recording: The episode.
         against: Another episode, for example of another policy on the same seed.
+        missed: A rogue that the policy of the first episode misses.
 
     Returns:
         HTML that needs no other file and no network.
@@ -28,7 +30,7 @@ def page(recording: Recording, against: Recording | None = None) -> str:
     return bundled(
         "page.html",
         "main.js",
-        {"format": FORMAT, "episodes": [contents(each) for each in episodes]},
+        {"format": FORMAT, "episodes": [contents(recording, missed=missed), *map(contents, episodes[1:])]},
         {"title": f"{recording.scenario.name}: {policies}"},
         ["uPlot", "three"] if in_space else ["uPlot"],
     )
@@ -40,14 +42,15 @@ class Replay:
     Args:
         recording: The episode.
         against: Another episode, shown beside it.
+        missed: A rogue that the policy of the first episode misses.
     """
 
-    def __init__(self, recording: Recording, against: Recording | None = None):
-        self.recording, self.against = recording, against
+    def __init__(self, recording: Recording, against: Recording | None = None, missed: Witness | None = None):
+        self.recording, self.against, self.missed = recording, against, missed
 
     def html(self) -> str:
         """Return the page as HTML."""
-        return page(self.recording, self.against)
+        return page(self.recording, self.against, self.missed)
 
     def save(self, path: str | Path) -> None:
         """Write the page, first under a temporary name."""

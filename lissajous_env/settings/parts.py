@@ -32,6 +32,11 @@ def _as_displacement(entry: Any) -> tuple[int, float] | None:
     return (as_robot(robot), float(angle)) if abs(float(angle)) <= 100 else None
 
 
+def _as_factor(entry: Any) -> tuple[int, float] | None:
+    robot, factor = entry
+    return (as_robot(robot), float(factor)) if 0.01 <= float(factor) <= 10 else None
+
+
 def _as_fault(entry: Any) -> tuple[int, float, float] | None:
     robot, start, end = entry
     holds = 0 <= start < end and start <= _LONGEST and (end <= _LONGEST or end == math.inf)
@@ -193,6 +198,10 @@ class Robot(Checked):
     """beta as assumed by model-based controllers [m/s^2]; None means `offset`."""
     lateral_acceleration_max: float = number(math.inf, 1e-6, 1e6, "m/s^2", or_infinite=True)
     """Largest lateral acceleration (grip) [m/s^2]; the yaw rate is limited to it divided by the speed."""
+    drive_factors: tuple[tuple[int, float], ...] = rows(
+        (), "must hold pairs of a robot and a factor from 0.01 to 10", _as_factor, units=("", "")
+    )
+    """Cars with a weaker or stronger motor, each as (robot, factor on `drive`); model-based controllers ignore it."""
 
     def _check_together(self) -> None:
         if self.speed_max is None:
@@ -223,7 +232,11 @@ class Robot(Checked):
         """Steady speed of a car at full throttle: `speed_max`, or (drive throttle_max - offset) / drag [m/s]."""
         if self.speed_max is not None:
             return self.speed_max
-        return (self.drive * self.full_throttle - self.offset) / self.drag
+        return self.steady_speed(self.drive)
+
+    def steady_speed(self, drive: float) -> float:
+        """Return the steady speed of a car at full throttle with its own drive: (drive tau - offset) / drag [m/s]."""
+        return (drive * self.full_throttle - self.offset) / self.drag
 
 
 @dataclass(frozen=True)
@@ -286,7 +299,10 @@ class Targets(Checked):
 
 @dataclass(frozen=True)
 class Faults(Checked):
-    """Robots that fail. A failed robot stops and senses nothing, but sends its phase; a removed robot disappears."""
+    """Robots that fail.
+
+    A failed robot stops and senses nothing, but sends its phase and repeats its last message; a removed one disappears.
+    """
 
     schedule: tuple[tuple[int, float, float], ...] = rows(
         (),
@@ -327,6 +343,20 @@ class Noise(Checked):
     """Probability that a message to a ring neighbour is lost."""
     message_delay: float = number(0.0, 0, 1e5, "s")
     """Delay of a message, rounded to whole steps [s]."""
+
+    @property
+    def most_drive(self) -> float:
+        """Largest drive of a robot, as a factor; draws of a spread are clipped at three deviations."""
+        return 1 + 3 * self.drive_spread
+
+
+@dataclass(frozen=True)
+class Messages(Checked):
+    """Messages of a policy: numbers that a robot sends to its ring neighbours beside its phase and position."""
+
+    size: int = whole(0, 0, 32)
+    """Number of components that an action has besides those that move the robot. Both ring neighbours observe them,
+    with the delay and loss of the phase message. They have no actuator noise, and do not count as effort."""
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,8 @@ from typing import Any
 LARGEST_JSON = 1 << 26
 """Size up to which JSON is read [bytes]."""
 _DEEPEST = 100
-_WITHOUT_LINKS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+_WITHOUT_LINKS = os.O_NOFOLLOW | os.O_NONBLOCK
 """A link is not followed, and a pipe not waited for."""
-_PLAIN = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 
 
 def read_json(path: str | Path, largest: int = LARGEST_JSON) -> Any:
@@ -89,7 +88,7 @@ def open_plainly(path: Path, flags: int) -> int:
     if path.is_symlink():
         raise ValueError(f"{wrong} link to {os.readlink(path)}")
     try:
-        descriptor = os.open(path, flags | _PLAIN | _WITHOUT_LINKS, 0o666)
+        descriptor = os.open(path, flags | _WITHOUT_LINKS, 0o666)
     except OSError as error:
         if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO) or path.is_dir():
             raise ValueError(f"{wrong} folder, link or pipe") from None
@@ -126,7 +125,7 @@ def check_writable_file(path: str | Path, name: str = "out") -> None:
     # Rights alone do not tell: a folder may be on a disk that is full or for reading only.
     tried = _temporary(path)
     try:
-        os.close(os.open(tried, os.O_CREAT | os.O_EXCL | os.O_WRONLY | _PLAIN, 0o600))
+        os.close(os.open(tried, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
         tried.unlink()
     except OSError as error:
         raise ValueError(f"{name} must be in a folder that can be written to, got {path}: {error.strerror}") from None
@@ -162,20 +161,15 @@ def moved_into_place(temporary: Path, path: Path) -> Iterator[Path]:
         OSError: it cannot be written; the message names `path`.
     """
     try:
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | _PLAIN, 0o666))
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         try:
             yield temporary
-            # Windows flushes only what was opened for writing.
-            descriptor = os.open(temporary, os.O_RDWR | _PLAIN)
-            try:
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
+            sync(temporary)
             os.replace(temporary, path)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
-        sync_folder(path.parent)
+        sync(path.parent)
     except OSError as error:
         if error.filename in (None, temporary, str(temporary)):
             raise OSError(error.errno, error.strerror or str(error), str(path)) from error
@@ -184,7 +178,7 @@ def moved_into_place(temporary: Path, path: Path) -> Iterator[Path]:
 
 def write_into(temporary: Path, data: str | bytes) -> None:
     """Write to a temporary file that is there."""
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_TRUNC | _PLAIN)
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_TRUNC)
     try:
         write_all(descriptor, data.encode() if isinstance(data, str) else data)
     finally:
@@ -198,14 +192,13 @@ def write_all(descriptor: int, data: bytes) -> None:
         left = left[os.write(descriptor, left) :]
 
 
-def sync_folder(folder: Path) -> None:
-    """Flush a folder's list of names, where the system knows how to."""
-    if os.name != "nt":
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+def sync(path: Path) -> None:
+    """Flush a file, or a folder's list of names, to the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _temporary(path: Path) -> Path:

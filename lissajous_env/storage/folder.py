@@ -5,27 +5,21 @@ is ours. It is the lock as well. A file of a user that has the name of a result 
 """
 
 import contextlib
+import fcntl
 import os
 import secrets
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
-from lissajous_env.storage.files import moved_into_place, open_plainly, sync_folder, write_into
+from lissajous_env.storage.files import moved_into_place, open_plainly, sync, write_into
 from lissajous_env.storage.journal import Journal
 from lissajous_env.wording import shown
-
-if os.name == "nt":
-    import msvcrt
-else:
-    import fcntl
 
 LIST = ".lissajous.jsonl"
 """Name of the list of what was written."""
 _BEGINS = b'{"lissajous": '
 _LONGEST_NAME = 64
 """Letters that a name in a folder may have, and those of a folder in it."""
-_LOCK_AT = 1 << 30
-"""Byte that is locked where a file is locked by ranges: far behind the text, which others may go on reading."""
 
 
 class Folder:
@@ -59,9 +53,9 @@ class Folder:
         try:
             self._token = self._read_list()
             self._check(writes)
+            self._remove_leftovers()
             self._check_room_for_names()
             self._list.append([{"process": os.getpid()}])
-            self._remove_leftovers()
         except BaseException:
             self._list.close()
             raise
@@ -103,7 +97,7 @@ class Folder:
         path = self._claim(name + "/")
         if not path.is_dir():
             path.mkdir()
-            sync_folder(self.path)
+            sync(self.path)
         return path
 
     def remove(self, name: str) -> None:
@@ -237,11 +231,7 @@ def _holder(path: Path) -> str:
 
 def _try_lock(descriptor: int) -> bool:
     try:
-        if os.name == "nt":
-            os.lseek(descriptor, _LOCK_AT, os.SEEK_SET)
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-        else:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         return False
     return True

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from lissajous_env.storage.files import open_plainly, parse_json, sync_folder, write_all
+from lissajous_env.storage.files import open_plainly, parse_json, sync, write_all
 
 
 class Journal:
@@ -27,7 +27,7 @@ class Journal:
         self._descriptor = open_plainly(self.path, os.O_RDWR | os.O_APPEND | os.O_CREAT)
         try:
             self.read()
-            sync_folder(self.path.parent)
+            sync(self.path.parent)
         except BaseException:
             self.close()
             raise

@@ -1,6 +1,5 @@
 """One design: a curve and a formation for given bodies, sensors and speeds, and its feasibility."""
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -49,8 +48,6 @@ class Candidate:
     """Number of robots that share a place, kappa (Lemma 1): 1 except for N = 4 and 6."""
     robot_radius_bound: float
     """Bound r_max of (6) [m], below which the bodies must be; 0 if robots share a place."""
-    robot_radius_measured: float
-    """Half of the smallest distance between two robots of the undisturbed formation [m]."""
     coverage_radius: float
     """Bound (7), which the sensing radius must exceed [m]."""
     detection_radius: float
@@ -111,73 +108,15 @@ class Candidate:
         """Mean speed along the curve [m/s]."""
         return geometry.curve_length(self.curve) / self.lap_time
 
-    @cached_property
-    def slowest_speed(self) -> float:
-        """Speed on the slowest stretch of the curve [m/s]."""
-        return self.phase_rate * geometry.smallest_speed(self.curve)
-
     @property
     def turning_radius(self) -> float | None:
         """Radius of the tightest circle of the cars [m]; None for robots that turn on the spot."""
         return None if self.wheelbase is None else geometry.turning_radius(self.wheelbase, self.steering_max)
 
     @cached_property
-    def smallest_curvature_radius(self) -> float:
-        """Radius of the sharpest bend of the curve [m]."""
-        return geometry.smallest_curvature_radius(self.curve)
-
-    @cached_property
     def tight_share(self) -> float | None:
         """Share of the arc that turns tighter than the cars can; None for robots that turn on the spot."""
         return None if self.turning_radius is None else geometry.tight_share(self.curve, self.turning_radius)
-
-    @cached_property
-    def coverage_radius_measured(self) -> float:
-        """Measured sensing radius with which a lap covers the rectangle [m]."""
-        return geometry.measured_coverage_radius(self.curve)
-
-    @property
-    def works_measured(self) -> bool:
-        """True if measurements in the undisturbed formation meet the requirements; (6) and (7) are only sufficient."""
-        apart = self.robot_radius < self.robot_radius_measured
-        if not (apart and self.detects and self.is_drivable):
-            return False
-        return self.covers or self.sensor_radius > self.coverage_radius_measured
-
-    @property
-    def reason(self) -> str:
-        """Reasons why the design is infeasible; empty if it is feasible."""
-        reasons = []
-        if self.clusters > 1:
-            reasons.append(f"{self.clusters} robots share each place: no p of N = {self.num_robots} parts them")
-        elif not self.avoids_collisions:
-            collide = "collide" if self.robot_radius >= self.robot_radius_measured else "may collide"
-            reasons.append(f"robots of {self.robot_radius:.4g} m {collide}: (6) allows {self.robot_radius_bound:.4g} m")
-        needed = f", sensors reach {self.sensor_radius:.4g} m"
-        if not self.covers:
-            reasons.append(f"a lap may leave gaps: (7) requires {self.coverage_radius:.4g} m{needed}")
-        if not self.detects:
-            reasons.append(f"sensing discs part: (8) requires {self.detection_radius:.4g} m{needed}")
-        if not self.is_fast_enough:
-            reached = f"robots reach {self.speed_max:.3g} m/s"
-            reasons.append(f"too fast: the curve requires {self.top_speed:.3g} m/s, {reached}")
-        if not self.can_follow:
-            bends = (
-                f"the curve bends at {self.smallest_curvature_radius:.2g} m, cars turn at {self.turning_radius:.3g} m"
-            )
-            reasons.append(
-                f"too tight: {bends}; {self.tight_share:.1%} of the arc is tighter, {MOST_TIGHT:.0%} at most"
-            )
-        return "; ".join(reasons)
-
-    def slowed(self, factor: float) -> "Candidate":
-        """Return the same design with its phase rate multiplied by `factor`."""
-        return dataclasses.replace(
-            self,
-            phase_rate=factor * self.phase_rate,
-            top_speed=factor * self.top_speed,
-            detection_time_bound=self.detection_time_bound / factor,
-        )
 
     @property
     def overrides(self) -> dict[str, Any]:

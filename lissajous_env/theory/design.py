@@ -100,7 +100,6 @@ def design(
                     alpha=alpha,
                     clusters=kappa,
                     robot_radius_bound=closed_forms.robot_radius_bound(curve, n) if kappa == 1 else 0.0,
-                    robot_radius_measured=geometry.measured_robot_radius(curve, n, kappa),
                     coverage_radius=closed_forms.coverage_radius(curve),
                     detection_radius=closed_forms.detection_radius(curve, n, kappa),
                     detection_time_bound=closed_forms.detection_time_bound(rate, n, kappa),
@@ -108,19 +107,6 @@ def design(
                 )
             )
     return sorted(candidates, key=_rank)
-
-
-def worth_playing(candidates: list[Candidate]) -> list[Candidate]:
-    """Return the feasible designs or, if there is none, those that work by measurement, the shortest T_max first.
-
-    Args:
-        candidates: The designs that `design` returned.
-    """
-    if candidates[0].feasible:
-        return [each for each in candidates if each.feasible]
-    # A measurement takes some milliseconds, and designs with a poor margin fail by measurement too.
-    measured = [each for each in candidates[:_MOST_MEASURED] if each.works_measured]
-    return sorted(measured, key=lambda each: each.detection_time_bound)
 
 
 def what_fails(candidates: list[Candidate]) -> str:

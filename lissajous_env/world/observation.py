@@ -2,11 +2,17 @@
 
 One row of float32 per robot: `OWN_ENTRIES`, then `NEIGHBOUR_ENTRIES` for each of its two neighbours on the ring,
 `ROBOT_ENTRIES` for each of the `sensing.robots_seen` nearest robots in its sensing disc, `TARGET_ENTRIES` for each of
-the `sensing.targets_seen` nearest targets, and what the extensions of the scenario bring, in the order of these.
+the `sensing.targets_seen` nearest targets, `message_entries` for the messages that the policies of its two neighbours
+send, and what the extensions of the scenario bring, in the order of these.
 `layout` has index, name, range and meaning of each; `print(layout(scenario))` shows them.
 
 A target that leaves when it is detected is listed in the step of its detection. A robot that has failed senses nothing
 but still receives messages; entries 0 to 6 of a removed robot are frozen. Directions are in the world frame.
+
+A policy's message is the last `messages.size` components of an action. The neighbours observe it in the row that this
+step returns or, with a delay, in a later one. It is delayed and lost together with the phase message; the last message
+received remains in the row. It is zeros before the first action, and before a neighbour is heard. A failed robot, which
+does not act, repeats its last message; a removed robot is silent.
 """
 
 from typing import NamedTuple
@@ -51,6 +57,11 @@ TARGET_ENTRIES = (
 """Name, range and meaning, with its unit in brackets, of the entries of each part of a row."""
 
 
+def message_entries(size: int) -> tuple[tuple[str, float, float, str], ...]:
+    """Return name, range and meaning of the entries of a ring neighbour's message of `size` numbers."""
+    return tuple((f"message_{m}", -1, 1, f"component {m} of its policy's last message received") for m in range(size))
+
+
 OWN = wp.constant(len(OWN_ENTRIES))
 LINK = wp.constant(len(NEIGHBOUR_ENTRIES))
 ROBOT = wp.constant(len(ROBOT_ENTRIES))
@@ -84,6 +95,7 @@ def layout(scenario: str | Scenario) -> Layout:
     parts = [("", OWN_ENTRIES), *((f"neighbour_{k}_", NEIGHBOUR_ENTRIES) for k in range(2))]
     parts += [(f"robot_{k}_", ROBOT_ENTRIES) for k in range(scenario.sensing.robots_seen)]
     parts += [(f"target_{k}_", TARGET_ENTRIES) for k in range(scenario.sensing.targets_seen)]
+    parts += [(f"neighbour_{k}_", message_entries(scenario.messages.size)) for k in range(2)]
     entries: list[tuple[str, float, float, str]] = [
         (prefix + name, low, high, meaning) for prefix, part in parts for name, low, high, meaning in part
     ]
@@ -92,3 +104,9 @@ def layout(scenario: str | Scenario) -> Layout:
             entries += [(name, each.low, each.high, each.about) for name in each.entries]
     names, low, high, meanings = zip(*entries, strict=True)
     return Layout(names, np.array(low, dtype=np.float32), np.array(high, dtype=np.float32), meanings)
+
+
+def message_start(scenario: Scenario) -> int:
+    """Return the index of `neighbour_0_message_0`; the entries of the other neighbour follow those of this one."""
+    sensing = scenario.sensing
+    return int(OWN) + 2 * int(LINK) + int(ROBOT) * sensing.robots_seen + int(TARGET) * sensing.targets_seen

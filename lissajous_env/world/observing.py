@@ -14,8 +14,7 @@ from lissajous_env.device.part_structs import SensingStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.observation import LINK, OWN, ROBOT, TARGET
 from lissajous_env.world.robots.bins import Bins, bin_of, column_of, row_of
-from lissajous_env.world.robots.sight import planar
-from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Links, Robots, StepEvents, Targets
+from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Links, Robots, StepEvents, Targets, planar
 
 wp.set_module_options(OPTIONS)
 
@@ -30,48 +29,12 @@ def clear(w: int, i: int, start: int, stop: int, observation_out: wp.array3d(dty
 
 
 @wp.func
-def empty(w: int, i: int, start: int, width: int, listed: int, room: int, observation_out: wp.array3d(dtype=float)):
-    """Zero the entries of a list after the first `listed`, up to the first that is zero."""
-    for place in range(listed, room):
-        entry = start + place * width
+def empty(w: int, i: int, start: int, width: int, count: int, observation_out: wp.array3d(dtype=float)):
+    """Zero the last `count` entries of a list, up to the first that is zero."""
+    for entry in range(start, start + count * width, width):
         if observation_out[w, i, entry] == 0.0:
             break
         clear(w, i, entry, entry + width, observation_out)
-
-
-@wp.func
-def insert(
-    w: int,
-    i: int,
-    start: int,
-    width: int,
-    listed: int,
-    room: int,
-    offset: wp.vec2,
-    observation_out: wp.array3d(dtype=float),
-) -> int:
-    """Enter `offset` into a list of at most `room` entries, `listed` so far, sorted by distance.
-
-    Returns its place, or `room` where that many are nearer.
-    """
-    place = int(listed)
-    square = wp.dot(offset, offset)
-    while place > 0:
-        before = start + (place - 1) * width
-        x = observation_out[w, i, before + 1]
-        y = observation_out[w, i, before + 2]
-        if x * x + y * y <= square:
-            break
-        if place < room:
-            for k in range(width):
-                observation_out[w, i, before + width + k] = observation_out[w, i, before + k]
-        place -= 1
-    if place < room:
-        entry = start + place * width
-        observation_out[w, i, entry] = 1.0
-        observation_out[w, i, entry + 1] = offset[0]
-        observation_out[w, i, entry + 2] = offset[1]
-    return place
 
 
 @wp.func
@@ -132,36 +95,6 @@ def observe_ring(
             observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
 
 
-@wp.func
-def observe_robots(
-    w: int,
-    i: int,
-    sensing: SensingStruct,
-    speed_unit: float,
-    robots: Robots,
-    targets: Targets,
-    bins: Bins,
-    latest: StepEvents,
-    observation_out: wp.array3d(dtype=float),
-):
-    """List the nearest robots in the disc."""
-    start = OWN + 2 * LINK
-    room = sensing.robots_seen
-    listed = int(0)
-    if room > 0 and robots.status[w, i] == WORKING:
-        here = planar(robots.position[w, i])
-        for j in range(robots.status.shape[1]):
-            away = planar(robots.position[w, j]) - here
-            if wp.dot(away, away) < sensing.radius * sensing.radius and j != i and robots.status[w, j] != REMOVED:
-                place = insert(w, i, start, ROBOT, listed, room, away / sensing.radius, observation_out)
-                if place < room:
-                    relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
-                    observation_out[w, i, start + place * ROBOT + 3] = wp.clamp(relative[0], -1.0, 1.0)
-                    observation_out[w, i, start + place * ROBOT + 4] = wp.clamp(relative[1], -1.0, 1.0)
-                    listed = wp.min(listed + 1, room)
-    empty(w, i, start, ROBOT, listed, room, observation_out)
-
-
 _IN_DISC = """
     const int together = 32, left = in_sight.shape[1] - first;
     const wp::vec2* positions = &wp::index(position, w, first);
@@ -187,34 +120,6 @@ def in_disc(
 ) -> wp.uint32:
     """Bits of the targets, of the 32 from the first, that are in sight and in the disc at a place [m]."""
     ...
-
-
-@wp.func
-def observe_targets(
-    w: int,
-    i: int,
-    sensing: SensingStruct,
-    speed_unit: float,
-    robots: Robots,
-    targets: Targets,
-    bins: Bins,
-    latest: StepEvents,
-    observation_out: wp.array3d(dtype=float),
-):
-    """List the nearest targets in the disc."""
-    start = OWN + 2 * LINK + ROBOT * sensing.robots_seen
-    room = sensing.targets_seen
-    listed = int(0)
-    if room > 0 and latest.in_sight[w] > 0:
-        here = robots.sensor[w, i]
-        for first in range(0, targets.in_sight.shape[1], 32):
-            near = in_disc(w, first, here, sensing.radius, targets.position, targets.in_sight)
-            while near != wp.uint32(0):
-                away = targets.position[w, first + lowest(near)] - here
-                near &= near - wp.uint32(1)
-                place = insert(w, i, start, TARGET, listed, room, away / sensing.radius, observation_out)
-                listed = wp.where(place < room, wp.min(listed + 1, room), listed)
-    empty(w, i, start, TARGET, listed, room, observation_out)
 
 
 @wp.func
@@ -244,23 +149,53 @@ def keep_nearest(w: int, i: int, kept: int, room: int, offset: wp.vec2, index: i
 
 
 @wp.func
+def keep_robot(w: int, i: int, j: int, kept: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
+    """Enter robot j as `keep_nearest` does, if it is in the disc."""
+    away = planar(robots.position[w, j]) - planar(robots.position[w, i])
+    if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
+        return keep_nearest(w, i, kept, room, away / radius, j, bins)
+    return kept
+
+
+@wp.func
 def nearest_robots(w: int, i: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
     """Find the nearest robots in the disc; returns how many, at most `room`."""
-    here = planar(robots.position[w, i])
     kept = int(0)
-    entry = bins.entry[w, bins.first[w, bin_of(here, bins)]]
+    for j in range(robots.status.shape[1]):
+        kept = keep_robot(w, i, j, kept, room, radius, robots, bins)
+    return kept
+
+
+@wp.func
+def nearest_listed_robots(w: int, i: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
+    """`nearest_robots` by the list of the robot's bin."""
+    kept = int(0)
+    entry = bins.entry[w, bins.first[w, bin_of(planar(robots.position[w, i]), bins)]]
     while entry[0] >= 0:
-        j = entry[0]
-        away = planar(robots.position[w, j]) - here
-        if wp.dot(away, away) < radius * radius and j != i and robots.status[w, j] != REMOVED:
-            kept = keep_nearest(w, i, kept, room, away / radius, j, bins)
+        kept = keep_robot(w, i, entry[0], kept, room, radius, robots, bins)
         entry = bins.entry[w, entry[1]]
     return kept
 
 
 @wp.func
-def nearest_targets(w: int, i: int, room: int, radius: float, robots: Robots, bins: Bins) -> int:
+def nearest_targets(w: int, i: int, room: int, radius: float, robots: Robots, targets: Targets, bins: Bins) -> int:
     """Find the nearest targets in the disc; returns how many, at most `room`."""
+    here = robots.sensor[w, i]
+    kept = int(0)
+    for first in range(0, targets.in_sight.shape[1], 32):
+        near = in_disc(w, first, here, radius, targets.position, targets.in_sight)
+        while near != wp.uint32(0):
+            t = first + lowest(near)
+            near &= near - wp.uint32(1)
+            kept = keep_nearest(w, i, kept, room, (targets.position[w, t] - here) / radius, t, bins)
+    return kept
+
+
+@wp.func
+def nearest_listed_targets(
+    w: int, i: int, room: int, radius: float, robots: Robots, targets: Targets, bins: Bins
+) -> int:
+    """`nearest_targets` by the lists of the bins around the robot."""
     here = robots.sensor[w, i]
     kept = int(0)
     left = column_of(here[0] - bins.widened, bins)
@@ -278,23 +213,18 @@ def nearest_targets(w: int, i: int, room: int, radius: float, robots: Robots, bi
 
 
 @wp.func
-def observe_listed_robots(
+def observe_robots(
     w: int,
     i: int,
+    kept: int,
     sensing: SensingStruct,
     speed_unit: float,
     robots: Robots,
-    targets: Targets,
     bins: Bins,
-    latest: StepEvents,
     observation_out: wp.array3d(dtype=float),
 ):
-    """`observe_robots` by the list of the robot's bin."""
-    kept = int(0)
-    if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
-        kept = nearest_robots(w, i, sensing.robots_seen, sensing.radius, robots, bins)
+    """List the nearest robots in the disc."""
     entry = OWN + 2 * LINK
-    clear(w, i, entry + ROBOT * kept, entry + ROBOT * sensing.robots_seen, observation_out)
     for k in range(kept):
         j = int(bins.nearest[w, i, k][1])
         offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.radius
@@ -305,35 +235,32 @@ def observe_listed_robots(
         observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
         observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
         entry += ROBOT
+    empty(w, i, entry, ROBOT, sensing.robots_seen - kept, observation_out)
 
 
 @wp.func
-def observe_listed_targets(
+def observe_targets(
     w: int,
     i: int,
+    kept: int,
     sensing: SensingStruct,
-    speed_unit: float,
     robots: Robots,
     targets: Targets,
     bins: Bins,
-    latest: StepEvents,
     observation_out: wp.array3d(dtype=float),
 ):
-    """`observe_targets` by the lists of the bins around the robot."""
-    kept = int(0)
-    if sensing.targets_seen > 0 and robots.sensor[w, i][0] < NOWHERE:
-        kept = nearest_targets(w, i, sensing.targets_seen, sensing.radius, robots, bins)
+    """List the nearest targets in the disc."""
     entry = OWN + 2 * LINK + ROBOT * sensing.robots_seen
-    clear(w, i, entry + TARGET * kept, entry + TARGET * sensing.targets_seen, observation_out)
     for k in range(kept):
         offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.radius
         observation_out[w, i, entry] = 1.0
         observation_out[w, i, entry + 1] = offset[0]
         observation_out[w, i, entry + 2] = offset[1]
         entry += TARGET
+    empty(w, i, entry, TARGET, sensing.targets_seen - kept, observation_out)
 
 
-def _observing(robots_seen: Any, targets_seen: Any) -> Any:
+def _observing(find_robots: Any, find_targets: Any) -> Any:
     """Make the kernel that fills the rows, for robots and targets that are few or many."""
 
     @wp.kernel
@@ -362,14 +289,20 @@ def _observing(robots_seen: Any, targets_seen: Any) -> Any:
         for i in range(begin + lane, end, lanes):
             observe_self(w, i, curve, speed_unit, robots, observation_out)
             observe_ring(w, i, clock.step[w], curve, age_per_step, robots, links, observation_out)
-            robots_seen(w, i, sensing, speed_unit, robots, targets, bins, latest, observation_out)
-            targets_seen(w, i, sensing, speed_unit, robots, targets, bins, latest, observation_out)
+            kept = int(0)
+            if sensing.robots_seen > 0 and robots.status[w, i] == WORKING:
+                kept = find_robots(w, i, sensing.robots_seen, sensing.radius, robots, bins)
+            observe_robots(w, i, kept, sensing, speed_unit, robots, bins, observation_out)
+            kept = 0
+            if sensing.targets_seen > 0 and latest.in_sight[w] > 0 and robots.sensor[w, i][0] < NOWHERE:
+                kept = find_targets(w, i, sensing.targets_seen, sensing.radius, robots, targets, bins)
+            observe_targets(w, i, kept, sensing, robots, targets, bins, observation_out)
 
     return observe
 
 
-observe = _observing(observe_robots, observe_targets)
-observe_listed = _observing(observe_listed_robots, observe_listed_targets)
+observe = _observing(nearest_robots, nearest_targets)
+observe_listed = _observing(nearest_listed_robots, nearest_listed_targets)
 
 
 @wp.kernel

@@ -21,8 +21,7 @@ from lissajous_env.world.contamination.labels import MARGIN, across
 from lissajous_env.world.extended import ExtensionStages
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
-from lissajous_env.world.robots.bin_sizes import bins_of, has_bins
-from lissajous_env.world.robots.bins import Bins
+from lissajous_env.world.robots.bin_sizes import bins_of
 from lissajous_env.world.score import detection_times, episodes_of
 from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
@@ -32,6 +31,7 @@ from lissajous_env.world.state import (
     Clock,
     Contamination,
     Links,
+    Messages,
     Robots,
     StepEvents,
     Targets,
@@ -115,7 +115,7 @@ class Simulation:
 
     @property
     def action_shape(self) -> tuple[int, int, int]:
-        """(W, N, A) numbers in [-1, 1]: A = 1, the phase rate, or A = 2, steering and throttle."""
+        """(W, N, A) numbers in [-1, 1], named by `scenario.action_names`: for the motion, then those of the message."""
         return self.num_worlds, self.num_robots, self.scenario.action_size
 
     @in_turn
@@ -140,6 +140,7 @@ class Simulation:
         self.clock.fresh.zero_()
         return self.observation
 
+    @in_turn
     def step(self, action: Any) -> tuple[wp.array, wp.array, wp.array, wp.array]:
         """Advance every world whose episode is running by one control step.
 
@@ -154,16 +155,8 @@ class Simulation:
         Raises:
             ValueError: the action has another shape, or does not hold real numbers.
         """
-        turn = self.turn
-        with turn.lock:
-            if turn.taken:
-                raise turn.refusal()
-            turn.taken = True
-            try:
-                self._take(action)
-                self._step()
-            finally:
-                turn.taken = False
+        self._take(action)
+        self._step()
         return self.observation, self.reward, self.terminated, self.truncated
 
     @in_turn
@@ -201,12 +194,15 @@ class Simulation:
         hops = scenario.spreading
         labels = hops.history_length, hops.rows + 2 * int(MARGIN), across(hops.columns)
         large = [t * _TARGET_BYTES, math.prod(labels) * 4, rows * columns * 4, rows * n * words * 8, n * n * 4]
-        check_room([*large, n * (delay + 1) * 16, 2 * n * self.layout.size * 4], w, self.device)
+        k = scenario.messages.size
+        check_room([*large, n * (delay + 1) * (16 + 4 * k), 2 * n * self.layout.size * 4], w, self.device)
         each, robot = (w,), (w, n)
         self.clock = allocate(Clock, {}, each, self.device)
         self.robots = allocate(Robots, {"track": (w, n, s + 1)}, robot, self.device)
         link = {"heard": (w, n, 2), "heard_at": (w, n, 2)}
         self.links = allocate(Links, link, (w, n, delay + 1), self.device)
+        message = {"sending": (w, n, k), "sent": (w, n, delay + 1, k), "heard": (w, n, 2, k)}
+        self.messages = allocate(Messages, message, each, self.device)
         self.targets = allocate(Targets, {}, (w, t), self.device)
         grid = {"sensed_at": (w, rows, columns), "sensed_by": (w, n, words, rows)}
         grid |= dict.fromkeys(("sensed", "in_discs", "coming"), (w, words, rows))
@@ -220,8 +216,11 @@ class Simulation:
         terms = {"in_sight": each, "waiting": each, "idle_ended": each, "terms": (w, n, len(self.reward_term_names))}
         self.latest = allocate(StepEvents, terms, robot, self.device)
         self.tally = allocate(EpisodeTotals, {"contact": (w, n, n), "returns": robot}, each, self.device)
+        names = ("clock", "robots", "links", "messages", "targets", "cells", "contamination", "latest", "tally")
+        self._structs = {name: getattr(self, name) for name in names}
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
-        self.command, self._taken = wp.zeros_like(self.action), wp.zeros_like(self.action)
+        self.command = wp.zeros((w, n, self.action_shape[2] - k), dtype=wp.float32, device=self.device)
+        self._taken = wp.zeros_like(self.action)
         # On a CPU the same memory; elsewhere of no shape that an action has.
         self._action_host = self.action.numpy() if self.device.is_cpu else np.empty(0, dtype=np.float32)
         self.observation = wp.zeros((w, n, self.layout.size), dtype=wp.float32, device=self.device)
@@ -235,39 +234,17 @@ class Simulation:
         """Bind the stages of a reset and of a step to the arrays."""
         constants = constants_of(self.scenario, self.device)
         self.speed_unit = constants["speed_unit"]
-        structs = {
-            "clock": self.clock,
-            "robots": self.robots,
-            "links": self.links,
-            "targets": self.targets,
-            "cells": self.cells,
-            "contamination": self.contamination,
-            "latest": self.latest,
-            "tally": self.tally,
-        }
-        values = (
-            constants
-            | structs
-            | {
-                "seeds": self._seeds,
-                "action": self.action,
-                "command": self.command,
-                "taken": self._taken,
-                "observation": self.observation,
-                "final_observation": self.final_observation,
-            }
-        )
+        values = constants | self._structs | {"seeds": self._seeds, "taken": self._taken}
+        values |= {name: getattr(self, name) for name in ("action", "command", "observation", "final_observation")}
         values |= {f"{name}_out": values[name] for name in ("command", "observation", "final_observation")}
         sizes = {ROBOT: self.num_robots, TARGET: self.targets.stage.shape[1], ROW: self.cells.idle_max.shape[1]}
         sizes |= {FIELD_ROW: self.contamination.row_ages.shape[1]}
         work = self.num_robots * _ROBOT_WORK + sizes[TARGET] * _TARGET_WORK
         self.split = split_of(work, self.num_worlds, self.device, self.threads)
-        values["bins"] = Bins()
-        if has_bins(self.scenario):
-            values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)
-            sizes[BIN] = values["bins"].first.shape[1]
+        values["bins"] = bins_of(self.scenario, self.speed_unit, self.num_worlds, self.device)
+        sizes[BIN] = values["bins"].columns * values["bins"].rows
         place = self.num_worlds, self.device, self.split
-        self._extended = ExtensionStages(self.scenario, structs, self.observation)
+        self._extended = ExtensionStages(self.scenario, self._structs, self.observation)
         self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario)), values, sizes, *place)
         self._step = Program(self._extended.step_stages(step_stages(self.scenario)), values, sizes, *place)
 
@@ -281,17 +258,10 @@ class Simulation:
         return chosen_worlds(worlds, self.num_worlds)
 
     def _groups(self) -> dict[str, Any]:
-        structs = (
-            self.clock,
-            self.robots,
-            self.links,
-            self.targets,
-            self.cells,
-            self.contamination,
-            self.latest,
-            self.tally,
-        )
-        arrays = {f"{name_of(s)}.{name}": array for s in structs for name, array in fields_of(s).items()}
+        structs = dict(self._structs)
+        if self.scenario.messages.size == 0:
+            del structs["messages"]
+        arrays = {f"{name_of(s)}.{name}": array for s in structs.values() for name, array in fields_of(s).items()}
         del arrays["Clock.active"], arrays["Clock.fresh"]  # each step and reset says anew whom it is for
         arrays |= self._extended.kept
         arrays |= {"taken": self._taken}

@@ -16,6 +16,7 @@ from lissajous_env.world.contamination.field import clear_cells, reset_labels, s
 from lissajous_env.world.contamination.undetected_time import keep_guarantee, reset_guarantee
 from lissajous_env.world.coverage import cover, reset_cells
 from lissajous_env.world.events import clear_events, reset_events
+from lissajous_env.world.observation import message_start
 from lissajous_env.world.observing import keep_final, observe, observe_listed
 from lissajous_env.world.reward import give_reward
 from lissajous_env.world.robots.actuation import take_commands
@@ -28,6 +29,11 @@ from lissajous_env.world.robots.faults import reset_losses, update_status
 from lissajous_env.world.robots.measurement import measure
 from lissajous_env.world.robots.messages import hear, reset_messages, send
 from lissajous_env.world.robots.placing import follow_curve, reset_robots
+from lissajous_env.world.robots.policy_messages import (
+    hear_policy_messages,
+    reset_policy_messages,
+    send_policy_messages,
+)
 from lissajous_env.world.tally import keep_score, reset_tally
 from lissajous_env.world.targets.detection import (
     move_and_detect,
@@ -50,6 +56,7 @@ def step_stages(scenario: Scenario) -> list[Stage]:
         Stage("phase", follow_curve, ROBOT, BLOCKS, barrier=False, when=not model.keeps_to_curve),
         Stage("measurement", measure, ROBOT, BLOCKS, barrier=False),
         Stage("sending", send, ROBOT),
+        Stage("policy sending", send_policy_messages, ROBOT, when=scenario.messages.size > 0),
         *_bin_stages(many),
         Stage("collisions", find_listed_collisions if many else find_collisions, ROBOT, PARTS),
         *_target_stages(scenario, "targets", many),
@@ -62,6 +69,7 @@ def step_stages(scenario: Scenario) -> list[Stage]:
         Stage("end", end_episodes, WORLD),
         Stage("reward", give_reward, ROBOT),
         Stage("hearing", hear, ROBOT),
+        _policy_hearing(scenario),
         Stage("observation", observe_listed if many else observe, ROBOT, PARTS),
     ]
 
@@ -76,6 +84,7 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("events", reset_events, ROBOT),
         Stage("robots", reset_robots, ROBOT),
         Stage("messages", reset_messages, ROBOT),
+        Stage("policy messages", reset_policy_messages, ROBOT, when=scenario.messages.size > 0),
         Stage("measurement", measure, ROBOT, BLOCKS),
         Stage("sending", send, ROBOT),
         Stage("targets", reset_targets, TARGET, PARTS),
@@ -93,8 +102,15 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("score", keep_score, WORLD),
         Stage("hearing", hear, ROBOT),
         Stage("final", keep_final, ROBOT),
+        _policy_hearing(scenario),
         Stage("observation", observe_listed if many else observe, ROBOT, PARTS),
     ]
+
+
+def _policy_hearing(scenario: Scenario) -> Stage:
+    """Return the stage in which robots hear and observe the messages of policies."""
+    own = {"start": message_start(scenario)}
+    return Stage("policy hearing", hear_policy_messages, ROBOT, when=scenario.messages.size > 0, own=own)
 
 
 def _bin_stages(many: bool) -> list[Stage]:

@@ -95,6 +95,18 @@ class Links:
 
 
 @wp.struct
+class Messages:
+    """Messages of k numbers that policies send on the ring."""
+
+    sending: wp.array3d(dtype=wp.float32)
+    """(W, N, k) message that each robot sends in the latest step; zeros before its first action."""
+    sent: wp.array4d(dtype=wp.float32)
+    """(W, N, delay + 1, k) the same of the latest steps."""
+    heard: wp.array4d(dtype=wp.float32)
+    """(W, N, 2, k) last message received from each ring neighbour; zeros for none yet."""
+
+
+@wp.struct
 class Targets:
     """Target slots (W, T)."""
 
@@ -189,9 +201,9 @@ class StepEvents:
     collisions: wp.array2d(dtype=wp.int32)
     """(W, N) collisions that began."""
     effort: wp.array2d(dtype=wp.float32)
-    """(W, N) mean square of the action."""
+    """(W, N) mean square of the action without its message."""
     change: wp.array2d(dtype=wp.float32)
-    """(W, N) mean square of the change of the action; 0 in an episode's first step."""
+    """(W, N) mean square of its change; 0 in an episode's first step."""
     lateral: wp.array2d(dtype=wp.float32)
     """(W, N) distance from the curve [m]."""
     tracking: wp.array2d(dtype=wp.float32)
@@ -214,6 +226,12 @@ class StepEvents:
     """(W, N) True if a collision or the edge of the rectangle removed the robot."""
     truncated: wp.array2d(dtype=wp.bool)
     """(W, N) True when the time is over."""
+
+
+@wp.func
+def planar(position: wp.vec3) -> wp.vec2:
+    """Position on the ground [m]."""
+    return wp.vec2(position[0], position[1])
 
 
 def allocate(struct: Any, shapes: Mapping[str, tuple[int, ...]], default: tuple[int, ...], device: Any) -> Any:

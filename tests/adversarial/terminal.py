@@ -18,10 +18,16 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+import lissajous_env
 from baselines.benchmark import tables
 from baselines.benchmark.comparison import statistics
 from baselines.benchmark.shown_columns import SHOWN
-from baselines.commands.design import design
+from baselines.planning import tables as plan_tables
+from baselines.planning.planner import Outcome
+from baselines.planning.plans import Figures, Plan, Planned
+from baselines.planning.playing import Episodes
+from baselines.planning.request import Request
+from baselines.policies.settings import PolicySettings
 from lissajous_env.console.cli import main
 from lissajous_env.parameters.overrides import parse_overrides
 from lissajous_env.world.columns import COLUMNS as SCORES
@@ -69,7 +75,7 @@ _GOOD = {
     "evaluate": ["failure", "still"],
     "run": ["failure", "still"],
     "train": ["--out", "results", "--steps", "1"],
-    "design": ["--speed-max", "1", "--sensor-radius", "0.1"],
+    "plan": ["failure", "--seconds", "1", "--out", "results"],
     "replay": ["recording.npz"],
     "reproduce": ["fig2", "--out", "results"],
     "policies": [],
@@ -89,12 +95,12 @@ _OPTIONS = {
         "--base": _NAMES, "--teacher": _NAMES, "--rivals": _NAMES, "--start": [""], "--address": [""],
         "--log-std": ["nan", "x", "1e9"], "--residual": [*_REAL, "0"], "--threads": [*_WHOLE, "0"],
     },
-    "design": {
+    "plan": {
         **{f"--{name}": [*_REAL, "0", "1e300", "1e-300"] for name in
-           ("half-width", "half-height", "robot-radius", "sensor-radius", "speed-max", "turning-radius", "phase-rate",
-            "wheelbase", "grip")},
-        "--steering-max": [*_REAL, "0", "2", "1e300"], "--num-robots": [*_WHOLE[:-1], "0", "1", "1000000"],
-        "--rows": ["x", "1.5", "", "-1", "0"],
+           ("width", "height", "robot-radius", "sensor-radius", "speed", "turning-radius", "guarantee", "seconds")},
+        "--rogue-speed": _REAL, "--robots": [*_WHOLE, "0", "1", "1000000", "8:3", "1:", ":"],
+        "--failures": [*_WHOLE, "1000000"], "--entry": _WORDS, "--rows": ["x", "1.5", "", "-1", "0"],
+        "--out": ["file", "file/x", ""], "--seed": [*_WHOLE, "99999999999"],
     },
     "replay": {"--speed": [*_REAL, "0", "1e-9", "1e9"], "--fps": [*_REAL, "0", "1e-9", "1000"], "--out": _FILES,
                "--against": _NAMES, "--seed": [*_WHOLE, "99999999999"], "--device": _DEVICES},
@@ -102,7 +108,7 @@ _OPTIONS = {
     "policies": {}, "scenarios": {},
 }  # fmt: skip
 _POSITIONAL = {"evaluate": _NAMES, "run": _NAMES, "policies": _NAMES, "reproduce": _NAMES, "replay": _NAMES,
-               "scenarios": _NAMES, "design": _NAMES, "benchmark": _NAMES, "train": _NAMES}  # fmt: skip
+               "scenarios": _NAMES, "plan": _NAMES, "benchmark": _NAMES, "train": _NAMES}  # fmt: skip
 
 
 def pick(draw: np.random.Generator, of: Any) -> Any:
@@ -249,24 +255,21 @@ def _try_width(draw: np.random.Generator) -> str | None:
     return f"at width {width}: {cut[:5]}" if cut else None
 
 
-def _try_design_width(draw: np.random.Generator) -> str | None:
-    given = {"half_width": float(draw.uniform(0.5, 9)), "half_height": float(draw.uniform(0.5, 9)), "num_robots": 7}
-    given |= {"speed_max": 1.0, "sensor_radius": 0.1}  # none works: none is played
-    width = int(draw.integers(1, 250))
+def _try_plan_width(draw: np.random.Generator) -> str | None:
+    made, plans = lissajous_env.scenario("evaders"), []
+    for k in range(1, int(draw.integers(2, 8))):
+        numbers = [float(10.0 ** draw.integers(-6, 9) * draw.random()) for _ in range(6)]
+        figures = Figures(*numbers[:4], 0, int(draw.integers(3)), *numbers[4:], "phases of ring neighbours")
+        plans.append(Planned(Plan("hand", made, PolicySettings("kuramoto-mpcc"), f"{k} lanes"), figures, 0.1, [], []))
+    outcome = Outcome(Request(made), Episodes(failures=1), tasks={5: made})
 
     def shown(columns: int) -> str:
-        out, before = io.StringIO(), os.environ.get("COLUMNS")
-        os.environ["COLUMNS"] = str(columns)
-        try:
-            with contextlib.redirect_stdout(out):
-                design(**given)
-        finally:
-            os.environ.pop("COLUMNS")
-            if before is not None:
-                os.environ["COLUMNS"] = before
-        return out.getvalue()
+        console = Console(width=columns, file=io.StringIO(), record=True)
+        plan_tables.print_plans(console, outcome, plans)
+        plan_tables.print_formations(console, plans)
+        return console.export_text()
 
-    digits = re.compile(r"[\d.]*\d[\d.]*")
+    digits, width = re.compile(r"[\d.]*\d[\d.]*"), int(draw.integers(1, 250))
     cut = set(digits.findall(shown(width))) - set(digits.findall(shown(1000)))
     return f"at width {width}: {sorted(cut)[:5]}" if cut else None
 
@@ -352,7 +355,7 @@ ATTACKS = [
         _try_process,
     ),
     Attack("tables at any width", "no number and no name is cut", 200, _try_width),
-    Attack("designs at any width", "no number is cut", 20, _try_design_width),
+    Attack("plans at any width", "no number is cut", 20, _try_plan_width),
     Attack(
         "values of --set", "a literal is read as Python reads it, nothing else is, and nothing runs", 2000, _try_literal
     ),

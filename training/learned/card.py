@@ -104,8 +104,12 @@ class Card:
         """Overrides of the scenario in the training."""
         return self.settings.get("overrides", {})
 
-    def columns(self, scenario: Scenario) -> np.ndarray:
+    def columns(self, scenario: Scenario, or_silent: bool = False) -> np.ndarray:
         """Return the indices of `inputs` in the observation of a scenario.
+
+        Args:
+            scenario: The scenario.
+            or_silent: True to accept a policy without messages for a scenario with messages.
 
         Raises:
             ValueError: the robots or observation of the scenario do not fit the policy.
@@ -116,7 +120,9 @@ class Card:
                 f"got {scenario.name}, whose robots are of kind {scenario.robot.kind}"
             )
         size = scenario.action_size
-        require("action_size", size == self.action_size, f"must be {size} for {scenario.name}", self.action_size)
+        silent = or_silent and self.action_size == size - scenario.messages.size
+        fits = silent or self.action_size == size
+        require("action_size", fits, f"must be {size} for {scenario.name}", self.action_size)
         names = layout(scenario).names
         missing = [name for name in self.inputs if name not in names]
         if missing:

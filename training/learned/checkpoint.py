@@ -27,6 +27,7 @@ from lissajous_env.parameters.extensions import Extension, load_extension
 from lissajous_env.parameters.plain_scenario import scenario_of
 from lissajous_env.storage.files import read_bytes, read_json
 from lissajous_env.storage.folder import Folder
+from lissajous_env.wording import shown
 from training.learned.card import Card, require
 from training.learned.history import check_notes
 from training.learned.network import ACTIVATIONS, Network
@@ -209,7 +210,10 @@ def home_scenario(card: Card) -> Scenario:
             only the name of the scenario, that is not registered or lacks an overridden field.
     """
     if card.home is not None:
-        return scenario_of(card.home, [_brought(each, card) for each in card.home.get("extensions") or ()])
+        extensions = card.home.get("extensions") or ()
+        if not isinstance(extensions, (list, tuple)):
+            raise ValueError(f"extensions of a scenario must be a list, got {shown(extensions)}")
+        return scenario_of(card.home, [_brought(each, card) for each in extensions])
     if "extensions" in card.overrides:
         rule = f"must be given with the extensions that the policy was trained with, {card.overrides['extensions']}"
         raise ValueError(f"scenario {rule}: none is imported because a folder names it")

@@ -7,10 +7,6 @@ On a CPU the inner loop runs over the inputs, with WIDTH outputs of ROWS rows in
 independent and each weight is read once for all these rows.
 """
 
-# Warp reads these types, not Python.
-# pyright: reportInvalidTypeForm=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
-# pyright: reportIndexIssue=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false
-
 from typing import Any
 
 import numpy as np
@@ -33,7 +29,7 @@ SMALLEST_SHARE = 128
 ABSURD = wp.constant(1.0e6)
 """Magnitude to which entries of the observation, of order 1, are clipped so that sums do not overflow."""
 NONE, RELU, TANH = wp.constant(0), wp.constant(1), wp.constant(2)
-_KIND = dict(zip(ACTIVATIONS, (RELU, TANH), strict=True))
+_KIND: dict[str, int] = dict(zip(ACTIVATIONS, (RELU, TANH), strict=True))
 
 block = wp.types.vector(length=32, dtype=wp.float32)
 
@@ -129,13 +125,15 @@ def act_by_network(
 ):
     """Write the actions of ROWS robots: the network's output, or its sum with a base's action; row w N + i is robot i.
 
-    The network reads the entries `columns` of the observation and then the base's action, if `base` is not empty.
+    The network reads the entries `columns` of the observation and then as many components of the base's action as it
+    has further inputs, none without a base. Components of an action beyond its outputs are zero, or the base's.
     Inputs and outputs of a layer are in `blocks` (2, rows, blocks); `values` (2, rows, numbers) is the same memory.
     """
     row = ROWS * (first + wp.tid())
     robots = observation.shape[1]
     end = wp.min(row + ROWS, observation.shape[0] * robots)
-    entries, size = columns.shape[0], base.shape[2]
+    entries = columns.shape[0]
+    size = layers.sizes[0][0] - entries
     for r in range(row, end):
         w, i = r // robots, r % robots
         for k in range(entries):
@@ -151,7 +149,9 @@ def act_by_network(
     for r in range(row, end):
         w, i = r // robots, r % robots
         for k in range(action_out.shape[2]):
-            own = values[(last + 1) % 2, r, k]
+            own = float(0.0)
+            if k < WIDTH * layers.sizes[last][1]:
+                own = values[(last + 1) % 2, r, k]
             if size > 0:
                 action_out[w, i, k] = added(base[w, i, k], residual, own)
             else:

@@ -21,7 +21,8 @@ from training.learned.network import Network
 class Learned(Policy):
     """Policy whose action is a network's output, clipped to [-1, 1], or the sum of a base's action and a part of it.
 
-    The same network maps each row of the observation to the action of its robot.
+    The same network maps each row of the observation to the action of its robot. A policy that was trained without
+    messages sends zeros in a scenario with messages.
 
     Args:
         network: Network of the policy.
@@ -43,7 +44,7 @@ class Learned(Policy):
         super().__init__(scenario, num_worlds, device)
         _check(network, card)
         self.network, self.card, self.kind = network, card, card.kind
-        columns = card.columns(self.scenario)
+        columns = card.columns(self.scenario, or_silent=True)
         self.base = None if card.base is None else baselines.make(card.base, self.scenario, num_worlds, self.device)
         added_to = None if self.base is None else self.base.action
         self._forward = Forward(network, columns, self._observation, added_to, card.residual, self.action)

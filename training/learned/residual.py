@@ -4,10 +4,6 @@ T. Johannink et al., "Residual Reinforcement Learning for Robot Control" (ICRA 2
 the same function, so that a policy acts bit for bit as it was trained.
 """
 
-# Warp reads these types, not Python.
-# pyright: reportInvalidTypeForm=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
-# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false
-
 from typing import Any
 
 import numpy as np

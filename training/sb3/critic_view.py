@@ -1,9 +1,5 @@
 """Input of a central critic: the state of the whole world, computed by a kernel with one thread per world."""
 
-# Warp reads these types, not Python.
-# pyright: reportInvalidTypeForm=false, reportCallIssue=false, reportArgumentType=false, reportOperatorIssue=false
-# pyright: reportGeneralTypeIssues=false, reportAssignmentType=false, reportIndexIssue=false
-
 import numpy as np
 import warp as wp
 

@@ -129,6 +129,7 @@ class LissajousTaskClass(TaskClass):
 class LissajousTask(Task):
     """The named scenarios."""
 
+    HALL = None
     IDEAL = None
     PERTURBATION = None
     FAILURE = None
@@ -138,6 +139,9 @@ class LissajousTask(Task):
     INTRUDERS_INSIDE = None
     EVADERS = None
     EVADERS_FAILURE = None
+    EVADERS_FAST = None
+    EVADERS_LOST = None
+    EVADERS_UNEVEN = None
     ROUGH = None
     ROUGH_LOST = None
     TEAM = None

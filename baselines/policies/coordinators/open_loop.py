@@ -15,6 +15,8 @@ from lissajous_env.parameters.scenario import Scenario
 class OpenLoop:
     """Coordinator: the phase rate of every robot is omega / alpha."""
 
+    communicates = "nothing"
+
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any):
         shape = (num_worlds, scenario.num_robots)
         rate = scenario.formation.phase_rate / scenario.alpha

@@ -82,6 +82,8 @@ def track_reference(
 class TrackedReference:
     """Coordinator: phase rates (W, N) [rad/s] that keep each robot on its own reference point."""
 
+    communicates = "nothing"
+
     def __init__(self, scenario: Scenario, num_worlds: int, device: Any, parameters: ReferenceParameters | None = None):
         shape = (num_worlds, scenario.num_robots)
         self._parameters = parameters or ReferenceParameters()

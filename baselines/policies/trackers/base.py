@@ -12,6 +12,9 @@ from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
 
+PHASES = "phases of ring neighbours"
+"""Content of the messages of a coordinator that does not say otherwise."""
+
 
 class Coordinator(Protocol):
     """Decides phase rates from observations."""
@@ -49,6 +52,7 @@ class Coordinated(Policy):
     ):
         super().__init__(scenario, num_worlds, device)
         self.coordinator = coordinator(self.scenario, num_worlds, self.device)
+        self.communicates = getattr(self.coordinator, "communicates", PHASES)
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
         self._alpha = float(self.scenario.alpha)

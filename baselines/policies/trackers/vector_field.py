@@ -54,7 +54,7 @@ wp.set_module_options(OPTIONS)
 
 @dataclass(frozen=True)
 class FieldParameters(Checked):
-    """Parameters of the tracker, besides the scenario; `field_of` scales the defaults to another scenario."""
+    """Parameters of the tracker, besides the scenario; `FieldParameters.of` scales the defaults to another scenario."""
 
     pull: float = number(4.0, 1e-6, 1e6, "1/m")
     """Largest k, the pull towards the path [1/m]."""
@@ -64,6 +64,17 @@ class FieldParameters(Checked):
     """SPEED, the rate at which a car takes the field's speed [1/s]."""
     slowest: float = number(0.3, 0, 1)
     """SLOWEST, the share of the field's speed that a car keeps while it turns: a car that stands does not turn."""
+
+    @classmethod
+    def of(cls, scenario: Scenario, **overrides: Any) -> "FieldParameters":
+        """Return the parameters for the cars of a scenario, scaled from those of the paper's experiment."""
+        scale = motion_scale(scenario)
+        scaled = {
+            "pull": cls.pull / scale.length,
+            "turn": min(cls.turn / scale.time, 1 / scenario.task.step),
+            "speed": motor_rate(scenario, cls.speed),
+        }
+        return cls(**scaled | overrides)
 
 
 @wp.struct
@@ -161,18 +172,13 @@ class WithVectorField(Coordinated):
 
 
 def field_of(scenario: Scenario, parameters: FieldParameters | None = None) -> Any:
-    """Return the constants of the field, by default scaled from those of the paper's experiment.
+    """Return the constants of the field, by default those of `FieldParameters.of`.
 
     The pull is less where, at the formation's speed, a step would correct half of `off`.
     """
-    scale = motion_scale(scenario)
-    parameters = parameters or FieldParameters(
-        pull=FieldParameters.pull / scale.length,
-        turn=min(FieldParameters.turn / scale.time, 1 / scenario.task.step),
-        speed=motor_rate(scenario, FieldParameters.speed),
-    )
+    parameters = parameters or FieldParameters.of(scenario)
     field = Field()
-    field.least = 0.1 * scale.speed
+    field.least = 0.1 * motion_scale(scenario).speed
     field.turn, field.speed, field.slowest = parameters.turn, parameters.speed, parameters.slowest
     field.rate, field.step = scenario.formation.phase_rate, scenario.task.step
     field.scale = curve_length(scenario.curve) / (2 * math.pi)

@@ -1,7 +1,7 @@
 // A chart over time, drawn once by uPlot; the playhead and the reading move with the player.
 
 import { faded } from "./colours.js";
-import { element, mark, number } from "./words.js";
+import { button, element, mark, number } from "./words.js";
 
 const HEIGHT = 150;
 const COUNTS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 10000, 100000];
@@ -22,16 +22,14 @@ export class Chart {
   addChoices() {
     const box = this.figure.querySelector(".choices");
     for (const kind of this.chart.kinds) {
-      const button = element("button", "", kind);
-      button.type = "button";
-      button.setAttribute("aria-pressed", String(kind === this.kind));
-      button.addEventListener("click", () => {
+      const choice = button("", kind, () => {
         this.kind = kind;
-        for (const other of box.children) other.setAttribute("aria-pressed", String(other === button));
+        for (const other of box.children) other.setAttribute("aria-pressed", String(other === choice));
         this.build(this.colours);
         this.move(this.time);
       });
-      box.append(button);
+      choice.setAttribute("aria-pressed", String(kind === this.kind));
+      box.append(choice);
     }
   }
 
@@ -189,11 +187,9 @@ export class Chart {
 }
 
 function entryOf(colour, words, kind = "") {
-  const entry = element("span"),
-    sign = element("i", kind);
+  const sign = element("i", kind);
   sign.style.color = colour;
-  entry.append(sign, words);
-  return entry;
+  return element("span", "", sign, words);
 }
 
 function drawBounds(plot, bounds) {

@@ -2,6 +2,10 @@
 
 const LIGHT = {
   robots: ["#0b62d0", "#c96e00", "#009758", "#e05aa8", "#5a108e", "#00b8f0", "#5d2b23", "#ddb000"],
+  policies: [
+    "#0072b2", "#d98e00", "#009e73", "#c2649a", "#d55e00", "#3aa0dc", "#962dff",
+    "#4a4f57", "#3c2da5", "#692d00", "#9a9a3c", "#5a1e69", "#9678ff",
+  ],
   card: "#ffffff",
   ground: "#fdfdfc",
   edge: "#b3bcc7",
@@ -26,6 +30,10 @@ const LIGHT = {
 
 const DARK = {
   robots: ["#5a9cf0", "#f0a030", "#00d099", "#d98fc0", "#8a5cf5", "#b5e6fa", "#b06a20", "#eef08b"],
+  policies: [
+    "#4aa8e8", "#f0ac2e", "#2cc79a", "#e08fbd", "#f0813a", "#8fd0f6", "#b868ff",
+    "#b4bcc8", "#8a7dff", "#b4703c", "#c8c864", "#c05cd8", "#c8b4ff",
+  ],
   card: "#171d25",
   ground: "#12171e",
   edge: "#4a5665",
@@ -50,6 +58,18 @@ const DARK = {
 
 export function coloursOf(theme) {
   return theme === "dark" ? DARK : LIGHT;
+}
+
+// Give the page the colours of a theme, and return them.
+export function paintTheme(theme) {
+  const root = document.documentElement,
+    colours = coloursOf(theme);
+  root.dataset.theme = theme;
+  document.getElementById("theme").textContent = theme === "dark" ? "Light" : "Dark";
+  for (const [name, colour] of Object.entries(colours)) {
+    if (typeof colour === "string") root.style.setProperty(`--${name}`, colour);
+  }
+  return colours;
 }
 
 export function robotColour(colours, robot) {

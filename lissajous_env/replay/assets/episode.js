@@ -1,6 +1,7 @@
 // One episode: its decoded data, and values derived for the charts and the timeline.
 // Arrays of robots are series: robot i at moment f has index [i * moments + f].
 
+import { rogueEvent } from "./rogue.js";
 import { reals, wholes } from "./unpacking.js";
 import { number } from "./words.js";
 
@@ -12,57 +13,39 @@ export const FLEEING = 3;
 const TURN = 2 * Math.PI;
 
 export async function unpackedEpisode(raw) {
-  const robots = {},
-    targets = {},
-    ground = {};
-  const fill = async (into, name, made) => {
-    into[name] = (await made).values;
-  };
-  const work = [];
-  for (const name of ["x", "y", "z", "heading", "speed", "phase", "reward"]) {
-    work.push(fill(robots, name, reals(raw.robots[name])));
-  }
-  for (const name of ["status", "silent"]) work.push(fill(robots, name, wholes(raw.robots[name])));
-  for (const name of ["x", "y"]) work.push(fill(targets, name, reals(raw.targets[name])));
-  const each = async (list) => Promise.all(list.map(async (packed) => (await reals(packed)).values));
-  const series = async (list, into, names) => {
-    (await each(list)).forEach((values, k) => {
-      into[names[k]] = values;
-    });
-  };
+  const of = async (names, decode, from) =>
+    Object.fromEntries(await Promise.all(names.map(async (name) => [name, (await decode(from[name])).values])));
+  const each = (list) => Promise.all(list.map(async (packed) => (await reals(packed)).values));
   const pictures = async (name) => {
-    if (!raw.ground[name]) return;
-    const cells = await wholes(raw.ground[name].cells);
-    ground[name] = { ...cells, stride: raw.ground[name].stride };
+    const kept = raw.ground[name];
+    return kept ? { [name]: { ...(await wholes(kept.cells)), stride: kept.stride } } : {};
   };
-  const found = {};
-  work.push(pictures("sensed"), pictures("unseen"));
-  if (raw.ground.idle) work.push(series(raw.ground.idle, ground, ["idleWorst", "idleMean"]));
-  if (raw.ground.age) work.push(series(raw.ground.age, ground, ["ageWorst", "ageMean"]));
-  work.push(
-    each(raw.robots.observation).then((list) => {
-      robots.observation = list;
-    }),
-  );
-  work.push(
-    each(raw.robots.action).then((list) => {
-      robots.action = list;
-    }),
-  );
-  work.push(
-    each(raw.reward.terms).then((list) => {
-      found.terms = list;
-    }),
-  );
-  work.push(fill(found, "collisions", wholes(raw.collisions)));
-  const curve = await reals(raw.curve);
-  await Promise.all(work);
-  return new Episode(raw, robots, targets, ground, found, curve.values);
+  const worstAndMean = async (name) => {
+    if (!raw.ground[name]) return {};
+    const [worst, mean] = await each(raw.ground[name]);
+    return { [`${name}Worst`]: worst, [`${name}Mean`]: mean };
+  };
+  const ground = [pictures("sensed"), pictures("unseen"), worstAndMean("idle"), worstAndMean("age")];
+  const robots = [
+    of(["x", "y", "z", "heading", "speed", "phase", "reward"], reals, raw.robots),
+    of(["status", "silent"], wholes, raw.robots),
+  ];
+  const found = {
+    robots: Object.assign(...(await Promise.all(robots))),
+    targets: await of(["x", "y"], reals, raw.targets),
+    ground: Object.assign({}, ...(await Promise.all(ground))),
+    terms: await each(raw.reward.terms),
+    ...(await of(["collisions"], wholes, raw)),
+    ...(await of(["curve"], reals, raw)),
+  };
+  for (const name of ["observation", "action"]) found.robots[name] = await each(raw.robots[name]);
+  return new Episode(raw, found);
 }
 
 export class Episode {
-  constructor(raw, robots, targets, ground, found, curve) {
-    Object.assign(this, { raw, robots, targets, ground, curve, terms: found.terms, collisions: found.collisions });
+  // `found`: the decoded arrays of robots, targets, ground, curve, terms of the reward and collisions.
+  constructor(raw, found) {
+    Object.assign(this, { raw, ...found });
     this.about = raw.scenario;
     this.moments = raw.moments;
     this.step = raw.step * raw.every;
@@ -166,5 +149,6 @@ function eventsOf(episode) {
       words,
     });
   });
+  if (episode.raw.rogue) events.push(rogueEvent(episode.raw.rogue, episode.raw.step));
   return events.sort((one, other) => one.time - other.time);
 }

@@ -2,7 +2,7 @@
 
 import { robotColour } from "./colours.js";
 import { REMOVED, STUCK } from "./episode.js";
-import { decimals, element, number, rounded } from "./words.js";
+import { button, decimals, element, number, rounded } from "./words.js";
 
 const STATUS = { 0: "works", [STUCK]: "failed", [REMOVED]: "removed" };
 const MOST_CHIPS = 40;
@@ -18,12 +18,8 @@ export class Inspector {
 
   addChips() {
     for (let i = 0; i < Math.min(this.episode.count, MOST_CHIPS); i++) {
-      const chip = document.createElement("button");
-      chip.type = "button";
-      chip.className = "chip";
-      chip.textContent = String(i);
+      const chip = button("chip", String(i), () => this.onPick(this.robot === i ? -1 : i));
       chip.setAttribute("aria-label", `Robot ${i}`);
-      chip.addEventListener("click", () => this.onPick(this.robot === i ? -1 : i));
       this.chips.append(chip);
     }
   }
@@ -46,16 +42,12 @@ export class Inspector {
   // Without a robot, show the score of the episode.
   invite() {
     const words = "Select a robot, here or in the picture, to see its observation and action at this moment.";
-    const section = element("section", "rows"),
-      body = element("table");
-    for (const [name, value] of Object.entries(this.episode.raw.score)) {
-      if (typeof value !== "number" || NOT_SCORED.includes(name)) continue;
-      const row = element("tr");
-      row.append(element("td", "entry", name.replaceAll("_", " ")), element("td", "value", rounded(value)));
-      body.append(row);
-    }
-    section.append(element("h3", "", "Score of the episode"), body);
-    this.panel.replaceChildren(element("p", "invite", words), section);
+    const scores = Object.entries(this.episode.raw.score)
+      .filter(([name, value]) => typeof value === "number" && !NOT_SCORED.includes(name))
+      .map(([name, value]) =>
+        element("tr", "", element("td", "entry", name.replaceAll("_", " ")), element("td", "value", rounded(value))),
+      );
+    this.panel.replaceChildren(element("p", "invite", words), section("Score of the episode", scores));
   }
 
   lay(robot) {
@@ -67,13 +59,9 @@ export class Inspector {
       parts.push(this.table("Action", this.episode.about.actions, this.episode.robots.action, robot, false));
       parts.push(this.table("Observation", robots.names, this.episode.robots.observation, robot, true));
     } else {
-      parts.push(
-        element(
-          "p",
-          "invite",
-          "Observations of this robot are omitted to limit the size of the page; a replay of this episode alone has them.",
-        ),
-      );
+      const words =
+        "Observations of this robot are omitted to limit the size of the page; a replay of this episode alone has them.";
+      parts.push(element("p", "invite", words));
     }
     this.panel.replaceChildren(...parts);
   }
@@ -93,37 +81,26 @@ export class Inspector {
 
   // Rows of index, name, value and a bar of [-1, 1], grouped by neighbour, robot or target.
   table(title, names, columns, robot, indexed) {
-    const section = element("section", "rows");
-    section.append(element("h3", "", title));
-    const body = element("table");
+    const rows = [];
     let group = null;
     names.forEach((name, k) => {
       const [of, rest] = parted(name);
       if (indexed && of !== group) {
         group = of;
-        body.append(this.heading(of));
+        const head = element("th", "", of);
+        head.colSpan = 4;
+        rows.push(element("tr", "group", head));
       }
-      body.append(this.row(indexed ? String(k) : "", indexed ? rest : name, columns[k], robot));
+      rows.push(this.row(indexed ? String(k) : "", indexed ? rest : name, columns[k], robot));
     });
-    section.append(body);
-    return section;
-  }
-
-  heading(words) {
-    const row = element("tr", "group"),
-      cell = element("th", "", words);
-    cell.colSpan = 4;
-    row.append(cell);
-    return row;
+    return section(title, rows);
   }
 
   row(index, name, values, robot) {
-    const row = element("tr"),
-      value = element("td", "value"),
+    const value = element("td", "value"),
       bar = element("i");
-    const track = element("td", "bar");
-    track.append(bar);
-    row.append(element("td", "index", index), element("td", "entry", name), value, track);
+    const names = [element("td", "index", index), element("td", "entry", name)];
+    const row = element("tr", "", ...names, value, element("td", "bar", bar));
     const first = robot * this.episode.moments;
     this.cells.push((moment) => {
       const now = values[first + moment],
@@ -140,6 +117,10 @@ export class Inspector {
     this.shownMoment = moment;
     for (const fill of this.cells) fill(moment);
   }
+}
+
+function section(title, rows) {
+  return element("section", "rows", element("h3", "", title), element("table", "", ...rows));
 }
 
 // Split "neighbour_0_cos_phase" into "neighbour 0" and "cos phase"; other entries belong to the robot itself.

@@ -11,6 +11,7 @@ export function legendOf(episode, ground, layer) {
   if (targets.motion.includes(FLEEING)) entries.push(["flees", "evading target"]);
   if (kinds.has("missed")) entries.push(["missed", "never detected"]);
   if (targets.count > 0) entries.push(["found", "just detected"]);
+  if (kinds.has("rogue")) entries.push(["rogue", "the rogue that this policy misses"]);
   if (kinds.has("touch")) entries.push(["touch", "collision"]);
   if (kinds.has("fault")) entries.push(["stuck", "failed"]);
   if (episode.losesMessages) entries.push(["lost", "message lost"]);

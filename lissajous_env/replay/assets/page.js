@@ -2,7 +2,7 @@
 
 import { Camera } from "./camera.js";
 import { placeCharts } from "./charts.js";
-import { coloursOf } from "./colours.js";
+import { coloursOf, paintTheme } from "./colours.js";
 import { bindControls } from "./controls.js";
 import { bindGestures } from "./gestures.js";
 import { gradientOf, shareScales } from "./ground.js";
@@ -13,7 +13,7 @@ import { Space } from "./space.js";
 import { shareExtents, Stage } from "./stage.js";
 import { Tiles } from "./tiles.js";
 import { numeral, Timeline } from "./timeline.js";
-import { element } from "./words.js";
+import { button, element } from "./words.js";
 
 const byId = (name) => document.getElementById(name);
 
@@ -92,11 +92,9 @@ export class Page {
 
   addLayers(box, stage) {
     for (const [layer, words] of stage.ground.layers()) {
-      const button = element("button", "", words);
-      button.type = "button";
-      button.dataset.layer = layer;
-      button.addEventListener("click", () => this.lay(layer));
-      box.append(button);
+      const choice = button("", words, () => this.lay(layer));
+      choice.dataset.layer = layer;
+      box.append(choice);
     }
   }
 
@@ -148,12 +146,7 @@ export class Page {
   }
 
   paint() {
-    document.documentElement.dataset.theme = this.theme;
-    byId("theme").textContent = this.theme === "dark" ? "Light" : "Dark";
-    const { colours } = this.viewing;
-    for (const [name, colour] of Object.entries(colours)) {
-      if (typeof colour === "string") document.documentElement.style.setProperty(`--${name}`, colour);
-    }
+    const colours = paintTheme(this.theme);
     for (const view of this.views) view.inspector.paint(colours);
     this.legend();
     for (const chart of this.charts) chart.build(colours);
@@ -168,16 +161,14 @@ export class Page {
       const box = view.box.querySelector(".legend");
       box.replaceChildren(
         ...view.stage.legend(this.layer).map(([mark, words]) => {
-          const entry = element("span");
           const sign = element("i", `sign ${mark}`);
           if (mark === "ramp") sign.style.background = gradientOf(this.layer, colours);
-          entry.append(sign, words);
-          return entry;
+          return element("span", "", sign, words);
         }),
       );
     }
-    for (const button of document.querySelectorAll("[data-layer]")) {
-      button.setAttribute("aria-pressed", String(button.dataset.layer === this.layer));
+    for (const choice of document.querySelectorAll("[data-layer]")) {
+      choice.setAttribute("aria-pressed", String(choice.dataset.layer === this.layer));
     }
   }
 

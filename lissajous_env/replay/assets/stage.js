@@ -7,6 +7,7 @@ import { REMOVED, STUCK } from "./episode.js";
 import { Ground } from "./ground.js";
 import { Labels } from "./labels.js";
 import { legendOf } from "./legend.js";
+import { paintRogue } from "./rogue.js";
 import { Targets } from "./targets.js";
 import { quantile } from "./words.js";
 
@@ -101,6 +102,7 @@ export class Stage {
     this.paintRing(places, at, colours);
     this.paintTrails(at, view);
     this.targets.paint(at, colours);
+    paintRogue(this, at, colours);
     this.bodies.paintTouches(places, at, colours);
     this.bodies.paint(places, at, view);
     this.nearest = places;

@@ -14,10 +14,8 @@ export class Tiles {
   }
 
   add(words) {
-    const tile = element("div", "tile"),
-      value = element("b");
-    tile.append(value, element("span", "", words));
-    this.box.append(tile);
+    const value = element("b");
+    this.box.append(element("div", "tile", value, element("span", "", words)));
     return value;
   }
 

@@ -5,6 +5,7 @@ import { faded } from "./colours.js";
 const LANES = [
   ["detection", "detected"],
   ["missed", "missed"],
+  ["rogue", "rogue"],
   ["touch", "collisions"],
   ["fault", "faults"],
 ];
@@ -44,7 +45,8 @@ export class Timeline {
   }
 
   colour(kind, colours) {
-    return { detection: colours.found, missed: colours.target, touch: colours.touch, fault: colours.stuck }[kind];
+    const { found, target, unseen, touch, stuck } = colours;
+    return { detection: found, missed: target, rogue: unseen, touch, fault: stuck }[kind];
   }
 
   draw(colours) {
@@ -62,7 +64,7 @@ export class Timeline {
         if (event.kind !== row.kind) continue;
         const x = this.x(event.time),
           wide = Math.max(this.x(event.until) - x, 2);
-        context.fillStyle = row.kind === "missed" || row.kind === "fault" ? faded(colour, 0.45) : colour;
+        context.fillStyle = ["missed", "rogue", "fault"].includes(row.kind) ? faded(colour, 0.45) : colour;
         if (row.kind === "detection") context.fillRect(x - 1, y + 1, 2, LANE - 3);
         else {
           context.fillRect(x, y + 2, wide, LANE - 5);

@@ -30,9 +30,17 @@ export function quantile(values, share) {
   return some.length ? some[Math.min(Math.floor(share * some.length), some.length - 1)] : 0;
 }
 
-export function element(kind, name = "", words = "") {
+// Create an element of a class with text and other elements in it.
+export function element(kind, name = "", ...content) {
   const made = document.createElement(kind);
   if (name) made.className = name;
-  if (words) made.textContent = words;
+  made.append(...content.filter((each) => each !== ""));
+  return made;
+}
+
+export function button(name, words, onClick = null) {
+  const made = element("button", name, words);
+  made.type = "button";
+  if (onClick) made.addEventListener("click", onClick);
   return made;
 }

@@ -1,62 +1,43 @@
 // Comparison of the policies of a scenario with the reference on the same seeds.
 
-import { interval, scrolling } from "./ranking.js";
-import { badge } from "./svg.js";
+import { interval } from "./ranking.js";
+import { cell, heads, reading, rowName, scrolling, table } from "./tables.js";
 import { element } from "./words.js";
 
+const NOTE =
+  "Better: share of seeds on which the policy beats the reference; ties count half; the dashed line is one half. " +
+  "Difference: interquartile mean of the policy minus that of the reference. Intervals: 95 % bootstrap over seeds.";
+
 export function comparison(report, scenario) {
-  const box = element("details", "more-of against");
-  const reference = report.policies[scenario.reference];
-  box.append(element("summary", "", `Seed by seed against ${reference.shown}`));
-  box.append(scrolling(`Policies on ${scenario.name} against ${reference.shown}`, pairsOf(report, scenario)));
-  box.append(
-    element(
-      "p",
-      "note",
-      "Better: share of seeds on which the policy beats the reference; ties count half; the dashed line is one half. " +
-        "Difference: interquartile mean of the policy minus that of the reference. Intervals: 95 % bootstrap over seeds.",
-    ),
+  const { shown } = report.policies[scenario.reference];
+  return element(
+    "details",
+    "more-of against",
+    element("summary", "", `Seed by seed against ${shown}`),
+    scrolling(`Policies on ${scenario.name} against ${shown}`, pairsOf(report, scenario)),
+    element("p", "note", NOTE),
   );
-  return box;
 }
 
 function pairsOf(report, scenario) {
-  const table = element("table", "pairs"),
-    head = element("thead"),
-    body = element("tbody"),
-    top = element("tr");
-  top.append(element("th", "", "policy"));
-  for (const { title } of scenario.against.columns)
-    top.append(element("th", "wide", `${title}: better`), element("th", "", "difference"));
-  for (const cell of top.cells) cell.scope = "col";
-  head.append(top);
-  for (const { policy, pairs: of } of scenario.against.policies) {
-    const row = element("tr"),
-      name = element("th"),
-      look = report.policies[policy];
+  const { columns, policies } = scenario.against;
+  const top = columns.flatMap(({ title }) => [
+    element("th", "wide", `${title}: better`),
+    element("th", "", "difference"),
+  ]);
+  const rows = policies.map(({ policy, pairs }) => {
+    const look = report.policies[policy];
+    const cells = pairs.flatMap((pair, k) => [
+      cell("wide", `${columns[k].title}: better`, null, ...(pair.n ? share(look, pair) : [])),
+      cell("", "difference", null, reading(pair.difference, pair.differences)),
+    ]);
+    const row = element("tr", "", rowName(look), ...cells);
     row.dataset.policy = policy;
-    name.scope = "row";
-    name.append(badge(look));
-    row.append(name);
-    of.forEach((pair, k) => {
-      const { title } = scenario.against.columns[k],
-        share = element("td", "wide"),
-        off = element("td");
-      share.dataset.title = `${title}: better`;
-      off.dataset.title = "difference";
-      if (pair.n) share.append(reading(pair.share, pair.shares), interval(look, pair.better, 0, 1, 0.5));
-      off.append(reading(pair.difference, pair.differences));
-      row.append(share, off);
-    });
-    body.append(row);
-  }
-  table.append(head, body);
-  return table;
+    return row;
+  });
+  return table("pairs", [...heads("policy"), ...top], rows);
 }
 
-function reading(words, between) {
-  const line = element("span", "reading");
-  line.append(element("b", "", words));
-  if (between) line.append(element("small", "", between));
-  return line;
+function share(look, pair) {
+  return [reading(pair.share, pair.shares), interval(look, pair.better, 0, 1, 0.5)];
 }

@@ -1,9 +1,10 @@
 // The table of all episodes, which can be sorted and filtered; each has a replay or the command for one.
 
 import { isNarrow, reveal } from "./folding.js";
-import { ordered } from "./sorting.js";
+import { copied } from "./link.js";
 import { badge } from "./svg.js";
-import { element, number } from "./words.js";
+import { cell, fill, heading, heads, ordered } from "./tables.js";
+import { button, element, number } from "./words.js";
 
 const FIRST = isNarrow() ? 8 : 50;
 const MORE = 250;
@@ -93,11 +94,10 @@ export class Episodes {
   }
 
   fill() {
-    const places = this.places(),
-      body = element("tbody");
+    const places = this.places();
     const columns = this.order && !this.shown.includes(this.order) ? [this.order, ...this.shown] : this.shown;
-    for (const k of places.slice(0, this.most)) body.append(this.row(k, columns));
-    box("list").replaceChildren(this.head(columns), body);
+    const rows = places.slice(0, this.most).map((k) => this.row(k, columns));
+    fill(box("list"), this.head(columns), rows);
     const listed =
       this.report.total > this.count ? ` listed, the worst of ${this.report.total.toLocaleString("en")}` : "";
     box("found").textContent = `${places.length.toLocaleString("en")} episodes${listed}`;
@@ -107,75 +107,63 @@ export class Episodes {
   }
 
   head(columns) {
-    const head = element("thead"),
-      row = element("tr");
-    for (const words of ["scenario", "policy", "seed", "failed"]) row.append(element("th", "", words));
-    for (const name of columns) {
-      const cell = element("th", "number"),
-        button = element("button", "sort", this.columns.get(name).title);
-      button.type = "button";
-      button.dataset.column = name;
-      if (name === this.order) cell.setAttribute("aria-sort", this.down ? "descending" : "ascending");
-      button.addEventListener("click", () => this.sort(name, name !== this.order || !this.down));
-      cell.append(button);
-      row.append(cell);
-    }
-    row.append(element("th", "", ""));
-    for (const cell of row.cells) cell.scope = "col";
-    head.append(row);
-    return head;
+    const sorters = columns.map((name) => {
+      const made = heading(this.columns.get(name).title, "number");
+      made.firstChild.dataset.column = name;
+      if (name === this.order) made.setAttribute("aria-sort", this.down ? "descending" : "ascending");
+      made.firstChild.addEventListener("click", () => this.sort(name, name !== this.order || !this.down));
+      return made;
+    });
+    return [...heads("scenario", "policy", "seed", "failed"), ...sorters, ...heads("")];
   }
 
   row(k, columns) {
     const { report } = this,
-      { episodes } = report,
-      row = element("tr");
+      { episodes } = report;
     const scenario = report.scenarios[episodes.scenario[k]],
       policy = report.policies[episodes.policy[k]];
-    row.dataset.place = k;
-    const name = element("td", "name");
-    name.append(badge(policy));
-    const kinds = element("td", "chips");
-    report.kinds.forEach((kind, bit) => {
-      if (!(episodes.failed[k] & (1 << bit))) return;
-      const chip = element("span", `kind ${kind.name}`, kind.words);
-      chip.title = kind.about;
-      kinds.append(chip);
+    const kinds = report.kinds.filter((_, bit) => episodes.failed[k] & (1 << bit)).map((kind) => chip(kind, kind.words));
+    const values = columns.map((column) => {
+      const { name, title, whole, open } = this.columns.get(column),
+        value = episodes[name][k];
+      const words = value === null ? "–" : whole ? String(value) : number(value);
+      return cell("number", title, null, open && episodes[open][k] === 1 ? `> ${words}` : words);
     });
-    const seed = element("td", "number", String(episodes.seed[k]));
-    seed.dataset.title = "seed";
-    row.append(element("td", "name", scenario.name), name, seed, kinds);
-    for (const { name, title, whole, open } of columns.map((column) => this.columns.get(column))) {
-      const value = episodes[name][k],
-        words = value === null ? "–" : whole ? String(value) : number(value),
-        cell = element("td", "number", open && episodes[open][k] === 1 ? `> ${words}` : words);
-      cell.dataset.title = title;
-      row.append(cell);
-    }
-    row.append(this.actions(k, scenario, policy));
+    const row = element(
+      "tr",
+      "",
+      element("td", "name", scenario.name),
+      element("td", "name", badge(policy)),
+      cell("number", "seed", null, String(episodes.seed[k])),
+      element("td", "chips", ...kinds),
+      ...values,
+      this.actions(k, scenario, policy),
+    );
+    row.dataset.place = k;
     return row;
   }
 
   actions(k, scenario, policy) {
-    const cell = element("td", "actions"),
+    const made = element("td", "actions"),
       { episodes } = this.report;
     const replay = this.replayOf.get(`${episodes.scenario[k]} ${episodes.policy[k]} ${episodes.seed[k]}`);
     const command = commandOf(this.report, scenario, policy, episodes.seed[k]);
     if (replay) {
-      const button = element("button", "play", "Replay");
-      button.type = "button";
-      button.dataset.replay = replay;
-      button.addEventListener("click", () => this.onReplay(replay));
-      cell.append(button);
+      made.append(button("play", "Replay", () => this.onReplay(replay)));
+      made.firstChild.dataset.replay = replay;
     } else if (command) {
-      const button = element("button", "quiet", "Command");
-      button.type = "button";
-      button.title = "Show the command for a replay";
-      button.addEventListener("click", () => tell(cell, command));
-      cell.append(button);
+      made.append(button("quiet", "Command", () => tell(made, command)));
+      made.firstChild.title = "Show the command for a replay";
     }
-    return cell;
+    return made;
   }
+}
+
+// A kind of failure as a coloured word.
+export function chip(kind, words) {
+  const made = element("span", `kind ${kind.name}`, words);
+  made.title = kind.about;
+  return made;
 }
 
 // Return the command that replays an episode beside the reference, if a command can name it.
@@ -201,26 +189,15 @@ function tell(cell, command) {
     next.remove();
     return;
   }
-  const told = element("tr", "told"),
-    wide = element("td"),
-    code = element("code", "", command),
-    said = element("small");
+  const code = element("code", "", command),
+    said = element("small"),
+    wide = element("td", "", code, said);
   wide.colSpan = row.cells.length;
-  wide.append(code, said);
-  told.append(wide);
-  row.after(told);
-  getSelection().selectAllChildren(code);
-  const copying = globalThis.navigator.clipboard
-    ? navigator.clipboard.writeText(command)
-    : Promise.reject(new Error("no clipboard"));
-  copying.then(
-    () => {
-      said.textContent = "copied";
-    },
-    () => {
-      said.textContent = "selected; press Ctrl+C";
-    },
-  );
+  row.after(element("tr", "told", wide));
+  copied(command).then((done) => {
+    getSelection().selectAllChildren(code);
+    said.append(done ? "copied" : "selected; press Ctrl+C");
+  });
 }
 
 function option(value, words) {

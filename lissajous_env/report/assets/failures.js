@@ -1,7 +1,7 @@
 // Failures: a count for each kind, and a matrix of policies and scenarios, worst policy first.
 
-import { badge } from "./svg.js";
-import { element, number } from "./words.js";
+import { fill, heads, rowName } from "./tables.js";
+import { button, element, number } from "./words.js";
 
 const byId = (name) => document.getElementById(name);
 
@@ -32,10 +32,8 @@ function tally(report, kind, k, onPick) {
     count = (of) => of.reduce((sum, cell) => sum + cell.of.failed[k], 0);
   const failed = count(cells),
     all = cells.reduce((sum, cell) => sum + cell.of.episodes, 0);
-  const box = element("button", `tally ${kind.name}`);
-  box.type = "button";
+  const box = button(`tally ${kind.name}`, "", () => onPick({ kind: k }));
   box.title = kind.about;
-  box.addEventListener("click", () => onPick({ kind: k }));
   box.append(element("b", "", `${failed} of ${all}`), element("span", "", ` episodes ${kind.words}`));
   const shares = report.policies.map((policy, p) => {
     const of = cells.filter((cell) => cell.policy === p);
@@ -71,35 +69,20 @@ function inOrder(report) {
 }
 
 function matrix(report, onPick) {
-  const table = byId("matrix"),
-    head = element("thead"),
-    top = element("tr"),
-    body = element("tbody");
-  top.append(element("th", "", "policy"), ...report.scenarios.map((scenario) => element("th", "", scenario.name)));
-  for (const cell of top.cells) cell.scope = "col";
-  head.append(top);
-  const most = Math.max(...cellsOf(report).map((cell) => cell.of.badness[2]), 1);
-  for (const p of inOrder(report)) {
-    const row = element("tr"),
-      name = element("th");
-    name.scope = "row";
-    name.append(badge(report.policies[p]));
-    row.append(name);
-    report.scenarios.forEach((scenario, s) => {
-      const of = scenario.policies.find((each) => each.policy === p),
-        cell = element("td");
-      if (of) cell.append(meters(report, of, most, () => onPick({ scenario: s, policy: p })));
-      row.append(cell);
+  const most = Math.max(...cellsOf(report).map((each) => each.of.badness[2]), 1);
+  const rows = inOrder(report).map((p) => {
+    const cells = report.scenarios.map((scenario, s) => {
+      const of = scenario.policies.find((each) => each.policy === p);
+      return element("td", "", of ? meters(report, of, most, () => onPick({ scenario: s, policy: p })) : "");
     });
-    body.append(row);
-  }
-  table.replaceChildren(head, body);
+    return element("tr", "", rowName(report.policies[p]), ...cells);
+  });
+  fill(byId("matrix"), heads("policy", ...report.scenarios.map((scenario) => scenario.name)), rows);
 }
 
 function meters(report, of, most, onClick) {
-  const box = element("button", "meters"),
+  const box = button("meters", "", onClick),
     said = [];
-  box.type = "button";
   report.kinds.forEach((kind, k) => {
     const share = of.failed[k] / of.episodes,
       collided = kind.name === "collided";
@@ -107,18 +90,14 @@ function meters(report, of, most, onClick) {
       `${of.failed[k]} of ${of.episodes} ${kind.words}${collided ? `, ${number(of.badness[2])} collisions each` : ""}`,
     );
     if (share === 0) return;
-    const line = element("span", `meter ${kind.name}`),
-      bar = element("i"),
-      fill = element("i");
-    const length = collided ? Math.log1p(of.badness[2]) / Math.log1p(most) : share;
-    fill.style.width = `${(100 * length).toFixed(1)}%`;
-    bar.append(fill);
-    line.append(bar, element("span", "", collided ? number(of.badness[2]) : `${of.failed[k]}/${of.episodes}`));
-    box.append(line);
+    const bar = element("i"),
+      length = collided ? Math.log1p(of.badness[2]) / Math.log1p(most) : share;
+    bar.style.width = `${(100 * length).toFixed(1)}%`;
+    const words = collided ? number(of.badness[2]) : `${of.failed[k]}/${of.episodes}`;
+    box.append(element("span", `meter ${kind.name}`, element("i", "", bar), element("span", "", words)));
   });
   box.title = said.join("\n");
   box.setAttribute("aria-label", said.join("; "));
   if (!box.childElementCount) box.append(element("span", "clean", "no failure"));
-  box.addEventListener("click", onClick);
   return box;
 }

@@ -1,8 +1,8 @@
 // Ranking: mean ranks over the scenarios of a kind of robots, and the scores that are comparable between scenarios.
 
 import { isNarrow } from "./folding.js";
-import { sortable } from "./sorting.js";
-import { badge, svg } from "./svg.js";
+import { svg } from "./svg.js";
+import { cell, heading, reading, rowName, scrolling, sortable, table } from "./tables.js";
 import { element } from "./words.js";
 
 export function showRankings(report) {
@@ -12,15 +12,13 @@ export function showRankings(report) {
 }
 
 function rankingOf(report, ranking) {
-  const box = element("div", "ranking"),
-    names = ranking.scenarios.map((s) => report.scenarios[s].name);
-  box.append(element("h3", "", `Among ${ranking.kind}: ${names.join(", ")}`));
+  const names = ranking.scenarios.map((s) => report.scenarios[s].name);
+  const box = element("div", "ranking", element("h3", "", `Among ${ranking.kind}: ${names.join(", ")}`));
   box.append(scrolling(`Mean ranks of ${ranking.kind}`, ranksOf(report, ranking)));
   if (ranking.policies.some((policy) => policy.overall.length)) {
-    const more = element("details", "more-of");
+    const all = scrolling(`Scores of ${ranking.kind} over all scenarios`, togetherOf(report, ranking));
+    const more = element("details", "more-of", element("summary", "", "All episodes of these scenarios together"), all);
     more.open = !isNarrow();
-    more.append(element("summary", "", "All episodes of these scenarios together"));
-    more.append(scrolling(`Scores of ${ranking.kind} over all scenarios`, togetherOf(report, ranking)));
     box.append(more);
   }
   return box;
@@ -28,31 +26,18 @@ function rankingOf(report, ranking) {
 
 function ranksOf(report, ranking) {
   const titles = ["all of these", ...ranking.columns.map((column) => column.title)];
-  const table = element("table", "ranks"),
-    body = element("tbody");
-  table.append(titleRow(["policy", ...titles]), body);
-  for (const [place, of] of ranking.policies.entries()) {
-    const row = element("tr"),
-      name = element("th");
-    name.scope = "row";
+  const rows = ranking.policies.map((of, place) => {
+    const look = report.policies[of.policy],
+      name = rowName(look);
     name.dataset.value = place;
-    name.append(badge(report.policies[of.policy]));
-    row.append(name);
-    for (const [k, [mean, low, high]] of of.ranks.entries()) {
-      const cell = element("td"),
-        line = element("span", "reading");
-      cell.dataset.value = mean;
-      cell.dataset.title = titles[k];
-      line.append(element("b", mean === leastRank(ranking, k) ? "best" : "", mean.toFixed(1)));
-      if (low !== null && low.toFixed(1) !== high.toFixed(1))
-        line.append(element("small", "", `${low.toFixed(1)}–${high.toFixed(1)}`));
-      cell.append(line, interval(report.policies[of.policy], [mean, low, high], 1, ranking.policies.length));
-      row.append(cell);
-    }
-    body.append(row);
-  }
-  sortable(table);
-  return table;
+    const cells = of.ranks.map(([mean, low, high], k) => {
+      const between = low !== null && low.toFixed(1) !== high.toFixed(1) ? `${low.toFixed(1)}–${high.toFixed(1)}` : "";
+      const words = reading(mean.toFixed(1), between, mean === leastRank(ranking, k) ? "best" : "");
+      return cell("", titles[k], mean, words, interval(look, [mean, low, high], 1, ranking.policies.length));
+    });
+    return element("tr", "", name, ...cells);
+  });
+  return sortable(table("ranks", sorters(titles), rows));
 }
 
 function leastRank(ranking, k) {
@@ -60,45 +45,19 @@ function leastRank(ranking, k) {
 }
 
 function togetherOf(report, ranking) {
-  const table = element("table", "together"),
-    body = element("tbody");
-  table.append(titleRow(["policy", ...ranking.measures.map((measure) => measure.title)]), body);
-  for (const of of ranking.policies) {
-    const row = element("tr"),
-      name = element("th");
-    name.scope = "row";
-    name.append(badge(report.policies[of.policy]));
-    row.append(name);
-    for (const [k, [words, between]] of of.overall.entries()) {
-      const cell = element("td"),
-        line = element("span", "reading");
-      cell.title = ranking.measures[k].about;
-      cell.dataset.value = Number.parseFloat(words);
-      line.append(element("b", "", words));
-      if (between) line.append(element("small", "", between));
-      cell.append(line);
-      row.append(cell);
-    }
-    body.append(row);
-  }
-  sortable(table);
-  return table;
+  const rows = ranking.policies.map((of) => {
+    const cells = of.overall.map(([words, between], k) => {
+      const made = element("td", "", reading(words, between));
+      made.title = ranking.measures[k].about;
+      made.dataset.value = Number.parseFloat(words);
+      return made;
+    });
+    return element("tr", "", rowName(report.policies[of.policy]), ...cells);
+  });
+  return sortable(table("together", sorters(ranking.measures.map((measure) => measure.title)), rows));
 }
 
-function titleRow(titles) {
-  const made = element("thead"),
-    row = element("tr");
-  for (const words of titles) {
-    const cell = element("th"),
-      button = element("button", "sort", words);
-    button.type = "button";
-    cell.scope = "col";
-    cell.append(button);
-    row.append(cell);
-  }
-  made.append(row);
-  return made;
-}
+const sorters = (titles) => ["policy", ...titles].map((words) => heading(words));
 
 // Draw a mean and its interval on a line from `least` to `most`, optionally with a mark in the middle.
 export function interval(policy, [mean, low, high], least, most, middle = null) {
@@ -111,13 +70,4 @@ export function interval(policy, [mean, low, high], least, most, middle = null) 
   }
   if (mean !== null) picture.append(svg("circle", { cx: at(mean), cy: 6, r: 3.2, class: `spot c${policy.colour}` }));
   return picture;
-}
-
-export function scrolling(words, table) {
-  const box = element("div", "scroll");
-  box.tabIndex = 0;
-  box.setAttribute("role", "region");
-  box.setAttribute("aria-label", words);
-  box.append(table);
-  return box;
 }

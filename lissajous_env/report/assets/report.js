@@ -5,17 +5,13 @@ import { showFailures } from "./failures.js";
 import { beginFolding, reveal } from "./folding.js";
 import { showRankings } from "./ranking.js";
 import { scenarioSection } from "./scenario.js";
-import { beginTheme } from "./theme.js";
+import { start } from "./start.js";
 import { Viewer } from "./viewer.js";
 import { element } from "./words.js";
 
-const FORMAT = "lissajous report 2";
 const at = (name) => document.getElementById(name);
 
-function begin() {
-  const report = JSON.parse(at("data").textContent);
-  if (report.format !== FORMAT) throw new Error(`the format of the data is not ${FORMAT}`);
-  beginTheme();
+function begin(report) {
   const viewer = new Viewer(...replaysOf(report));
   const episodes = new Episodes(report, (id) => viewer.open(id));
   showRankings(report);
@@ -26,10 +22,8 @@ function begin() {
     ),
   );
   contents(report);
-  made(report);
   beginFolding();
   globalThis.report = { report, viewer, episodes };
-  document.body.dataset.ready = "true";
 }
 
 // Playable episodes and their partners: the reference, or for the reference the worst of the others.
@@ -74,20 +68,4 @@ function contents(report) {
   }
 }
 
-function made(report) {
-  const list = element("dl", "facts-row");
-  for (const [name, words] of Object.entries(report.made)) {
-    const fact = element("div");
-    fact.append(element("dt", "", name), element("dd", "", words));
-    list.append(fact);
-  }
-  at("made").append(list);
-}
-
-try {
-  begin();
-} catch (error) {
-  at("notice").hidden = false;
-  at("notice").textContent = `This report cannot be shown: ${error.message}`;
-  throw error;
-}
+start("lissajous report 2", begin);

@@ -1,11 +1,12 @@
 // A scenario: its policies with their distributions, best first, and the undetected share over time.
 
 import { comparison } from "./against.js";
+import { chip } from "./episodes.js";
 import { Plot, pictures } from "./plot.js";
 import { scaleOf } from "./scales.js";
-import { sortable } from "./sorting.js";
 import { strip, stripAxis } from "./strips.js";
-import { badge, markOf, svg } from "./svg.js";
+import { markOf, svg } from "./svg.js";
+import { cell, facts, fill, heading, reading, rowName, sortable } from "./tables.js";
 import { element, number } from "./words.js";
 
 export function scenarioSection(report, scenario, s, onPick) {
@@ -14,11 +15,7 @@ export function scenarioSection(report, scenario, s, onPick) {
   box.querySelector("h2").textContent = scenario.name;
   box.querySelector(".about").textContent = scenario.description;
   box.querySelector(".scroll").setAttribute("aria-label", `Policies on ${scenario.name}`);
-  for (const [name, value] of scenario.facts) {
-    const fact = element("div");
-    fact.append(element("dt", "", name), element("dd", "", value));
-    box.querySelector(".facts-row").append(fact);
-  }
+  box.querySelector(".facts-row").append(...facts(scenario.facts));
   fillPolicies(report, scenario, s, box.querySelector("table"));
   choosing(scenario, box);
   box.querySelector(".plots").replaceWith(pictures(...plotsOf(report, scenario)));
@@ -66,9 +63,6 @@ function dotsOf(report, s, p, column) {
 }
 
 function fillPolicies(report, scenario, s, table) {
-  const head = element("thead"),
-    top = element("tr"),
-    body = element("tbody");
   const of = (policy) => report.policies[policy.policy];
   const better = (a, b) => a.badness.map((value, k) => value - b.badness[k]).find((off) => off) || 0;
   const rows = [...scenario.policies].sort((a, b) => Number(of(b).rival) - Number(of(a).rival) || better(a, b));
@@ -84,52 +78,31 @@ function fillPolicies(report, scenario, s, table) {
       best: bestOf(scenario, measure, of),
     };
   });
-  top.append(heading("policy", "", ""));
-  for (const { measure, scale } of columns) {
-    const cell = heading(measure.title, measure.about, measure.strip ? "wide" : "");
-    if (measure.strip) cell.append(stripAxis(measure, scale));
+  const top = columns.map(({ measure, scale }) => {
+    const made = heading(measure.title, measure.strip ? "wide" : "", measure.about);
     const named = measure.lines
       .filter(([value]) => scale.holds(value))
       .map(([value, words]) => `${words} ${number(value)}`);
-    cell.append(element("small", "", named.join(" · ")));
-    top.append(cell);
-  }
-  head.append(top);
-  rows.forEach((policy, place) => {
-    const row = element("tr"),
-      name = element("th");
+    made.append(...(measure.strip ? [stripAxis(measure, scale)] : []), element("small", "", named.join(" · ")));
+    return made;
+  });
+  const body = rows.map((policy, place) => {
+    const name = rowName(of(policy), failuresOf(report, policy)),
+      row = element("tr", "", name, ...columns.map((column) => measured(report, s, policy, column)));
     row.dataset.policy = policy.policy;
     row.dataset.place = place;
-    name.scope = "row";
     name.dataset.value = place;
-    name.append(badge(of(policy)), failuresOf(report, policy));
-    row.append(name);
-    for (const column of columns) row.append(measured(report, s, policy, column));
-    body.append(row);
+    return row;
   });
-  table.replaceChildren(head, body);
+  fill(table, [heading("policy"), ...top], body);
   sortable(table);
 }
 
-function heading(words, about, look) {
-  const cell = element("th", look),
-    button = element("button", "sort", words);
-  button.type = "button";
-  cell.scope = "col";
-  cell.title = about;
-  cell.append(button);
-  return cell;
-}
-
 function failuresOf(report, policy) {
-  const box = element("span", "chips");
-  report.kinds.forEach((kind, k) => {
-    if (!policy.failed[k]) return;
-    const chip = element("span", `kind ${kind.name}`, `${kind.words} ${policy.failed[k]}/${policy.episodes}`);
-    chip.title = kind.about;
-    box.append(chip);
-  });
-  return box;
+  const chips = report.kinds.map((kind, k) =>
+    policy.failed[k] ? chip(kind, `${kind.words} ${policy.failed[k]}/${policy.episodes}`) : "",
+  );
+  return element("span", "chips", ...chips);
 }
 
 function bestOf(scenario, measure, of) {
@@ -142,18 +115,14 @@ function bestOf(scenario, measure, of) {
 }
 
 function measured(report, s, policy, { measure, scale, best }) {
-  const cell = element("td", measure.strip ? "wide" : ""),
-    of = policy.cells[measure.column],
+  const of = policy.cells[measure.column],
     look = report.policies[policy.policy];
-  cell.dataset.title = measure.title;
-  if (of.value !== null) cell.dataset.value = of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
-  const line = element("span", "reading");
-  line.append(element("b", look.rival && of.words === best ? "best" : "", of.words));
-  if (of.between) line.append(element("small", "", of.between));
-  if (of.known < policy.episodes) line.append(element("small", "few", `(${of.known}/${policy.episodes})`));
-  cell.append(line);
-  if (measure.strip) cell.append(strip(look, of, measure, scale, dotsOf(report, s, policy.policy, measure.column)));
-  return cell;
+  const words = reading(of.words, of.between, look.rival && of.words === best ? "best" : "");
+  if (of.known < policy.episodes) words.append(element("small", "few", `(${of.known}/${policy.episodes})`));
+  const value = of.value !== null && of.words.startsWith(">") ? Number.MAX_VALUE : of.value;
+  const made = cell(measure.strip ? "wide" : "", measure.title, value, words);
+  if (measure.strip) made.append(strip(look, of, measure, scale, dotsOf(report, s, policy.policy, measure.column)));
+  return made;
 }
 
 function plotsOf(report, scenario) {

@@ -1,19 +1,18 @@
 // Light or dark theme: by default that of the system; in print always light.
 
-import { coloursOf } from "./colours.js";
+import { paintTheme } from "./colours.js";
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const paper = matchMedia("print");
+const looks = new CSSStyleSheet();
+document.adoptedStyleSheets = [looks];
 let theme = dark.matches ? "dark" : "light";
 
 function paint() {
-  const shown = paper.matches ? "light" : theme,
-    root = document.documentElement;
-  root.dataset.theme = shown;
-  document.getElementById("theme").textContent = shown === "dark" ? "Light" : "Dark";
-  for (const [name, colour] of Object.entries(coloursOf(shown))) {
-    if (typeof colour === "string") root.style.setProperty(`--${name}`, colour);
-  }
+  const { policies } = paintTheme(paper.matches ? "light" : theme);
+  // Rules of the style sheet that concern marks precede these.
+  const rules = policies.map((colour, k) => `:where(.c${k}) { stroke: ${colour}; --look: ${colour}; }`);
+  looks.replaceSync(rules.join("\n"));
 }
 
 export function currentTheme() {

@@ -2,20 +2,16 @@
 
 import { Plot, pictures } from "./plot.js";
 import { scaleOf } from "./scales.js";
-import { sortable } from "./sorting.js";
+import { start } from "./start.js";
 import { badge, svg } from "./svg.js";
-import { beginTheme } from "./theme.js";
+import { cell, fill, heading, heads, sortable } from "./tables.js";
 import { Viewer } from "./viewer.js";
 import { element, number } from "./words.js";
 
-const FORMAT = "lissajous training 1";
 const LEARNED = { colour: 0, mark: "o", hollow: false, shown: "policy" };
 const of = (name) => document.getElementById(name);
 
-function begin() {
-  const training = JSON.parse(of("data").textContent);
-  if (training.format !== FORMAT) throw new Error(`the format of the data is not ${FORMAT}`);
-  beginTheme();
+function begin(training) {
   const viewer = new Viewer(training.replays, (id, others) => others[0]);
   const [latest] = Object.keys(training.replays);
   of("play").hidden = latest === undefined;
@@ -25,9 +21,7 @@ function begin() {
   showLosses(training);
   showLearning(training);
   fillEvaluations(training);
-  made(training);
   globalThis.training = { training, viewer };
-  document.body.dataset.ready = "true";
 }
 
 function curve(training, score) {
@@ -83,63 +77,27 @@ function lowest(name) {
 }
 
 function fillEvaluations(training) {
-  const head = element("thead"),
-    top = element("tr"),
-    body = element("tbody");
-  for (const title of ["steps", "time [min]", ...training.scores.map((score) => score.title)]) {
-    const cell = element("th", "number"),
-      button = element("button", "sort", title);
-    button.type = "button";
-    cell.scope = "col";
-    cell.append(button);
-    top.append(cell);
-  }
-  const name = element("th", "", "of");
-  name.scope = "col";
-  top.prepend(name);
-  head.append(top);
-  const rows = [
+  const titles = ["steps", "time [min]", ...training.scores.map((score) => score.title)];
+  const points = [
     ...training.curve.map((point) => [LEARNED, point]).reverse(),
     ...training.rivals.map((rival, k) => [{ ...LEARNED, colour: (k % 6) + 1, shown: rival.name }, rival]),
   ];
-  for (const [look, point] of rows) {
-    const row = element("tr"),
-      cell = element("td", "name");
-    cell.append(badge(look));
-    if (point.steps !== undefined && point.steps === training.best)
-      cell.append(element("span", "kind best-one", "best"));
-    row.append(cell);
-    filled(row, "steps", point.steps, point.steps === undefined ? "" : point.steps.toLocaleString("en"));
-    filled(row, "time [min]", point.seconds, point.seconds === undefined ? "" : number(point.seconds / 60));
-    for (const score of training.scores)
-      filled(row, score.title, point[score.name], point[score.name] === null ? "–" : number(point[score.name]));
-    body.append(row);
-  }
-  of("evaluations").replaceChildren(head, body);
+  const rows = points.map(([look, point]) => {
+    const { steps, seconds } = point,
+      isBest = steps !== undefined && steps === training.best;
+    return element(
+      "tr",
+      "",
+      element("td", "name", badge(look), isBest ? element("span", "kind best-one", "best") : ""),
+      cell("number", "steps", steps, steps === undefined ? "" : steps.toLocaleString("en")),
+      cell("number", "time [min]", seconds, seconds === undefined ? "" : number(seconds / 60)),
+      ...training.scores.map(({ name, title }) =>
+        cell("number", title, point[name], point[name] === null ? "–" : number(point[name])),
+      ),
+    );
+  });
+  fill(of("evaluations"), [...heads("of"), ...titles.map((title) => heading(title, "number"))], rows);
   sortable(of("evaluations"));
 }
 
-function filled(row, title, value, words) {
-  const cell = element("td", "number", words);
-  cell.dataset.title = title;
-  if (value !== undefined && value !== null) cell.dataset.value = value;
-  row.append(cell);
-}
-
-function made(training) {
-  const list = element("dl", "facts-row");
-  for (const [name, words] of Object.entries(training.made)) {
-    const fact = element("div");
-    fact.append(element("dt", "", name), element("dd", "", words));
-    list.append(fact);
-  }
-  of("made").append(list);
-}
-
-try {
-  begin();
-} catch (error) {
-  of("notice").hidden = false;
-  of("notice").textContent = `This report cannot be shown: ${error.message}`;
-  throw error;
-}
+start("lissajous training 1", begin);

@@ -23,8 +23,7 @@ from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings import parts
 from lissajous_env.world.contamination.labels import MARGIN, Hops, context_of, forget_seen, label_cells, slot_of
-from lissajous_env.world.robots.sight import planar
-from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots
+from lissajous_env.world.state import NEVER, NOWHERE, Clock, Contamination, Robots, planar
 
 wp.set_module_options(OPTIONS)
 

@@ -8,11 +8,8 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.parameters.spreading import HOPS, TICK_FRACTIONS, Spreading
 from lissajous_env.world.state import NEVER
-
-wp.set_module_options(OPTIONS)
 
 MARGIN = wp.constant(2)
 """Cells around the grid in which no target is, so that hops need no test for its edge."""
@@ -140,7 +137,6 @@ def forget_seen(
     there: wp.array4d(dtype=wp.uint32),
 ):
     """Clear the cells of a row that were sensed in the tick before, but for labels in the slot `kept`."""
-    ...
 
 
 _LABEL_CELLS = f"""

@@ -54,15 +54,16 @@ def take_commands(
 ):
     """Limit the actions to [-1, 1] and add noise; replace one that is not finite by zero, and flag its world.
 
-    Effort and change are those of the action without the noise, which `taken` stores until the next step.
+    Effort and change are those of the commands without the noise, which `taken` stores until the next step. What
+    follows the commands in an action is a message, which `taken` stores too; it has neither noise nor effort.
     """
     n = action.shape[1]
-    size = action.shape[2]
+    size = command_out.shape[2]
     block = block_of(wp.tid(), begin, end, n, clock.active)
     if block.count == 0:
         return
     invalid = Floats()
-    for entry in range(size):
+    for entry in range(action.shape[2]):
         given = entries(block, action, entry)
         for k in range(ABREAST):
             if k < width():
@@ -81,6 +82,12 @@ def take_commands(
                 change[k] += difference * difference
         put_entries(block, block.active_mask, command, entry, taken)
         put_entries(block, block.active_mask, command, entry, command_out)
+    for entry in range(size, action.shape[2]):
+        message = entries(block, action, entry)
+        for k in range(ABREAST):
+            if k < width():
+                message[k] = wp.where(invalid[k] == 0.0, wp.clamp(message[k], -1.0, 1.0), 0.0)
+        put_entries(block, block.active_mask, message, entry, taken)
     for k in range(ABREAST):
         if k < width():
             squares[k] = squares[k] / float(size)

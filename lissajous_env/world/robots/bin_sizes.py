@@ -46,8 +46,12 @@ def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
 
 
 def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> Bins:
-    """Make the bins of a resolved scenario, of robots that are mostly not faster than `speed` [m/s]."""
+    """Make the bins of a resolved scenario, of robots that are mostly not faster than `speed` [m/s]; none for few."""
     filled, (n, curve) = Bins(), (scenario.num_robots, scenario.curve)
+    entries = max(scenario.sensing.robots_seen, scenario.sensing.targets_seen)
+    filled.nearest = wp.zeros((num_worlds, n, entries), dtype=wp.vec2, device=device)
+    if not has_bins(scenario):
+        return filled
     filled.reach, filled.widened, filled.size, filled.columns, filled.rows = _squares(scenario)
     filled.half_width, filled.half_height = curve.half_width, curve.half_height
     across = 2 * filled.widened / filled.size + 2
@@ -61,6 +65,4 @@ def bins_of(scenario: Scenario, speed: float, num_worlds: int, device: Any) -> B
     filled.used, filled.everywhere, filled.is_everywhere = array(), array(), array(n)
     filled.first_seen, filled.seen_used = array(bins), array()
     filled.seen = array(scenario.target_capacity, dtype=wp.vec4)
-    entries = max(scenario.sensing.robots_seen, scenario.sensing.targets_seen)
-    filled.nearest = array(n, entries, dtype=wp.vec2)
     return filled

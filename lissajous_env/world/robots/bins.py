@@ -16,8 +16,7 @@ A list is read from the first entry of its bin to one without a robot:
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.world.robots.sight import planar
-from lissajous_env.world.state import REMOVED, Clock, Robots
+from lissajous_env.world.state import REMOVED, Clock, Robots, planar
 
 wp.set_module_options(OPTIONS)
 

@@ -171,8 +171,8 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
         rule = "must keep cars on the curve below 100000 m/s [rad/s]"
         raise ValueError(f"formation.phase_rate {rule}, got {formation.phase_rate}")
     # A car's own constants lie at most three deviations from those of the scenario.
-    drive = robot.drive * (1 + 3 * noise.drive_spread)
-    fastest = max(at_start, (drive * robot.full_throttle - robot.offset) / robot.drag)
+    strongest = robot.drive * noise.most_drive * max([1.0, *(factor for _, factor in robot.drive_factors)])
+    fastest = max(at_start, robot.steady_speed(strongest))
     shortest = robot.wheelbase * (1 - 3 * noise.wheelbase_spread)
     turn = fastest * h * math.tan(robot.steering_max) / shortest
     if turn > 1e4:

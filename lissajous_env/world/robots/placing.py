@@ -90,6 +90,7 @@ def reset_robots(
     noise: NoiseStruct,
     equilibrium: wp.array(dtype=wp.float64),
     displaced: wp.array(dtype=float),
+    drive_factors: wp.array(dtype=float),
     clock: Clock,
     robots: Robots,
 ):
@@ -116,6 +117,7 @@ def reset_robots(
         body = randomness.stream(key, i, randomness.BODY)
         # A spread is clipped at three deviations, so that no car has a wheelbase of zero.
         robots.wheelbase[w, i] = robot.wheelbase * (1.0 + noise.wheelbase_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
-        robots.drive[w, i] = robot.drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
+        drive = robot.drive * drive_factors[i]
+        robots.drive[w, i] = drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
         for s in range(robots.track.shape[2]):
             robots.track[w, i, s] = robots.position[w, i]

@@ -8,20 +8,12 @@ import warp as wp
 
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
 from lissajous_env.device.approach import first_within
-from lissajous_env.device.compilation import MOTION
-from lissajous_env.world.state import Robots
-
-wp.set_module_options(MOTION)
+from lissajous_env.world.robots.bins import Bins, bin_of
+from lissajous_env.world.state import NOWHERE, Robots, planar
 
 
 @wp.func
-def planar(position: wp.vec3) -> wp.vec2:
-    """Position on the ground [m]."""
-    return wp.vec2(position[0], position[1])
-
-
-@wp.func
-def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> wp.vec2:
+def nearest_sensor(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec2:
     """Return (index, squared distance [m^2]) of the working robot nearest to a place."""
     nearest = int(0)
     least = float(1.0e30)
@@ -35,8 +27,8 @@ def nearest_sensor(w: int, place: wp.vec2, robots: Robots) -> wp.vec2:
 
 
 @wp.func
-def nearest_sensors(w: int, x: Floats, y: Floats, robots: Robots) -> tuple[Ints, Floats]:
-    """`nearest_sensor` of places side by side: index, squared distance [m^2]."""
+def nearest_sensors(w: int, count: int, x: Floats, y: Floats, robots: Robots, bins: Bins) -> tuple[Ints, Floats]:
+    """`nearest_sensor` of `count` places side by side: index, squared distance [m^2]."""
     nearest = Ints()
     least = Floats(1.0e30)
     for i in range(robots.sensor.shape[1]):
@@ -78,7 +70,9 @@ def share_until_sight(w: int, i: int, before: wp.vec2, after: wp.vec2, radius: f
 
 
 @wp.func
-def first_sight(w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots) -> wp.vec2:
+def first_sight(
+    w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots, bins: Bins
+) -> wp.vec2:
     """Return (index of the robot that first has a target in its disc, share of the step until then; 2 for none).
 
     The target goes from `before` to `after` [m] at one speed; where a wall reflects it, that cuts the corner. Robots
@@ -95,4 +89,59 @@ def first_sight(w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: f
             if share < least:
                 least = share
                 finder = i
+    return wp.vec2(float(finder), least)
+
+
+# The same by the lists of bins, where robots are many.
+
+
+@wp.func
+def nearest_listed(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec2:
+    """`nearest_sensor` of the robots in the list of a place's bin."""
+    nearest = int(0)
+    least = float(1.0e30)
+    entry = bins.entry[w, bins.first[w, bin_of(place, bins)]]
+    while entry[0] >= 0:
+        i = entry[0]
+        away = robots.sensor[w, i] - place
+        square = wp.dot(away, away)
+        if square < least or (square == least and i < nearest):
+            least = square
+            nearest = i
+        entry = bins.entry[w, entry[1]]
+    return wp.vec2(float(nearest), least)
+
+
+@wp.func
+def nearest_listed_together(
+    w: int, count: int, x: Floats, y: Floats, robots: Robots, bins: Bins
+) -> tuple[Ints, Floats]:
+    """`nearest_listed` of `count` places: index, squared distance [m^2]."""
+    nearest = Ints()
+    least = Floats(1.0e30)
+    for k in range(count):
+        found = nearest_listed(w, wp.vec2(x[k], y[k]), robots, bins)
+        nearest[k] = int(found[0])
+        least[k] = found[1]
+    return nearest, least
+
+
+@wp.func
+def first_sight_listed(
+    w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots, bins: Bins
+) -> wp.vec2:
+    """`first_sight` by the robots in the list of the bin from which a target came, or by all if it moved far."""
+    if wp.length(after - before) > bins.reach - radius:
+        return first_sight(w, before, after, radius, reach, robots, bins)
+    finder = int(-1)
+    least = float(2.0)
+    entry = bins.entry[w, bins.first[w, bin_of(before, bins)]]
+    while entry[0] >= 0:
+        i = entry[0]
+        if robots.sensor[w, i][0] < NOWHERE:
+            share = share_until_sight(w, i, before, after, radius, robots)
+            if share < least or (share == least and i < finder):
+                least = share
+                finder = i
+        entry = bins.entry[w, entry[1]]
     return wp.vec2(float(finder), least)

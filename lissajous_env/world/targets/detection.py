@@ -16,95 +16,20 @@ from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskS
 from lissajous_env.world.robots.bins import Bins, bin_of
 from lissajous_env.world.robots.sight import (
     first_sight,
+    first_sight_listed,
     max_displacement,
+    nearest_listed,
+    nearest_listed_together,
     nearest_sensor,
     nearest_sensors,
-    share_until_sight,
 )
-from lissajous_env.world.state import FOUND, GONE, HIDDEN, NOWHERE, PRESENT, Clock, Robots, StepEvents, Targets
+from lissajous_env.world.state import FOUND, GONE, HIDDEN, PRESENT, Clock, Robots, StepEvents, Targets
 from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, flee, is_moved, wander
 
 wp.set_module_options(MOTION)
 
 PLACES = wp.constant(64)
 """Places that are tried for a target that appears unseen."""
-
-
-# The robots near targets: of all robots, and of those in the lists of bins.
-
-
-@wp.func
-def nearest_of_all(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec2:
-    """`nearest_sensor` where there are no bins."""
-    return nearest_sensor(w, place, robots)
-
-
-@wp.func
-def nearest_of_all_together(
-    w: int, count: int, x: Floats, y: Floats, robots: Robots, bins: Bins
-) -> tuple[Ints, Floats]:
-    """`nearest_sensors` where there are no bins."""
-    return nearest_sensors(w, x, y, robots)
-
-
-@wp.func
-def first_sight_of_all(
-    w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots, bins: Bins
-) -> wp.vec2:
-    """`first_sight` where there are no bins."""
-    return first_sight(w, before, after, radius, reach, robots)
-
-
-@wp.func
-def nearest_listed(w: int, place: wp.vec2, robots: Robots, bins: Bins) -> wp.vec2:
-    """`nearest_sensor` of the robots in the list of a place's bin."""
-    nearest = int(0)
-    least = float(1.0e30)
-    entry = bins.entry[w, bins.first[w, bin_of(place, bins)]]
-    while entry[0] >= 0:
-        i = entry[0]
-        away = robots.sensor[w, i] - place
-        square = wp.dot(away, away)
-        if square < least or (square == least and i < nearest):
-            least = square
-            nearest = i
-        entry = bins.entry[w, entry[1]]
-    return wp.vec2(float(nearest), least)
-
-
-@wp.func
-def nearest_listed_together(
-    w: int, count: int, x: Floats, y: Floats, robots: Robots, bins: Bins
-) -> tuple[Ints, Floats]:
-    """`nearest_listed` of `count` places: index, squared distance [m^2]."""
-    nearest = Ints()
-    least = Floats(1.0e30)
-    for k in range(count):
-        found = nearest_listed(w, wp.vec2(x[k], y[k]), robots, bins)
-        nearest[k] = int(found[0])
-        least[k] = found[1]
-    return nearest, least
-
-
-@wp.func
-def first_sight_listed(
-    w: int, before: wp.vec2, after: wp.vec2, radius: float, reach: float, robots: Robots, bins: Bins
-) -> wp.vec2:
-    """`first_sight` by the robots in the list of the bin from which a target came, or by all if it moved far."""
-    if wp.length(after - before) > bins.reach - radius:
-        return first_sight(w, before, after, radius, reach, robots)
-    finder = int(-1)
-    least = float(2.0)
-    entry = bins.entry[w, bins.first[w, bin_of(before, bins)]]
-    while entry[0] >= 0:
-        i = entry[0]
-        if robots.sensor[w, i][0] < NOWHERE:
-            share = share_until_sight(w, i, before, after, radius, robots)
-            if share < least or (share == least and i < finder):
-                least = share
-                finder = i
-        entry = bins.entry[w, entry[1]]
-    return wp.vec2(float(finder), least)
 
 
 @wp.func
@@ -159,7 +84,7 @@ def _placing(nearest_to: Any) -> Any:
     return place_unseen
 
 
-place_unseen = _placing(nearest_of_all)
+place_unseen = _placing(nearest_sensor)
 place_unseen_listed = _placing(nearest_listed)
 
 
@@ -393,5 +318,5 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any) -> Any
     return move_and_detect
 
 
-move_and_detect = _moving_and_detecting(nearest_of_all_together, first_sight_of_all, list_none)
+move_and_detect = _moving_and_detecting(nearest_sensors, first_sight, list_none)
 move_and_detect_listed = _moving_and_detecting(nearest_listed_together, first_sight_listed, list_in_sight)

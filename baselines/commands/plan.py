@@ -1,0 +1,164 @@
+"""The command `lissajous plan`: the patrols that a team can run, and what each guarantees."""
+
+import re
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from rich import progress as bars
+
+from baselines.benchmark.progress import bar
+from baselines.commands.playing import progress_console
+from baselines.planning import folders, picture, planner, tables
+from baselines.planning.plans import top_speed
+from baselines.planning.search import Search
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
+from lissajous_env.wording import shown
+
+_Scenario = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]", help_behavior_hint="")]
+_Out = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
+
+
+def plan(
+    scenario: _Scenario = None,
+    width: float | None = None,
+    height: float | None = None,
+    robots: str | None = None,
+    robot_radius: float | None = None,
+    sensor_radius: float | None = None,
+    speed: float | None = None,
+    turning_radius: float | None = None,
+    rogue_speed: float | None = None,
+    entry: Literal["inside", "boundary", "unseen"] | None = None,
+    failures: int = 0,
+    guarantee: float | None = None,
+    seconds: float = 60.0,
+    optimise: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    rows: int = 8,
+    seed: int = 0,
+    out: _Out = None,
+    output: OutputOptions = DEFAULT_OUTPUT,
+) -> int:
+    """Find patrols for a team, simulate them, and print which are best and what each guarantees.
+
+    The plans are partitions, lines, formations on Lissajous curves, loops, and every included classical policy. The
+    table shows those that no other plan dominates. The exit code is 1 if there is none without collisions.
+
+    Example:
+        lissajous plan evaders --failures 1 --out plans
+
+    Options:
+        area and targets: width, height, rogue_speed, entry
+        robots: robots, robot_radius, sensor_radius, speed, turning_radius
+        requirements: failures, guarantee
+        search: seconds, optimise, seed
+        results: rows, out
+
+    Args:
+        scenario: name of a scenario, .toml file, or module:attribute from which missing options are taken; without it,
+            the rectangle and the robots must be given.
+        width: width of the rectangle [m].
+        height: height of the rectangle [m].
+        robots: number of robots, or a range such as 3:8.
+        robot_radius: radius of a robot's body [m].
+        sensor_radius: radius of a robot's sensing disc [m].
+        speed: top speed of the robots [m/s].
+        turning_radius: radius of a car's tightest circle [m]; without it robots are points that stay on the curve, with
+            which formations alone can be played.
+        rogue_speed: top speed of evading targets that know the robots' future [m/s]; 0 by default.
+        entry: place where targets appear: anywhere in the rectangle, on its boundary, or where no robot senses.
+        failures: number of robots that fail for good at random times, and are removed.
+        guarantee: time within which every target must be detected [s]; of a range of robots, the fewest are sought.
+        seconds: duration of the search [s].
+        optimise: also improve paths of any form by CMA-ES, from the best plans; requires the extra `plan`, and takes
+            more seconds to be worth it.
+        rows: most plans to show and to write.
+        seed: seed of the simulated episodes and of the search.
+        out: folder to which the plans are written, one folder each, with a picture of the best three.
+        output: Console output.
+    """
+    if not isinstance(rows, int) or rows < 1:
+        raise ValueError(f"rows must be a whole number of at least 1, got {shown(rows)}")
+    given = {
+        "width": width, "height": height, "robots": _range(robots), "robot_radius": robot_radius,
+        "sensor_radius": sensor_radius, "speed": speed, "turning_radius": turning_radius, "rogue_speed": rogue_speed,
+        "entry": entry, "failures": failures, "guarantee": guarantee, "seed": seed,
+    }  # fmt: skip
+    planner.check_time("seconds", seconds, 1.0)
+    outcome = planner.prepare(scenario, **given)
+    with nullcontext() if out is None else folders.open_folder(out) as folder:
+        _search(outcome, seconds, optimise, output)
+        if outcome.interrupted and not outcome.finals:
+            raise KeyboardInterrupt("no plan had been played to the end")
+        plans = outcome.plans[:rows]
+        _print(output.console(), outcome, plans)
+        if folder is not None and plans:
+            folders.write(folder, plans, outcome.episodes, picture.draw(plans, seed))
+            lines = [f"wrote {len(plans)} plans and {folders.PICTURE} in {out}"]
+            lines += [f"Watch one: lissajous run {out}/1 --out plan.html"]
+            for line in lines:
+                output.console().print(line, markup=False, highlight=False, soft_wrap=True)
+    output.print_json({
+        "plans": folders.as_rows(plans),
+        "limits": outcome.limits,
+        "fewest_robots": outcome.fewest_robots,
+        "looked_at": outcome.looks,
+        "played": len(outcome.finals),
+        "refusals": outcome.refusals,
+        "words": tables.sentences(outcome),
+    })  # fmt: skip
+    if outcome.interrupted:
+        raise KeyboardInterrupt("the plans above are the best that were played until then")
+    met = outcome.guarantee is None or outcome.fewest_robots is not None
+    return 0 if plans and met else 1
+
+
+def _search(outcome: planner.Outcome, seconds: float, optimise: bool, output: Any) -> None:
+    """Search with a progress bar."""
+    counted = bars.TextColumn("{task.fields[looks]} plans looked at, {task.fields[finals]} played")
+    with bar(progress_console(output), bars.TextColumn("{task.description}"), counted) as shown_bar:
+        task = shown_bar.add_task("planning", total=seconds, looks=0, finals=0)
+
+        def progress(passed: float, outcome: planner.Outcome, search: Search) -> None:
+            looks, finals = outcome.looks + len(search.looks), len(outcome.finals) + len(search.finals)
+            name = f"planning {search.task.name}, N = {search.task.num_robots}"
+            shown_bar.update(task, completed=min(passed, seconds), description=name, looks=looks, finals=finals)
+
+        planner.search(outcome, seconds, optimise, progress)
+
+
+def _print(console: Any, outcome: planner.Outcome, plans: list) -> None:
+    left_out: list[str] = []
+    if plans:
+        title = f"Plans for {_asked(outcome)}: {len(plans)} that no other dominates"
+        console.print(title, style="italic", markup=False, highlight=False, soft_wrap=True)
+        left_out += tables.print_plans(console, outcome, plans)
+        console.print()
+        left_out += tables.print_formations(console, plans)
+    else:
+        console.print(f"No plan for {_asked(outcome)} is without collisions.", markup=False, soft_wrap=True)
+    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+    for line in tables.sentences(outcome):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _asked(outcome: planner.Outcome) -> str:
+    """Return a phrase with the rectangle and the robots."""
+    numbers, (task, *_) = list(outcome.tasks), list(outcome.tasks.values())
+    team = f"{numbers[0]} to {numbers[-1]}" if len(numbers) > 1 else f"{numbers[0]}"
+    return (
+        f"{2 * task.curve.half_width:g} m x {2 * task.curve.half_height:g} m, {team} robots of {task.robot.radius:g} m "
+        f"and {top_speed(task):.3g} m/s, sensors of {task.sensing_radius:.3g} m, targets of "
+        f"{task.rogue_speed:g} m/s"
+    )
+
+
+def _range(robots: str | None) -> tuple[int, int] | None:
+    """Return the fewest and the most robots of a text such as 5 or 3:8."""
+    if robots is None:
+        return None
+    found = re.fullmatch(r"(\d{1,4})(?::(\d{1,4}))?", robots)
+    if found is None:
+        raise ValueError(f"robots must be a number, or a range such as 3:8, got {shown(robots)}")
+    return int(found[1]), int(found[2] or found[1])

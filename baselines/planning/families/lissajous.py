@@ -1,0 +1,192 @@
+"""Formations on Lissajous curves: by a : b, ring order, phase rate and coordinator.
+
+Curves with a + b = N are the paper's, with its bounds (6), (7) and (8). Other curves are tried too where N equally
+spaced robots of the undisturbed formation neither collide nor leave a gap, by `lissajous_env.theory.geometry`.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+from baselines.planning.families.base import FILTERS, Choices, Settings
+from baselines.planning.plans import Plan, top_speed
+from baselines.policies.settings import PolicySettings
+from lissajous_env.parameters import named
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import Curve
+from lissajous_env.theory import closed_forms, geometry
+from lissajous_env.theory import design as theory
+from lissajous_env.theory.candidate import best_formation
+
+_KURAMOTO = "kuramoto", "arc"
+"""Coordinators that require a stable equilibrium (2) with a place for each robot, which 4 and 6 robots do not have."""
+_COORDINATORS = *_KURAMOTO, "consensus", "open-loop", "tracked-reference"
+_MOST_CURVES = 12
+"""Curves that are tried."""
+_MORE = 6
+"""Largest a + b that is tried, less the number of robots."""
+_TIGHT = 0.35
+"""Largest share of the arc of a curve that may turn tighter than the cars can."""
+_ROOM = 1.05
+"""Least distance of robots in formation, over the sum of their radii; least sensing radius, over what a lap needs."""
+
+
+class Lissajous:
+    """Formations on Lissajous curves."""
+
+    name = "Lissajous"
+
+    def starts(self, task: Scenario) -> Sequence[Settings]:
+        """Return every curve with the paper's method, then the best ones with other coordinators."""
+        curves = curves_of(task)
+        paper, *others = _policies(task)
+        first = [{"curve": k, "policy": paper, "rate": 1.0} for k in range(len(curves))]
+        return first + [{"curve": k, "policy": each, "rate": 1.0} for k in range(len(curves))[:2] for each in others]
+
+    def space(self, task: Scenario) -> dict[str, Choices]:
+        """Return the curve, the policy, and shares of the largest phase rate and of the default coupling."""
+        return {
+            "curve": list(range(len(curves_of(task)))),
+            "policy": _policies(task),
+            "rate": (0.3, 1.3),
+            "coupling": (0.2, 5.0),
+            "ring": list(range(4)),
+        }
+
+    def plan(self, task: Scenario, settings: Settings) -> Plan:
+        """Return the formation at a share of the largest phase rate that its robots can drive, less the headroom."""
+        curve, policy = curves_of(task)[settings["curve"]], settings["policy"]
+        rate = float(f"{settings['rate'] * _largest_rate(task, curve):.6g}")
+        changed = formation_overrides(task, curve, rate, settings.get("ring", 0))
+        if "coupling" in settings:
+            changed["formation.coupling"] = settings["coupling"] * rate / (0.3 * changed["formation.alpha"])
+        given: dict[str, Any] = {}
+        if policy.startswith("arc"):
+            cruise = min(settings["rate"] * (1 - theory.HEADROOM), 1.0) * top_speed(task)
+            given = {"speed": float(f"{cruise:.6g}")}
+        about = f"a:b = {curve.a}:{curve.b}, p = {changed['formation.p']}, omega = {rate:.3g} rad/s"
+        if given:
+            about = f"a:b = {curve.a}:{curve.b}, p = {changed['formation.p']}, {given['speed']:.3g} m/s"
+        return Plan(self.name, named.build(task, **changed), PolicySettings(policy, {}, given), about)
+
+    def refusal(self, task: Scenario) -> str:
+        """Return which condition of the paper every formation violates, and what would help."""
+        if not _policies(task):
+            return f"no coordinator drives robots of kind {task.robot.kind}"
+        if curves_of(task):
+            return ""
+        designs = designs_of(task)
+        return f"{theory.what_fails(designs)}. {theory.what_would_help(designs)}"
+
+
+def _policies(task: Scenario) -> list[str]:
+    """Return the policies, the paper's method first if the robots have a stable formation."""
+    has_stable = closed_forms.has_unclustered_equilibrium(task.num_robots)
+    fitting = [each for each in _COORDINATORS if has_stable or each not in _KURAMOTO]
+    if task.robot.kind == "curve":
+        return fitting
+    return [f"{each}-mpcc{suffix}" for suffix in FILTERS for each in fitting] if task.robot.kind == "car" else []
+
+
+def designs_of(task: Scenario) -> list[theory.Candidate]:
+    """Return the designs with a + b = N for the robots of a task, with their bounds."""
+    return _designs(
+        task.curve.half_width, task.curve.half_height, task.robot.radius, task.sensing_radius, top_speed(task),
+        task.num_robots, None, task.robot.wheelbase if task.robot.kind == "car" else None, task.robot.steering_max,
+        task.robot.lateral_acceleration_max,
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=64)
+def _designs(*given: Any) -> list[theory.Candidate]:
+    return theory.design(*given)
+
+
+@lru_cache(maxsize=64)
+def curves_of(task: Scenario) -> list[Curve]:
+    """Return the curves on which the formation of a task may work, those with the shortest laps first."""
+    return _curves(task)
+
+
+def _curves(task: Scenario) -> list[Curve]:
+    n = task.num_robots
+    found = []
+    for a in range(1, n + _MORE + 1, 2):
+        for b in range(1, n + _MORE + 1 - a):
+            if math.gcd(a, b) == 1 and (curve := Curve(task.curve.half_width, task.curve.half_height, a, b)):
+                found.append(curve)
+    lap = {curve: 1 / _largest_rate(task, curve) for curve in found}
+    kept: list[Curve] = []
+    for curve in sorted(found, key=lambda each: (each.a + each.b != n, lap[each])):
+        if _may_work(task, curve):
+            kept.append(curve)
+        if len(kept) == _MOST_CURVES:
+            break
+    return sorted(kept, key=lambda each: lap[each])
+
+
+def _may_work(task: Scenario, curve: Curve) -> bool:
+    """Return whether the undisturbed formation neither collides nor leaves a gap, and cars can follow most of it."""
+    n, robot = task.num_robots, task.robot
+    if geometry.smallest_distance(curve, n) < 2 * robot.radius * _ROOM:
+        return False
+    if robot.kind == "car":
+        turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
+        if geometry.tight_share(curve, turning) > _TIGHT:
+            return False
+    return geometry.measured_coverage_radius(curve, 1e-2) * _ROOM < task.sensing_radius
+
+
+def _largest_rate(task: Scenario, curve: Curve) -> float:
+    """Return the largest phase rate at which the robots can drive a curve, less the headroom [rad/s]."""
+    robot, share = task.robot, 1 - theory.HEADROOM
+    rate = share * top_speed(task) / geometry.largest_speed(curve)
+    if robot.kind == "car" and robot.lateral_acceleration_max < math.inf:
+        turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)
+        grip = robot.lateral_acceleration_max / geometry.needed_acceleration(curve, turning)
+        rate = min(rate, share * math.sqrt(grip))
+    return rate
+
+
+def formation_overrides(task: Scenario, curve: Curve, rate: float, ring: int = 0) -> dict[str, Any]:
+    """Return the fields that put the robots of a task in formation on a curve.
+
+    Args:
+        task: The task.
+        curve: The curve, in the rectangle of the task.
+        rate: Phase rate omega [rad/s].
+        ring: Which equilibrium, and with it which order of the robots: 0 for the one that recovers fastest.
+    """
+    n = task.num_robots
+    p, alpha = best_formation(curve, n)
+    if closed_forms.cluster_size(n, p, alpha) > 1:
+        p, alpha = 1, 1  # equally spaced, though no stable equilibrium of (1)
+    others = [each for each in closed_forms.stable_equilibria(n) if math.gcd(each, n) == 1 and each != p]
+    if 0 < ring <= len(others):
+        p = others[ring - 1]
+        alpha = closed_forms.default_alpha(curve, n, p)
+    if closed_forms.cluster_size(n, p, alpha) > 1:
+        raise ValueError(f"p and alpha must give every robot a place of its own, got {p} and {alpha}")
+    there = task.alpha * geometry.curve_length(task.curve)
+    noise = task.formation.start_noise * there / (alpha * geometry.curve_length(curve))
+    point = {"robot.phase_rate_max": top_speed(task) / (alpha * geometry.largest_speed(curve))}
+    return {
+        "curve.a": curve.a, "curve.b": curve.b, "curve.harmonics": (), "curve.half_depth": 0.0,
+        "formation.phase_rate": rate, "formation.coupling": rate / (0.3 * alpha),
+        "formation.p": p, "formation.alpha": alpha, "formation.ring": tuple(range(n)), "formation.displaced": (),
+        "formation.start_noise": noise, "robot.count": n,
+        **(point if task.robot.kind == "curve" else {}),
+    }  # fmt: skip
+
+
+def on_ellipse(task: Scenario, fastest: float) -> Scenario:
+    """Return a task whose robots begin evenly spaced on the ellipse in its rectangle, all in the same sense.
+
+    Args:
+        task: The task.
+        fastest: Speed of the start where the ellipse is fastest [m/s].
+    """
+    ellipse = Curve(task.curve.half_width, task.curve.half_height, 1, 1)
+    rate = float(f"{fastest / geometry.largest_speed(ellipse):.6g}")
+    return named.build(task, **formation_overrides(task, ellipse, rate))

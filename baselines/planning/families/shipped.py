@@ -1,0 +1,47 @@
+"""The shipped classical policies with their defaults, on the task as it is: no plan is printed that is worse."""
+
+from collections.abc import Sequence
+
+from baselines.planning.families.base import Choices, Settings
+from baselines.planning.plans import Plan
+from baselines.policies import registry
+from baselines.policies.settings import PolicySettings
+from lissajous_env.parameters.scenario import Scenario
+
+NAME = "defaults"
+_FIRST = "partition", "line-abreast", "kuramoto-mpcc"
+"""Policies that are usually the best: the others need not be played once they are known to be worse."""
+_FILTERED = "kuramoto-mpcc"
+"""The policy that is also played with the collision filters."""
+
+
+class Shipped:
+    """The shipped classical policies with their defaults."""
+
+    name = NAME
+
+    def starts(self, task: Scenario) -> Sequence[Settings]:
+        """Return the names of the policies that drive the robots, first those that are usually the best."""
+        names = default_policies(task)
+        return [{"policy": name} for name in sorted(names, key=lambda name: not name.startswith(_FIRST))]
+
+    def space(self, task: Scenario) -> dict[str, Choices]:
+        """Return nothing: defaults are not changed."""
+        return {}
+
+    def plan(self, task: Scenario, settings: Settings) -> Plan:
+        """Return the policy on the task as it is."""
+        return Plan(self.name, task, PolicySettings(settings["policy"]), "defaults")
+
+    def refusal(self, task: Scenario) -> str:
+        """Return "": `still` drives every kind of robot."""
+        return ""
+
+
+def default_policies(task: Scenario) -> list[str]:
+    """Return the names of the shipped classical policies that drive the robots of a task.
+
+    Of those with a collision filter, the paper's method alone.
+    """
+    names = [name for name in registry.names(task) if registry.is_classical(name) and registry.ships(name)]
+    return [name for name in names if not registry.unwrapped(name)[1] or registry.unwrapped(name)[0] == _FILTERED]

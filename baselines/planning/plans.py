@@ -1,0 +1,125 @@
+"""Plans: a policy with its parameters on a scenario, and the figures that its episodes have."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from baselines.policies.settings import PolicySettings
+from lissajous_env.episodes.limits import robot_speed_limit
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OPEN, SEPARATION, WORST_CASE, Column
+
+MESSAGES = "nothing", "phases of ring neighbours", "positions of ring neighbours"
+"""Contents of messages, those that are the least to communicate first; any other comes last."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A patrol that a team can run: a policy with its parameters on the scenario that it was made for."""
+
+    family: str
+    """Name of the family that generated it."""
+    scenario: Scenario
+    settings: PolicySettings
+    about: str = ""
+    """Description of what distinguishes it within its family."""
+
+    @property
+    def key(self) -> tuple:
+        """Return what distinguishes it from every other plan."""
+        given = self.settings
+        return self.scenario.digest(), given.policy, repr(given.parameters), repr(given.coordinator)
+
+    def named(self, name: str) -> "Plan":
+        """Return the plan with another name of its scenario."""
+        words = f"{self.settings.policy} ({self.about})." if self.about else f"{self.settings.policy}."
+        return dataclasses.replace(self, scenario=dataclasses.replace(self.scenario, name=name, description=words))
+
+
+@dataclass(frozen=True)
+class Figures:
+    """The figures of a plan from its episodes; a time without a bound is infinite."""
+
+    worst_case: float
+    """Worst-case undetected time of all episodes without failures [s]."""
+    settled: float
+    """The same of the second half of the episodes, when all robots have reached their places [s]."""
+    worst_case_failed: float
+    """The worst case of the episodes in which robots fail [s]; NaN without failures, infinite if robots collide."""
+    detection_time: float
+    """Mean detection time, mean over the episodes without failures [s]."""
+    collisions: int
+    """Collisions of the episodes without failures."""
+    collisions_failed: int
+    """Collisions of the episodes with failures."""
+    clearance: float
+    """Smallest distance between two bodies in the episodes without failures [m]; NaN for one robot."""
+    distance: float
+    """Distance that a robot drives in a minute, mean over robots and episodes without failures [m/min]."""
+    messages: str
+    """Content of the messages that the policy uses."""
+
+    @property
+    def objectives(self) -> tuple[float, ...]:
+        """Return the numbers that a better plan has less of."""
+        failed = 0.0 if math.isnan(self.worst_case_failed) else self.worst_case_failed
+        rank = MESSAGES.index(self.messages) if self.messages in MESSAGES else len(MESSAGES)
+        detection = math.inf if math.isnan(self.detection_time) else self.detection_time
+        return self.worst_case, self.settled, failed, detection, self.distance, float(rank)
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A plan that was played to the end, and its figures."""
+
+    plan: Plan
+    figures: Figures
+    limit: float
+    """Lower bound of the worst-case undetected time of every policy [s]; NaN if nothing is proved."""
+    rows: list[dict[str, Any]]
+    """Score rows of the episodes without failures."""
+    failed_rows: list[dict[str, Any]]
+    """Score rows of the episodes with failures."""
+
+
+def top_speed(task: Scenario) -> float:
+    """Return the top speed of the robots of a task [m/s]."""
+    return task.robot.top_speed if task.robot.kind == "car" else robot_speed_limit(task)
+
+
+def figures_of(
+    rows: Sequence[dict[str, Any]], failed: Sequence[dict[str, Any]], plan: Plan, settled: float, messages: str
+) -> Figures:
+    """Return the figures of a plan from its score rows; `settled` [s] and `messages` are not among these."""
+    duration, body = plan.scenario.task.duration, 2 * plan.scenario.robot.radius
+    collisions_failed = sum(_of(COLLISIONS, failed))
+    return Figures(
+        worst_case=worst_case(rows),
+        settled=math.inf if math.isinf(worst_case(rows)) else settled,
+        worst_case_failed=math.inf if collisions_failed else worst_case(failed),
+        detection_time=_mean(_of(DETECTION_TIME, rows)),
+        collisions=sum(_of(COLLISIONS, rows)),
+        collisions_failed=collisions_failed,
+        clearance=min(_of(SEPARATION, rows)) - body,
+        distance=_mean(_of(DISTANCE, rows)) / duration * 60,
+        messages=messages,
+    )
+
+
+def worst_case(rows: Sequence[dict[str, Any]]) -> float:
+    """Return the worst-case undetected time of some episodes [s]; infinite if one shows no bound, NaN for none."""
+    if not rows:
+        return math.nan
+    return math.inf if any(_of(OPEN, rows)) else max(_of(WORST_CASE, rows))
+
+
+def _of(column: Column, rows: Sequence[dict[str, Any]]) -> list[Any]:
+    return [row[column.name] for row in rows]
+
+
+def _mean(values: Sequence[float]) -> float:
+    """Return the mean of the values that are not NaN."""
+    known = [value for value in values if not math.isnan(value)]
+    return sum(known) / len(known) if known else math.nan

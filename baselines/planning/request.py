@@ -1,0 +1,202 @@
+"""The request of a user, and the scenario on which its plans are compared: the task."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from baselines.benchmark.standard import GRIDS
+from baselines.planning.plans import top_speed
+from baselines.planning.playing import grid
+from baselines.similarity import motion_scale
+from lissajous_env.episodes.guarantee import CELLS
+from lissajous_env.parameters import named
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import Formation, Robot, Targets, Task
+from lissajous_env.theory import design as theory
+from lissajous_env.theory.candidate import Candidate
+from lissajous_env.theory.geometry import largest_speed
+from lissajous_env.wording import shown
+
+_SWEEPS = 12
+"""Duration of an episode of a rectangle, in the time in which an ideal team would sweep it once."""
+_MOST_STEPS, _FEWEST_STEPS = 4000, 200
+"""Most and fewest control steps of such an episode."""
+_TARGETS = 200
+"""Targets that arrive in such an episode."""
+_START = 0.5
+"""Standard deviation of the robots' places along the curve at the start, in body radii."""
+_REACH_STEP = 0.25
+"""Largest part of a sensor's radius that a robot moves in a control step."""
+_GRID = 36
+"""Cells of the coverage grid along the longer side of the rectangle."""
+_LEAST, _MOST = 0.01, 1e4
+"""Range of lengths [m] and speeds [m/s]."""
+_NEEDED = {"width": "m", "height": "m", "robots": "", "robot_radius": "m", "sensor_radius": "m", "speed": "m/s"}
+"""Units of what must be given without a scenario."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """Subject of a search for plans: a scenario, a rectangle and robots, or a scenario with some of these changed."""
+
+    scenario: Scenario | None = None
+    width: float | None = None
+    height: float | None = None
+    robots: tuple[int, int] | None = None
+    """Fewest and most robots."""
+    robot_radius: float | None = None
+    sensor_radius: float | None = None
+    speed: float | None = None
+    turning_radius: float | None = None
+    rogue_speed: float | None = None
+    entry: str | None = None
+
+    def __post_init__(self) -> None:
+        for name, unit in _NEEDED.items():
+            if self.scenario is None and getattr(self, name) is None:
+                rule = f"{name} must be given without a scenario"
+                raise ValueError(f"{rule}{f' [{unit}]' if unit else ''}, got None")
+        for name, unit in (*_NEEDED.items(), ("turning_radius", "m")):
+            value = getattr(self, name)
+            if name != "robots" and value is not None and not _LEAST <= value <= _MOST:
+                raise ValueError(f"{name} must be from {_LEAST:g} to {_MOST:g} [{unit}], got {shown(value)}")
+        if self.rogue_speed is not None and not 0 <= self.rogue_speed <= 100:
+            raise ValueError(f"rogue_speed must be from 0 to 100 [m/s], got {shown(self.rogue_speed)}")
+        if self.robots is not None:
+            few, many = self.robots
+            if not 2 <= few <= many <= 64:
+                raise ValueError(f"robots must be a number, or a range few:many, from 2 to 64, got {few}:{many}")
+
+    @property
+    def numbers(self) -> range:
+        """Return the numbers of robots that plans are made for."""
+        if self.robots is None:
+            assert self.scenario is not None
+            return range(self.scenario.num_robots, self.scenario.num_robots + 1)
+        return range(self.robots[0], self.robots[1] + 1)
+
+    def task(self, num_robots: int) -> Scenario:
+        """Return the scenario on which plans for a number of robots are compared.
+
+        Raises:
+            ValueError: a value that a field of the scenario forbids.
+        """
+        made = self._rectangle(num_robots) if self.scenario is None else self._changed(self.scenario, num_robots)
+        changed: dict[str, Any] = {}
+        if self.scenario is None:
+            changed |= _times(made)
+        if made.task.contamination is None:
+            changed["task.contamination"] = GRIDS.get(made.name) or grid(made, CELLS, 4.0)
+        return named.build(dataclasses.replace(made, extensions=()), **changed)
+
+    def _rectangle(self, num_robots: int) -> Scenario:
+        """Return the scenario of a rectangle and robots, which begin in the best design of the paper's formation."""
+        width, height, radius = self.width or 0.0, self.height or 0.0, self.sensor_radius or 0.0
+        robot = _robot(Robot(kind="curve"), self)
+        chosen = _best_design(width / 2, height / 2, robot, radius, robot.top_speed, num_robots)
+        moving = self.rogue_speed or 0.0
+        base = Scenario(
+            name="plan",
+            formation=Formation(start_noise=_START * robot.radius / _unit(chosen)),
+            targets=Targets(
+                count=0, arrival_rate=1.0, entry=self.entry or "inside", wandering=1.0 if moving else 0.0,
+                speed=moving, speed_limit=moving,
+            ),
+            task=Task(duration=10.0),
+        )  # fmt: skip
+        return named.build(base, **chosen.overrides)
+
+    def _changed(self, scenario: Scenario, num_robots: int) -> Scenario:
+        """Return the given scenario with what the request changes."""
+        robot = _robot(scenario.robot, self)
+        changed: dict[str, Any] = {}
+        if robot != scenario.robot:
+            changed["robot"] = robot
+        if self.sensor_radius is not None:
+            changed["sensing.radius"] = self.sensor_radius
+        if self.rogue_speed is not None:
+            # A target that moves faster than the limit of the rogues would be one of them.
+            slower = {"speed": min(scenario.targets.speed, self.rogue_speed)}
+            slower["flee_speed"] = min(scenario.targets.flee_speed, self.rogue_speed)
+            changed |= {f"targets.{name}": value for name, value in slower.items()}
+            changed["targets.speed_limit"] = self.rogue_speed
+        if self.entry is not None:
+            changed["targets.entry"] = self.entry
+        curve = scenario.curve
+        halves = (self.width or 2 * curve.half_width) / 2, (self.height or 2 * curve.half_height) / 2
+        if halves != (curve.half_width, curve.half_height) or num_robots != scenario.num_robots:
+            speed = robot.top_speed if robot.kind == "car" else self.speed or top_speed(scenario)
+            chosen = _best_design(*halves, robot, self.sensor_radius or scenario.sensing_radius, speed, num_robots)
+            given = chosen.overrides.items()
+            changed |= {name: value for name, value in given if name.split(".")[0] in ("curve", "formation")}
+            changed |= {f"faults.{name}": () for name in ("schedule", "removed")}
+            changed |= {"robot.count": None, "sensing.radius": self.sensor_radius or scenario.sensing_radius}
+            changed["task.grid"] = _cells(halves, _GRID)
+            changed["task.contamination"] = None
+        made = named.build(scenario, **changed)
+        if self.speed is None or made.robot.kind != "curve":
+            return made
+        fastest = self.speed / (made.alpha * largest_speed(made.curve))
+        return named.build(made, **{"robot.phase_rate_max": fastest})
+
+
+def _robot(robot: Robot, request: Request) -> Robot:
+    """Return a robot with what the request changes."""
+    changed: dict[str, Any] = {}
+    if request.robot_radius is not None:
+        changed["radius"] = request.robot_radius
+    if request.speed is not None:
+        changed |= {"speed_max": request.speed, "throttle_max": None, "phase_rate_max": None}
+    if request.turning_radius is not None:
+        changed |= {"kind": "car", "wheelbase": request.turning_radius * math.tan(robot.steering_max)}
+    return dataclasses.replace(robot, **changed)
+
+
+def _best_design(
+    half_width: float, half_height: float, robot: Robot, sensor_radius: float, speed: float, num_robots: int
+) -> Candidate:
+    """Return the design of the paper's formation that meets the bounds best."""
+    return theory.design(
+        half_width,
+        half_height,
+        robot.radius,
+        sensor_radius,
+        speed,
+        num_robots,
+        wheelbase=robot.wheelbase if robot.kind == "car" else None,
+        steering_max=robot.steering_max,
+        lateral_acceleration_max=robot.lateral_acceleration_max,
+    )[0]
+
+
+def _unit(candidate: Candidate) -> float:
+    """Return the mean distance along the curve for a radian of the robots' phase [m/rad]."""
+    return candidate.alpha * candidate.mean_speed / candidate.phase_rate
+
+
+def _times(made: Scenario) -> dict[str, Any]:
+    """Return the control step, the duration and the grid of a scenario made of a rectangle, in scale with its motion.
+
+    The step is that of the paper's experiment in the time scale of the robots' motion. An episode lasts as long as
+    some sweeps of the rectangle by a team that never covers a place twice.
+    """
+    width, height, robots = 2 * made.curve.half_width, 2 * made.curve.half_height, made.num_robots
+    radius, speed = made.sensing_radius, top_speed(made)
+    limits = [0.1 * motion_scale(made).time, _REACH_STEP * radius / speed]
+    step = float(f"{min(limits + ([1 / made.robot.drag] if made.robot.kind == 'car' else [])):.3g}")
+    sweep = (width * height / (2 * radius) + width + height) / (robots * speed)
+    steps = min(max(math.ceil(_SWEEPS * sweep / step), _FEWEST_STEPS), max(_MOST_STEPS, math.ceil(8 * sweep / step)))
+    duration = float(f"{steps * step:.9g}")
+    return {
+        "task.step": step,
+        "task.duration": duration,
+        "task.grid": _cells((width, height), _GRID),
+        "targets.arrival_rate": float(f"{_TARGETS / duration:.6g}"),
+    }
+
+
+def _cells(sides: tuple[float, float], longest: int) -> tuple[int, int]:
+    """Return columns and rows of a grid of about square cells."""
+    columns, rows = (max(round(longest * side / max(sides)), 1) for side in sides)
+    return columns, rows

@@ -1,0 +1,278 @@
+"""The search: first looks at the plans of all families while time allows, then the final episodes of the best."""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+
+import numpy as np
+
+from baselines.planning.families import FAMILIES
+from baselines.planning.families.base import Family, Settings, changed
+from baselines.planning.families.known import NAME as KNOWN
+from baselines.planning.families.shipped import NAME as DEFAULTS
+from baselines.planning.optimising import optimise
+from baselines.planning.plans import Plan, Planned
+from baselines.planning.playing import Episodes, Look, StoppedError, look_at, play, reason_of
+from baselines.planning.tried import Tried, first_of_each, in_turn, outcome_of, why
+from lissajous_env.device.devices import cores
+from lissajous_env.parameters.scenario import Scenario
+
+_DEFAULTS, _LOOKING = 0.7, 0.7
+"""Shares of the time after which no default is begun, and after which no plan is looked at."""
+_LOOKING_LESS, _MORE = 0.35, 0.2
+"""Share of the time after which no plan is looked at if free-form paths are optimised, and more for these."""
+_TIMED = DEFAULTS, "partition", "lines"
+"""Families that may have plans of timed paths."""
+_STARTS = 1
+"""Plans from which free-form paths are optimised, the best first."""
+_LATEST = 0.85
+"""Share of the time after which the episodes of the defaults are ended."""
+_CUTOFF = 3.0
+"""A first look ends where the worst-case undetected time is beyond that of the best plan by this factor."""
+_FEWEST_FINALS = 3
+"""Plans that are played to the end after Ctrl-C."""
+_TICK = 0.2
+"""Time between two calls of `on_progress` [s]."""
+
+
+class Search:
+    """A search for plans on one task.
+
+    Args:
+        task: The scenario on which plans are compared.
+        episodes: The episodes of every plan.
+        families: The families of plans.
+        seed: Seed of the random changes.
+    """
+
+    def __init__(self, task: Scenario, episodes: Episodes, families: Sequence[Family] = FAMILIES, seed: int = 0):
+        self.task, self.episodes = task, episodes
+        self.finals: list[Planned] = []
+        self.interrupted = False
+        self.unplayed = 0
+        """Defaults that were not played for lack of time."""
+        self.broken: list[str] = []
+        """Reasons of plans whose final episodes failed."""
+        self._tried = {family.name: Tried(family) for family in families}
+        self._random = np.random.default_rng(seed)
+        self._known: set[tuple] = set()
+        self._optimised: list[Plan] = []
+        self._longest = 0.0
+        """Duration of the longest final episodes of a plan so far [s]."""
+        self._over = threading.Event()
+
+    @property
+    def looks(self) -> list[Look]:
+        """Return all first looks so far."""
+        return [look for tried in self._tried.values() for _, look in tried.looks]
+
+    def refusals(self) -> dict[str, str]:
+        """Return for each family without a final plan the reason."""
+        finals = {each.plan.family for each in self.finals if each.figures.collisions == 0}
+        return {name: why(tried, self.task) for name, tried in self._tried.items() if name not in finals}
+
+    def run(
+        self,
+        seconds: float,
+        on_progress: Callable[[float], None] = lambda _: None,
+        free_paths: bool = False,
+        is_enough: Callable[[Planned], bool] = lambda _: False,
+    ) -> None:
+        """Search for a time [s].
+
+        Ctrl-C ends the current stage, and after it the final episodes.
+
+        Args:
+            seconds: Duration [s].
+            on_progress: Called with the time that has passed [s].
+            free_paths: True to improve free-form paths too, in half of the time.
+            is_enough: Returns whether a plan that was played to the end ends the search.
+        """
+        self._is_enough = is_enough
+        self._optimises = free_paths and self.task.robot.kind == "car"
+        begin = time.monotonic()
+        self._clock = lambda: time.monotonic() - begin
+        self._on_progress, self._seconds = on_progress, seconds
+        with ThreadPoolExecutor(cores()) as threads:
+            for stage in (self._play_defaults, self._look, self._optimise, self._finish):
+                if self._is_met:
+                    return
+                try:
+                    stage(threads)
+                except KeyboardInterrupt:
+                    self._over.set()
+                    if self.interrupted:
+                        return
+                    self.interrupted = True
+
+    @property
+    def _is_met(self) -> bool:
+        """Return whether a plan was found that is enough."""
+        return any(self._is_enough(each) for each in self.finals)
+
+    @property
+    def best(self) -> float:
+        """Return the least worst-case undetected time of a plan that was played to the end without a collision [s]."""
+        safe = [each.figures.worst_case for each in self.finals if each.figures.collisions == 0]
+        return min(safe, default=math.inf)
+
+    def _play_defaults(self, threads: ThreadPoolExecutor) -> None:
+        """Play the defaults to the end, except those that are found to be worse than another one before."""
+        tried = self._tried.get(DEFAULTS)
+        if tried is None:
+            return
+        plans = [tried.family.plan(self.task, settings) for settings in tried.family.starts(self.task)]
+        self._known |= {plan.key for plan in plans}
+        until, waiting = _DEFAULTS * self._seconds, iter(plans)
+        running: dict[Future, tuple[Plan, float]] = {}
+        # A default that is worse without failures may be better with them.
+        slack = _CUTOFF if self.episodes.failures else 1.0
+
+        def over() -> bool:
+            # Without a plan that was played to the end there is nothing to print.
+            late = bool(self.finals) and self._clock() > _LATEST * self._seconds
+            return late or self._over.is_set() or self._is_met
+
+        while True:
+            while len(running) < cores() and self._clock() < until and not self._is_met:
+                if (plan := next(waiting, None)) is None:
+                    break
+                running[threads.submit(play, plan, self.episodes, over, lambda: slack * self.best)] = (
+                    plan,
+                    self._clock(),
+                )
+            if not running:
+                break
+            for each in self._ended(running):
+                plan, began = running.pop(each)
+                found, look = outcome_of(each, plan)
+                if found is not None:
+                    self.finals.append(found)
+                    self._longest = max(self._longest, self._clock() - began)
+                tried.looks += [({"policy": plan.settings.policy}, look)]
+        self.unplayed = sum(1 for _ in waiting)
+
+    def _ended(self, running: Iterable[Future]) -> set[Future]:
+        """Wait for a moment, report the progress, and return those that have ended."""
+        done, _ = wait(running, _TICK, FIRST_COMPLETED)
+        self._on_progress(self._clock())
+        return done
+
+    def _look(self, threads: ThreadPoolExecutor) -> None:
+        """Look at plans until some share of the time has passed."""
+        until = (_LOOKING_LESS if self._optimises else _LOOKING) * self._seconds
+
+        def over() -> bool:
+            return self._over.is_set() or self._clock() > until
+
+        jobs = self._jobs()
+        running: dict[Future, tuple[Tried, Settings]] = {}
+        while running or not over():
+            while len(running) < 2 * cores() and not over():
+                job = next(jobs, None)
+                if job is None:
+                    break
+                tried, settings, plan = job
+                running[threads.submit(look_at, plan, self.episodes, self._cutoff(), over)] = tried, settings
+            if not running:
+                break
+            for each in self._ended(running):
+                tried, settings = running.pop(each)
+                try:
+                    tried.looks.append((settings, each.result()))
+                except StoppedError:
+                    continue
+
+    def _optimise(self, threads: ThreadPoolExecutor) -> None:
+        """Improve free-form paths, from the best plans of timed paths."""
+        left = _LOOKING * self._seconds + _MORE * self._seconds - self._clock()
+        if not self._optimises or self._over.is_set() or left <= 0:
+            return
+        timed = [look for look in self.looks if not look.fails and look.plan.family in _TIMED]
+        best = sorted(timed, key=lambda look: (look.settled, *look.by_worst_case))[:_STARTS]
+
+        def stopped() -> bool:
+            self._on_progress(self._clock())
+            return self._over.is_set()
+
+        self._optimised = optimise(self.task, [look.plan for look in best], left, stopped)
+
+    def _cutoff(self) -> float:
+        return _CUTOFF * min(self.best, *(tried.best for tried in self._tried.values()))
+
+    def _jobs(self) -> Iterator[tuple[Tried, Settings, Plan]]:
+        """Yield what to look at: the starts of all families in turn, then changed copies of the best."""
+        starts = [[(tried, each) for each in tried.family.starts(self.task)] for tried in self._tried.values()]
+        for tried, settings in in_turn(starts):
+            if tried.family.name != DEFAULTS:
+                yield from self._new(tried, settings)
+        fruitless = 0
+        while fruitless < 200:
+            growing = [each for each in self._tried.values() if each.family.space(self.task) and each.elite()]
+            if not growing:
+                return
+            # The family that is ahead is searched about as much as all others together.
+            best = min(growing, key=lambda each: each.best)
+            tried = best if self._random.random() < 0.5 else growing[int(self._random.integers(len(growing)))]
+            elite = tried.elite()
+            settings = elite[int(self._random.integers(len(elite)))]
+            job = self._new(tried, changed(settings, tried.family.space(self.task), self._random))
+            found = list(job)
+            fruitless = 0 if found else fruitless + 1
+            yield from found
+
+    def _new(self, tried: Tried, settings: Settings) -> Iterator[tuple[Tried, Settings, Plan]]:
+        """Yield the plan of some settings, unless there is none or it is known."""
+        try:
+            plan = tried.family.plan(self.task, settings)
+        except ValueError as error:
+            tried.unmade.append(str(error))
+            return
+        if plan.key not in self._known:
+            self._known.add(plan.key)
+            yield tried, settings, plan
+
+    def _finish(self, threads: ThreadPoolExecutor) -> None:
+        """Play the best plans to the end, the best first, until the time is over."""
+        self._over.clear()
+        played = {each.plan.key for each in self.finals}
+        waiting = [*self._optimised, *(look.plan for look in self.ranked() if look.plan.key not in played)]
+        if self.interrupted:
+            waiting = waiting[:_FEWEST_FINALS]
+        running: dict[Future, float] = {}
+        while waiting or running:
+            while waiting and len(running) < cores() and self._may_begin():
+                running[threads.submit(play, waiting.pop(0), self.episodes, self._over.is_set)] = self._clock()
+            if not running:
+                return
+            for each in self._ended(running):
+                self._longest = max(self._longest, self._clock() - running.pop(each))
+                try:
+                    found = each.result()
+                except Exception as error:  # one policy that fails must not end the search
+                    self.broken.append(reason_of(error))
+                    continue
+                self.finals += [] if found is None else [found]
+
+    def _may_begin(self) -> bool:
+        """Return whether there is time for final episodes that take as long as the longest so far."""
+        if self._is_met:
+            return False
+        few = len(self.finals) < _FEWEST_FINALS and (self.interrupted or not self.finals)
+        return few or self._clock() + self._longest < self._seconds
+
+    def ranked(self) -> list[Look]:
+        """Return the plans that are worth to be played to the end, the most important ones first.
+
+        These are the best without and with failures, the best of each family and of each policy, then all by their
+        worst-case undetected time.
+        """
+        alive = sorted((look for look in self.looks if not look.fails), key=lambda look: look.by_worst_case)
+        by_failed = sorted(alive, key=lambda look: look.by_failed)
+        firsts = first_of_each(alive, lambda look: look.plan.family)
+        known = [look for look in alive if look.plan.family == KNOWN]
+        policies = first_of_each(alive, lambda look: look.plan.settings.policy)
+        order = [*alive[:1], *known, *alive[1:2], *by_failed[:2], *firsts, *in_turn([alive, by_failed, policies])]
+        return list({look.plan.key: look for look in order}.values())

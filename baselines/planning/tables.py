@@ -1,0 +1,115 @@
+"""Tables of plans, and words about families without one."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from baselines.planning.families.known import NAME as KNOWN
+from baselines.planning.planner import Outcome
+from baselines.planning.plans import Planned
+from baselines.policies import registry
+from baselines.policies.combinations import COMBINATIONS
+from lissajous_env.console.terminal import Column, print_table
+
+
+def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> list[str]:
+    """Print a table of plans; return the names of the columns that do not fit."""
+    failures = outcome.episodes.failures
+    columns = [
+        Column("", name="number"),
+        Column("plan", left=True),
+        Column("N") if len(outcome.tasks) > 1 else None,
+        Column("worst case\n[s]"),
+        Column("second\nhalf [s]"),
+        Column(f"with {failures}\nlost [s]") if failures else None,
+        Column("lower\nbound [s]", rank=1),
+        Column("detected in\nmean [s]", rank=1),
+        Column("least gap\n[m]", rank=2),
+        Column("driven\n[m/min]", rank=2),
+        Column("messages", left=True, rank=3),
+        Column("details", prose=True, rank=4),
+    ]
+    rows = []
+    for k, each in enumerate(plans, start=1):
+        figures = each.figures
+        rows.append([
+            str(k),
+            each.plan.settings.policy,
+            str(each.plan.scenario.num_robots) if len(outcome.tasks) > 1 else None,
+            _time(figures.worst_case),
+            _time(figures.settled),
+            _failed(each) if failures else None,
+            _number(each.limit),
+            _number(figures.detection_time),
+            _number(figures.clearance),
+            _number(figures.distance),
+            figures.messages,
+            each.plan.about,
+        ])  # fmt: skip
+    kept = [k for k, column in enumerate(columns) if column is not None]
+    return print_table(console, [c for c in columns if c is not None], [[row[k] or "" for k in kept] for row in rows])
+
+
+def print_formations(console: Any, plans: Sequence[Planned]) -> list[str]:
+    """Print the paper's bounds of the plans that are formations on its curves; return columns that do not fit."""
+    rows = []
+    for k, each in enumerate(plans, start=1):
+        made = each.plan.scenario
+        coordinated = registry.unwrapped(each.plan.settings.policy)[0] in COMBINATIONS
+        if coordinated and not made.curve.harmonics and made.num_robots == made.curve.a + made.curve.b:
+            bounds = (made.robot_radius_bound, made.coverage_radius, made.detection_radius, made.detection_time_bound)
+            rows.append([str(k), f"{made.curve.a} : {made.curve.b}", *(f"{bound:.3g}" for bound in bounds)])
+    if not rows:
+        return []
+    console.print("Bounds of the paper for these formations of points", style="italic", highlight=False)
+    titles = "", "a : b", "r below (6)\n[m]", "r_s above (7)\n[m]", "r_s from (8)\n[m]", "T_max\n[s]"
+    return print_table(console, [Column(title) for title in titles], rows)
+
+
+def sentences(outcome: Outcome) -> list[str]:
+    """Return what was played, what the figures mean, and the reasons of the families that have no plan."""
+    episodes = outcome.episodes
+    words = [
+        f"{outcome.looks} plans were looked at, {len(outcome.finals)} played to the end: {episodes.count} episodes each"
+    ]
+    if episodes.failures:
+        words[0] += f", and {episodes.failed_count} in which {episodes.failures} are lost (a sample of which and when)"
+    words[0] += "."
+    if outcome.unplayed:
+        words.append(f"{outcome.unplayed} defaults were not played: more --seconds are needed.")
+    if outcome.broken:
+        words.append(f"{len(outcome.broken)} plans failed when they were played to the end: {outcome.broken[0]}.")
+    if outcome.plans and all(math.isinf(each.figures.worst_case) for each in outcome.plans):
+        words.append("No plan bounds the time for which such a target can stay undetected.")
+    if outcome.guarantee is not None:
+        words += _of_guarantee(outcome)
+    for number, refusals in outcome.refusals.items():
+        at = f" ({number} robots)" if len(outcome.tasks) > 1 else ""
+        words += [f"No plan of {family}{at}: {reason}." for family, reason in refusals.items() if family != KNOWN]
+    return words
+
+
+def _of_guarantee(outcome: Outcome) -> list[str]:
+    """Return the fewest robots that guarantee the requested time, and the numbers that cannot."""
+    asked = f"{outcome.guarantee:g} s"
+    below = [n for n, limit in outcome.limits.items() if limit > (outcome.guarantee or 0)]
+    words = [f"{n} robots cannot: no policy is below {outcome.limits[n]:.3g} s." for n in below]
+    fewest = outcome.fewest_robots
+    if fewest is None:
+        return [*words, f"No plan was found that guarantees {asked}."]
+    return [*words, f"{fewest} robots are the fewest with which a plan was found that guarantees {asked}."]
+
+
+def _failed(each: Planned) -> str:
+    if each.figures.collisions_failed:
+        count = each.figures.collisions_failed
+        return "1 collision" if count == 1 else f"{count} collisions"
+    return _time(each.figures.worst_case_failed)
+
+
+def _time(seconds: float) -> str:
+    return "no bound" if math.isinf(seconds) else _number(seconds)
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"

@@ -1,0 +1,171 @@
+"""The policy `line-abreast`: cars in straight lines that sweep the rectangle back and forth."""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from baselines.policies.line_closing import close_up, closes_up, closing_of
+from baselines.policies.line_guarantee import ideal_guarantee
+from baselines.policies.line_path import (
+    LineParameters,
+    LinePlan,
+    can_span,
+    check,
+    line_path,
+    line_plan,
+    slowest_top_speed,
+)
+from baselines.policies.line_transit import Effort, Pace, angle_steps, effort_of, transit
+from baselines.policies.memory import clear_worlds
+from baselines.policies.neighbour_watch import WATCH
+from baselines.policies.own_row import own_phase
+from baselines.policies.path_tables import PathTables, path_tables
+from baselines.policies.registry import register
+from baselines.policies.timed_paths import STEPS, TimedPaths, TrackingParameters
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import wrap
+from lissajous_env.parameters.scenario import Scenario
+
+wp.set_module_options(OPTIONS)
+
+_LINES_MAX = 8
+_HASTE = 1.25
+"""Largest speed on the way into the lines, in that of the lines."""
+_FULL = 0.985
+"""The same, in the top speed of the slowest car."""
+
+
+@wp.kernel
+def choose_ways(
+    equilibrium: wp.array(dtype=float),
+    angles: int,
+    first: int,
+    plans: int,
+    memory: wp.array3d(dtype=float),
+    observation: wp.array3d(dtype=float),
+    plan_out: wp.array2d(dtype=int),
+):
+    """Choose the way into the lines at the first step: by the angle of the formation, which the own phase shows."""
+    w, i = wp.tid()
+    if memory[w, i, STEPS] == 0.0:
+        turned = wrap(own_phase(w, i, observation) - equilibrium[i]) / 6.283185307179586
+        nearest = int(wp.floor(turned * float(angles) + 0.5)) - first
+        if plans == angles:
+            plan_out[w, i] = (nearest + angles) % angles
+        else:
+            plan_out[w, i] = wp.clamp(nearest, 0, plans - 1)
+
+
+def best_plan(scenario: Scenario, parameters: LineParameters) -> LinePlan:
+    """Return the plan of the given number of lines, or of that with the best guarantee once they have formed."""
+    check(scenario, parameters)
+    if parameters.lines is not None:
+        return line_plan(scenario, parameters, parameters.lines)
+    counts = [m for m in range(1, min(scenario.num_robots, _LINES_MAX) + 1) if can_span(scenario, m)]
+    plans = [line_plan(scenario, parameters, count) for count in counts]
+    if len(plans) == 1:
+        return plans[0]
+    return min(plans, key=lambda plan: ideal_guarantee(scenario, plan, 0))
+
+
+def effort(scenario: Scenario, plan: LinePlan) -> Effort:
+    """Return how finely the ways into lines are chosen."""
+    return effort_of(scenario.num_robots, 3 * plan.period // 2)
+
+
+@lru_cache(maxsize=16)
+def line_tables(scenario: Scenario, parameters: LineParameters) -> tuple[LinePlan, PathTables]:
+    """Return the lines of a scenario, and the tables of the paths of its robots, one plan for each angle."""
+    plan = best_plan(scenario, parameters)
+    path = line_path(plan)
+    slots = np.argsort(scenario.ring)  # neighbours on the ring are neighbours in a line
+    starts, lanes = plan.starts[slots], plan.lanes[slots]
+    at = path[(starts[:, None] + np.arange(plan.period)) % plan.period]
+    along, across, heading = at[..., 0], at[..., 1] + at[..., 3] * lanes[:, None], at[:, 0, 2]
+    loop = np.stack([along, across], axis=-1)
+    if scenario.curve.half_height > scenario.curve.half_width:
+        loop, heading = np.stack([-across, along], axis=-1), heading + np.pi / 2
+    poses = np.concatenate([loop[:, 0], heading[:, None]], axis=-1)
+    fastest = min(_FULL * slowest_top_speed(scenario), _HASTE * plan.speed)
+    pace = Pace(scenario.robot.drag, max(fastest, 1.001 * plan.speed), plan.speed)
+    radius = plan.speed * plan.step * plan.turn.short / plan.turn.angle
+    ways = transit(scenario, effort(scenario, plan), poses, radius, pace)
+    return plan, path_tables(scenario, np.broadcast_to(loop, (len(ways), *loop.shape)), ways)
+
+
+@register("line-abreast", kind="car")
+class LineAbreast(TimedPaths):
+    """Cars in straight lines across the rectangle, which sweep it back and forth.
+
+    The cars of a line are so close that no rogue passes between two sensing discs (`line_path.speed_limit` has the
+    spacing law), the outermost ones reach the walls, and all copy one path: to the end of the rectangle, a turn of
+    three arcs back into the own lanes, outside of the rectangle where `task.boundary` is open, and back. Several lines,
+    where there are cars for them, are interleaved and spread over the period. `line_guarantee.ideal_guarantee` computes
+    the worst-case undetected time of the ideal motion; `line_transit` computes the ways from the formation into the
+    lines, chosen so that no two cars meet; `line_closing` closes a line up.
+
+    A car's place in a line is fixed: neighbours on the communication ring are neighbours in a line. A line closes up
+    where one of its robots has stopped or been removed, if the others can still span the rectangle. If they cannot, or
+    where there are several lines, the others stay in their lanes. A robot that resumes catches up with its line without
+    regard to others: `line-abreast-safe` avoids collisions then. Where the boundary is closed, the turns lie inside of
+    it, and a line is no barrier while it turns: rogues can slip past at the walls.
+
+    Lines of searchers that sweep a region of rogues with a known largest speed: Y. Altshuler, V. Yanovsky,
+    I. A. Wagner, A. M. Bruckstein, "Efficient cooperative search of smart targets using UAV swarms", Robotica 26
+    (2008); R. M. Francos, A. M. Bruckstein, "Search for smart evaders with sweeping agents", arXiv:1905.04006 (2019).
+    Sweeps as an action of robot teams in pursuit and evasion: A. Kolling, S. Carpin, "Pursuit-evasion on trees by robot
+    teams", IEEE Transactions on Robotics 26 (2010). A patrol that repeats itself is predictable, which a rogue that
+    knows it can use to enter a perimeter undetected: N. Agmon, G. A. Kaminka, S. Kraus, "Multi-robot adversarial
+    patrolling: facing a full-knowledge opponent", Journal of Artificial Intelligence Research 42 (2011). Such a rogue
+    is the one that the guarantee is about: it may enter at any moment, but it is detected within that time.
+
+    Args:
+        scenario: The scenario, of cars.
+        num_worlds: W.
+        device: Warp device.
+        parameters: Speed, number of lines, and turns.
+        tracking: Gains and limits of the following of the paths.
+
+    Raises:
+        ValueError: sensing discs that are too small, or too few, for a line to span the shorter side.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: LineParameters | None = None,
+        tracking: TrackingParameters | None = None,
+    ):
+        resolved = scenario.resolve()
+        self.parameters = parameters or LineParameters()
+        self.lines, tables = line_tables(resolved, self.parameters)
+        super().__init__(
+            scenario, num_worlds, device, tables=tables, plan=np.zeros(num_worlds, int), parameters=tracking
+        )
+        self._closes = closes_up(self.scenario, self.lines)
+        self._closing = closing_of(self.scenario, self.lines, tables.lead_in)
+        slots = np.argsort(self.scenario.ring).astype(np.int32)
+        self._slots = wp.array(slots, dtype=wp.int32, device=self.device)
+        self._remembered = wp.zeros((*self.shape, 2, WATCH), dtype=wp.float32, device=self.device)
+        angles = effort(self.scenario, self.lines).angles
+        steps = angle_steps(self.scenario, angles)
+        self._angles = (angles, int(steps[0]), len(steps))
+        self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what is kept of these worlds."""
+        super().forget(mask)
+        clear_worlds(self._remembered, mask)
+
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
+        inputs = [self._equilibrium, *self._angles, self._memory, observation]
+        self.launch(choose_ways, self.shape, inputs, [self.plan])
+        if self._closes:
+            inputs = [self._curve, self._closing, self._slots, self._memory, observation, self._remembered]
+            self.launch(close_up, self.shape, inputs, [self.shift])
+        self.follow(observation)

@@ -1,0 +1,129 @@
+"""What a robot knows of its ring neighbours' states, by the messages that it hears from them.
+
+A robot that has failed still sends its place, which does not move; a robot that has been removed sends nothing, so the
+age of its last message grows. Nobody tells a robot more: of robots that are not its ring neighbours it knows nothing
+unless they are in its disc.
+"""
+
+import warp as wp
+
+from baselines.policies.own_row import (
+    hears,
+    message_age,
+    offset_heard,
+    offset_seen,
+    own_heading,
+    own_position,
+    own_speed,
+    sees,
+    velocity_seen,
+)
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.trig import cos_sin
+
+wp.set_module_options(OPTIONS)
+
+WORKS, STANDS, SILENT = (wp.constant(k) for k in range(3))
+"""States of a ring neighbour, as a robot believes."""
+# Entries of the memory of a ring neighbour.
+STATE, HEARD_X, HEARD_Y, AGE, STILL = (wp.constant(k) for k in range(5))
+WATCH = 5
+PLACES = wp.constant(4)
+"""Places of robots that stand: of the two ring neighbours, then of two that were seen."""
+
+
+@wp.struct
+class Watch:
+    """Constants: the displacement in a step below which a robot stands [m], in how many steps, and scales."""
+
+    still: float
+    patience: int
+    step: float
+    time_unit: float
+    speed_unit: float
+    radius: float
+    robots_seen: int
+
+
+@wp.func
+def note_message(known: wp.array(dtype=float), place: wp.vec2, age: float, still: float, step: float):
+    """Remember the place in a ring neighbour's message, and count those in a row that are nearly equal.
+
+    A message that was heard before is older by a step [s] and does not count. Places that differ by less than `still`
+    [m] are nearly equal.
+    """
+    if age < known[AGE] + 0.5 * step:
+        moved = wp.length(place - wp.vec2(known[HEARD_X], known[HEARD_Y]))
+        known[STILL] = wp.where(moved < still, known[STILL] + 1.0, 0.0)
+        known[HEARD_X] = place[0]
+        known[HEARD_Y] = place[1]
+    known[AGE] = age
+
+
+@wp.kernel
+def watch_neighbours(
+    curve: CurveStruct,
+    watch: Watch,
+    observation: wp.array3d(dtype=float),
+    memory: wp.array4d(dtype=float),
+    standing: wp.array3d(dtype=wp.vec3),
+):
+    """Update what robot i believes of its ring neighbours, and where robots stand: x, y and 1 where there is one."""
+    w, i = wp.tid()
+    position = own_position(w, i, curve, observation)
+    for side in range(2):
+        known = memory[w, i, side]
+        if not hears(w, i, side, observation):
+            if known[AGE] > 0.0:
+                known[STATE] = float(SILENT)
+        else:
+            place = position + offset_heard(w, i, side, curve, observation)
+            # One step more than the age, so that 0 means that nothing was heard yet.
+            age = message_age(w, i, side, watch.time_unit, observation) + watch.step
+            if known[AGE] == 0.0:
+                known[HEARD_X] = place[0]
+                known[HEARD_Y] = place[1]
+                known[AGE] = age
+            else:
+                note_message(known, place, age, watch.still, watch.step)
+                if known[STILL] == 0.0:
+                    known[STATE] = float(WORKS)
+                if known[STILL] >= float(watch.patience):
+                    known[STATE] = float(STANDS)
+        stands = wp.where(known[STATE] == float(STANDS), 1.0, 0.0)
+        standing[w, i, side] = wp.vec3(known[HEARD_X], known[HEARD_Y], stands)
+    watch_disc(w, i, position, watch, observation, standing)
+
+
+@wp.func
+def watch_disc(
+    w: int,
+    i: int,
+    position: wp.vec2,
+    watch: Watch,
+    observation: wp.array3d(dtype=float),
+    standing: wp.array3d(dtype=wp.vec3),
+):
+    """Update where robots stand that are, or were, in the disc."""
+    # Where a robot that stood should be seen but is not, there is none any more.
+    for k in range(2, PLACES):
+        known = standing[w, i, k]
+        if known[2] > 0.0 and wp.length(wp.vec2(known[0], known[1]) - position) < 0.9 * watch.radius:
+            standing[w, i, k] = wp.vec3(0.0, 0.0, 0.0)
+    own = own_speed(w, i, watch.speed_unit, observation) * cos_sin(own_heading(w, i, observation))
+    for seen in range(watch.robots_seen):
+        if sees(w, i, seen, observation):
+            velocity = own + velocity_seen(w, i, seen, watch.speed_unit, observation)
+            place = position + offset_seen(w, i, seen, watch.radius, observation)
+            is_known = bool(False)
+            room = int(0)
+            for k in range(PLACES):
+                known = standing[w, i, k]
+                if known[2] > 0.0:
+                    if wp.length(wp.vec2(known[0], known[1]) - place) < 2.0 * watch.still + 0.1 * watch.radius:
+                        is_known = True
+                elif k >= 2:
+                    room = k
+            if wp.length(velocity) * watch.step < watch.still and not is_known and room > 0:
+                standing[w, i, room] = wp.vec3(place[0], place[1], 1.0)

@@ -1,0 +1,173 @@
+"""Area partition: one cell of the rectangle for each car, and synchronised loops in the cells.
+
+That each robot patrols a part of its own is among the oldest strategies of multi-robot patrolling: D. Portugal,
+R. Rocha, "A survey on multi-robot patrolling algorithms" (2011). Parts of equal measure balance the work: M. Pavone,
+A. Arsie, E. Frazzoli, F. Bullo, "Distributed algorithms for environment partitioning in mobile robotic networks", IEEE
+Transactions on Automatic Control 56 (2011). Against an adversary that knows the strategy, a deterministic patrol is as
+good as its weakest moment: N. Agmon, G. A. Kaminka, S. Kraus, "Multi-robot adversarial patrolling: facing a
+full-knowledge opponent", Journal of Artificial Intelligence Research 42 (2011). So the plan is the one with the least
+worst-case undetected time (`baselines.policies.partition_plan`).
+"""
+
+import dataclasses
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from baselines.policies.cells import tour
+from baselines.policies.ideal_motion import undetected_times
+from baselines.policies.partition_plan import PartitionParameters, Plan, car_of, partition_plan, required_distance
+from baselines.policies.path_tables import PathTables, path_tables
+from baselines.policies.patrol import Still
+from baselines.policies.registry import register
+from baselines.policies.timed_paths import STEPS, TimedPaths, TrackingParameters
+from baselines.policies.transit import transit
+from baselines.safety.filter import Safe
+from lissajous_env import scenario as make_scenario
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.theory import closed_forms
+
+wp.set_module_options(OPTIONS)
+
+_LONGEST = 6.0
+"""Longest planned transit, in the time in which a car drives half of the rectangle's half perimeter."""
+
+
+@wp.kernel
+def take_filtered(
+    until: float,
+    memory: wp.array3d(dtype=float),
+    filtered: wp.array3d(dtype=float),
+    action_out: wp.array3d(dtype=float),
+):
+    """Take the actions of the collision filter up to a control step."""
+    w, i = wp.tid()
+    if memory[w, i, STEPS] <= until:
+        for k in range(action_out.shape[2]):
+            action_out[w, i, k] = filtered[w, i, k]
+
+
+@register("partition")
+class Partition(TimedPaths):
+    """A cell of the rectangle for each car, with loops that are synchronised for the least worst-case undetected time.
+
+    Robots that are neighbours on the ring have neighbouring cells where the start leaves the choice. From a start in
+    the equilibrium, whose places are known, each car follows a planned transit (`baselines.policies.transit`) without
+    collisions. From other starts a robot does not know where the others are: it drives to its cell at once, under the
+    collision filter until all of them have had the time to arrive.
+
+    Args:
+        scenario: The scenario, of cars.
+        num_worlds: W.
+        device: Warp device.
+        parameters: What is not to be optimised.
+        tracking: Gains and limits of the following of the loops.
+
+    Raises:
+        ValueError: no loops that the cars can drive have room in the rectangle, side by side.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: PartitionParameters | None = None,
+        tracking: TrackingParameters | None = None,
+    ):
+        self.parameters = parameters or PartitionParameters()
+        self.partition, tables, self._filtered_until = timed_partition(plain_of(scenario), self.parameters)
+        super().__init__(scenario, num_worlds, device, tables=tables, parameters=tracking)
+        self._filter = Safe(Still(self.scenario, num_worlds, self.device)) if self._filtered_until > 0 else None
+        self.communicates = "nothing" if self._filter is None else self._filter.communicates
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget the time, and what the cars have learned of themselves and seen of others."""
+        super().forget(mask)
+        if self._filter is not None:
+            self._filter.forget(mask)
+
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
+        self.follow(observation)
+        if self._filter is not None:
+            filtered = self._filter.filter(observation, self.action)
+            self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, filtered], [self.action])
+
+
+def plain_of(scenario: Scenario) -> Scenario:
+    """Return a scenario without what a plan does not depend on, resolved."""
+    return dataclasses.replace(scenario.resolve(), name="", description="", extensions=())
+
+
+@lru_cache(maxsize=64)
+def timed_partition(scenario: Scenario, parameters: PartitionParameters) -> tuple[Plan, PathTables, float]:
+    """Return the plan of a scenario, its timed paths by robot, and how long the collision filter is needed [step]."""
+    plan = partition_plan(scenario, parameters)
+    planned = planned_transit(scenario, plan, parameters) if start_is_known(scenario) else None
+    if planned is None:
+        loop = plan.loop[cells_of_ring(scenario, plan)]
+        return plan, path_tables(scenario, loop), arrival_of_all(scenario, plan)
+    lead_in, chosen = planned
+    loop = np.roll(plan.loop[chosen], -lead_in.shape[1], axis=1)
+    return plan, path_tables(scenario, loop, lead_in), 0.0
+
+
+def ideal_undetected_times(scenario: str | Scenario, parameters: PartitionParameters | None = None) -> np.ndarray:
+    """Return the worst-case undetected time at each control step (steps + 1,) if all cars drive ideally [s].
+
+    It starts with the transit where that is planned, else on the loops. On the loops its largest value is that of
+    `partition_plan(scenario).worst`, which is computed on a coarser grid.
+    """
+    made = plain_of(make_scenario(scenario))
+    _, tables, _ = timed_partition(made, parameters or PartitionParameters())
+    places, curve = tables.places(made.task.steps)[0], made.curve
+    half = curve.half_width, curve.half_height
+    return undetected_times(places, half, made.sensing_radius, made.rogue_speed, made.task.step)
+
+
+def arrival_of_all(scenario: Scenario, plan: Plan) -> float:
+    """Return the time after which all robots have arrived at their loops, from wherever they started [step]."""
+    time = 2 * (scenario.curve.half_width + scenario.curve.half_height) / plan.speed
+    return float(math.ceil(time / scenario.task.step) + 2 * plan.loop.shape[1])
+
+
+def start_is_known(scenario: Scenario) -> bool:
+    """Return whether all robots know where all of them start, to within a body's diameter at two deviations."""
+    formation = scenario.formation
+    farthest = scenario.alpha * float(closed_forms.curve_speed(scenario.curve, np.linspace(0, 2 * np.pi, 4096)).max())
+    return formation.start == "equilibrium" and formation.start_noise * farthest <= scenario.robot.radius
+
+
+def starts_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Return the poses (N, 3), x, y [m] and heading [rad], and speeds (N,) [m/s] of a start in the equilibrium."""
+    phase = scenario.equilibrium + np.array([dict(scenario.formation.displaced).get(i, 0.0) for i in scenario.ring])
+    gamma = scenario.alpha * phase
+    velocity = scenario.formation.phase_rate * closed_forms.curve_derivatives(scenario.curve, gamma)[0]
+    heading = np.arctan2(velocity[..., 1], velocity[..., 0])
+    return np.column_stack([closed_forms.curve_point(scenario.curve, gamma)[:, :2], heading]), np.hypot(*velocity.T)
+
+
+def planned_transit(
+    scenario: Scenario, plan: Plan, parameters: PartitionParameters, assignments: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the lead-in (N, L, 2) of each robot and its loop (N,), from the equilibrium; None if there is none.
+
+    `assignments` (A, N) are the loops of the robots that may be chosen; all by default.
+    """
+    start, speed = starts_of(scenario)
+    time = _LONGEST * (scenario.curve.half_width + scenario.curve.half_height) / plan.speed / scenario.task.step
+    apart = required_distance(scenario, parameters)
+    car, step = car_of(scenario, parameters), scenario.task.step
+    return transit(start, speed, plan.loop, car, apart, step, math.ceil(time), assignments)
+
+
+def cells_of_ring(scenario: Scenario, plan: Plan) -> np.ndarray:
+    """Return the cell (N,) of each robot: neighbours on the ring have neighbouring cells where that is possible."""
+    cells = np.empty(scenario.num_robots, dtype=int)
+    cells[list(scenario.ring)] = tour(plan.cells)
+    return cells

@@ -1,0 +1,121 @@
+"""Tables of timed paths: places of robots at each control step, with the heading, speed and inputs that follow.
+
+A timed path is a lead-in of L control steps, driven once, and a loop of K control steps, driven for ever: at the end of
+control step t a robot is to be at `lead_in[t]`, or at `loop[(t - L) % K]` from step L on. Tables are made in float64 on
+the host. A quintic spline through the places, in the unit of a control step, gives velocity and acceleration.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lissajous_env.parameters.scenario import Scenario
+
+FINE = 4
+"""Samples of a table in a control step, between which a car's place on its path is interpolated."""
+_REACH = 16
+"""Places beyond the ends of a part that its spline is fitted through; their influence fades by 0.43 a place."""
+
+
+@dataclass(frozen=True)
+class PathTables:
+    """Timed paths of P plans of N robots, at FINE samples in a control step: first the lead-in, then the loop."""
+
+    pose: np.ndarray
+    """(P, N, M, 4) x, y [m], heading [rad], speed [m/s], where M = FINE (L + K)."""
+    feedforward: np.ndarray
+    """(P, N, M, 2) mean curvature [1/m] and mean acceleration [m/s^2] over the control step that begins there."""
+    lead_in: int
+    """L [control steps]."""
+    loop: int
+    """K [control steps]."""
+
+    def places(self, steps: int) -> np.ndarray:
+        """Return the places (P, N, steps + 1, 2) of the robots, from the start to the end of a control step [m]."""
+        return self.pose[:, :, self._samples(steps), :2]
+
+    def headings(self, steps: int) -> np.ndarray:
+        """Return the headings (P, N, steps + 1) of the robots, from the start to the end of a control step [rad]."""
+        return self.pose[:, :, self._samples(steps), 2]
+
+    def _samples(self, steps: int) -> np.ndarray:
+        t = np.arange(steps + 1)
+        return FINE * np.where(t < self.lead_in, t, self.lead_in + (t - self.lead_in) % self.loop)
+
+
+def path_tables(scenario: Scenario, loop: np.ndarray, lead_in: np.ndarray | None = None) -> PathTables:
+    """Return the tables of timed paths.
+
+    Args:
+        scenario: Scenario, for the duration of a control step.
+        loop: (N, K, 2) or (P, N, K, 2) places on the loops, one a control step [m]; the first follows on the last.
+        lead_in: (N, L, 2) or (P, N, L, 2) places before the loop, the first at the start of the episode [m]; none by
+            default. `loop[..., 0, :]` follows on its last place.
+
+    Raises:
+        ValueError: places of another shape, fewer than four on a loop, or a place that is not finite.
+    """
+    loop = _checked(scenario, "loop", loop)
+    lead_in = loop[:, :, :0] if lead_in is None else _checked(scenario, "lead_in", lead_in)
+    if loop.shape[2] < 4:
+        raise ValueError(f"loop must have at least 4 places, one a control step, got {loop.shape[2]}")
+    if lead_in.shape[:2] != loop.shape[:2]:
+        raise ValueError(
+            f"lead_in must have as many plans and robots as loop, {loop.shape[:2]}, got {lead_in.shape[:2]}"
+        )
+    begin, end = lead_in.shape[2], lead_in.shape[2] + loop.shape[2]
+    around = np.arange(-_REACH, loop.shape[2] + _REACH + 1) % loop.shape[2]
+    parts = [_sampled(loop[:, :, around], _REACH, loop.shape[2])]
+    if begin:
+        onward = loop[:, :, np.arange(_REACH + 1) % loop.shape[2]]
+        parts.insert(0, _sampled(np.concatenate([lead_in, onward], axis=2), 0, begin))
+    places, velocity = (np.concatenate(each, axis=2) for each in zip(*parts, strict=True))
+    return _tables(places, velocity / scenario.task.step, scenario.task.step, begin, end - begin)
+
+
+def _checked(scenario: Scenario, name: str, places: np.ndarray) -> np.ndarray:
+    places = np.asarray(places, dtype=float)
+    places = places[None] if places.ndim == 3 else places
+    if places.ndim != 4 or places.shape[1] != scenario.num_robots or places.shape[3] != 2:
+        rule = f"must be places (plans, {scenario.num_robots} robots, control steps, 2) [m]"
+        raise ValueError(f"{name} {rule}, got shape {places.shape}")
+    if not np.isfinite(places).all():
+        raise ValueError(f"{name} must be finite [m], got {places[~np.isfinite(places)][0]}")
+    return places
+
+
+def _sampled(places: np.ndarray, before: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return places [m] and velocities [m/step] at the fine samples of `count` steps, after `before` steps."""
+    from scipy.interpolate import make_interp_spline  # slow to import
+
+    spline = make_interp_spline(np.arange(places.shape[2]), places, k=min(5, places.shape[2] - 1), axis=2)
+    at = before + np.arange(FINE * count) / FINE
+    return spline(at), spline(at, 1)
+
+
+def _tables(places: np.ndarray, velocity: np.ndarray, step: float, lead_in: int, loop: int) -> PathTables:
+    """Return the tables of sampled places [m] and velocities [m/s]."""
+    speed = np.hypot(velocity[..., 0], velocity[..., 1])
+    heading = np.arctan2(velocity[..., 1], velocity[..., 0])
+    size = places.shape[2]
+    after = np.arange(1, size + FINE)  # a control step beyond the end, which goes on at the start of the loop
+    after = np.where(after < size, after, FINE * lead_in + (after - FINE * lead_in) % (FINE * loop))
+    whole = np.concatenate([np.arange(1), after])
+    turn = np.diff(heading[:, :, whole], axis=2)
+    turn = (turn + np.pi) % (2 * np.pi) - np.pi
+    way = 0.5 * (speed[:, :, whole[1:]] + speed[:, :, whole[:-1]]) * (step / FINE)
+    turn, way = (_over_a_step(each) for each in (turn, way))
+    curvature = np.divide(turn, way, out=np.zeros_like(turn), where=way > 0)
+    acceleration = (speed[:, :, whole[FINE:]] - speed) / step
+    return PathTables(
+        np.concatenate([places, heading[..., None], speed[..., None]], axis=-1),
+        np.stack([curvature, acceleration], axis=-1),
+        lead_in,
+        loop,
+    )
+
+
+def _over_a_step(pieces: np.ndarray) -> np.ndarray:
+    """Return the sums of FINE successive pieces."""
+    size = pieces.shape[2] - FINE + 1
+    return np.sum([pieces[:, :, k : k + size] for k in range(FINE)], axis=0)

@@ -1,0 +1,140 @@
+"""Periodic paths of any form: each car goes around a closed path that Fourier coefficients describe, all in one period.
+
+Robot i is to be at
+
+    x(t) = x_0 + sum over k = 1, 2 ... of a_k cos(2 pi k t / T) + b_k sin(2 pi k t / T)
+
+and at y(t) likewise, where T is the common period. The paths are timed (`baselines.policies.timed_paths`), and from a
+start in the equilibrium the cars enter them by a planned transit without collisions, as those of `partition` do.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from baselines.policies.partition import Partition, start_is_known, starts_of
+from baselines.policies.partition_plan import PartitionParameters, car_of, required_distance
+from baselines.policies.path_tables import PathTables, path_tables
+from baselines.policies.patrol import Still
+from baselines.policies.registry import register
+from baselines.policies.timed_paths import TimedPaths, TrackingParameters
+from baselines.policies.transit import transit
+from baselines.safety.filter import Safe
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked, rows, whole
+from lissajous_env.theory import closed_forms
+
+_LONGEST = 3.0
+"""Longest planned transit, in the time in which a car at the largest speed of the paths drives around the rectangle."""
+_PHASES = 6
+"""Phases of the team for which a transit is sought."""
+
+
+def _as_path(entry: Any) -> tuple[float, ...] | None:
+    row = tuple(float(number) for number in entry)
+    fits = len(row) >= 6 and len(row) % 4 == 2 and all(abs(number) <= 1e4 for number in row)
+    return row if fits else None
+
+
+@dataclass(frozen=True)
+class PathParameters(Checked):
+    """Parameters of periodic paths; without them, every robot goes around the formation's curve."""
+
+    period: int | None = whole(None, 4, 2**20)
+    """Control steps of a period; None means those of a lap of the formation."""
+    paths: tuple[tuple[float, ...], ...] | None = rows(
+        None, "must hold a row for each robot: x_0, y_0, then a_k, b_k of x and of y for k = 1, 2 ... [m]", _as_path
+    )
+    """Fourier coefficients of the path of each robot: x_0, y_0, and for each harmonic a_k, b_k of x, a_k, b_k of y [m];
+    None means the places of the formation on its curve."""
+
+
+def places_of(paths: np.ndarray, period: int) -> np.ndarray:
+    """Return the places (..., period, 2) on paths (..., 2 + 4 K) at each control step of a period [m]."""
+    paths = np.asarray(paths, dtype=float)
+    count = (paths.shape[-1] - 2) // 4
+    waves = paths[..., 2:].reshape(*paths.shape[:-1], count, 2, 2)  # harmonic, coordinate, cosine and sine
+    turn = 2 * np.pi * np.arange(1, count + 1)[:, None] * np.arange(period) / period
+    found = np.einsum("...kc,kt->...tc", waves[..., 0], np.cos(turn))
+    return paths[..., None, :2] + found + np.einsum("...kc,kt->...tc", waves[..., 1], np.sin(turn))
+
+
+def derivative_of(paths: np.ndarray, duration: float) -> np.ndarray:
+    """Return the coefficients of the derivative of paths (..., 2 + 4 K) by time, for a period of a duration [s]."""
+    count = (paths.shape[-1] - 2) // 4
+    waves = paths[..., 2:].reshape(*paths.shape[:-1], count, 2, 2)
+    rate = 2 * np.pi / duration * np.arange(1, count + 1)[:, None]
+    turned = np.stack([rate * waves[..., 1], -rate * waves[..., 0]], axis=-1)
+    return np.concatenate([0 * paths[..., :2], turned.reshape(*paths.shape[:-1], 4 * count)], axis=-1)
+
+
+def coefficients_of(loop: np.ndarray, count: int) -> np.ndarray:
+    """Return the Fourier coefficients (..., 2 + 4 count) of loops (..., K, 2) of K control steps, up to a harmonic."""
+    steps = loop.shape[-2]
+    waves = np.fft.rfft(loop, axis=-2) * (2 / steps)
+    if waves.shape[-2] <= count:
+        waves = np.concatenate([waves, np.zeros((*waves.shape[:-2], count + 1 - waves.shape[-2], 2))], axis=-2)
+    pairs = np.stack([waves.real, -waves.imag], axis=-1)[..., 1 : count + 1, :, :]
+    return np.concatenate([loop.mean(axis=-2), pairs.reshape(*pairs.shape[:-3], 4 * count)], axis=-1)
+
+
+@lru_cache(maxsize=64)
+def timed_loops(scenario: Scenario, parameters: PathParameters) -> tuple[PathTables, float]:
+    """Return the timed paths of the robots, and how long the collision filter is needed [control step].
+
+    Raises:
+        ValueError: another number of paths than of robots.
+    """
+    loop = _loop(scenario, parameters)
+    pieces = np.linalg.norm(np.diff(loop, axis=1, append=loop[:, :1]), axis=2)
+    fastest = float(pieces.max()) / scenario.task.step
+    around = _LONGEST * 2 * (scenario.curve.half_width + scenario.curve.half_height)
+    longest = math.ceil(around / fastest / scenario.task.step) + loop.shape[1]
+    if start_is_known(scenario):
+        start, speed = starts_of(scenario)
+        room = PartitionParameters(speed=max(fastest, 1e-3), clearance=0.2 * scenario.robot.radius)
+        apart = required_distance(scenario, room)
+        for shift in np.arange(_PHASES) * loop.shape[1] // _PHASES:  # the phase of the team is free
+            turned = np.roll(loop, shift, axis=1)
+            found = transit(start, speed, turned, car_of(scenario, room), apart, scenario.task.step, longest)
+            if found is not None:
+                lead_in, chosen = found
+                return path_tables(scenario, np.roll(turned[chosen], -lead_in.shape[1], axis=1), lead_in), 0.0
+    return path_tables(scenario, loop), float(longest)
+
+
+def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
+    """Return the places (N, K, 2) of the robots at the control steps of a period [m]."""
+    lap = 2 * math.pi / scenario.formation.phase_rate / scenario.task.step
+    period = parameters.period or max(round(lap), 4)
+    if parameters.paths is not None:
+        if len(parameters.paths) != scenario.num_robots:
+            rule = f"paths must hold a row for each of the {scenario.num_robots} robots"
+            raise ValueError(f"{rule}, got {len(parameters.paths)}")
+        longest = max(map(len, parameters.paths))
+        padded = [[*row, *[0.0] * (longest - len(row))] for row in parameters.paths]
+        return places_of(np.array(padded), period)
+    gamma = scenario.alpha * scenario.equilibrium[:, None] + 2 * np.pi * np.arange(period) / period
+    return closed_forms.curve_point(scenario.curve, gamma)[..., :2]
+
+
+@register("periodic-paths", on_request=True)
+class PeriodicPaths(Partition):
+    """Cars on timed closed paths of any form, given by Fourier coefficients; by default those of the formation."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        parameters: PathParameters | None = None,
+        tracking: TrackingParameters | None = None,
+    ):
+        self.parameters = parameters or PathParameters()
+        tables, self._filtered_until = timed_loops(scenario.resolve(), self.parameters)
+        TimedPaths.__init__(self, scenario, num_worlds, device, tables=tables, parameters=tracking)
+        self._filter = Safe(Still(self.scenario, num_worlds, self.device)) if self._filtered_until > 0 else None
+        self.communicates = "nothing" if self._filter is None else self._filter.communicates

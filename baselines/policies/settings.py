@@ -1,0 +1,90 @@
+"""Policies with parameters by name: the settings of a registered policy, and the policy that they make.
+
+The parameters of a policy are the fields of the dataclass that its argument `parameters` has. A coordinator over a
+tracker has two: `parameters` are the tracker's, `coordinator` are the coordinator's. What is not given is as by
+default, which a dataclass with a method `of(scenario, **overrides)` scales to the scenario.
+"""
+
+import dataclasses
+import inspect
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from baselines.policies import registry
+from baselines.policies.base import Policy
+from baselines.policies.trackers.base import Coordinated
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked
+from lissajous_env.wording import few_of, nearest, shown
+
+ARGUMENT = "parameters"
+"""Name of the argument that takes the parameters of a policy or of a coordinator."""
+
+
+@dataclass(frozen=True)
+class PolicySettings:
+    """The settings of a registered policy."""
+
+    policy: str
+    """Name of the policy, with the suffix of a wrapper if there is one."""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    """Parameters of the policy, or of its tracker."""
+    coordinator: Mapping[str, Any] = field(default_factory=dict)
+    """Parameters of its coordinator."""
+
+    def make(self, scenario: Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+        """Make the policy.
+
+        Raises:
+            ValueError: an unknown policy, one that does not fit the scenario, or an unknown or invalid parameter.
+        """
+        registry.check(self.policy, scenario)
+        factory = registry.factory_of(self.policy)
+        if self.coordinator:
+            factory = _with_coordinator(self, factory, scenario)
+        given = {ARGUMENT: _made(self.policy, ARGUMENT, factory, self.parameters, scenario)} if self.parameters else {}
+        plain, suffix = registry.unwrapped(self.policy)
+        policy = factory(scenario, num_worlds, device, **given)
+        policy.name = plain
+        return registry.wrapped(policy, suffix, self.policy)
+
+
+def _with_coordinator(settings: PolicySettings, factory: Any, scenario: Scenario) -> Callable[..., Policy]:
+    """Return the factory of a tracker whose coordinator has the parameters of the settings."""
+    if not (isinstance(factory, partial) and inspect.isclass(factory.func) and issubclass(factory.func, Coordinated)):
+        raise ValueError(f"coordinator must be empty for {settings.policy}, which has none, got {settings.coordinator}")
+    coordinator, *others = factory.args
+    made = _made(settings.policy, "coordinator", coordinator, settings.coordinator, scenario)
+    return partial(factory.func, partial(coordinator, **{ARGUMENT: made}), *others, **factory.keywords)
+
+
+def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scenario: Scenario) -> Checked:
+    """Make the dataclass of a factory's parameters.
+
+    Raises:
+        ValueError: the factory has none, or a parameter is unknown or invalid.
+    """
+    kind = parameters_class(factory)
+    if kind is None:
+        raise ValueError(f"{table} must be empty for {policy}, which has none, got {few_of(given)}")
+    known = [each.name for each in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    for name in given:
+        if name not in known:
+            raise ValueError(f"{table} of {policy} must be of {few_of(known, name)}, got {shown(name)}"
+                             f"{nearest(name, known)}")  # fmt: skip
+    before = factory.keywords.get(ARGUMENT) if isinstance(factory, partial) else None
+    if before is not None:
+        return dataclasses.replace(before, **given)
+    return kind.of(scenario, **given) if hasattr(kind, "of") else kind(**given)  # type: ignore[attr-defined]
+
+
+def parameters_class(factory: Any) -> type[Checked] | None:
+    """Return the dataclass of a factory's argument `parameters`; None if it has no such argument."""
+    made = factory.func if isinstance(factory, partial) else factory
+    hints = typing.get_type_hints(made.__init__ if inspect.isclass(made) else made)
+    hint = hints.get(ARGUMENT)
+    kinds = [each for each in (hint, *typing.get_args(hint)) if inspect.isclass(each) and issubclass(each, Checked)]
+    return kinds[0] if kinds else None

@@ -1,0 +1,166 @@
+"""Transits: the ways of a team of cars from where they start into loops that are synchronised, without collisions.
+
+Each car gets a path of bounded curvature (`baselines.policies.dubins`) that enters a loop where this loop's reference
+is at that time, and a speed that is a quadratic function of time. The assignment of cars to loops minimises the sum of
+the fourth powers of the arrival times. The paths are then selected one car after the other, those that arrive last
+first: each enters its loop as early as it can without coming near the cars before it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from baselines.policies.dubins import dubins_lengths, dubins_places
+
+_PROFILE = np.linspace(0, 1, 21)
+_TRIES = 24
+"""Orders of the cars that are tried."""
+_PER_ROBOT = 60
+"""Paths of a car that are tried in an order, the earliest first."""
+
+
+@dataclass(frozen=True)
+class Car:
+    """Constants of cars for a transit."""
+
+    turning: float
+    """Radius of turns [m]."""
+    speed: float
+    """Largest speed [m/s]."""
+    slowest: float
+    """Smallest speed [m/s]."""
+    top_speed: float
+    """Steady speed at full throttle of the weakest car [m/s]."""
+    drag: float
+    """Damping of the speed [1/s]."""
+
+
+def loop_poses(loop: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the poses (N, K, 3), x, y [m] and heading [rad], and speeds (N, K) [m/s] on loops (N, K, 2)."""
+    velocity = (np.roll(loop, -1, axis=1) - np.roll(loop, 1, axis=1)) / (2 * step)
+    heading = np.arctan2(velocity[..., 1], velocity[..., 0])
+    pieces = np.linalg.norm(np.diff(loop, axis=1, append=loop[:, :1]), axis=2)
+    return np.concatenate([loop, heading[..., None]], axis=-1), (pieces + np.roll(pieces, 1, axis=1)) / (2 * step)
+
+
+def transit(
+    start: np.ndarray,
+    speed: np.ndarray,
+    loop: np.ndarray,
+    car: Car,
+    apart: float,
+    step: float,
+    longest: int,
+    assignments: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the lead-in (N, L, 2) of each robot and the loop that it goes around, by robot; None if there is none.
+
+    Args:
+        start: (N, 3) x, y [m] and heading [rad] of the robots at the start.
+        speed: (N,) speeds at the start [m/s].
+        loop: (N, K, 2) places on the loops at control steps 0, 1 ... of the episode [m].
+        car: Constants of the cars.
+        apart: Least distance of two robots [m]; less where two start nearer.
+        step: Control step [s].
+        longest: Longest transit [control steps].
+        assignments: (A, N) loops of the robots that may be chosen; all by default.
+
+    Returns:
+        (N, L, 2) places at control steps 0 to L - 1 [m], and the loop (N,) of each robot.
+    """
+    pose, loop_speed = loop_poses(loop, step)
+    times = np.arange(2, longest + 1)
+    at = times % loop.shape[1]
+    pieces = dubins_lengths(start[:, None, None], pose[None], car.turning)[:, :, at]  # (N, N, T, 6, 3)
+    lengths = pieces.sum(axis=-1)
+    possible = _drivable(lengths, speed[:, None, None, None], loop_speed[None][:, :, at, None], times, car, step)
+    arrival = np.where(possible.any(axis=3), times, np.inf).min(axis=2)
+    if not np.isfinite(arrival).any(axis=1).all():
+        return None
+    cost = np.where(np.isfinite(arrival), arrival, 100.0 * longest) ** 4
+    robots = np.arange(len(start))
+    if assignments is None:
+        from scipy.optimize import linear_sum_assignment  # slow to import
+
+        chosen = linear_sum_assignment(cost)[1]
+    else:
+        chosen = assignments[np.argmin(cost[robots, assignments].sum(axis=1))]
+    if not np.isfinite(arrival[robots, chosen]).all():
+        return None
+    ways = [_Ways(i, chosen[i], start, speed, loop, loop_speed, pieces, possible, times, car, step) for i in robots]
+    draw, order = np.random.default_rng(0), np.argsort(-arrival[robots, chosen], kind="stable")
+    for _ in range(_TRIES):
+        found = _selected([ways[i] for i in order], apart)
+        if isinstance(found, dict):
+            last = max(way[1] for way in found.values())
+            return np.stack([found[int(i)][0][: 2 * last : 2] for i in robots]), chosen
+        # The car without a way goes first in the next order.
+        rest = [i for i in order if i != found]
+        order = np.array([found, *(rest if draw.random() < 0.5 else draw.permutation(rest))], dtype=int)
+    return None
+
+
+def _drivable(
+    lengths: np.ndarray, before: np.ndarray, after: np.ndarray, times: np.ndarray, car: Car, step: float
+) -> np.ndarray:
+    """Return which lengths (..., T, 6) can be driven in a time, from one speed to the other."""
+    duration = (times * step)[:, None]
+    swell = lengths / duration - (before + after) / 2
+    possible = np.isfinite(lengths)
+    for share in _PROFILE:
+        speed = before + (after - before) * share + 6 * swell * share * (1 - share)
+        gain = (after - before + 6 * swell * (1 - 2 * share)) / duration
+        possible &= speed >= np.minimum(car.slowest, 0.9 * np.minimum(before, after)) - 1e-9 * car.speed
+        possible &= speed <= np.maximum(car.speed, np.maximum(before, after)) * (1 + 1e-9)
+        possible &= (gain <= car.drag * (car.top_speed - speed)) & (gain >= -0.85 * car.drag * speed)
+    return possible
+
+
+class _Ways:
+    """The drivable ways of a robot into its loop, the earliest first."""
+
+    def __init__(self, robot, cell, start, speed, loop, loop_speed, pieces, possible, times, car, step):
+        self.robot, self.car, self.step = robot, car, step
+        self.start, self.speed, self.loop, self.loop_speed = start[robot], speed[robot], loop[cell], loop_speed[cell]
+        self.pieces, self.times = pieces[robot, cell], times
+        which = np.argwhere(possible[robot, cell])
+        lengths = self.pieces.sum(axis=-1)[which[:, 0], which[:, 1]]
+        self.which = which[np.lexsort((lengths, which[:, 0]))][:_PER_ROBOT]
+
+    def places(self, k: int, halves: int) -> tuple[np.ndarray, int]:
+        """Return the places (halves, 2) at every half control step of way k [m], and its arrival [control step]."""
+        row, word = self.which[k]
+        arrives = int(self.times[row])
+        duration, count = arrives * self.step, len(self.loop)
+        pieces = self.pieces[row, word]
+        after = self.loop_speed[arrives % count]
+        swell = pieces.sum() / duration - (self.speed + after) / 2
+        share = np.arange(2 * arrives) / (2 * arrives)
+        along = duration * (
+            self.speed * share + (after - self.speed) * share**2 / 2 + swell * share**2 * (3 - 2 * share)
+        )
+        lead = dubins_places(self.start, pieces, int(word), self.car.turning, along)
+        onward = np.arange(2 * arrives, max(halves, 2 * arrives))
+        ends = self.loop[onward // 2 % count], self.loop[(onward + 1) // 2 % count]
+        return np.concatenate([lead, (ends[0] + ends[1]) / 2]), arrives
+
+
+def _selected(ways: list[_Ways], apart: float) -> dict[int, tuple[np.ndarray, int]] | int:
+    """Return the places and the arrival of each robot, selected in an order, or the robot that has no way."""
+    halves = 2 * int(ways[0].times[-1]) + 2 * len(ways[0].loop)
+    found: dict[int, tuple[np.ndarray, int]] = {}
+    for way in ways:
+        for k in range(len(way.which)):
+            places, arrives = way.places(k, halves)
+            clear = True
+            for other, _ in found.values():
+                distance = np.linalg.norm(places - other, axis=1)
+                if (distance < min(apart, 0.999 * distance[0])).any():
+                    clear = False
+                    break
+            if clear:
+                found[way.robot] = places, arrives
+                break
+        else:
+            return way.robot
+    return found

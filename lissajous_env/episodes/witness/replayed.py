@@ -1,0 +1,109 @@
+"""Ways of rogues, replayed in the same worlds as ordinary targets, which the simulation detects."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lissajous_env.episodes.recording import Recorder, Recording
+from lissajous_env.episodes.witness.played import Played
+from lissajous_env.episodes.witness.search import Way
+from lissajous_env.parameters.extensions import TargetMotion, target_motion
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.columns import WORST_CASE
+from lissajous_env.world.simulation import Simulation
+from lissajous_env.world.state import HIDDEN, NEVER, PRESENT
+
+
+class Replayed(NamedTuple):
+    """A rogue as the simulation detected it."""
+
+    undetected: float
+    """Time from its appearance to its detection, or to the end of the episode [s]."""
+    detected: bool
+    proved: float
+    """Worst-case undetected time of `task.conservative`, which no rogue exceeds [s]."""
+
+
+def replay(episodes: Sequence[Played], ways: Sequence[Way], device: Any = "cpu") -> list[Replayed]:
+    """Repeat episodes of one scenario by their actions, each with its rogue as the only target.
+
+    Args:
+        episodes: The episodes, of the same length.
+        ways: The way of the rogue in each of them; after its end the rogue stands still.
+        device: Warp device of the simulation.
+
+    Raises:
+        RuntimeError: the robots do not move as they did.
+    """
+    steps = max(each.steps for each in episodes)
+    table = np.stack([_places(way, steps) for way in ways])
+
+    def follow(world: Any) -> np.ndarray:
+        """Move the first target of each world along its table."""
+        places = world.targets.position.copy()
+        places[:, 0] = table[np.arange(len(table)), np.minimum(world.clock.step, steps)]
+        return places
+
+    scenario = _with_rogue(episodes[0].scenario, target_motion(follow))
+    simulation = Simulation(scenario, len(episodes), device=device)
+    simulation.reset(seeds=[each.seed for each in episodes])
+    _introduce(simulation, ways)
+    for now in range(1, steps + 1):
+        simulation.step(np.stack([each.action[min(now, each.steps)] for each in episodes]))
+        track = simulation.robots.track.numpy()[..., :2]
+        for w, each in enumerate(episodes):
+            if now <= each.steps and not np.array_equal(track[w], each.track[now]):
+                raise RuntimeError(f"robots must move as before, but not in step {now} of seed {each.seed}")
+    rows = simulation.score()
+    found = []
+    for w, row in enumerate(rows):
+        times, detected = simulation.detection_times(w)
+        found.append(Replayed(float(times[0]), bool(detected[0]), float(row[WORST_CASE.name])))
+    return found
+
+
+def record_again(played: Played, policy: str) -> Recording:
+    """Record an episode by its actions."""
+    simulation = Simulation(played.scenario)
+    simulation.reset(seeds=[played.seed])
+    recorder = Recorder(simulation)
+    recorder.take()
+    for action in played.action[1:]:
+        simulation.step(action[None])
+        recorder.take()
+    return recorder.recording(policy)
+
+
+def _with_rogue(scenario: Scenario, motion: TargetMotion) -> Scenario:
+    """Return a scenario whose targets move along a table, and whose worst case is a proved bound."""
+    inside = scenario.targets.entry if scenario.targets.entry == "boundary" else "inside"
+    moved = {"drifting": 0.0, "wandering": 0.0, "fleeing": 0.0, "custom": 1.0, "speed_limit": scenario.rogue_speed}
+    targets = replace(scenario.targets, entry=inside, **moved)
+    task = replace(scenario.task, conservative=True)
+    return replace(scenario, targets=targets, task=task, extensions=(motion,))
+
+
+def _places(way: Way, steps: int) -> np.ndarray:
+    """Return the place of a rogue (steps + 1, 2) at each moment; it waits before and after its way."""
+    return way.places[np.clip(np.arange(steps + 1) - way.appears_at, 0, len(way.places) - 1)]
+
+
+def _introduce(simulation: Simulation, ways: Sequence[Way]) -> None:
+    """Let the first target of each world be its rogue, and no other target appear."""
+    targets = simulation.targets
+    shape = targets.stage.shape
+    first = np.array([way.places[0] for way in ways], dtype=np.float32)
+    appears, stage = np.full(shape, int(NEVER), dtype=np.int32), np.full(shape, int(HIDDEN), dtype=np.int32)
+    appears[:, 0] = [way.appears_at for way in ways]
+    stage[appears[:, 0] == 0, 0] = int(PRESENT)
+    targets.appears_at.assign(appears)
+    targets.stage.assign(stage)
+    targets.found_at.assign(np.full(shape, int(NEVER), dtype=np.int32))
+    targets.found_early.zero_()
+    targets.in_sight.zero_()
+    position = targets.position.numpy().copy()
+    position[:, 0] = first
+    targets.position.assign(position)
+    targets.before.assign(position)

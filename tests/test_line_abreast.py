@@ -1,0 +1,173 @@
+"""The policy `line-abreast`: its spacing law, path, guarantee, ways into the lines, and how a line closes up."""
+
+import math
+
+import numpy as np
+import pytest
+
+import lissajous_env
+from baselines.policies.line_abreast import LineAbreast, line_tables
+from baselines.policies.line_guarantee import ideal_guarantee
+from baselines.policies.line_path import (
+    LineParameters,
+    can_span,
+    largest_spacing,
+    line_path,
+    line_plan,
+    speed_limit,
+    turn_of,
+)
+
+INTRUDERS = lissajous_env.scenario("intruders", **{"task.contamination": (108, 48), "targets.speed_limit": 0.6})
+SEVEN = {"robot.count": 7, "task.duration": 60.0}
+
+
+def escapes(spacing, radius, rogue, speed, step, wall):
+    """Return whether a rogue passes a line unsensed: all its ways at once, on a fine grid in the frame of the line.
+
+    Two discs at y = -+ s / 2 move to the right; with a wall, one disc at y = -s / 2 and rogues below y = 0. At each
+    observation the rogues in a disc are lost; between two they move by u dt anywhere, and the line by v dt.
+    """
+    cell = speed * step / 48
+    x = np.arange(-round(1.2 * radius / cell), round(1.2 * radius / cell) + 1) * cell
+    y = np.arange(-round(0.6 * radius / cell), 1 if wall else round(0.6 * radius / cell) + 1) * cell
+    centres = [-spacing / 2] if wall else [-spacing / 2, spacing / 2]
+    sensed = np.any([x**2 + (y[:, None] - centre) ** 2 <= radius**2 for centre in centres], axis=0)
+    ahead = np.broadcast_to(x > radius * 0.6, sensed.shape)
+    reach = int(rogue * step / cell)
+    free = ahead & ~sensed
+    for _ in range(math.ceil(3 * radius / ((speed - rogue) * step))):
+        shifted = np.zeros_like(free)
+        shifted[:, :-48] = free[:, 48:]
+        shifted[:, -48:] = True  # there are always more rogues ahead
+        moved = shifted.copy()
+        for j in range(-reach, reach + 1):
+            width = int(math.sqrt(reach**2 - j**2))
+            rows = np.zeros_like(shifted)
+            rows[max(j, 0) : len(y) + min(j, 0)] = shifted[max(-j, 0) : len(y) - max(j, 0)]
+            counts = np.cumsum(np.pad(rows, ((0, 0), (width + 1, width))), axis=1)
+            moved |= counts[:, 2 * width + 1 :] > counts[:, : -2 * width - 1]
+        free = moved & ~sensed
+    return bool(free[:, x < -0.6 * radius].any())
+
+
+@pytest.mark.parametrize("wall", [False, True])
+@pytest.mark.parametrize(("spacing", "radius", "rogue", "step"), [(0.96, 0.5, 0.6, 0.1), (1.1, 0.6, 0.3, 0.2)])
+def test_no_rogue_passes_below_the_speed_limit(spacing, radius, rogue, step, wall):
+    """Oracle: brute force, 4 % below and above the limit."""
+    limit = speed_limit(spacing, radius, rogue, step)
+    assert not escapes(spacing, radius, rogue, 0.96 * limit, step, wall)
+    assert escapes(spacing, radius, rogue, 1.04 * limit, step, wall)
+    assert largest_spacing(limit, radius, rogue, step) == pytest.approx(spacing)
+
+
+@pytest.mark.parametrize("curvature", [0.1, 0.25, 0.4])
+def test_a_turn_comes_back_into_its_lane(curvature):
+    """Oracle: the path of unit steps along the headings, integrated finely; equal arcs would take 7 pi / 3."""
+    turn = turn_of(curvature)
+    rates = np.diff(np.append(0.0, turn.headings))
+    fine = np.repeat(rates / 1000, 1000)
+    heading = np.cumsum(fine) - fine / 2
+    end = np.array([np.cos(heading).sum(), np.sin(heading).sum()]) / 1000
+    np.testing.assert_allclose(end, 0, atol=1e-5)
+    assert turn.headings[-1] == pytest.approx(-math.pi)
+    assert np.abs(rates).max() <= curvature
+    assert turn.steps <= 1.15 * 7 * math.pi / 3 / curvature + 1
+
+
+def test_lines_share_the_span():
+    """Oracle: every place across is sensed by each line, and cars of two lines pass clear of each other."""
+    scenario = lissajous_env.scenario("intruders", **{"robot.count": 12}).resolve()
+    assert [can_span(scenario, count) for count in (1, 2, 3)] == [True, True, False]
+    plan = line_plan(scenario, LineParameters(), 2)
+    across = np.linspace(-2.4, 2.4, 1001)
+    for line in range(2):
+        lanes = plan.lanes[plan.line_of == line]
+        assert np.abs(across[:, None] - lanes).min(axis=1).max() < scenario.sensing_radius
+    assert np.diff(np.sort(plan.lanes)).min() > 3 * scenario.robot.radius
+
+
+@pytest.mark.parametrize(("overrides", "words"), [
+    ({"sensing.radius": 0.3}, r"line-abreast needs N \* 2 \* sensing radius >= the shorter side: 5 \* 2 \* 0.3 < 4.8"),
+    ({"targets.speed_limit": 4.0}, "5 cars to span 4.8 m with discs of 0.5 m while rogues move at 4 m/s"),
+])  # fmt: skip
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_line_that_cannot_work_is_refused(overrides, words):
+    with pytest.raises(ValueError, match=words):
+        LineAbreast(lissajous_env.scenario("intruders", **overrides))
+
+
+def test_the_guarantee_is_that_of_the_ideal_motion_and_no_cars_collide():
+    """Oracle: the contamination of the simulated world, with exact discs on a grid, and its count of collisions."""
+    policy = LineAbreast(INTRUDERS, 16)
+    ideal = ideal_guarantee(policy.scenario, policy.lines, policy.tables.lead_in)
+    rows = lissajous_env.evaluate(policy, INTRUDERS, seeds=range(16))
+    worst = [row["guaranteed_detection_time"] for row in rows]
+    assert max(worst) <= 18
+    np.testing.assert_allclose(worst, ideal, rtol=0.03)
+    assert sum(row["collisions"] for row in rows) == 0
+
+
+def test_uneven_cars_keep_the_line():
+    """Oracle: the places of the tables, from the moment on at which the lines are to have formed."""
+    uneven = {"noise.wheelbase_spread": 0.02, "noise.drive_spread": 0.02}
+    scenario = lissajous_env.scenario("intruders", **uneven)
+    policy, simulation = LineAbreast(scenario, 8), lissajous_env.Simulation(scenario, 8, seed=2)
+    steps = policy.tables.lead_in + 100
+    missed = []
+    for step in range(steps):
+        simulation.step(policy.act(simulation.observation))
+        places = policy.tables.places(step + 1)[:, :, -1]
+        missed.append(simulation.robots.position.numpy()[..., :2] - places[policy.plan.numpy(), np.arange(5)])
+    assert np.linalg.norm(missed[policy.tables.lead_in :], axis=-1).max() < 0.03
+
+
+def test_more_lines_guarantee_more():
+    """Oracle: half of the period less the time of a turn, at which two lines meet again."""
+    scenario = lissajous_env.scenario("intruders", **{"robot.count": 12}).resolve()
+    one, two = (line_plan(scenario, LineParameters(), count) for count in (1, 2))
+    assert ideal_guarantee(scenario, two, 0) == pytest.approx(0.5 * two.period * two.step, rel=0.05)
+    assert ideal_guarantee(scenario, two, 0) < 0.7 * ideal_guarantee(scenario, one, 0)
+
+
+def test_lines_stand_upright_in_an_upright_rectangle():
+    """Oracle: the same rectangle on its side, turned by a quarter."""
+    turned = {"curve.half_width": 2.4, "curve.half_height": 5.4}
+    lying, upright = (line_tables(lissajous_env.scenario("intruders", **each).resolve(), LineParameters(speed=1.5))
+                      for each in ({}, turned))  # fmt: skip
+    np.testing.assert_array_equal(lying[0].lanes, upright[0].lanes)
+    begin = [tables.pose[0, :, 4 * tables.lead_in :: 4, :2] for _, tables in (lying, upright)]
+    np.testing.assert_allclose(begin[1], np.stack([-begin[0][..., 1], begin[0][..., 0]], axis=-1), atol=1e-6)
+
+
+def test_turns_stay_inside_of_a_closed_boundary():
+    scenario = lissajous_env.scenario("intruders", **{"task.boundary": "wall"}).resolve()
+    plan = line_plan(scenario, LineParameters(speed=1.0), 1)
+    path = line_path(plan)
+    places = path[:, None, 1] + path[:, 3, None] * plan.lanes
+    assert np.abs(path[:, 0]).max() <= 5.4 + 1e-9
+    assert np.abs(places).max() <= 2.4 + 1e-9
+
+
+def across_at_the_end(**faults):
+    """Return y of 7 cars at the end of an episode [m], its worst case so far and the present undetected time [s]."""
+    scenario = lissajous_env.scenario(INTRUDERS, **SEVEN, **faults)
+    policy = LineAbreast(scenario, parameters=LineParameters(lines=1))
+    simulation = lissajous_env.Simulation(scenario, seed=0)
+    for _ in range(scenario.task.steps):
+        simulation.step(policy.act(simulation.observation))
+    return simulation.robots.position.numpy()[0, :, 1], simulation.contamination.age.numpy()[0] * 0.1
+
+
+@pytest.mark.parametrize("robot", [0, 3])
+def test_a_line_closes_up(robot):
+    """Oracle: six cars spaced evenly by hand; with a hole in the line, a rogue could hide from the loss to the end."""
+    y, age = across_at_the_end(**{"faults.removed": ((robot, 25.0),)})
+    np.testing.assert_allclose(np.delete(y, robot), (np.arange(6) + 0.5) * 0.8 - 2.4, atol=0.02)
+    assert age < 20
+
+
+def test_a_line_opens_again_for_a_robot_that_resumes():
+    """Oracle: the lanes of seven cars."""
+    y, _ = across_at_the_end(**{"faults.schedule": ((3, 25.0, 35.0),)})
+    np.testing.assert_allclose(y, (np.arange(7) + 0.5) * 4.8 / 7 - 2.4, atol=0.02)

@@ -1,0 +1,328 @@
+"""Messages that policies send: who hears what and when, and that nothing else changes."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+
+import lissajous_env
+from lissajous_env.envs.actions import action_table
+from lissajous_env.envs.true_state import state_names, state_rows
+from lissajous_env.episodes import recording as recordings
+from lissajous_env.parameters.plain_scenario import scenario_of
+from lissajous_env.parameters.scenario import digest_of
+from lissajous_env.parameters.scenario_file import as_toml
+from lissajous_env.replay import Replay
+from lissajous_env.world.observation import layout, message_start
+
+QUIET = {"targets.count": 4, "targets.arrival_rate": 0.0, "task.grid": None, "task.duration": 8.0}
+LOSSY = {"noise.message_loss": 0.4, "noise.message_delay": 0.2}
+
+
+def made(name="failure", k=2, **overrides):
+    return lissajous_env.scenario(name, **{**QUIET, "messages.size": k, **overrides})
+
+
+def draws(simulation, steps, seed=0, most=1.0):
+    """Actions (steps, W, N, A), of which a tenth beyond the range if `most` is 1.1."""
+    draw = np.random.default_rng(seed)
+    return draw.uniform(-most, most, (steps, *simulation.action_shape)).astype(np.float32)
+
+
+def heard(simulation):
+    """Messages (W, N, 2, k) in the rows of a simulation, by the names of the entries."""
+    names, rows = simulation.layout.names, simulation.observation.numpy()
+    k = simulation.scenario.messages.size
+    places = [[names.index(f"neighbour_{side}_message_{m}") for m in range(k)] for side in range(2)]
+    return rows[:, :, places].copy()
+
+
+def entry(simulation, name):
+    return simulation.observation.numpy()[..., simulation.layout.names.index(name)].copy()
+
+
+class Ring:
+    """The ring in NumPy: messages of one step, of which each robot hears those of its two neighbours.
+
+    It goes by the documentation alone. Which messages are lost it takes from the age of the phase messages, with which
+    they come.
+    """
+
+    def __init__(self, simulation):
+        self.simulation, scenario = simulation, simulation.scenario
+        w, n, k = simulation.num_worlds, simulation.num_robots, scenario.messages.size
+        self.ring, self.late = scenario.ring, round(scenario.noise.message_delay / scenario.task.step)
+        self.sent, self.last = [np.zeros((w, n, k), dtype=np.float32)], np.zeros((w, n, 2, k), dtype=np.float32)
+        self._hear()
+
+    def step(self, action):
+        """Send what an action says: the last k numbers, limited to [-1, 1]."""
+        gone = self.simulation.terminated.numpy().copy()
+        self.simulation.step(action)
+        works, there = self._works()
+        works |= self.simulation.terminated.numpy() & ~gone  # it spoke in the step of its collision
+        said = np.clip(action[..., action.shape[-1] - self.sent[0].shape[-1] :], -1, 1)
+        self.sent.append(np.where(works[..., None], said, np.where(there[..., None], self.sent[-1], 0)))
+        self._hear()
+
+    def _works(self):
+        status = self.simulation.robots.status.numpy()
+        return status == 0, status != 2
+
+    def _hear(self):
+        _, there = self._works()
+        for place, i in enumerate(self.ring):
+            for side, j in ((0, self.ring[place - 1]), (1, self.ring[(place + 1) % len(self.ring)])):
+                age = entry(self.simulation, f"neighbour_{side}_age")[:, i]
+                new = entry(self.simulation, f"neighbour_{side}_heard")[:, i] == 1
+                new &= np.isclose(age * self.simulation.scenario.time_unit, self.late * 0.1, atol=0.01)
+                if len(self.sent) > self.late:
+                    self.last[new, i, side] = self.sent[len(self.sent) - 1 - self.late][new, j]
+        self.expected = np.where(there[..., None, None], self.last, 0)
+
+
+@pytest.mark.parametrize(("robots", "targets", "k"), [(2, 4, 3), (0, 0, 1), (3, 1, 32), (2, 4, 0)])
+def test_the_layout_is_the_one_that_is_promised(robots, targets, k):
+    # Oracle: names, places and ranges by hand; the entries before them are those without messages.
+    counts = {"sensing.robots_seen": robots, "sensing.targets_seen": targets}
+    without, found = layout(made(k=0, **counts)), layout(made(k=k, **counts))
+    promised = [f"neighbour_{side}_message_{m}" for side in range(2) for m in range(k)]
+    assert found.names == (*without.names, *promised)
+    assert message_start(made(k=k, **counts)) == len(without.names)
+    assert (found.low[without.size :] == -1).all()
+    assert (found.high[without.size :] == 1).all()
+    extended = layout(made(k=k, extensions=[lissajous_env.observation_entry(size=2)(noughts)], **counts))
+    assert extended.names == (*found.names, "noughts_0", "noughts_1"), "those of extensions stay the last"
+
+
+def noughts(world):
+    """Zeros."""
+    return np.zeros((*world.robots.status.shape, 2))
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.4])
+@pytest.mark.parametrize("name", ["failure", "rough"])
+def test_what_is_heard_was_sent_a_delay_ago(name, delay):
+    # Oracle: the actions of the test themselves, shifted by the delay.
+    whole = {"faults.schedule": (), "faults.rate": 0.0, "noise.message_loss": 0.0, "noise.message_delay": delay}
+    simulation = lissajous_env.Simulation(made(name, 3, **whole), 3, seed=1)
+    late, others = round(delay / 0.1), simulation.scenario.neighbours
+    actions = draws(simulation, 25, most=1.1)
+    assert (heard(simulation) == 0).all()
+    for now, action in enumerate(actions, start=1):
+        simulation.step(action)
+        sent = np.clip(actions[now - late - 1][..., -3:], -1, 1) if now > late else np.zeros_like(action[..., -3:])
+        np.testing.assert_array_equal(heard(simulation), sent[:, others])
+        assert (entry(simulation, "neighbour_1_heard") == (now >= late)).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("failure", LOSSY),
+        ("failure", {**LOSSY, "faults.rate": 0.3, "faults.mean_duration": 0.5, "faults.lost": 2}),
+        ("failure", {**LOSSY, "formation.ring": (3, 0, 4, 1, 2)}),
+        (
+            "experiment",
+            {
+                "task.on_collision": "remove",
+                "robot.radius": 0.1,
+                "formation.start": "random",
+                "faults.schedule": (),
+                "noise.message_delay": 0.3,
+            },
+        ),
+        ("failure", {"robot.count": 7, "formation.p": 3, "noise.message_delay": 0.7}),
+    ],
+)
+def test_the_ring_in_numpy_hears_the_same(name, overrides):
+    # Oracle: `Ring`, bit for bit; that anything was lost, repeated or silenced is asserted of it.
+    simulation = lissajous_env.Simulation(made(name, 2, **overrides), 6, seed=3)
+    ring = Ring(simulation)
+    stale = 0
+    for action in draws(simulation, 60, seed=4, most=1.1):
+        before = ring.expected.copy()
+        ring.step(action)
+        np.testing.assert_array_equal(heard(simulation), ring.expected)
+        stale += (before == ring.expected).all(axis=-1).sum()
+    assert ring.expected.any()
+    assert stale > 0
+    if "faults.rate" in overrides:
+        assert (simulation.robots.status.numpy() == 2).any()
+
+
+def test_losses_keep_the_last_message_at_their_rate():
+    # Oracle: a share of 0.3 of the messages changes nothing; binomial, four deviations.
+    simulation = lissajous_env.Simulation(made(k=1, **{"noise.message_loss": 0.3, "faults.schedule": ()}), 100)
+    same, before = [], heard(simulation)
+    for action in draws(simulation, 40):
+        simulation.step(action)
+        same.append(heard(simulation) == before)
+        before = heard(simulation)
+    lost = np.array(same)
+    assert lost.mean() == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / lost.size))
+
+
+def test_a_failed_robot_repeats_its_last_message_and_a_removed_one_falls_silent():
+    # Story: robot 0 fails from 1 to 2 s, robot 2 is removed at 1.5 s. Every robot sends the number of the step.
+    faults = {"faults.schedule": ((0, 1.0, 2.0),), "faults.removed": ((2, 1.5),), "formation.ring": (0, 1, 2, 3, 4)}
+    simulation = lissajous_env.Simulation(made(k=1, **faults))
+    of_0, of_2 = [], []
+    for now in range(1, 31):
+        simulation.step(np.full(simulation.action_shape, now / 100, dtype=np.float32))
+        row = heard(simulation)[0, :, :, 0]
+        of_0.append(round(100 * row[1, 0]))
+        of_2.append(round(100 * row[3, 0]))
+        assert (row[2] == 0).all() == (now > 15), "a removed robot hears nothing"
+        assert round(100 * row[0, 1]) == now, "a failed one hears"
+    assert of_0 == [*range(1, 11), *[10] * 10, *range(21, 31)]
+    assert of_2 == [*range(1, 16), *[15] * 15]
+    spoken = state_rows(simulation)[0, state_names(simulation.scenario).index("robot_2_message_0")]
+    assert spoken == 0
+
+
+@pytest.mark.parametrize("name", ["failure", "rough", "team"])
+def test_messages_change_nothing_else(name):
+    # Oracle: the same scenario without them, bit for bit: entries, reward and every column of the score.
+    overrides = {"noise.actuator": 0.2, "task.reward_effort": -0.3, "task.duration": 4.0}
+    plain = lissajous_env.Simulation(lissajous_env.scenario(name, **overrides), 3, seed=5)
+    spoken = lissajous_env.Simulation(lissajous_env.scenario(name, **overrides, **{"messages.size": 5}), 3, seed=5)
+    size, moving = plain.layout.size, plain.action_shape[2]
+    for action in draws(spoken, 40, most=1.1):
+        plain.step(np.ascontiguousarray(action[..., :moving]))
+        spoken.step(action)
+        assert spoken.observation.numpy()[..., :size].tobytes() == plain.observation.numpy().tobytes()
+        assert spoken.reward_terms.numpy().tobytes() == plain.reward_terms.numpy().tobytes()
+    assert str(spoken.score()) == str(plain.score())
+    saved = plain.save_state()
+    assert not [each for each in saved if "Messages" in each], "saved states are as they were"
+    assert spoken.save_state().keys() - saved.keys() == {
+        "Messages.sending", "Messages.sent", "Messages.heard",
+    }  # fmt: skip
+
+
+def test_a_message_that_is_not_finite_zeroes_the_whole_action_and_flags_its_world():
+    simulation = lissajous_env.Simulation(made(k=2, **{"faults.schedule": ()}), 2, seed=1)
+    action = np.full(simulation.action_shape, 0.5, dtype=np.float32)
+    action[1, 3, 2] = np.nan
+    before = simulation.robots.position.numpy().copy()
+    simulation.step(action)
+    assert simulation.invalid.numpy().tolist() == [0, 1]
+    moved = np.abs(simulation.robots.position.numpy() - before).max(axis=-1) > 0
+    assert moved.tolist() == [[True] * 5, [True, True, True, False, True]]
+    silent = heard(simulation)[1][simulation.scenario.neighbours == 3]
+    assert (silent == 0).all()
+    assert np.isfinite(simulation.observation.numpy()).all()
+
+
+def test_a_permuted_ring_hears_by_its_order():
+    # Law: to rename the robots of a ring is to rename the senders of its messages.
+    order = (2, 0, 3, 4, 1)
+    plain = lissajous_env.Simulation(made(**{"formation.ring": (0, 1, 2, 3, 4), "faults.schedule": ()}))
+    other = lissajous_env.Simulation(made(**{"formation.ring": order, "faults.schedule": ()}))
+    for action in draws(plain, 10):
+        renamed = np.empty_like(action)
+        renamed[:, order] = action
+        plain.step(action)
+        other.step(renamed)
+        np.testing.assert_array_equal(heard(other)[:, order], heard(plain))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_robots(count):
+    # Oracle: two robots hear each other on one side only; one hears nobody.
+    alone = {"robot.count": count, "formation.p": 0, "faults.schedule": ()}
+    simulation = lissajous_env.Simulation(made(k=1, **alone), 2)
+    (action,) = draws(simulation, 1)
+    simulation.step(action)
+    expected = np.zeros((2, count, 2, 1))
+    if count == 2:
+        expected[:, :, 0] = action[:, ::-1, -1:]
+    np.testing.assert_array_equal(heard(simulation), expected)
+
+
+def test_a_world_is_its_own_and_goes_on_after_a_copy():
+    # Oracle: world 2 alone in a batch; the original after its copy, the state saved and loaded.
+    scenario = made("rough", 2, **LOSSY)
+    batch, alone = lissajous_env.Simulation(scenario, 4, seed=7), lissajous_env.Simulation(scenario, 1, seed=9)
+    actions = draws(batch, 20)
+    for action in actions[:10]:
+        batch.step(action)
+        alone.step(action[2:3])
+    copies = [pickle.loads(pickle.dumps(batch)), lissajous_env.Simulation(scenario, 4)]
+    copies[1].load_state(batch.save_state())
+    for action in actions[10:]:
+        for each in (batch, *copies):
+            each.step(action)
+        alone.step(action[2:3])
+        shown = {each.observation.numpy().tobytes() for each in (batch, *copies)}
+        assert len(shown) == 1
+        assert batch.observation.numpy()[2].tobytes() == alone.observation.numpy()[0].tobytes()
+    batch.reset([1])
+    assert (heard(batch)[1] == 0).all()
+    assert heard(batch)[[0, 2, 3]].any()
+
+
+def test_a_recording_replays_with_its_messages(tmp_path):
+    # Oracle: the stored actions, played again: the stored observations.
+    scenario = made("experiment", 2, **LOSSY)
+    simulation = lissajous_env.Simulation(scenario, seed=4)
+    recorder = recordings.Recorder(simulation)
+    recorder.take()
+    for action in draws(simulation, 15, most=1.1):
+        simulation.step(action)
+        recorder.take()
+    recorder.recording("talk").save(tmp_path / "talk.npz")
+    kept = recordings.load(tmp_path / "talk.npz")
+    again = lissajous_env.Simulation(kept.scenario, seed=4)
+    assert kept.action.shape == (16, 5, 4)
+    for action, row in zip(kept.action[1:], kept.observation[1:], strict=True):
+        again.step(action[None])
+        np.testing.assert_array_equal(again.observation.numpy()[0], row)
+    assert kept.scenario.action_names == ("steering", "throttle", "message_0", "message_1")
+    assert '"throttle", "message_0", "message_1"]' in Replay(kept).html().replace('","', '", "')
+
+
+def test_the_true_state_holds_what_robots_send():
+    simulation = lissajous_env.Simulation(made("rough", 2, **{"noise.message_loss": 1.0, "faults.rate": 0.0}), 3)
+    for action in draws(simulation, 3):
+        simulation.step(action)
+    names, rows = state_names(simulation.scenario), state_rows(simulation)
+    plain = state_names(made("rough", 0))
+    assert rows.shape == (3, len(names))
+    assert [name for name in names if "message" not in name] == list(plain)
+    for i in range(5):
+        for m in range(2):
+            np.testing.assert_array_equal(rows[:, names.index(f"robot_{i}_message_{m}")], action[:, i, 2 + m])
+
+
+def test_the_table_of_discrete_actions_has_one_word_or_none():
+    # Oracle: by hand, as MPE's communication: silence or one of k words, for each motion.
+    moves, table = action_table(made("rough", 0)), action_table(made("rough", 2))
+    assert table.shape == (3 * len(moves), 4)
+    np.testing.assert_array_equal(table[:, :2], np.concatenate([moves] * 3))
+    said = np.repeat([[0, 0], [1, 0], [0, 1]], len(moves), axis=0)
+    np.testing.assert_array_equal(table[:, 2:], said)
+
+
+# Scenarios.
+
+
+def test_a_scenario_without_messages_is_as_it_was():
+    scenario = lissajous_env.scenario("failure")
+    talking = lissajous_env.scenario(scenario, **{"messages.size": 1})
+    plain = json.loads(json.dumps(scenario.to_dict()))
+    older = {name: value for name, value in plain.items() if name != "messages"}
+    assert digest_of(older) == digest_of(plain) == scenario.digest() != talking.digest()
+    assert scenario_of(older) == scenario_of(plain) == scenario
+    assert scenario_of(json.loads(json.dumps(talking.to_dict()))) == talking
+    assert "messages" not in as_toml(scenario)
+    assert "[messages]\nsize = 1\n" in as_toml(talking)
+    assert (talking.action_size, talking.resolve().messages.size, talking.scaled(2.0, 3.0).messages.size) == (2, 1, 1)
+
+
+@pytest.mark.parametrize("size", [-1, 33, 1.5, True, None])
+def test_a_size_that_is_none(size):
+    with pytest.raises(ValueError, match=r"^messages.size must be a whole number from 0 to 32, got"):
+        lissajous_env.scenario("failure", **{"messages.size": size})

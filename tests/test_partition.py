@@ -1,0 +1,238 @@
+"""Partitions: the geometry of cells and loops, the plans, their guarantees, and what robots do about failures."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+from baselines.policies.cells import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
+from baselines.policies.dubins import WORDS, dubins_lengths, dubins_places
+from baselines.policies.ideal_motion import undetected_times, worst_undetected_time
+from baselines.policies.partition import Partition, cells_of_ring, ideal_undetected_times, plain_of
+from baselines.policies.partition_plan import PartitionParameters, partition_plan, smallest_distance, turning_radius_of
+from baselines.policies.partition_repair import PartitionRepair, RepairParameters
+from lissajous_env.episodes.guarantee import worst_undetected_times
+
+
+@pytest.mark.parametrize(("count", "half"), [(1, (2.0, 1.0)), (5, (1.8, 0.8)), (7, (1.0, 3.0)), (15, (5.0, 5.0))])
+def test_cells_tile_the_rectangle(count, half):
+    """Oracle: random places, each in exactly one cell, and equal areas."""
+    places = np.random.default_rng(0).uniform(-1, 1, (500, 2)) * half
+    for cells in divisions(count, half):
+        inside = (np.abs(places[:, None] - cells[:, :2]) < cells[:, 2:4]).all(axis=2)
+        assert (inside.sum(axis=1) == 1).all()
+        np.testing.assert_allclose(4 * cells[:, 2] * cells[:, 3], 4 * half[0] * half[1] / count)
+
+
+@pytest.mark.parametrize("size", [(1.0, 1.0), (2.0, 0.7), (0.6, 2.0)])
+@pytest.mark.parametrize("lanes", [2, 4])
+def test_a_loop_can_be_driven(size, lanes):
+    """Oracle: the extent, and the length of straight lines and quarter circles; curvature by finite differences."""
+    corner = 0.25 if lanes == 4 else 0.5
+    loop = closed_loop(size[0], size[1], corner, lanes)
+    if lanes == 4 and 2 * min(size) / 3 < 2 * corner:
+        assert loop is None
+        return
+    assert loop is not None
+    np.testing.assert_allclose(np.abs([loop.min(axis=0), loop.max(axis=0)]), [size, size], rtol=1e-9)
+    if lanes == 2:
+        assert length_of(loop) == pytest.approx(4 * sum(size) - (8 - 2 * math.pi) * corner, rel=1e-4)
+    fine = evenly_spaced(loop, 4000)
+    before, after = fine - np.roll(fine, 1, axis=0), np.roll(fine, -1, axis=0) - fine
+    turn = np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], (before * after).sum(axis=1))
+    assert turn.sum() == pytest.approx(2 * math.pi), "counter-clockwise, once around"
+    windows = np.convolve(np.r_[turn, turn[:40]], np.ones(40), "valid")[:-1]
+    assert np.abs(windows).max() <= 40 * length_of(loop) / 4000 / corner * 1.1
+
+
+def test_a_tour_goes_from_cell_to_cell_beside_it():
+    """Oracle: a closed tour of an m x n grid exists exactly if m or n is even; else all but one step are possible."""
+    for count, half, rows, gaps in ((12, (4.0, 3.0), 3, 0), (15, (5.0, 5.0), 3, 1), (5, (1.8, 0.8), 1, 1)):
+        grids = [each for each in divisions(count, half) if len(np.unique(each[:, 1].round(9))) == rows]
+        cells = min(grids, key=lambda each: np.ptp(each[:, 2:4], axis=0).sum())
+        order = tour(cells)
+        assert sorted(order) == list(range(count))
+        assert (~are_adjacent(cells)[order, np.roll(order, -1)]).sum() <= gaps + (count == 12)
+
+
+def test_paths_of_bounded_curvature_lead_from_pose_to_pose():
+    """Oracle: the end of each path, and the shortest one against the straight line and a published bound.
+
+    Bound: distance + 4 pi radius is enough for any two poses, as two whole turns and a straight line do.
+    """
+    draw, radius = np.random.default_rng(0), 0.5
+    start, end = (np.column_stack([draw.uniform(-2, 2, (200, 2)), draw.uniform(-4, 4, 200)]) for _ in range(2))
+    pieces = dubins_lengths(start, end, radius)
+    for i, k in itertools.product(range(200), range(len(WORDS))):
+        if np.isfinite(pieces[i, k]).all():
+            length = pieces[i, k].sum()
+            near, there = dubins_places(start[i], pieces[i, k], k, radius, np.array([length - 1e-6, length]))
+            np.testing.assert_allclose(there, end[i, :2], atol=1e-6)
+            heading = math.atan2(*(there - near)[::-1])
+            assert abs(math.remainder(heading - end[i, 2], 2 * math.pi)) < 1e-2
+    shortest = np.nanmin(pieces.sum(axis=-1), axis=1)
+    distance = np.linalg.norm((start - end)[:, :2], axis=1)
+    assert (shortest >= distance - 1e-9).all()
+    assert (shortest <= distance + 4 * math.pi * radius).all()
+
+
+def test_the_undetected_time_of_a_sweep_is_its_closed_form():
+    """Oracle: a disc that covers a corridor's height goes to and fro; at its turn a target waits for two sweeps."""
+    # Wide as 4 m, high as 0.2 m; the disc's middle goes from -1.5 m to 1.5 m and back at 1 m/s; targets at rest.
+    x = np.concatenate([np.linspace(-1.5, 1.5, 31)[:-1], np.linspace(1.5, -1.5, 31)[:-1]])
+    loop = np.stack([x, np.zeros_like(x)], axis=1)[None]
+    # The end is sensed at the turn alone, so once in 6 s.
+    assert worst_undetected_time(loop, (2.0, 0.1), 0.51, 0.0, 0.1) == pytest.approx(6.0, abs=0.25)
+    assert worst_undetected_time(loop, (2.0, 0.1), 0.51, 1.5, 0.1) == pytest.approx(6.0, abs=0.25), "no way past it"
+    assert worst_undetected_time(loop, (2.0, 0.6), 0.51, 0.0, 0.1) == math.inf, "above it nothing is sensed"
+
+
+@pytest.mark.parametrize("name", ["evaders", "team"])
+def test_a_plan_obeys_the_limits_of_the_cars(name):
+    scenario = lissajous_env.scenario(name).resolve()
+    plan = partition_plan(scenario)
+    robot, step = scenario.robot, scenario.task.step
+    away = np.diff(plan.loop, axis=1, append=plan.loop[:, :1])
+    speed = np.linalg.norm(away, axis=2).max() / step
+    assert speed <= 0.75 * robot.top_speed * 1.001
+    heading = np.unwrap(np.arctan2(away[..., 1], away[..., 0]), axis=1)
+    turn = np.abs(np.diff(heading, axis=1))
+    assert turn.max() <= 0.41
+    assert (turn / (speed * step)).max() <= 1.02 / turning_radius_of(scenario)
+    assert smallest_distance(plan.loop) >= 3 * robot.radius
+    assert (np.abs(plan.loop) <= np.array([scenario.curve.half_width, scenario.curve.half_height]) * 1.0001).all()
+
+
+def test_ring_neighbours_have_neighbouring_cells():
+    scenario = plain_of(lissajous_env.scenario("team"))
+    plan = partition_plan(scenario)
+    cell = cells_of_ring(scenario, plan)
+    assert sorted(cell) == list(range(15))
+    side_by_side = are_adjacent(plan.cells)
+    kept = [side_by_side[cell[i], cell[j]] for i, pair in enumerate(scenario.neighbours) for j in pair]
+    assert sum(kept) >= 28
+
+
+@pytest.mark.parametrize(("length", "time"), [(2.0, 4.0), (1 / 8, 1.0)])
+def test_similar_scenarios_have_similar_plans(length, time):
+    """Oracle: the law of similarity, bit for bit."""
+    scenario = lissajous_env.scenario("evaders")
+    plan, scaled = partition_plan(scenario), partition_plan(scenario.scaled(length, time))
+    np.testing.assert_array_equal(scaled.loop, length * plan.loop)
+    assert scaled.worst == time * plan.worst
+
+
+def test_the_ideal_guarantee_is_that_of_the_simulated_cars():
+    """Oracle: the contamination field of the simulation, with the cars' real dynamics, from the start of an episode."""
+    scenario = lissajous_env.scenario("evaders", **{"task.duration": 15.0})
+    ideal = ideal_undetected_times(scenario)
+    found = worst_undetected_times(baselines.make("partition", scenario, 4), scenario, range(4))
+    assert found.max() == pytest.approx(ideal.max(), abs=0.5)
+    assert found[:, 50:].max() == pytest.approx(ideal[50:].max(), abs=0.3)
+    assert ideal[50:].max() == pytest.approx(partition_plan(scenario).worst, abs=0.3)
+
+
+def test_evaders_are_detected_within_the_guarantee_and_nobody_collides():
+    """Oracle: the figures that were asked for, 4 s in the whole episode and 2.6 s after the first 5 s."""
+    scenario = lissajous_env.scenario("evaders")
+    policy = baselines.make("partition", scenario, 16)
+    found = worst_undetected_times(policy, scenario, range(16))
+    assert found.max() <= 4.0
+    assert found[:, 50:].max() <= 2.6
+    rows = lissajous_env.evaluate(baselines.make("partition", scenario, 16), scenario, range(100, 116))
+    assert sum(row["collisions"] for row in rows) == 0
+
+
+def test_the_speed_is_a_parameter():
+    """Oracle: a slower partition detects later, by about as much."""
+    scenario = lissajous_env.scenario("evaders")
+    fast, slow = partition_plan(scenario), partition_plan(scenario, PartitionParameters(speed=1.2))
+    assert slow.speed <= 1.2
+    assert slow.worst / fast.worst == pytest.approx(fast.speed / slow.speed, rel=0.35)
+
+
+@pytest.mark.parametrize(("make", "words"), [
+    (lambda: partition_plan(lissajous_env.scenario("evaders", **{"robot.wheelbase": 0.4})),
+     r"partition needs a rectangle that holds the turning circle of every car, of radius 1.19 m, got one of 0.8 m"),
+    (lambda: partition_plan(lissajous_env.scenario("evaders", **{"robot.count": 40})),
+     r"partition needs room for 40 loops of radius 0.52 m, .* 0.375 m from one another, got 3.6 m x 1.6 m"),
+    (lambda: partition_plan(lissajous_env.scenario("evaders"), PartitionParameters(rows=6)),
+     "rows must be at most the 5 robots, got 6"),
+    (lambda: PartitionParameters(lanes=3), "lanes must be even, got 3"),
+    (lambda: RepairParameters(patience=0), "patience must be a whole number from 1"),
+    (lambda: baselines.make("partition", "failure"), "must drive robots of kind curve"),
+])  # fmt: skip
+def test_what_cannot_work_is_refused_by_name(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def played(name, overrides, worlds=4):
+    """Collisions of each world, (steps + 1, W) worst-case undetected times, and the policy."""
+    scenario = lissajous_env.scenario("evaders", **overrides)
+    policy = baselines.make(name, scenario, worlds)
+    times = worst_undetected_times(policy, scenario, range(worlds)).T
+    return [row["collisions"] for row in lissajous_env.evaluate(policy, scenario, range(worlds))], times
+
+
+def test_robots_drive_around_those_that_have_failed_and_keep_the_guarantee():
+    """Oracle: the partition without reaction, whose robots drive into those that stand on their loops."""
+    schedule = lissajous_env.scenario("evaders-failure").faults.schedule
+    overrides = {"faults.schedule": schedule, "task.duration": 45.0}
+    (collisions, repaired), (others, _) = (played(name, overrides) for name in ("partition-repair", "partition"))
+    assert min(others) > 0
+    assert sum(collisions) == 0
+    assert repaired.max() <= 7
+
+
+@pytest.mark.parametrize("robot", range(5))
+def test_the_cell_of_any_robot_that_fails_is_taken_over(robot):
+    """Oracle: 4 s in the first 5 s and then less than half of the 10 s for which the robot stands."""
+    _, times = played("partition-repair", {"faults.schedule": ((robot, 12.0, 22.0),), "task.duration": 30.0}, worlds=2)
+    assert times[50:].max() <= 5
+
+
+def test_a_robot_knows_of_failures_by_messages_alone():
+    """Oracle: the ring of the scenario, (0, 1, 4, 2, 3): who is not beside a robot that fails goes on as before."""
+    overrides = {"faults.schedule": ((1, 10.0, 20.0),), "task.duration": 15.0}
+    scenario = lissajous_env.scenario("evaders", **overrides)
+    policy, simulation = PartitionRepair(scenario), lissajous_env.Simulation(scenario)
+    for step in range(150):
+        simulation.step(policy.act(simulation.observation))
+        if step == 95:
+            assert (policy.plan.numpy() == 0).all()
+    believes = policy.plan.numpy()[0] > 0
+    np.testing.assert_array_equal(np.flatnonzero(believes), [0, 4])
+
+
+def test_a_robot_that_is_removed_is_noticed_by_its_silence():
+    """Oracle: the age of a message, at most 1 s in this scenario."""
+    scenario = lissajous_env.scenario("evaders", **{"faults.removed": ((1, 8.0),), "task.duration": 10.0})
+    policy, simulation = PartitionRepair(scenario), lissajous_env.Simulation(scenario)
+    noticed = []
+    for _ in range(100):
+        simulation.step(policy.act(simulation.observation))
+        noticed.append((policy.plan.numpy()[0, [0, 2, 3, 4]] > 0).sum())
+    assert noticed[79] == 0
+    assert noticed[95] == 2
+
+
+def test_worlds_do_not_depend_on_the_batch():
+    scenario = lissajous_env.scenario("evaders-failure")
+    for make in (Partition, PartitionRepair):
+        batch, single = lissajous_env.Simulation(scenario, 3, seed=5), lissajous_env.Simulation(scenario, 1, seed=7)
+        many, one = make(scenario, 3), make(scenario)
+        for _ in range(40):
+            batch.step(many.act(batch.observation))
+            single.step(one.act(single.observation))
+        np.testing.assert_array_equal(batch.observation.numpy()[2], single.observation.numpy()[0])
+
+
+def test_the_undetected_times_grow_from_zero():
+    """Oracle: nobody moves, so a target that is not sensed at first never is."""
+    places = np.zeros((1, 21, 2))
+    times = undetected_times(places, (1.0, 1.0), 0.5, 0.1, 0.1)
+    np.testing.assert_allclose(times, 0.1 * np.arange(21))

@@ -1,0 +1,125 @@
+"""Periodic paths of any form: their Fourier coefficients, cars that follow them, and the search that improves them."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+from baselines.planning.families.known import FOLDER, Known
+from baselines.planning.optimising import Limits, Teams, loop_of, optimise, violation
+from baselines.planning.plans import Plan
+from baselines.planning.playing import Episodes, play
+from baselines.policies.periodic_paths import PathParameters, PeriodicPaths, coefficients_of, derivative_of, places_of
+from baselines.policies.settings import PolicySettings
+
+EVADERS = lissajous_env.scenario("evaders")
+PATHS = np.random.default_rng(1).normal(size=(2, 3, 2 + 4 * 3))
+
+
+def circle(radius, x=0.0):
+    return np.array([x, 0.0, radius, 0.0, 0.0, radius])
+
+
+def test_coefficients_are_those_of_the_series():
+    """Oracle: the series, term by term, and its coefficients again from its places."""
+    places, t = places_of(PATHS, 16), np.arange(16) / 16
+    x = sum(PATHS[..., 2 + 4 * k, None] * np.cos(2 * np.pi * (k + 1) * t) for k in range(3))
+    x = x + sum(PATHS[..., 3 + 4 * k, None] * np.sin(2 * np.pi * (k + 1) * t) for k in range(3))
+    np.testing.assert_allclose(places[..., 0], PATHS[..., :1] + x)
+    np.testing.assert_allclose(coefficients_of(places, 3), PATHS, atol=1e-12)
+
+
+def test_the_derivative_is_that_of_the_series():
+    # Oracle: central differences at a fine period.
+    fine, duration = 4000, 2.5
+    places = places_of(PATHS, fine)
+    wanted = (np.roll(places, -1, axis=-2) - np.roll(places, 1, axis=-2)) / (2 * duration / fine)
+    np.testing.assert_allclose(places_of(derivative_of(PATHS, duration), fine), wanted, rtol=1e-4, atol=1e-3)
+
+
+def test_cars_go_around_the_circles_that_were_given():
+    """Oracle: the circles in closed form; an even phase of the team is free."""
+    rows = [circle(0.55, x).tolist() for x in (-1.2, -0.6, 0.0, 0.6, 1.2)]
+    policy = PeriodicPaths(EVADERS, parameters=PathParameters(period=20, paths=rows))
+    simulation = lissajous_env.Simulation(EVADERS)
+    for _ in range(200):
+        simulation.step(policy.act(simulation.observation))
+    places = np.sort(simulation.robots.position.numpy()[0, :, :2], axis=0)
+    middle = np.array([-1.2, -0.6, 0.0, 0.6, 1.2])
+    offset = places[:, 0] - middle
+    np.testing.assert_allclose(np.hypot(offset, places[:, 1]), 0.55, atol=0.02)
+    np.testing.assert_allclose(offset, offset[0], atol=0.03)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"period": 3}, "pathparameters.period must be a whole number from 4"),
+        ({"paths": ((0.0, 1.0, 2.0),)}, "pathparameters.paths must hold a row for each robot"),
+        ({"paths": ((0.0,) * 6,) * 4}, "paths must hold a row for each of the 5 robots, got 4"),
+    ],
+)
+def test_wrong_parameters_are_refused(changed, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        PeriodicPaths(EVADERS, parameters=PathParameters(**changed))
+
+
+def test_violations_are_relative_and_add_up():
+    """Oracle: circles in closed form: speed 2 pi r / T, curvature 1 / r, distances of their centres."""
+    limits = Limits(speed=2.0, turning=0.5, apart=0.3, half=(3.0, 2.0), step=0.1)
+    one = np.stack([circle(0.6, -1.0), circle(0.6, 1.0)])[None]
+    fine = round(2 * np.pi * 0.6 / 1.9 / 0.1)
+    assert violation(one, fine, limits)[0] == 0
+    assert violation(one, fine // 2, limits)[0] == pytest.approx(
+        2 * np.pi * 0.6 / (fine // 2 * 0.1) / 2.0 - 1, rel=1e-3
+    )
+    tight = np.stack([circle(0.4, -1.0), circle(0.4, 1.0)])[None]
+    assert violation(tight, fine, limits)[0] == pytest.approx(0.25, rel=1e-3)
+    near = np.stack([circle(0.6, 0.0), circle(0.6, 0.2)])[None]
+    assert violation(near, fine, limits)[0] == pytest.approx(1 - 0.2 / 0.3, rel=1e-3)
+    outside = np.stack([circle(0.6, -1.0), circle(0.6, 2.7)])[None]
+    assert violation(outside, fine, limits)[0] == pytest.approx(0.1, rel=1e-2)
+
+
+def test_teams_are_scored_apart():
+    """The law of the batch: a team's score does not depend on the others; the same team twice has the same score."""
+    plan = Plan("partition", EVADERS, PolicySettings("partition"))
+    loop = loop_of(plan)
+    other = loop + np.array([0.2, 0.1])
+    both, mean = Teams(EVADERS, loop.shape[1], 3).scores(np.stack([loop, other, loop]))
+    alone, _ = Teams(EVADERS, loop.shape[1], 1).scores(other[None])
+    assert (both[0], mean[0]) == (both[2], mean[2])
+    assert both[1] == alone[0]
+
+
+def test_free_paths_keep_the_limits_of_the_cars():
+    pytest.importorskip("cma")
+    start = Plan("partition", EVADERS, PolicySettings("partition"))
+    for plan in optimise(EVADERS, [start], 6.0):
+        paths = np.array(plan.settings.parameters["paths"])[None]
+        assert violation(paths, plan.settings.parameters["period"], Limits.of(EVADERS))[0] < 0.011
+
+
+def test_without_the_library_the_command_names_the_extra(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "cma", None)
+    with pytest.raises(ValueError, match=r"requires the libraries of the extra plan .*lissajous-env\[plan\]"):
+        baselines.plan("evaders", optimise=True)
+
+
+def test_the_best_known_plans_have_the_figures_of_their_list():
+    """Oracle: the table beside them; `evaders` is known to 2.2 s once all cars are in their places."""
+    listed = dict(
+        re.findall(r"^\| `(\S+)` \| ([\d.]+ \| [\d.]+) \|", Path(FOLDER, "README.md").read_text(), re.MULTILINE)
+    )
+    known, settled = Known(), {}
+    assert {start["stored"] for start in known.starts(EVADERS)} == set(listed)
+    for start in known.starts(EVADERS):
+        figures = play(known.plan(EVADERS, start), Episodes()).figures
+        assert figures.collisions == 0
+        assert f"{figures.worst_case:.3g} | {figures.settled:.3g}" == listed[start["stored"]]
+        settled[start["stored"]] = figures.settled
+    assert min(settled.values()) <= 2.2
+    assert known.starts(lissajous_env.scenario("evaders", **{"sensing.radius": 0.7})) == []

@@ -1,0 +1,126 @@
+"""Policies in folders: a name with parameters, played as the policy that these make, and nothing else is accepted."""
+
+import re
+
+import numpy as np
+import pytest
+from command_line import called
+
+import baselines
+import lissajous_env
+from baselines.policies import registry, stored
+from baselines.policies.coordinators.arc_length import ArcParameters, KuramotoByArc
+from baselines.policies.patrol import Sweep
+from baselines.policies.patrol_path import SweepParameters
+from baselines.policies.settings import PolicySettings, parameters_class
+from baselines.policies.trackers.mpcc import WithMpcc
+from baselines.policies.trackers.vector_field import FieldParameters
+from baselines.safety.filter import Safe
+from lissajous_env.parameters.scenario_file import as_toml
+
+SHORT = lissajous_env.scenario("evaders", **{"task.duration": 2.0})
+
+
+def folder_of(path, settings, scenario=SHORT):
+    path.mkdir()
+    (path / stored.FILE).write_text(stored.as_toml(settings))
+    (path / stored.HOME).write_text(as_toml(scenario))
+    return str(path)
+
+
+def arc(scenario, num_worlds, device):
+    def coordinator(*given):
+        return KuramotoByArc(*given, parameters=ArcParameters(speed=1.1))
+
+    return WithMpcc(coordinator, scenario, num_worlds, device)
+
+
+@pytest.mark.parametrize(
+    ("settings", "made"),
+    [
+        (PolicySettings("sweep", {"lanes": 4, "cruise": 1.5}),
+         lambda *given: Sweep(*given, SweepParameters(lanes=4, cruise=1.5))),
+        (PolicySettings("arc-mpcc", {}, {"speed": 1.1}), arc),
+        (PolicySettings("arc-mpcc-safe", {}, {"speed": 1.1}), lambda *given: Safe(arc(*given))),
+        (PolicySettings("kuramoto-mpcc"), lambda *given: baselines.make("kuramoto-mpcc", *given)),
+    ],
+)  # fmt: skip
+def test_a_folder_is_the_policy_with_its_parameters(settings, made, tmp_path):
+    """Oracle: the policy made by its class in Python, bit for bit."""
+    folder = folder_of(tmp_path / "mine", settings)
+    rows = lissajous_env.evaluate(lissajous_env.policy(folder, SHORT, 2), SHORT, range(2))
+    wanted = lissajous_env.evaluate(made(SHORT, 2, "cpu"), SHORT, range(2))
+    for row, other in zip(rows, wanted, strict=True):
+        assert row.pop("policy") == folder
+        other.pop("policy")
+        np.testing.assert_equal(row, other)
+
+
+def test_what_is_not_given_is_scaled_to_the_scenario():
+    large = SHORT.scaled(2.0, 3.0)
+    policy = PolicySettings("consensus-gvf", {"slowest": 0.5}).make(large)
+    assert policy._field.slowest == pytest.approx(0.5)
+    assert policy._field.turn == pytest.approx(FieldParameters.of(large).turn)
+    assert policy._field.turn < FieldParameters.turn
+
+
+def test_a_parameter_of_a_registered_partial_keeps_the_others():
+    # Story: running-reference fixes two parameters of its coordinator; one is changed, the other stays.
+    policy = PolicySettings("running-reference-mpcc", {}, {"catch_up": 1.2}).make(SHORT)
+    assert (policy.coordinator._parameters.runs_on, policy.coordinator._parameters.catch_up) == (True, 1.2)
+
+
+def test_commands_play_a_folder(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder_of(tmp_path / "mine", PolicySettings("sweep", {"lanes": 4}))
+    for line in (
+        "run mine --out a.npz", "run mine/scenario.toml mine-safe --out b.npz", "replay mine --out c.html",
+        "evaluate mine --episodes 1", "replay evaders mine --out d.npz --set task.duration=1",
+        "benchmark --scenarios mine/scenario.toml --policies mine sweep --episodes 1 --replays none --out results",
+    ):  # fmt: skip
+        code, _, said = called(capsys, *line.split())
+        assert code == 0, (line, said)
+
+
+def test_results_of_other_parameters_are_not_mixed(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder_of(tmp_path / "mine", PolicySettings("sweep", {"lanes": 4}))
+    line = ["benchmark", "--scenarios", "mine/scenario.toml", "--policies", "mine", "--episodes", "1"]
+    line += ["--replays", "none", "--out", "results"]
+    assert called(capsys, *line)[0] == 0
+    (tmp_path / "mine" / stored.FILE).write_text(stored.as_toml(PolicySettings("sweep", {"lanes": 2})))
+    code, _, said = called(capsys, *line)
+    assert code == 2
+    assert "policy of policy.toml" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("policy = 'swep'", "policy must be one of"),
+        ("policy = 3", "must hold policy as text, got int"),
+        ("", "must hold policy, the name of a policy, got nothing"),
+        ("policy = 'sweep'\nlanes = 4", "must hold policy, parameters, coordinator, got 'lanes'"),
+        ("policy = 'sweep'\n[parameters]\nlane = 4", "got 'lane'; did you mean lanes?"),
+        ("policy = 'sweep'\n[parameters]\nlanes = 3", "lanes must be even, got 3"),
+        ("policy = 'sweep'\n[coordinator]\nlanes = 4", "coordinator must be empty for sweep"),
+        ("policy = 'still'\n[parameters]\nlanes = 4", "parameters must be empty for still, which has none, got lanes"),
+        ("policy = 'kuramoto'", "policy for evaders must drive robots of kind car"),
+        ("policy = 'os:sep'", "policy must be one of"),
+        ("policy = ", "must be a TOML file that can be read"),
+    ],
+)
+def test_a_wrong_file_is_refused_by_name(text, message, tmp_path):
+    folder = folder_of(tmp_path / "mine", PolicySettings("still"))
+    (tmp_path / "mine" / stored.FILE).write_text(text)
+    with pytest.raises(ValueError, match=re.escape(message)) as refused:
+        baselines.make(folder, SHORT)
+    assert str(tmp_path / "mine" / stored.FILE) in str(refused.value)
+
+
+def test_every_policy_with_parameters_can_be_stored():
+    # Oracle: the names that the brief documentation gives, and defaults made by the class itself.
+    known = {"sweep": SweepParameters, "laps": SweepParameters, "consensus-gvf": FieldParameters}
+    for name, kind in known.items():
+        assert parameters_class(registry.factory_of(name)) is kind
+    assert parameters_class(registry.factory_of("still")) is None

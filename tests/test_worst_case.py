@@ -1,0 +1,202 @@
+"""Lower bounds of the worst-case undetected time: closed forms, published packings, shuttles and random sets."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from lissajous_env.theory.worst_case import clearing_time, far_points, revisiting_time
+
+TEAM = {"num_robots": 2, "radius": 0.5, "speed": 1.0}
+
+
+def test_rogues_at_rest_take_as_long_as_a_sweep():
+    # Oracle: by hand. 20 m x 10 m, two discs of 0.5 m at 1 m/s: (200 - pi / 2) / 2.
+    assert clearing_time(20, 10, **TEAM) == pytest.approx((200 - math.pi / 2) / 2)
+    assert clearing_time(1, 1, num_robots=2, radius=1.0, speed=1.0) == 0
+
+
+def test_a_disc_as_wide_as_its_corridor_comes_close():
+    # Story: it starts across one end and drives to the other; no rogue passes it, however fast.
+    for rogue_speed in (0.0, 5.0):
+        bound = clearing_time(50, 1, 1, 0.5, 2.0, rogue_speed)
+        assert 0.97 * 50 / 2 < bound < 50 / 2
+
+
+def test_discs_abreast_fail_where_rogues_gain_more_beside_them():
+    # Oracle: by hand. In a corridor 4 m wide, two discs advance over 2 m at 1 m/s; rogues of u regain 2 m at u.
+    assert clearing_time(100, 4, **TEAM, rogue_speed=0.999) < math.inf
+    assert clearing_time(100, 4, **TEAM, rogue_speed=1.001) == math.inf
+    assert clearing_time(100, 2, **TEAM, rogue_speed=50.0) < math.inf, "they span the corridor"
+    # In a square, half of the area is crossed over a width of at least sqrt(50) m: 2 m x 1 m/s against 5.07 m x u.
+    alone = {"num_robots": 1, "radius": 1.0, "speed": 1.0}
+    assert clearing_time(10, 10, **alone, rogue_speed=0.394) < math.inf
+    assert clearing_time(10, 10, **alone, rogue_speed=0.395) == math.inf
+    # In between, the front of 4 m moves by (2 - 2 u) / 4 per second, for nearly all of the time.
+    assert clearing_time(1000, 4, **TEAM, rogue_speed=0.5) == pytest.approx(1000 / 0.25, rel=0.02)
+
+
+def test_the_integral_is_never_rounded_up():
+    # Oracle: adaptive quadrature of the rate at which an area is cleared.
+    def seconds(area):
+        crossed = min(math.sqrt(area), math.sqrt(60 - area), 6)
+        return 1 / (2.0 - 0.5 * max(crossed - 2, 0))
+
+    exact, _ = quad(seconds, 0, 60 - 2 * math.pi * 0.25, points=(4, 24, 30, 36, 56), limit=200)
+    bound = clearing_time(10, 6, **TEAM, rogue_speed=0.5)
+    assert (1 - 1e-3) * exact < bound < exact
+
+
+def test_rogues_regain_no_more_than_the_formula_says():
+    # Oracle: rogues on a fine grid with one disc that moves along a coil, the best of which a disc alone is capable:
+    # outside of the disc they spread in all directions, so that the area that is cleared is an upper bound.
+    side, radius, speed, rogue_speed, cell = 6.0, 1.0, 1.0, 0.12, 0.05
+    axis = np.arange(0, side, cell) + cell / 2
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    reach = np.arange(-3, 4)
+    near = [(i, j) for i in reach for j in reach if 0 < math.hypot(i, j) <= 3]
+    there = np.ones_like(x, dtype=bool)
+    place, areas, dt = np.array([0.8, 0.8]), [], 3 * cell / rogue_speed
+    sub = 60
+    corners = [np.array(each) for each in ((5.2, 0.8), (5.2, 5.2), (0.8, 5.2), (0.8, 2.4), (3.6, 2.4), (3.6, 3.6))]
+    while corners:
+        for _ in range(sub):
+            if not corners:
+                break
+            way = corners[0] - place
+            place = place + way * min(speed * dt / sub / np.linalg.norm(way), 1.0)
+            if np.linalg.norm(corners[0] - place) < 1e-9:
+                corners.pop(0)
+            there &= np.hypot(x - place[0], y - place[1]) > radius
+        areas.append(there.sum() * cell**2)
+        padded = np.pad(there, 3)
+        for i, j in near:
+            there |= padded[3 + i : padded.shape[0] - 3 + i, 3 + j : padded.shape[1] - 3 + j]
+        there &= np.hypot(x - place[0], y - place[1]) > radius
+    before, after = np.array(areas[:-1]), np.array(areas[1:])
+    crossed = np.minimum(np.sqrt(before), np.sqrt(side**2 - before))
+    most = dt * (2 * radius * speed - rogue_speed * np.maximum(crossed - 2 * radius, 0))
+    assert (before - after < 1.05 * most + 4 * cell).all()
+    assert (before - after).max() > 0.5 * most.max()
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_lines_that_a_set_fills_in_part(seed):
+    # Oracle: the claim of the proof, for unions and complements of random rectangles on a grid of unit cells.
+    rng = np.random.default_rng(seed)
+    shape = rng.integers(3, 40, 2)
+    filled = np.zeros(shape, dtype=bool)
+    for _ in range(rng.integers(1, 6)):
+        low, high = np.sort(rng.integers(0, shape + 1, (2, 2)), axis=0)
+        filled[low[0] : high[0], low[1] : high[1]] = True
+    if seed % 2:
+        filled = ~filled
+    widths = [(filled.any(axis=k) & ~filled.all(axis=k)).sum() for k in (0, 1)]
+    area = filled.sum()
+    assert max(widths) >= min(*shape, math.sqrt(area), math.sqrt(filled.size - area)) - 1e-9
+
+
+def test_points_in_a_square_are_no_farther_apart_than_the_best_known():
+    # Oracle: Markot and Csendes, "A new verified optimization technique for the packing circles in a unit square
+    # problems" (SIAM J. Optim. 2005) and the proved optima before: largest least distances of M points.
+    best = {3: math.sqrt(6) - math.sqrt(2), 4: 1, 5: math.sqrt(0.5), 6: math.sqrt(13) / 6, 8: 0.5176381, 9: 0.5}
+    best |= {10: 0.4212795, 16: 1 / 3, 25: 0.25, 36: 0.2}
+    found = dict.fromkeys(best, 0.0)
+    for robots in (2, 3, 8, 15):
+        for points, apart in far_points(1.0, 1.0, robots):
+            found |= {m: max(found[m], d) for m, d in zip(points.tolist(), apart.tolist(), strict=True) if m in best}
+    share = {points: found[points] / best[points] for points in best}
+    assert max(share.values()) < 1 + 1e-6
+    assert min(share.values()) > 0.96
+    assert [points for points in best if share[points] > 0.9999] == [4, 5, 6, 9, 16, 25, 36]
+
+
+@settings(deadline=None)
+@given(st.floats(1, 50), st.floats(1, 50), st.integers(1, 12))
+def test_points_obey_the_bound_of_packings(width, height, robots):
+    # Oracle: N. Oler, "An inequality in the geometry of numbers" (Acta Math. 1961), for any points of a convex set.
+    for points, apart in far_points(width, height, robots):
+        most = 2 / math.sqrt(3) * width * height / apart**2 + (width + height) / apart + 1
+        assert (points <= most + 1e-9).all()
+        assert (points > robots).all()
+
+
+def test_one_disc_that_shuttles_meets_the_bound():
+    # Oracle: the gap of either end: there and back, 10 m less the disc, at 2 m/s.
+    assert revisiting_time(10, 1e-3, 1, 0.5, 2.0) == pytest.approx(2 * 9 / 2)
+    # In 20 s it changes from one to the other 20 / 4.5 times at most, and is at neither all the time: 40 s that the two
+    # ends are left alone, in 3 + 20 / 4.5 periods.
+    assert revisiting_time(10, 1e-3, 1, 0.5, 2.0, duration=20.0) == pytest.approx(40 / (20 / 4.5 + 3))
+    assert revisiting_time(10, 1e-3, 1, 0.5, 2.0, duration=5.0) == pytest.approx(4.5), "each end once"
+    assert revisiting_time(10, 1e-3, 1, 5.0, 2.0) == 0, "it senses both ends"
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_no_order_of_visits_beats_the_bound(seed):
+    # Oracle: discs that change between the corners of a square at random times, in any order, without losing any time.
+    rng = np.random.default_rng(seed)
+    robots, radius, speed, duration = int(rng.integers(1, 4)), 0.3, 1.0, 40.0
+    bound = revisiting_time(2.0, 2.0, robots, radius, speed, duration)
+    corners = np.array([[0, 0], [2, 0], [2, 2], [0, 2]])
+    stays = rng.choice([0.0, 0.2, 2.0])
+    attended: list[list[tuple[float, float]]] = [[] for _ in corners]
+    for robot in range(robots):
+        now, at = 0.0, int(robot * 4 / robots)
+        while now < duration:
+            until = now + stays * rng.uniform()
+            attended[at].append((now, until))
+            to = (at + 1) % 4 if seed % 2 else int(rng.choice([k for k in range(4) if k != at]))
+            now = until + (np.linalg.norm(corners[to] - corners[at]) - 2 * radius) / speed
+            at = to
+    longest = 0.0
+    for visits in attended:
+        seen = 0.0
+        for start, end in sorted(visits):
+            longest = max(longest, min(start, duration) - seen)
+            seen = max(seen, min(end, duration))
+        longest = max(longest, duration - seen)
+    assert longest >= bound
+    assert bound > 0
+
+
+@settings(deadline=None)
+@given(
+    st.floats(2, 40), st.floats(2, 40), st.integers(1, 8), st.floats(0.1, 3), st.floats(0.1, 5), st.floats(0, 5),
+    st.floats(1.01, 3),
+)  # fmt: skip
+def test_more_of_anything_that_helps_lowers_them(width, height, robots, radius, speed, rogue_speed, factor):
+    team = {"num_robots": robots, "radius": radius, "speed": speed}
+    clears = clearing_time(width, height, **team, rogue_speed=rogue_speed)
+    better = [
+        team | {"num_robots": robots + 1},
+        team | {"radius": radius * factor},
+        team | {"speed": speed * factor},
+    ]
+    for each in better:
+        assert clearing_time(width, height, **each, rogue_speed=rogue_speed) <= clears * (1 + 1e-9)
+    for each in better[1:]:
+        assert revisiting_time(width, height, **each) <= revisiting_time(width, height, **team) * (1 + 1e-9)
+    assert clearing_time(width, height, **team, rogue_speed=rogue_speed * factor) >= clears * (1 - 1e-9)
+    assert clearing_time(width * factor, height, **team, rogue_speed=rogue_speed) >= clears * (1 - 1e-9)
+
+
+@settings(deadline=None)
+@given(st.floats(2, 40), st.floats(2, 40), st.integers(1, 8), st.floats(0.1, 3), st.floats(0, 5), st.floats(0.1, 10))
+def test_they_obey_the_laws_of_similarity(width, height, robots, radius, rogue_speed, factor):
+    for length, time in ((factor, 1.0), (1.0, factor)):
+        sides, speed = (width * length, height * length), length / time
+        scaled = clearing_time(*sides, robots, radius * length, speed, rogue_speed * speed)
+        assert scaled == pytest.approx(time * clearing_time(width, height, robots, radius, 1.0, rogue_speed))
+        scaled = revisiting_time(*sides, robots, radius * length, speed, 60 * time)
+        assert scaled == pytest.approx(time * revisiting_time(width, height, robots, radius, 1.0, 60))
+
+
+def test_the_sides_may_be_given_either_way():
+    assert clearing_time(7, 3, **TEAM, rogue_speed=0.2) == clearing_time(3, 7, **TEAM, rogue_speed=0.2)
+    for on_boundary in (False, True):
+        ways = [revisiting_time(*sides, **TEAM, on_boundary=on_boundary) for sides in ((7, 3), (3, 7))]
+        assert ways[0] == ways[1] > 0
+    assert revisiting_time(9, 9, 4, 0.5, 1.0, on_boundary=True) <= revisiting_time(9, 9, 4, 0.5, 1.0)
