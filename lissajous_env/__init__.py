@@ -15,7 +15,14 @@ from lissajous_env.episodes.policies import base as _base
 from lissajous_env.episodes.policies import load, policies, policy
 from lissajous_env.parameters.extensions import observation_entry, reward_term, score_column, target_motion
 from lissajous_env.parameters.ids import register_ids as _register_ids
-from lissajous_env.parameters.named import register_scenario, scenario, scenarios
+from lissajous_env.parameters.named import (
+    register_scenario,
+    register_scenario_space,
+    scenario,
+    scenario_space,
+    scenario_spaces,
+    scenarios,
+)
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.parameters.scenario import (
     Curve,
@@ -30,6 +37,7 @@ from lissajous_env.parameters.scenario import (
     Task,
 )
 from lissajous_env.parameters.shipped import SHIPPED as _SHIPPED
+from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.siblings import import_ours
 from lissajous_env.world.simulation import Simulation
 
@@ -45,6 +53,7 @@ __all__ = [
     "Robot",
     "RobotModel",
     "Scenario",
+    "ScenarioSpace",
     "Sensing",
     "Simulation",
     "Targets",
@@ -59,8 +68,11 @@ __all__ = [
     "policy",
     "register_robot_model",
     "register_scenario",
+    "register_scenario_space",
     "reward_term",
     "scenario",
+    "scenario_space",
+    "scenario_spaces",
     "scenarios",
     "score_column",
     "target_motion",

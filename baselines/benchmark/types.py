@@ -9,6 +9,7 @@ import tyro
 
 from baselines.benchmark import standard
 from baselines.policies.factories import Factory
+from lissajous_env.parameters.named import expanded
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import few_of
 
@@ -21,7 +22,8 @@ class Benchmark:
     """Episodes to play, and the folder of the results."""
 
     scenarios: tuple[str, ...] = standard.SCENARIOS
-    """Scenarios to play."""
+    """Scenarios to play. SPACE:SPLIT, such as monitoring-v1:test, stands for the first 32 scenarios of a split or shift
+    of a scenario space, and SPACE:SPLIT:COUNT for the first COUNT."""
     policies: tuple[str, ...] = ()
     """Policies to play, each on the scenarios whose robots it drives; by default those of the README's table, the
     clairvoyant reference, and those that you registered. `all` plays every registered policy. Your own policy can be
@@ -53,6 +55,9 @@ class Benchmark:
     of each; `all`; or SCENARIO:POLICY:SEED. The reference policy is shown beside each."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scenarios", expanded(self.scenarios))
 
     def check(self) -> None:
         """Raise ValueError for a value that a rule forbids."""

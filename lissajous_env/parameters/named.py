@@ -1,11 +1,13 @@
 """Make scenarios from a name, a TOML file or `module:attribute`, with any field overridden."""
 
 import dataclasses
+import itertools
 import os
 import re
 import warnings
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Iterable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,31 +15,30 @@ import numpy as np
 from lissajous_env import here
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.parameters.ids import register_ids
-from lissajous_env.parameters.scenario import PARTS, Scenario
-from lissajous_env.parameters.scenario_file import SUFFIX, read_scenario_file
+from lissajous_env.parameters.overriding import overridden
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.scenario_file import SUFFIX, read_scenario_file, read_space_file
 from lissajous_env.parameters.shipped import SHIPPED
+from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.plugins import EntryPoints, import_attribute
-from lissajous_env.settings.parts import Robot
 from lissajous_env.wording import nearest, shown, where_raised
 
 _SHIPPED = {each.name: each for each in SHIPPED}
 _REGISTERED: dict[str, Scenario] = {}
 """Scenarios of users and of other packages, by name."""
+_SPACES: dict[str, ScenarioSpace] = {}
+"""Spaces of scenarios by name: those of users, and those shipped that were used."""
+_SHIPPED_SPACES = {"monitoring-v1": str(Path(__file__).with_name("monitoring-v1.toml"))}
+"""Files of the shipped spaces, by name."""
 _reported: set[str] = set()
 """Violated assumptions about which this process has already warned."""
 
-_OF_THE_NUMBER = "ring", "p", "alpha"
-"""Fields of the formation that are valid only for the number of robots for which they were set."""
 _MOST_STEPS = 2**20
 """Limit on the steps of an episode."""
-
-
-class UnknownSettingError(ValueError, TypeError):
-    """Error for a field that no part of a scenario has.
-
-    It is a `ValueError`, like that of every invalid setting, and a `TypeError`, like that of an unexpected keyword
-    argument: some libraries probe which keywords an environment accepts and handle only the latter.
-    """
+_SCENARIOS, _MOST_SCENARIOS = 32, 10_000
+"""Number of scenarios that stand for a split by default, and its limit."""
+_SCENARIOS, _MOST_SCENARIOS = 32, 10_000
+"""Number of scenarios that stand for a split by default, and its limit."""
 
 
 def scenarios() -> tuple[str, ...]:
@@ -72,7 +73,8 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
     Args:
         name: A name of `scenarios()`, or one that a module of the current folder registers; a TOML file, as
             `lissajous_env.parameters.scenario_file` describes it; `module:attribute`, a `Scenario` or a function
-            without arguments that returns one; or a `Scenario`.
+            without arguments that returns one; SPACE-SEED, a scenario of a space of `scenario_spaces()`, or
+            FILE.toml:SEED or FILE.toml:SHIFT-SEED, one of the space in a file; or a `Scenario`.
         **overrides: Dotted (`**{"curve.a": 11}`) or nested (`curve={"a": 11}`, `curve=Curve(...)`) fields. Where they
             change the number of robots, `formation.ring`, `p` and `alpha` are derived anew unless they are given too.
 
@@ -90,10 +92,74 @@ def scenario(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenari
     return made
 
 
+def scenario_spaces() -> tuple[str, ...]:
+    """Return the names of the shipped and registered spaces of scenarios."""
+    return tuple(dict.fromkeys([*_SHIPPED_SPACES, *sorted(_SPACES)]))
+
+
+def register_scenario_space(space: ScenarioSpace) -> ScenarioSpace:
+    """Register a space, so that commands and environments accept its scenarios as NAME-SEED, and return it.
+
+    Raises:
+        ValueError: the argument is no space, its name is invalid, or a different space has that name.
+    """
+    if not isinstance(space, ScenarioSpace):
+        raise ValueError(f"space must be a ScenarioSpace to be registered, got {shown(space)}")
+    _check_name(space.name)
+    if space.name in _SHIPPED_SPACES or _SPACES.setdefault(space.name, space) != space:
+        raise ValueError(f"name of a space must be new, got {space.name}, which another one has")
+    return space
+
+
+def scenario_space(name: str | os.PathLike | ScenarioSpace) -> ScenarioSpace:
+    """Return a space of scenarios.
+
+    Args:
+        name: A name of `scenario_spaces()`; SPACE-SHIFT for one of its shifts; a TOML file with the fields of
+            `ScenarioSpace`, in which `base` is the name of a scenario and `shift` stands for `shifts`; or a space.
+
+    Raises:
+        ValueError: there is no such space, or its file is invalid.
+    """
+    if isinstance(name, ScenarioSpace):
+        return name
+    given = os.fspath(name) if isinstance(name, os.PathLike) else name
+    if is_scenario_file(given):
+        return _space_of_file(given)
+    if (found := _known_space(given)) is None:
+        hint = nearest(given, scenario_spaces())
+        raise ValueError(f"space must be one of {', '.join(scenario_spaces())}, got {shown(given)}{hint}")
+    return found
+
+
+def expanded(names: Iterable[str]) -> tuple[str, ...]:
+    """Return names of scenarios, with SPACE:SPLIT, or SPACE:SPLIT:COUNT, replaced by the first scenarios of the split.
+
+    SPACE is a name of `scenario_spaces()` or a TOML file, SPLIT is a split or a shift; COUNT is 32 by default.
+
+    Raises:
+        ValueError: there is no such space or split.
+    """
+    found: list[str] = []
+    for name in names:
+        space, colon, rest = name.partition(":")
+        split, _, count = rest.partition(":")
+        is_file = is_scenario_file(space)
+        if not colon or re.fullmatch(r"(.+-)?\d+", rest) or not (is_file or _known_space(space)):
+            found.append(name)
+            continue
+        if count and not 1 <= (int(count) if count.isdecimal() else 0) <= _MOST_SCENARIOS:
+            raise ValueError(f"{space}:{split} must be followed by a number from 1 to {_MOST_SCENARIOS}, got {count!r}")
+        of = scenario_space(space)
+        start = space + (":" if is_file else "-") + (f"{split}-" if split in of.shifts else "")
+        found += [f"{start}{seed}" for seed in itertools.islice(of.seeds(split), int(count or _SCENARIOS))]
+    return tuple(found)
+
+
 def build(name: str | os.PathLike | Scenario, /, **overrides: Any) -> Scenario:
     """Make a scenario like `scenario`, without warnings, for callers that report violated assumptions themselves."""
     made = name if isinstance(name, Scenario) else _found(name)
-    return _overridden(made, overrides) if overrides else made
+    return overridden(made, overrides) if overrides else made
 
 
 def registered_scenario(name: Any) -> Scenario:
@@ -105,7 +171,7 @@ def registered_scenario(name: Any) -> Scenario:
     if isinstance(name, str):
         if name not in _SHIPPED and name not in _REGISTERED:
             _BROUGHT.load()
-        if made := _SHIPPED.get(name) or _REGISTERED.get(name):
+        if made := _SHIPPED.get(name) or _REGISTERED.get(name) or _of_space(name):
             return made
     raise unknown_scenario(name)
 
@@ -130,7 +196,7 @@ def bring_scenario(name: str) -> None:
 
 def _is_known(name: str) -> bool:
     # Scenarios of other packages are loaded last, for names that are in neither table.
-    return name in _SHIPPED or name in _REGISTERED or name in scenarios()
+    return name in _SHIPPED or name in _REGISTERED or name in scenarios() or _of_space(name) is not None
 
 
 def meant_here(name: Any) -> list[str]:
@@ -173,6 +239,9 @@ def _found(name: Any) -> Scenario:
     given = os.fspath(name) if isinstance(name, os.PathLike) else name
     if is_scenario_file(given):
         return _of_file(given)
+    if isinstance(given, str) and (part := re.fullmatch(rf"(.+\{SUFFIX}):(?:(.+)-)?(\d+)", given)):
+        space = scenario_space(part[1])
+        return (space.shifted(part[2]) if part[2] else space).sample(int(part[3]))
     if isinstance(given, str) and ":" in given:
         return _imported(given)
     if isinstance(given, str):
@@ -190,7 +259,37 @@ def _of_file(path: str) -> Scenario:
     try:
         base = registered_scenario(given.pop("base")) if "base" in given else Scenario()
         _check_name(words["name"])
-        return dataclasses.replace(_overridden(base, given), **words)
+        return dataclasses.replace(overridden(base, given), **words)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _of_space(name: str) -> Scenario | None:
+    """Return the scenario SPACE-SEED of a shipped or registered space; None if that is not what the name says."""
+    space, _, seed = name.rpartition("-")
+    found = _known_space(space) if seed.isdecimal() else None
+    return None if found is None else found.sample(int(seed))
+
+
+def _known_space(name: Any) -> ScenarioSpace | None:
+    """Return the shipped or registered space NAME, or SPACE-SHIFT; None if there is none."""
+    if name in _SHIPPED_SPACES and name not in _SPACES:
+        _SPACES[name] = _space_of_file(_SHIPPED_SPACES[name])
+    if name in _SPACES or not isinstance(name, str):
+        return _SPACES.get(name)
+    space, _, shift = name.rpartition("-")
+    found = _known_space(space) if space else None
+    return found.shifted(shift) if found is not None and shift in found.shifts else None
+
+
+def _space_of_file(path: str) -> ScenarioSpace:
+    given = read_space_file(path)
+    name, base = given.get("name", os.path.basename(path)[: -len(SUFFIX)]), given.get("base")
+    try:
+        _check_name(name)
+        made = Scenario() if base is None else registered_scenario(base)
+        rules, shifts, words = given.get("require", ()), given.get("shift", {}), given.get("description", "")
+        return ScenarioSpace(name, made, given.get("draw", {}), rules, shifts, words)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -224,80 +323,3 @@ def _check_name(name: str) -> None:
     if not re.fullmatch(r"\w[\w.-]{0,98}", name) or is_scenario_file(name):
         rule = f"must be a word of letters, digits, _, - and . that does not end in {SUFFIX}"
         raise ValueError(f"name of a scenario {rule}, got {shown(name)}")
-
-
-def _nearest_field(key: str) -> str:
-    """Return "; did you mean task.duration?" for `duration` or a similar name."""
-    dotted = [f"{part}.{field.name}" for part, each in PARTS.items() for field in dataclasses.fields(each)]
-    if "." in key:
-        return nearest(key, dotted)
-    if there := [each for each in dotted if each.endswith(f".{key}")]:
-        return f"; did you mean {' or '.join(there)}?"
-    return nearest(key, PARTS) or nearest(key, (each.partition(".")[2] for each in dotted))
-
-
-def _overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
-    whole: dict[str, Any] = {}
-    changed: dict[str, dict[str, Any]] = {}
-    for key, value in overrides.items():
-        part, dot, field = key.partition(".")
-        if key == "extensions":
-            whole[key] = value
-            continue
-        if part not in PARTS:
-            # TorchRL recognizes an optional keyword by Python's own words at the end.
-            raise UnknownSettingError(
-                f"override must name one of {', '.join(PARTS)}, got {key!r}{_nearest_field(key)} "
-                f"(unexpected keyword argument {key!r})"
-            )
-        if not dot and isinstance(value, PARTS[part]):
-            whole[part] = value
-            continue
-        if not dot and not isinstance(value, Mapping):
-            raise ValueError(f"override {part} must be a mapping or a {PARTS[part].__name__}, got {shown(value)}")
-        fields = {field: value} if dot else dict(value)
-        known = [f.name for f in dataclasses.fields(PARTS[part])]
-        for field_name in fields:
-            if field_name not in known:
-                rule = f"override must name a field of {part} ({', '.join(known)})"
-                hint = nearest(str(field_name), known) or _nearest_field(str(field_name))
-                raise UnknownSettingError(f"{rule}, got {part}.{field_name}{hint}")
-        changed.setdefault(part, {}).update(fields)
-    given = {f"{part}.{name}" for part, fields in changed.items() for name in fields}
-    given |= {f"{part}.{field.name}" for part in whole if part in PARTS for field in dataclasses.fields(PARTS[part])}
-    try:
-        for part, fields in changed.items():
-            before = whole.get(part, getattr(base, part))
-            whole[part] = dataclasses.replace(before, **(_one_limit(before, fields) if part == "robot" else fields))
-        robot, curve = whole.get("robot", base.robot), whole.get("curve", base.curve)
-        if (curve.a + curve.b if robot.count is None else robot.count) != base.num_robots:
-            anew = {name: None for name in _OF_THE_NUMBER if f"formation.{name}" not in given}
-            whole["formation"] = dataclasses.replace(whole.get("formation", base.formation), **anew)
-        return dataclasses.replace(base, **whole)
-    except ValueError as error:
-        raise ValueError(f"{error}{_origin(str(error), base, given)}") from error
-
-
-def _one_limit(robot: Robot, fields: dict[str, Any]) -> dict[str, Any]:
-    """Reset `throttle_max` or `speed_max` to None where the other one, or the motor, is overridden.
-
-    A new motor preserves the throttle of a robot that has both values, such as a resolved one.
-    """
-    pair = {"throttle_max", "speed_max"}
-    given = pair & {name for name, value in fields.items() if value is not None}
-    if len(given) == 1:
-        return dict.fromkeys(pair) | fields
-    both = robot.throttle_max is not None and robot.speed_max is not None
-    if both and not pair & fields.keys() and {"drag", "drive", "offset"} & fields.keys():
-        return fields | {"speed_max": None}
-    return fields
-
-
-def _origin(words: str, base: Scenario, given: Container[str]) -> str:
-    """Return a hint if the field of an error was not overridden but inherited from `base`; "" otherwise."""
-    dotted = words.partition(" ")[0]
-    part, _, name = dotted.partition(".")
-    field = {each.name: each for each in dataclasses.fields(PARTS[part])}.get(name) if part in PARTS else None
-    if field is None or dotted in given or getattr(getattr(base, part), name) == field.default:
-        return ""
-    return f"; it comes from the scenario {base.name}: change it too, {dotted}={field.default!r} is the default"

@@ -15,6 +15,7 @@ import dataclasses
 import json
 import os
 import tomllib
+from collections.abc import Mapping
 from typing import Any
 
 from lissajous_env.here import beside
@@ -37,23 +38,36 @@ def read_scenario_file(path: str) -> dict[str, Any]:
     Raises:
         ValueError: it is missing, no plain file, above 64 KiB, no TOML, or has an unknown key; the message names it.
     """
+    known = {**dict.fromkeys(WORDS, (str, "text")), "extensions": (list, "a list")}
+    return _read("scenario", path, known | dict.fromkeys(PARTS, (dict, "a table")))
+
+
+def read_space_file(path: str) -> dict[str, Any]:
+    """Read the keys of the file of a `ScenarioSpace`: name, description, base, require, and the tables draw and shift.
+
+    Raises:
+        ValueError: as `read_scenario_file`.
+    """
+    known = {**dict.fromkeys(WORDS, (str, "text")), "require": (list, "a list")}
+    return _read("space", path, known | dict.fromkeys(("draw", "shift"), (dict, "a table")))
+
+
+def _read(what: str, path: str, known: Mapping[str, tuple[type, str]]) -> dict[str, Any]:
     try:
         text = read_bytes(os.path.realpath(path), _LARGEST).decode()
         _check_dots(text)
         given = tomllib.loads(text)
     except RecursionError:
-        raise ValueError(f"scenario {path} must nest fewer levels") from None
+        raise ValueError(f"{what} {path} must nest fewer levels") from None
     except ValueError as error:
         hint = "" if os.path.exists(path) else nearest(path, beside(path, SUFFIX))
-        raise ValueError(f"scenario {path} must be a TOML file that can be read: {error}{hint}") from error
-    known = {**dict.fromkeys(WORDS, (str, "text")), "extensions": (list, "a list")}
-    known |= dict.fromkeys(PARTS, (dict, "a table"))
+        raise ValueError(f"{what} {path} must be a TOML file that can be read: {error}{hint}") from error
     for key, value in given.items():
         if key not in known:
-            raise ValueError(f"scenario {path} must hold {', '.join(known)}, got {key!r}{nearest(key, known)}")
+            raise ValueError(f"{what} {path} must hold {', '.join(known)}, got {key!r}{nearest(key, known)}")
         kind, rule = known[key]
         if not isinstance(value, kind):
-            raise ValueError(f"scenario {path} must hold {key} as {rule}, got {type(value).__name__}")
+            raise ValueError(f"{what} {path} must hold {key} as {rule}, got {type(value).__name__}")
     return given
 
 

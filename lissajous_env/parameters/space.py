@@ -1,0 +1,212 @@
+"""A distribution of scenarios: fields drawn from ranges and choices by a seed, with splits that share no scenario."""
+
+import functools
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+from lissajous_env.parameters.drawing import Drawing, drawing
+from lissajous_env.parameters.overriding import overridden
+from lissajous_env.parameters.scenario import PARTS, Scenario
+from lissajous_env.settings.checks import is_whole
+from lissajous_env.settings.formulas import Formula
+from lissajous_env.wording import nearest, shown
+
+SPLITS = {"train": 0.8, "validation": 0.1, "test": 0.1}
+"""Share of the seeds that belong to each split."""
+_OTHERS = "variables", "scale"
+"""Tables of a draw beside the parts of a scenario."""
+_SCALE = "length", "time"
+_MOST_TRIES = 1000
+"""Limit on the draws for one scenario that rules reject."""
+_LAST_SEED = 2**31 - 1
+
+
+@dataclass(frozen=True)
+class ScenarioSpace:
+    """A distribution of scenarios, reproducible by seed.
+
+    Each seed belongs to one split, `train`, `validation` or `test`, by a hash of the space's name and the seed, so that
+    no scenario of a split is in another. A *shift* is a space that differs from this one in some draws, for tests
+    outside of the range of the training; it has the name `SPACE-SHIFT`.
+
+    A value depends on the name of the space, the seed and the name of its field alone: a draw that is added changes no
+    other value.
+
+    Args:
+        name: Name, the start of the names of its scenarios: `NAME-SEED`.
+        base: Scenario with the fields that are not drawn.
+        draw: For each part of a scenario, a mapping from fields to their draws. A draw is
+
+            * `{"low": 1.0, "high": 2.0}`, a uniform number, or a whole number, both ends included, if both are of type
+              int; with `"log": True`, its logarithm is uniform; with `"times": FORMULA`, it is multiplied by the
+              formula's value;
+            * `{"choices": [...]}`, one of the values, with `"weights": [...]` not all equally often;
+            * `{"formula": FORMULA}`, the value of a `lissajous_env.settings.formulas.Formula` of fields;
+            * any other value, as it is.
+
+            Under the key `choices`, a part itself has a list of mappings, of which one is drawn: fields that belong
+            together. `variables` are numbers for formulas. `scale` may draw `length` and `time`, by which
+            `Scenario.scaled` finally multiplies all lengths and times. Values are drawn in the order given, and
+            formulas use those drawn before.
+        require: Formulas of fields and properties of the scenario, such as `"sensing_radius < curve.half_height"`; a
+            scenario for which one is False is drawn anew.
+        shifts: For each shift, the draws that differ, in the form of `draw`.
+        description: A sentence for readers.
+
+    Raises:
+        ValueError: a draw or rule is invalid, or the scenario of seed 0 cannot be drawn.
+    """
+
+    name: str
+    base: Scenario
+    draw: Mapping[str, Mapping[str, Any]]
+    require: tuple[str, ...] = ()
+    shifts: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.base, Scenario):
+            raise ValueError(f"base of a space must be a Scenario, got {shown(self.base)}")
+        object.__setattr__(self, "require", tuple(self.require))
+        _ = self._rules
+        for name in self.shifts:
+            if name in SPLITS:
+                raise ValueError(f"a shift must not have the name of a split, got {name}")
+            self.shifted(name)
+        self.sample(0)
+
+    def sample(self, seed: int) -> Scenario:
+        """Return the scenario of a seed.
+
+        Raises:
+            ValueError: the seed is no whole number from 0 to 2^31 - 1, the drawn fields are no valid scenario, or a
+                thousand draws violate a rule of `require`.
+        """
+        if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
+            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
+        violated: list[str] = []
+        for attempt in range(_MOST_TRIES):
+            made = self._drawn(int(seed), attempt)
+            broken = next((rule.text for rule in self._rules if not rule(functools.partial(_property, made))), None)
+            if broken is None:
+                return made
+            violated.append(broken)
+        most = max(set(violated), key=violated.count)
+        rule = f"must be met by one of {_MOST_TRIES} draws"
+        raise ValueError(f"require {rule} for seed {seed} of {self.name}, got none; most often violated: {most}")
+
+    def split_of(self, seed: int) -> str:
+        """Return the split to which a seed belongs: `train`, `validation` or `test`."""
+        at, above = self._uniform("split", seed), 0.0
+        for name, share in SPLITS.items():
+            above += share
+            if at < above:
+                return name
+        return name
+
+    def seeds(self, split: str) -> Iterator[int]:
+        """Return an iterator over the seeds of a split in ascending order; all seeds for a shift.
+
+        Raises:
+            ValueError: there is neither a split nor a shift of this name.
+        """
+        if split in self.shifts:
+            return iter(range(_LAST_SEED + 1))
+        if split not in SPLITS:
+            words = f"split must be one of {', '.join([*SPLITS, *self.shifts])}"
+            raise ValueError(f"{words}, got {shown(split)}{nearest(split, [*SPLITS, *self.shifts])}")
+        return (seed for seed in range(_LAST_SEED + 1) if self.split_of(seed) == split)
+
+    def scenarios(self, split: str) -> Iterator[Scenario]:
+        """Return an iterator over the scenarios of a split, or of a shift, always in the same order.
+
+        Raises:
+            ValueError: there is neither a split nor a shift of this name.
+        """
+        space = self.shifted(split) if split in self.shifts else self
+        return map(space.sample, self.seeds(split))
+
+    def shifted(self, shift: str) -> "ScenarioSpace":
+        """Return the space of a shift.
+
+        Raises:
+            ValueError: there is no such shift, or its draws are invalid.
+        """
+        if shift not in self.shifts:
+            words = f"shift must be one of {', '.join(self.shifts) or 'none'}"
+            raise ValueError(f"{words}, got {shown(shift)}{nearest(shift, self.shifts)}")
+        draw = {part: dict(given) for part, given in self.draw.items()}
+        for part, other in self.shifts[shift].items():
+            draw[part] = draw.get(part, {}) | dict(other)
+        return replace(self, name=f"{self.name}-{shift}", draw=draw, shifts={})
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields alone: what is compiled from them cannot be pickled."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    @functools.cached_property
+    def _rules(self) -> tuple[Formula, ...]:
+        return tuple(map(Formula, self.require))
+
+    @functools.cached_property
+    def _drawings(self) -> dict[str, Drawing]:
+        """The drawing of each field by its dotted name; `PART.choices` draws several fields."""
+        drawings = {}
+        for part, given_fields in self.draw.items():
+            if part not in PARTS and part not in _OTHERS:
+                known = [*PARTS, *_OTHERS]
+                raise ValueError(f"draw must name one of {', '.join(known)}, got {shown(part)}{nearest(part, known)}")
+            if not isinstance(given_fields, Mapping):
+                raise ValueError(f"draw.{part} must be a mapping from fields to draws, got {shown(given_fields)}")
+            left = dict(given_fields)
+            if part == "scale" and (other := set(left) - set(_SCALE)):
+                raise ValueError(f"draw.scale must hold length or time, got {shown(min(other))}")
+            if part in PARTS and "choices" in left:
+                together = {name: left.pop(name) for name in ("choices", "weights") if name in left}
+                drawings[f"{part}.choices"] = drawing(f"draw.{part}", together)
+            for name, given in left.items():
+                drawings[f"{part}.{name}"] = drawing(f"draw.{part}.{name}", given)
+        return drawings
+
+    def _drawn(self, seed: int, attempt: int) -> Scenario:
+        values: dict[str, Any] = {}
+        look_up = functools.partial(self._value, values)
+        for name, draw in self._drawings.items():
+            value = draw(self._uniform(f"{attempt}/{name}", seed), look_up)
+            part, _, what = name.partition(".")
+            values |= {f"{part}.{each}": one for each, one in value.items()} if what == "choices" else {name: value}
+        changed = {name: value for name, value in values.items() if name.partition(".")[0] in PARTS}
+        scale = {name: values[f"scale.{name}"] for name in _SCALE if f"scale.{name}" in values}
+        try:
+            made = overridden(self.base, changed).scaled(**scale)
+        except ValueError as error:
+            raise ValueError(f"seed {seed} of {self.name}: {error}") from error
+        return replace(made, name=f"{self.name}-{seed}", description=f"Scenario {seed} of {self.name}.")
+
+    def _uniform(self, what: str, seed: int) -> float:
+        """Return a number in [0, 1) that depends on the space's name, the seed and the purpose alone."""
+        digest = hashlib.sha256(f"{self.name}/{seed}/{what}".encode()).digest()
+        return int.from_bytes(digest[:8]) / 2**64
+
+    def _value(self, values: Mapping[str, Any], name: str) -> Any:
+        """Return a variable, or a field as drawn or of the base, for a formula."""
+        for known in (name, f"variables.{name}"):
+            if known in values:
+                return values[known]
+        if name in self._drawings:
+            raise ValueError(f"{name}, which is drawn later")
+        return _property(self.base, name)
+
+
+def _property(made: Scenario, dotted: str) -> Any:
+    """Return a number of a scenario by its dotted name, such as `robot.radius` or `num_robots`."""
+    names = dotted.split(".")
+    try:
+        value = None if any(name.startswith("_") for name in names) else functools.reduce(getattr, names, made)
+    except AttributeError:
+        value = None
+    if not isinstance(value, (int, float)):
+        raise ValueError(f"{dotted}, which is no number of a scenario")
+    return value

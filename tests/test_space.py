@@ -1,0 +1,215 @@
+"""Scenario spaces: draws, splits, shifts, rules, files and names."""
+
+import itertools
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+import lissajous_env
+from lissajous_env import ScenarioSpace, register_scenario_space, scenario, scenario_space
+from lissajous_env.parameters.named import expanded
+from lissajous_env.parameters.space import SPLITS
+from lissajous_env.settings.formulas import Formula
+
+DRAW = {
+    "curve": {"choices": [{"a": 3, "b": 2}, {"a": 5, "b": 2}], "half_height": {"low": 0.8, "high": 3.2, "log": True}},
+    "sensing": {"radius": {"low": 0.5, "high": 1.0, "times": "curve.half_height"}},
+}
+
+FROZEN = [
+    "24f934475fc315af",
+    "7a53a81f6fe91225",
+    "657fdc5286dc665f",
+    "38b6f34c61849acf",
+    "2109cb85be854a49",
+    "46265586de9655ab",
+]
+"""Digests of the first scenario of each split and shift of monitoring-v1."""
+
+TOML = """
+base = "experiment"
+require = ["sensing_radius < 0.9 * curve.half_height"]
+[draw.curve]
+half_height = {low = 0.8, high = 1.2}
+[draw.sensing]
+radius = {low = 0.5, high = 1.0, times = "curve.half_height"}
+[shift.wide.curve]
+half_width = 4.0
+"""
+
+
+def space(name="space", draw=DRAW, **changes):
+    return ScenarioSpace(name, scenario("experiment"), draw, **changes)
+
+
+def first(of, split, count):
+    return list(itertools.islice(of.scenarios(split), count))
+
+
+def test_a_seed_gives_the_same_scenario_always_and_other_seeds_others():
+    made = [space().sample(seed) for seed in range(50)]
+    assert made == [pickle.loads(pickle.dumps(space())).sample(seed) for seed in range(50)]
+    assert len({each.digest() for each in made}) == 50
+    assert made[7].name == "space-7"
+
+
+def test_values_are_in_their_ranges_and_spread_over_them():
+    made = [space().sample(seed) for seed in range(400)]
+    heights = np.array([each.curve.half_height for each in made])
+    shares = np.array([each.sensing.radius for each in made]) / heights
+    assert heights.min() >= 0.8
+    assert heights.max() <= 3.2
+    assert shares.min() >= 0.5
+    assert shares.max() <= 1.0
+    assert abs((heights < 1.6).mean() - 0.5) < 0.08  # the middle of the logarithms
+    assert abs((shares < 0.75).mean() - 0.5) < 0.08
+    assert abs(np.mean([each.curve.a == 5 for each in made]) - 0.5) < 0.08
+    assert abs(np.corrcoef(heights, shares)[0, 1]) < 0.15
+
+
+def test_a_draw_that_is_added_changes_no_other_value():
+    more = {**DRAW, "targets": {"count": {"low": 1, "high": 9}}}
+    for seed in range(20):
+        made = space(draw=more).sample(seed)
+        assert 1 <= made.targets.count <= 9
+        assert made.curve == space().sample(seed).curve
+
+
+def test_splits_share_no_scenario_and_have_their_shares():
+    of = space()
+    seeds = {split: set(itertools.takewhile(lambda seed: seed < 2000, of.seeds(split))) for split in SPLITS}
+    assert sum(map(len, seeds.values())) == len(set.union(*seeds.values())) == 2000
+    for split, share in SPLITS.items():
+        assert abs(len(seeds[split]) / 2000 - share) < 0.03
+        assert all(of.split_of(seed) == split for seed in seeds[split])
+
+
+def test_weights_and_whole_numbers():
+    draw = {
+        "task": {"substeps": {"choices": [1, 2, 3], "weights": [3, 0, 1]}},
+        "targets": {"count": {"low": 2, "high": 4}},
+    }
+    made = [space(draw=draw).sample(seed) for seed in range(400)]
+    assert abs(np.mean([each.task.substeps == 1 for each in made]) - 0.75) < 0.08
+    assert {each.task.substeps for each in made} == {1, 3}
+    counts = [each.targets.count for each in made]
+    assert {counts.count(k) > 90 for k in (2, 3, 4)} == {True}
+    assert set(counts) == {2, 3, 4}
+
+
+def test_rules_hold_and_impossible_ones_are_named():
+    of = space(require=("sensing_radius < 0.7 * curve.half_height",))
+    assert all(each.sensing_radius < 0.7 * each.curve.half_height for each in first(of, "train", 50))
+    with pytest.raises(ValueError, match=r"require must be met .* seed 0 of space, .*: sensing_radius < 0\.1"):
+        space(require=("sensing_radius < 0.1",))
+
+
+def test_a_scale_scales_the_whole_scenario():
+    plain = space().sample(3)
+    scaled = space(draw={**DRAW, "scale": {"length": 4.0, "time": 0.5}}).sample(3)
+    assert scaled == ScenarioSpace.sample(space(), 3).scaled(4.0, 0.5)
+    assert scaled.curve.half_height == 4 * plain.curve.half_height
+
+
+def test_a_shift_changes_its_draws_alone():
+    of = space(shifts={"high": {"curve": {"half_height": {"low": 5.0, "high": 6.0}}}})
+    made = first(of, "high", 20)
+    assert [each.name for each in made[:2]] == ["space-high-0", "space-high-1"]
+    assert all(5 <= each.curve.half_height <= 6 and each.curve.a in (3, 5) for each in made)
+    assert first(of, "train", 5) == first(space(), "train", 5)
+
+
+@pytest.mark.parametrize(
+    ("draw", "words"),
+    [
+        ({"curves": {}}, r"draw must name one of .*did you mean curve\?"),
+        ({"curve": {"half_hight": 1.0}}, r"curve.half_hight.*did you mean half_height\?"),
+        ({"curve": {"half_height": {"low": 2.0}}}, r"draw.curve.half_height must be a value, \{low, high\}"),
+        ({"curve": {"half_height": {"low": 2.0, "high": 1.0}}}, "low <= high, got 2.0 and 1.0"),
+        ({"curve": {"half_height": {"low": 0.0, "high": 1.0, "log": True}}}, "low must be above 0 with log"),
+        ({"curve": {"half_height": {"low": -2.0, "high": -1.0}}}, "seed 0 of space: curve.half_height must be from"),
+        ({"curve": {"half_height": {"choices": []}}}, "choices must be a list of at least one value"),
+        ({"curve": {"half_height": {"choices": [1.0], "weights": [1, 2]}}}, "weights must be 1 numbers"),
+        ({"curve": {"half_height": {"formula": "__import__('os')"}}}, "formula must be an expression"),
+        ({"curve": {"half_height": {"formula": "robot.nothing"}}}, "no number of a scenario"),
+        ({"curve": {"half_height": {"formula": "1 / 0"}}}, "formula '1 / 0' must have a value"),
+        ({"curve": {"half_height": {"formula": "curve.half_width"}, "half_width": {"low": 1.0, "high": 2.0}}}, "later"),
+        ({"scale": {"depth": 2.0}}, "draw.scale must hold length or time, got 'depth'"),
+        ({"curve": 3}, "draw.curve must be a mapping"),
+    ],
+)  # fmt: skip
+def test_an_invalid_draw_is_refused_by_name(draw, words):
+    with pytest.raises(ValueError, match=words):
+        space(draw=draw)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**31, 0.5, "3", True])
+def test_an_invalid_seed_is_refused(seed):
+    with pytest.raises(ValueError, match="seed must be a whole number from 0 to 2147483647"):
+        space().sample(seed)
+
+
+def test_a_space_in_a_file_and_the_names_of_its_scenarios(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text(TOML)
+    of = scenario_space("mine.toml")
+    assert of.name == "mine"
+    assert of.shifts.keys() == {"wide"}
+    assert scenario("mine.toml:12") == of.sample(12)
+    assert scenario("mine.toml:wide-12") == of.shifted("wide").sample(12)
+    names = expanded(["evaders", "mine.toml:test:3", "mine.toml:wide:2"])
+    assert names[0] == "evaders"
+    assert names[4:] == ("mine.toml:wide-0", "mine.toml:wide-1")
+    assert [scenario(name) for name in names[1:4]] == first(of, "test", 3)
+    with pytest.raises(ValueError, match=r"must be followed by a number from 1 to 10000, got '0'"):
+        expanded(["mine.toml:test:0"])
+    with pytest.raises(ValueError, match=r"split must be one of .*did you mean test\?"):
+        expanded(["mine.toml:tset"])
+
+
+def test_a_registered_space_is_known_by_name(monkeypatch):
+    monkeypatch.setattr("lissajous_env.parameters.named._SPACES", {})
+    of = register_scenario_space(space("of-mine"))
+    assert scenario("of-mine-4") == of.sample(4)
+    assert "of-mine" in lissajous_env.scenario_spaces()
+    with pytest.raises(ValueError, match="name of a space must be new, got of-mine"):
+        register_scenario_space(space("of-mine", draw={}))
+    with pytest.raises(ValueError, match=r"space must be one of .*did you mean of-mine\?"):
+        scenario_space("of-min")
+
+
+def test_the_shipped_space_never_changes():
+    of = scenario_space("monitoring-v1")
+    assert [each.digest() for split in (*SPLITS, *of.shifts) for each in first(of, split, 1)] == FROZEN
+
+
+def test_the_shipped_space_is_drawn_without_fail():
+    of = scenario_space("monitoring-v1")
+    for split in (*SPLITS, *of.shifts):
+        for each in first(of, split, 40):
+            assert each.clusters == 1
+            assert each.robot.radius < each.robot_radius_bound
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("2 * x - 1", 5), ("-x / 2", -1.5), ("sqrt(x + 1)", 2), ("max(x, 7) <= 7", True), ("(round(2.6), x)", (3, 3))],
+)
+def test_formulas_compute(text, value):
+    assert Formula(text)(lambda name: 3) == value
+
+
+@pytest.mark.parametrize(
+    "text", ["x ** 9", "x.__class__()", "[x]", "lambda: 1", "1 if x else 2", "'a'", "", "(" * 300, "open(x)", "True"]
+)
+def test_other_expressions_are_no_formulas(text):
+    with pytest.raises(ValueError, match="formula must be an expression"):
+        Formula(text)
+
+
+def test_a_formula_that_has_no_value_says_which():
+    with pytest.raises(ValueError, match=r"formula 'sqrt\(x\)' must have a value"):
+        Formula("sqrt(x)")(lambda name: -1)
+    assert math.isinf(Formula("x")(lambda name: math.inf))
