@@ -39,6 +39,7 @@ from lissajous_env.parameters.scenario import (
 from lissajous_env.parameters.shipped import SHIPPED as _SHIPPED
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.siblings import import_ours
+from lissajous_env.world.mixture import Mixture
 from lissajous_env.world.simulation import Simulation
 
 __all__ = [
@@ -49,6 +50,7 @@ __all__ = [
     "LissajousParallelEnv",
     "LissajousVectorEnv",
     "Messages",
+    "Mixture",
     "Noise",
     "Robot",
     "RobotModel",

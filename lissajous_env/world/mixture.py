@@ -1,0 +1,187 @@
+"""A batch of worlds of many scenarios, drawn from a space: groups of worlds, each a `Simulation` of its own."""
+
+import hashlib
+import os
+from typing import Any
+
+import numpy as np
+
+from lissajous_env.parameters.named import scenario_space
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.space import ScenarioSpace
+from lissajous_env.settings.checks import is_whole
+from lissajous_env.wording import shown
+from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
+from lissajous_env.world.simulation import Simulation
+
+_LAST_SEED = 2**31 - 1
+_MOST_TRIES = 10_000
+"""Limit on the seeds that are tried for a scenario with a group's number of robots."""
+
+
+class Mixture:
+    """A batch of worlds of many scenarios, with arrays padded to the largest team.
+
+    The W worlds are groups of `group_size` worlds that share a scenario; group g has the worlds g group_size to
+    (g + 1) group_size - 1. When all worlds of a group are reset together, the group draws its next scenario, with the
+    same number of robots, so that rows stay where they are. Scenarios, and the episodes in them, depend on the seed and
+    the number of the group alone.
+
+    Attributes (NumPy; N is the largest number of robots):
+        groups: The simulations, one for each group.
+        mask: (W, N) bool, True where a world has a robot.
+        observation: (W, N, D) float32, 0 where there is no robot.
+        reward: (W, N) float32, 0 where there is no robot.
+        terminated: (W, N) bool, True where there is no robot.
+        truncated: (W, N) bool, True where the time is over, and where there is no robot.
+
+    Args:
+        space: A `ScenarioSpace`, or the name or file of one.
+        num_groups: Number of groups.
+        group_size: Number of worlds in a group.
+        split: Split or shift from which scenarios are drawn.
+        seed: Whole number from 0 to 2^31 - 1, from which scenarios and seeds of episodes follow.
+        device: Warp device.
+        threads: CPU threads; all cores by default.
+
+    Raises:
+        ValueError: an argument is out of its range, or scenarios of the space have observations or actions of
+            different sizes.
+    """
+
+    def __init__(
+        self,
+        space: str | os.PathLike | ScenarioSpace,
+        num_groups: int = 8,
+        group_size: int = 8,
+        split: str = "train",
+        seed: int = 0,
+        device: Any = "cpu",
+        threads: int | None = None,
+    ):
+        of = scenario_space(space)
+        next(of.seeds(split))
+        self.space, self._any_split = (of.shifted(split), True) if split in of.shifts else (of, False)
+        self.split = split
+        self.num_groups = whole_number("num_groups", num_groups)
+        self.group_size = whole_number("group_size", group_size)
+        if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
+            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
+        self.seed, self._device, self._threads = int(seed), device, threads
+        self._drawn = np.zeros(self.num_groups, dtype=np.int64)
+        """Number of draws of each group so far, those included that were not used."""
+        self.groups = [self._simulation(group, None) for group in range(self.num_groups)]
+        n = max(each.num_robots for each in self.groups)
+        rows = self.num_worlds, n
+        self.mask = np.zeros(rows, dtype=bool)
+        for group, each in enumerate(self.groups):
+            self.mask[self._worlds(group), : each.num_robots] = True
+        self.observation = np.zeros((*rows, self.groups[0].layout.size), dtype=np.float32)
+        self.reward = np.zeros(rows, dtype=np.float32)
+        self.terminated, self.truncated = ~self.mask, ~self.mask
+        self._collect(range(self.num_groups))
+
+    @property
+    def num_worlds(self) -> int:
+        """W."""
+        return self.num_groups * self.group_size
+
+    @property
+    def scenarios(self) -> list[Scenario]:
+        """Scenarios of the groups."""
+        return [each.scenario for each in self.groups]
+
+    @property
+    def action_shape(self) -> tuple[int, int, int]:
+        """(W, N, A) shape of the actions of `step`."""
+        return (*self.mask.shape, self.groups[0].scenario.action_size)
+
+    @property
+    def over(self) -> np.ndarray:
+        """(W,) bool: worlds whose episode has ended."""
+        return np.concatenate([each.over for each in self.groups])
+
+    def reset(self, worlds: Any = None) -> np.ndarray:
+        """Begin a new episode in some worlds, in a new scenario where these are all worlds of a group.
+
+        Args:
+            worlds: (W,) mask or indices of the worlds, each once; all by default.
+
+        Returns:
+            `observation`.
+        """
+        chosen = world_mask(chosen_worlds(worlds, self.num_worlds), self.num_worlds)
+        changed = []
+        for group, each in enumerate(self.groups):
+            of = chosen[self._worlds(group)]
+            if of.all():
+                self.groups[group] = self._simulation(group, each.num_robots)
+            elif of.any():
+                each.reset(of)
+            changed += [group] if of.any() else []
+        self._collect(changed)
+        return self.observation
+
+    def step(self, action: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Advance every world whose episode is running by one control step.
+
+        Args:
+            action: `action_shape`, numbers in [-1, 1]; those of places without a robot have no effect.
+
+        Returns:
+            observation, reward, terminated, truncated: the arrays of these names, which are overwritten by each step.
+
+        Raises:
+            ValueError: the action has another shape, or does not hold real numbers.
+        """
+        given = np.asarray(action)
+        if given.shape != self.action_shape or given.dtype.kind not in "fiu":
+            got = f"{given.shape} of {given.dtype}"
+            raise ValueError(f"action must be numbers of shape {self.action_shape}, got {got}")
+        for group, each in enumerate(self.groups):
+            each.step(np.ascontiguousarray(given[self._worlds(group), : each.num_robots], dtype=np.float32))
+        self._collect(range(self.num_groups))
+        return self.observation, self.reward, self.terminated, self.truncated
+
+    def score(self, worlds: Any = None) -> list[dict[str, Any]]:
+        """Return the score row of the latest episode of some worlds so far, with the name of the scenario."""
+        rows = []
+        for world in chosen_worlds(worlds, self.num_worlds):
+            group, place = divmod(int(world), self.group_size)
+            (row,) = self.groups[group].score([place])
+            rows.append({"scenario": self.groups[group].scenario.name} | row)
+        return rows
+
+    def _worlds(self, group: int) -> slice:
+        return slice(group * self.group_size, (group + 1) * self.group_size)
+
+    def _simulation(self, group: int, robots: int | None) -> Simulation:
+        """Return worlds of a group's next scenario, which has this number of robots; any number for None."""
+        for _ in range(_MOST_TRIES):
+            draw = int(self._drawn[group])
+            self._drawn[group] += 1
+            seed = self._hashed(f"scenario/{group}/{draw}")
+            if not self._any_split and self.space.split_of(seed) != self.split:
+                continue
+            made = self.space.sample(seed)
+            if robots is None or made.num_robots == robots:
+                break
+        else:
+            raise ValueError(f"space {self.space.name} must have more scenarios with {robots} robots, got none")
+        first = self._hashed(f"episodes/{group}/{draw}") % (_LAST_SEED - self.group_size)
+        return Simulation(made, self.group_size, self._device, first, self._threads)
+
+    def _hashed(self, what: str) -> int:
+        digest = hashlib.sha256(f"{self.space.name}/{self.seed}/{what}".encode()).digest()
+        return int.from_bytes(digest[:8]) % _LAST_SEED
+
+    def _collect(self, groups: Any) -> None:
+        """Copy the arrays of groups to those of the batch."""
+        for group in groups:
+            each, rows = self.groups[group], self._worlds(group)
+            sizes = each.layout.size, each.scenario.action_size
+            if sizes != (self.observation.shape[2], self.groups[0].scenario.action_size):
+                names = f"{self.groups[0].scenario.name} and {each.scenario.name}"
+                raise ValueError(f"scenarios of a mixture must have rows of one size, got others in {names}")
+            for name in ("observation", "reward", "terminated", "truncated"):
+                getattr(self, name)[rows, : each.num_robots] = getattr(each, name).numpy()
