@@ -1,22 +1,15 @@
 """A batch of worlds of many scenarios, drawn from a space: groups of worlds, each a `Simulation` of its own."""
 
-import hashlib
 import os
 from typing import Any
 
 import numpy as np
 
-from lissajous_env.parameters.named import scenario_space
+from lissajous_env.parameters.draws import Draws
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
-from lissajous_env.settings.checks import is_whole
-from lissajous_env.wording import shown
 from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
 from lissajous_env.world.simulation import Simulation
-
-_LAST_SEED = 2**31 - 1
-_MOST_TRIES = 10_000
-"""Limit on the seeds that are tried for a scenario with a group's number of robots."""
 
 
 class Mixture:
@@ -59,18 +52,11 @@ class Mixture:
         device: Any = "cpu",
         threads: int | None = None,
     ):
-        of = scenario_space(space)
-        next(of.seeds(split))
-        self.space, self._any_split = (of.shifted(split), True) if split in of.shifts else (of, False)
-        self.split = split
+        self._draws = Draws(space, split, seed)
         self.num_groups = whole_number("num_groups", num_groups)
         self.group_size = whole_number("group_size", group_size)
-        if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
-            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
-        self.seed, self._device, self._threads = int(seed), device, threads
-        self._drawn = np.zeros(self.num_groups, dtype=np.int64)
-        """Number of draws of each group so far, those included that were not used."""
-        self.groups = [self._simulation(group, None) for group in range(self.num_groups)]
+        self._device, self._threads = device, threads
+        self.groups = [self._simulation(group) for group in range(self.num_groups)]
         n = max(each.num_robots for each in self.groups)
         rows = self.num_worlds, n
         self.mask = np.zeros(rows, dtype=bool)
@@ -115,7 +101,7 @@ class Mixture:
         for group, each in enumerate(self.groups):
             of = chosen[self._worlds(group)]
             if of.all():
-                self.groups[group] = self._simulation(group, each.num_robots)
+                self.groups[group] = self._simulation(group)
             elif of.any():
                 each.reset(of)
             changed += [group] if of.any() else []
@@ -155,25 +141,10 @@ class Mixture:
     def _worlds(self, group: int) -> slice:
         return slice(group * self.group_size, (group + 1) * self.group_size)
 
-    def _simulation(self, group: int, robots: int | None) -> Simulation:
-        """Return worlds of a group's next scenario, which has this number of robots; any number for None."""
-        for _ in range(_MOST_TRIES):
-            draw = int(self._drawn[group])
-            self._drawn[group] += 1
-            seed = self._hashed(f"scenario/{group}/{draw}")
-            if not self._any_split and self.space.split_of(seed) != self.split:
-                continue
-            made = self.space.sample(seed)
-            if robots is None or made.num_robots == robots:
-                break
-        else:
-            raise ValueError(f"space {self.space.name} must have more scenarios with {robots} robots, got none")
-        first = self._hashed(f"episodes/{group}/{draw}") % (_LAST_SEED - self.group_size)
-        return Simulation(made, self.group_size, self._device, first, self._threads)
-
-    def _hashed(self, what: str) -> int:
-        digest = hashlib.sha256(f"{self.space.name}/{self.seed}/{what}".encode()).digest()
-        return int.from_bytes(digest[:8]) % _LAST_SEED
+    def _simulation(self, group: int) -> Simulation:
+        """Return worlds of a group's next scenario."""
+        made, seed = self._draws.next(group)
+        return Simulation(made, self.group_size, self._device, seed, self._threads)
 
     def _collect(self, groups: Any) -> None:
         """Copy the arrays of groups to those of the batch."""

@@ -16,7 +16,7 @@ from training.learned.named_arrays import prefixed, within
 from training.learned.wiring import Wiring
 from training.sb3.critic_view import CriticView
 
-_RECENT = 256
+RECENT = 256
 """Number of latest episodes whose scores are stored."""
 _GOLDEN = (5**0.5 - 1) / 2
 
@@ -37,6 +37,15 @@ class Step(NamedTuple):
     episodes: dict[int, dict[str, float]]
     """Return `r`, length `l` [steps] and time `t` since construction [s] of the ended episodes, by row. The episode
     of a removed robot ends with its removal, so that it has none at the end of its world's episode."""
+
+    def infos(self) -> list[dict[str, Any]]:
+        """Return an info for each row, in which ended episodes are reported as `Monitor` does."""
+        infos: list[dict[str, Any]] = [{} for _ in range(len(self.rows))]
+        for k, last in zip(np.flatnonzero(self.dones), self.last, strict=True):
+            infos[k] = {"terminal_observation": last, "TimeLimit.truncated": bool(self.truncated[k])}
+        for k, episode in self.episodes.items():
+            infos[k]["episode"] = episode
+        return infos
 
 
 class RobotVecEnv(VecEnv):
@@ -84,7 +93,7 @@ class RobotVecEnv(VecEnv):
         self.scenario = self.simulation.scenario
         self.card = card or Card.of(self.scenario)
         self._wiring = Wiring(self.card, self.scenario, num_worlds, device, residual_penalty)
-        self.scores: deque[dict[str, Any]] = deque(maxlen=_RECENT)
+        self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
         self.render_mode = None
         self._view = CriticView(self.simulation) if central else None
         steps = self.scenario.task.steps
@@ -95,6 +104,8 @@ class RobotVecEnv(VecEnv):
         self._first_end = np.ceil(np.maximum(spread, 1 / steps) * self._last_step).astype(np.int64)
         self._end = self._first_end.copy()
         self._began = time.monotonic()
+        self.all_over = False
+        """True if the episodes of all worlds ended in the latest step."""
         rows = num_worlds * self.simulation.num_robots
         self._returns, self._lengths = np.zeros(rows), np.zeros(rows, dtype=np.int64)
         more = np.full(0 if self._view is None else self._view.size, np.inf, dtype=np.float32)
@@ -155,12 +166,7 @@ class RobotVecEnv(VecEnv):
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take the step; return rows, rewards, dones and infos, which report ended episodes as `Monitor` does."""
         step = self._step()
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for k, last in zip(np.flatnonzero(step.dones), step.last, strict=True):
-            infos[k] = {"terminal_observation": last, "TimeLimit.truncated": bool(step.truncated[k])}
-        for k, episode in step.episodes.items():
-            infos[k]["episode"] = episode
-        return step.rows, step.rewards, step.dones, infos
+        return step.rows, step.rewards, step.dones, step.infos()
 
     def step_rows(self, actions: np.ndarray) -> Step:
         """Take a step as `step` does, without a dictionary per row."""
@@ -173,6 +179,7 @@ class RobotVecEnv(VecEnv):
         rewards = (simulation.reward.numpy() - wiring.penalty(self._actions)).reshape(-1)
         terminated = simulation.terminated.numpy().astype(bool).reshape(-1)
         over = simulation.over | (simulation.clock.step.numpy() >= self._end)
+        self.all_over = bool(over.all())
         ended = terminated | np.repeat(over, simulation.num_robots)
         dones = ended & ~self._done | np.repeat(over, simulation.num_robots)
         # The base's action is that of the previous step: a final observation is used for its value only.

@@ -1,0 +1,60 @@
+"""The sequence of scenarios that each group of a batch is given, from a space and a seed."""
+
+import hashlib
+import os
+
+from lissajous_env.parameters.named import scenario_space
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.parameters.space import ScenarioSpace
+from lissajous_env.settings.checks import is_whole
+from lissajous_env.wording import shown
+
+_LAST_SEED = 2**31 - 1
+_MOST_TRIES = 10_000
+"""Limit on the seeds that are tried for a scenario with a group's number of robots."""
+
+
+class Draws:
+    """Scenarios of a split for groups of worlds: those of a group depend on the seed and on its number alone.
+
+    Args:
+        space: A `ScenarioSpace`, or the name or file of one.
+        split: Split or shift from which scenarios are drawn.
+        seed: Whole number from 0 to 2^31 - 1.
+
+    Raises:
+        ValueError: there is no such space or split, or the seed is out of its range.
+    """
+
+    def __init__(self, space: str | os.PathLike | ScenarioSpace, split: str = "train", seed: int = 0):
+        if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
+            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
+        of = scenario_space(space)
+        next(of.seeds(split))
+        self.split = None if split in of.shifts else split
+        self.space = of.shifted(split) if split in of.shifts else of
+        self.seed = int(seed)
+        self.counts: dict[int, int] = {}
+        """Number of draws of each group so far, those included that were not used."""
+        self.robots: dict[int, int] = {}
+        """Number of robots of each group, that of its first scenario."""
+
+    def next(self, group: int) -> tuple[Scenario, int]:
+        """Return the next scenario of a group, with the same number of robots as the first, and a seed for its worlds.
+
+        Raises:
+            ValueError: the space has no other scenario with this number of robots.
+        """
+        for _ in range(_MOST_TRIES):
+            draw = self.counts[group] = self.counts.get(group, -1) + 1
+            seed = self._hashed(f"scenario/{group}/{draw}")
+            if self.split is not None and self.space.split_of(seed) != self.split:
+                continue
+            made = self.space.sample(seed)
+            if made.num_robots == self.robots.setdefault(group, made.num_robots):
+                return made, self._hashed(f"episodes/{group}/{draw}") // 2
+        raise ValueError(f"space {self.space.name} must have more scenarios with {self.robots[group]} robots, got none")
+
+    def _hashed(self, what: str) -> int:
+        digest = hashlib.sha256(f"{self.space.name}/{self.seed}/{what}".encode()).digest()
+        return int.from_bytes(digest[:8]) % _LAST_SEED

@@ -1,0 +1,64 @@
+"""Worlds of many scenarios as one `VecEnv`: each group as if alone, and a learner that learns from all of them."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+
+from stable_baselines3 import PPO
+
+from lissajous_env import ScenarioSpace, scenario
+from training.sb3.mixed_vec_env import MixedVecEnv
+from training.sb3.vec_env import RobotVecEnv
+
+DRAW = {
+    "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": {"low": 0.8, "high": 1.0}},
+    "task": {"duration": 1.0, "contamination": None},
+}
+SPACE = ScenarioSpace("small", scenario("evaders"), DRAW)
+
+
+def test_each_group_is_as_if_alone_until_it_changes_its_scenario():
+    env, rng = MixedVecEnv(SPACE, num_groups=3, group_size=2, seed=5), np.random.default_rng(0)
+    before = env.scenarios
+    env.seed(4)
+    rows = env.reset()
+    starts = np.cumsum([0, *(2 * each.num_robots for each in before)])
+    alone = [RobotVecEnv(each, 2) for each in before]
+    for start, each in zip(starts, alone, strict=False):
+        each.seed(4 + int(start))
+    assert (rows == np.concatenate([each.reset() for each in alone])).all()
+    for step in range(10):
+        actions = rng.uniform(-1, 1, (env.num_envs, 2)).astype(np.float32)
+        rows, rewards, dones, infos = env.step(actions)
+        theirs = [each.step(actions[start : start + each.num_envs]) for start, each in zip(starts, alone, strict=False)]
+        assert (rewards == np.concatenate([each[1] for each in theirs])).all()
+        assert (dones == np.concatenate([each[2] for each in theirs])).all()
+        assert (rows == np.concatenate([each[0] for each in theirs])).all() == (step < 9)
+    assert dones.all()
+    for mine, other in zip(infos, [info for each in theirs for info in each[3]], strict=True):
+        assert (mine["terminal_observation"] == other["terminal_observation"]).all()
+        assert mine["TimeLimit.truncated"]
+        assert mine["episode"]["r"] == other["episode"]["r"]
+    assert all(now != then for now, then in zip(env.scenarios, before, strict=True))
+    assert [now.num_robots for now in env.scenarios] == [then.num_robots for then in before]
+    assert {score["scenario"] for score in env.scores} == {each.name for each in before}
+    assert len(env.scores) == 6
+
+
+def test_a_learner_of_another_library_takes_it():
+    env = MixedVecEnv("monitoring-v1", num_groups=2, group_size=2)
+    model = PPO("MlpPolicy", env, n_steps=8, batch_size=16, n_epochs=1, device="cpu")
+    before = [parameter.detach().clone() for parameter in model.policy.parameters()]
+    model.learn(16 * env.num_envs)
+    assert any((now != then).any() for now, then in zip(model.policy.parameters(), before, strict=True))
+
+
+def test_rows_of_different_sizes_and_wrong_actions_are_refused():
+    draw = {"sensing": {"targets_seen": {"low": 0, "high": 8}}}
+    with pytest.raises(ValueError, match="scenarios must have rows and actions of one size"):
+        MixedVecEnv(ScenarioSpace("sizes", scenario("evaders"), draw), num_groups=4)
+    env = MixedVecEnv(SPACE, num_groups=1, group_size=1)
+    env.reset()
+    with pytest.raises(ValueError, match=r"actions must be numbers of shape \([35], 2\), got \(2,\)"):
+        env.step(np.zeros(2))

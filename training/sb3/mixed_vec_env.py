@@ -1,0 +1,129 @@
+"""Worlds of many scenarios, drawn from a space, as one `VecEnv` of Stable-Baselines3: a row for each robot."""
+
+import os
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
+
+from lissajous_env import Scenario, ScenarioSpace
+from lissajous_env.parameters.draws import Draws
+from lissajous_env.world.selection import whole_number
+from training.learned.card import Card
+from training.sb3.vec_env import RECENT, RobotVecEnv, Step
+
+
+class MixedVecEnv(VecEnv):
+    """Groups of worlds, each a `RobotVecEnv` with a scenario of its own, as one `VecEnv` with shared parameters.
+
+    The rows of group g follow those of group g - 1. When all episodes of a group have ended in the same step, it goes
+    on with its next scenario, which has the same number of robots. Rows are not padded.
+
+    Args:
+        space: A `ScenarioSpace`, or the name or file of one.
+        num_groups: Number of groups.
+        group_size: Number of worlds in a group.
+        split: Split or shift from which scenarios are drawn.
+        seed: Whole number from 0 to 2^31 - 1, from which scenarios and seeds of episodes follow.
+        card_of: Function of a scenario that returns the card of its rows, as `RobotVecEnv` takes it; by default the
+            whole observation.
+        **settings: Further arguments of `RobotVecEnv`, such as `device`, `threads` and `central`.
+
+    Raises:
+        ValueError: an argument is out of its range, or scenarios of the space have rows or actions of different sizes.
+    """
+
+    def __init__(
+        self,
+        space: str | os.PathLike | ScenarioSpace,
+        num_groups: int = 8,
+        group_size: int = 16,
+        split: str = "train",
+        seed: int = 0,
+        card_of: Callable[[Scenario], Card] = Card.of,
+        **settings: Any,
+    ):
+        self._draws = Draws(space, split, seed)
+        self._card_of, self._settings = card_of, settings
+        self.group_size = whole_number("group_size", group_size)
+        self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
+        self.render_mode = None
+        self.groups = [self._group(group) for group in range(whole_number("num_groups", num_groups))]
+        ends = np.cumsum([each.num_envs for each in self.groups])
+        self._rows = [slice(end - each.num_envs, end) for end, each in zip(ends, self.groups, strict=True)]
+        first = self.groups[0]
+        super().__init__(int(ends[-1]), first.observation_space, first.action_space)
+        for each in self.groups:
+            self._check(each)
+
+    @property
+    def scenarios(self) -> list[Scenario]:
+        """Scenarios of the groups."""
+        return [each.scenario for each in self.groups]
+
+    def reset(self) -> np.ndarray:
+        """Begin an episode in every world; return the rows (R, inputs). Seeds given by `seed` leave the scenarios."""
+        for each, rows in zip(self.groups, self._rows, strict=True):
+            if self._seeds[0] is not None:
+                each.seed(self._seeds[rows.start])
+        self._reset_seeds()
+        self._reset_options()
+        return np.concatenate([each.reset() for each in self.groups])
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Store the actions (R, action_size) of the next step."""
+        self._actions = np.asarray(actions)
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Take the step; return rows, rewards, dones and infos, as `RobotVecEnv` does."""
+        step = self.step_rows(self._actions)
+        return step.rows, step.rewards, step.dones, step.infos()
+
+    def step_rows(self, actions: np.ndarray) -> Step:
+        """Take a step as `step` does, without a dictionary per row.
+
+        Raises:
+            ValueError: actions have another shape or are not finite.
+        """
+        if np.shape(actions) != (self.num_envs, *self.action_space.shape):  # type: ignore[misc]
+            shape = (self.num_envs, *self.action_space.shape)  # type: ignore[misc]
+            raise ValueError(f"actions must be numbers of shape {shape}, got {np.shape(actions)}")
+        steps = [each.step_rows(actions[rows]) for each, rows in zip(self.groups, self._rows, strict=True)]
+        for group, each in enumerate(self.groups):
+            self.scores.extend({"scenario": each.scenario.name} | score for score in each.scores)
+            each.scores.clear()
+            if each.all_over:
+                self.groups[group] = self._group(group)
+                self._check(self.groups[group])
+                steps[group] = steps[group]._replace(rows=self.groups[group].reset())
+        episodes = {
+            of.start + k: each for of, step in zip(self._rows, steps, strict=True) for k, each in step.episodes.items()
+        }
+        rows, rewards, dones, truncated, last = (
+            np.concatenate([getattr(step, name) for step in steps]) for name in Step._fields[:-1]
+        )
+        return Step(rows, rewards, dones, truncated, last, episodes)
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to close."""
+
+    get_attr = RobotVecEnv.get_attr
+    set_attr = RobotVecEnv.set_attr
+    env_method = RobotVecEnv.env_method
+    env_is_wrapped = RobotVecEnv.env_is_wrapped
+
+    def _group(self, group: int) -> RobotVecEnv:
+        made, seed = self._draws.next(group)
+        return RobotVecEnv(made, self.group_size, card=self._card_of(made), seed=seed, **self._settings)
+
+    def _check(self, group: RobotVecEnv) -> None:
+        """Raise ValueError if the rows of a group differ from those of the others in size."""
+        first = self.groups[0]
+        sizes = [(each.observation_space.shape, each.action_space.shape) for each in (first, group)]
+        if sizes[0] != sizes[1]:
+            names = f"{first.scenario.name} and {group.scenario.name}"
+            raise ValueError(
+                f"scenarios must have rows and actions of one size, got {sizes[0]} and {sizes[1]} in {names}"
+            )
