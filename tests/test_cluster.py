@@ -73,7 +73,7 @@ class Slow:
         if notes := os.environ.get("LISSAJOUS_TEST_NOTES"):
             with open(notes, "a") as file:
                 file.write(ray.get_runtime_context().get_node_id() + "\n")
-            deadline = time.monotonic() + 60
+            deadline = time.monotonic() + 600
             while time.monotonic() < deadline and len(set(nodes_that_began(notes))) < 2:
                 time.sleep(0.05)
         self.policy.reset(worlds)
@@ -148,7 +148,7 @@ def test_a_node_is_killed_and_every_episode_is_there_once(whole, two_nodes, tmp_
     out = tmp_path / "out"
 
     def kill_while_it_plays():
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 600
         while time.monotonic() < deadline and other.node_id not in nodes_that_began(notes):
             time.sleep(0.02)
         time.sleep(0.2)
@@ -168,7 +168,7 @@ def test_a_node_is_killed_and_every_episode_is_there_once(whole, two_nodes, tmp_
 def test_a_killed_driver_is_gone_on_from_by_the_other_engine(whole, tmp_path):
     out = tmp_path / "out"
     process = subprocess.Popen([sys.executable, "-c", SCRIPT, str(out)])
-    deadline = time.monotonic() + 90
+    deadline = time.monotonic() + 600
     while time.monotonic() < deadline and process.poll() is None:
         if (out / "episodes.jsonl").exists() and len(numbered(out)) >= 4:
             break

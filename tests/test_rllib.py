@@ -266,7 +266,7 @@ def test_killed_and_called_again_it_goes_on_with_equal_counters(tmp_path):
     # Oracle: steps = iterations x rows, before and after, with two workers and with one that has all the worlds;
     # nothing is lost, nothing counted twice.
     process = run_command(tmp_path, 1000 * ROWS, workers=2)
-    deadline = time.monotonic() + 300
+    deadline = time.monotonic() + 900
     while time.monotonic() < deadline and process.poll() is None:
         if (tmp_path / checkpoint.FILE).exists() and counted(tmp_path)[1] >= 2:
             break
