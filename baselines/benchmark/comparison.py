@@ -40,7 +40,7 @@ def compare(rows: Rows, scenarios: Mapping[str, Scenario], against: str | None =
     """Compare score rows; `against` names the reference policy where it was played."""
     told = with_derived(rows, scenarios)
     bounds = {name: bounds_of(scenario) for name, scenario in scenarios.items()}
-    return Comparisons(statistics(told), overall(rows, scenarios), seed_by_seed(told, against), bounds)
+    return Comparisons(statistics(told), overall(told, scenarios), seed_by_seed(told, against), bounds)
 
 
 def with_derived(rows: Iterable[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> list[dict[str, Any]]:
@@ -73,7 +73,10 @@ def _summarized(column: str, played: Rows) -> Statistics:
 
 
 def overall(rows: Rows, scenarios: Mapping[str, Scenario]) -> Cells:
-    """Return statistics over all scenarios of a robot kind, stratified by scenario, of policies that played all."""
+    """Return statistics over all scenarios of a robot kind, stratified by scenario, of policies that played all.
+
+    The rows have their derived columns.
+    """
     cells: Cells = {}
     for kind in dict.fromkeys(scenario.robot.kind for scenario in scenarios.values()):
         group = [name for name, scenario in scenarios.items() if scenario.robot.kind == kind]

@@ -37,7 +37,7 @@ TIME_OVER_BOUND = Column(
 """Derived column."""
 COMPARED = (DETECTION_TIME, WORST_CASE, COLLISIONS, SENSED)
 """Columns by which policies are compared seed by seed, and ranked."""
-OVERALL = (TIME_OVER_BOUND, WITHIN_BOUND, COLLISIONS, SPACING)
+OVERALL = (OVER_LOWER_BOUND, TIME_OVER_BOUND, WITHIN_BOUND, COLLISIONS, SPACING)
 """Columns with the same meaning on every scenario, so that their episodes can be taken together."""
 SHOWN = tuple(
     sorted((each for each in (*COLUMNS.values(), OVER_LOWER_BOUND) if each.place), key=lambda each: each.place)

@@ -21,6 +21,8 @@ from lissajous_env.world.columns import RECOVERY, WORST_CASE, Column
 
 _DASH = "\N{EM DASH}"
 _TO = "\N{EN DASH}"
+_MOST_NAMED = 12
+"""Limit on the scenarios that the heading of a table names."""
 
 
 def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, said: str = "") -> None:
@@ -34,7 +36,9 @@ def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, s
         left_out += print_policies(console, title, cells.get(name, {}), shown, failed)
         left_out += _print_against(console, name, *comparisons.against.get(name, ("", {})))
     for names, policies in comparisons.overall.items():
-        left_out += print_policies(console, Text(f"over {names}", "bold"), policies, OVERALL)
+        count = names.count(",") + 1
+        over = names if count <= _MOST_NAMED else f"all {count} scenarios"
+        left_out += print_policies(console, Text(f"over {over}", "bold"), policies, OVERALL)
     print_left_out(console, left_out, f"They are in {settings.out}/episodes.csv, and a wider terminal shows them.")
     for words in _legend(cells, settings.episodes):
         _say(console, words, "dim")
