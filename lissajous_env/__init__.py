@@ -2,8 +2,9 @@
 
 from typing import Any as _Any
 
-# Before all others: a scenario can be made only once the robot models are registered.
+# Before all others: a scenario can be made only once the robot models and the scripted rogues are registered.
 from lissajous_env.world import robots as _robots  # noqa: F401
+from lissajous_env.world import rogues as _rogues  # noqa: F401
 
 # isort: split
 from lissajous_env.envs.gymnasium_env import LissajousEnv
@@ -17,6 +18,7 @@ from lissajous_env.parameters.extensions import observation_entry, reward_term, 
 from lissajous_env.parameters.ids import register_ids as _register_ids
 from lissajous_env.parameters.named import register_scenario, scenario, scenarios
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
+from lissajous_env.parameters.rogues import Rogue, register_rogue, rogue, rogues
 from lissajous_env.parameters.scenario import (
     Curve,
     Faults,
@@ -44,6 +46,7 @@ __all__ = [
     "Noise",
     "Robot",
     "RobotModel",
+    "Rogue",
     "Scenario",
     "Sensing",
     "Simulation",
@@ -58,8 +61,11 @@ __all__ = [
     "policies",
     "policy",
     "register_robot_model",
+    "register_rogue",
     "register_scenario",
     "reward_term",
+    "rogue",
+    "rogues",
     "scenario",
     "scenarios",
     "score_column",

@@ -30,6 +30,8 @@ _OF_THE_NUMBER = "ring", "p", "alpha"
 """Fields of the formation that are valid only for the number of robots for which they were set."""
 _MOST_STEPS = 2**20
 """Limit on the steps of an episode."""
+_SHORT = {"rogues": "targets.rogues"}
+"""Short names of fields."""
 
 
 class UnknownSettingError(ValueError, TypeError):
@@ -240,7 +242,7 @@ def _overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
     whole: dict[str, Any] = {}
     changed: dict[str, dict[str, Any]] = {}
     for key, value in overrides.items():
-        part, dot, field = key.partition(".")
+        part, dot, field = _SHORT.get(key, key).partition(".")
         if key == "extensions":
             whole[key] = value
             continue

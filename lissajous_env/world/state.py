@@ -131,6 +131,26 @@ class Targets:
 
 
 @wp.struct
+class Rogues:
+    """Targets that an adversary moves (W, T): `lissajous_env.world.rogues`."""
+
+    action: wp.array3d(dtype=wp.float32)
+    """(W, T, 2) velocity as commanded [speed limit]."""
+    velocity: wp.array2d(dtype=wp.vec2)
+    """Velocity in the latest step [m/s], which walls may have reduced."""
+    observation: wp.array3d(dtype=wp.float32)
+    """(W, T, D) rows: `lissajous_env.world.rogues.rows`."""
+    reward: wp.array2d(dtype=wp.float32)
+    """Time of the latest step for which it was undetected [s]."""
+    present: wp.array2d(dtype=wp.bool)
+    """True if it acts in the next step: it is present and undetected, and the episode runs."""
+    terminated: wp.array2d(dtype=wp.bool)
+    """True from its detection on."""
+    truncated: wp.array2d(dtype=wp.bool)
+    """True if it was undetected when the episode ended."""
+
+
+@wp.struct
 class Cells:
     """The coverage grid: R rows, C columns, and B words of bits for 64 columns each."""
 
