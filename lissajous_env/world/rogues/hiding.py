@@ -6,16 +6,29 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
 from lissajous_env.device.program import PARTS
+from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.rogues import Rogue, register_rogue
 from lissajous_env.world.contamination.labels import MARGIN, NONE, Hops, slot_of
 from lissajous_env.world.rogues.rows import ROBOT, ROBOTS
-from lissajous_env.world.rogues.scripted import Rules, is_sensing, nearest_sensing, own_place, robot_away, rules_of
+from lissajous_env.world.rogues.scripted import (
+    DIRECTIONS,
+    TURN,
+    Rules,
+    follow_gap,
+    is_sensing,
+    least_gap,
+    own_place,
+    robot_away,
+    rules_of,
+)
 from lissajous_env.world.state import Clock, Contamination, Rogues
 
 wp.set_module_options(OPTIONS)
 
-_CLEARANCE = wp.constant(0.5)
-"""Distance from every disc of the cells to which it goes, and from which on it goes around a disc [sensing radius]."""
+_DEPTH = wp.constant(0.5)
+"""Distance to which the cells around the one where it goes count [sensing radius]."""
+_MARGIN = wp.constant(0.2)
+"""Distance from every disc that it preserves, if it can [sensing radius]."""
 
 
 @wp.func
@@ -29,9 +42,33 @@ def age_of(w: int, row: int, column: int, slot: int, now: int, conservative: int
 
 
 @wp.func
+def age_around(
+    w: int,
+    row: int,
+    column: int,
+    aside: int,
+    up: int,
+    columns: int,
+    slot: int,
+    now: int,
+    conservative: int,
+    contamination: Contamination,
+) -> int:
+    """Return the smallest age of a cell and of the four that are so many columns aside or rows up or down [step]."""
+    rows = contamination.row_ages.shape[1]
+    age = age_of(w, row, column, slot, now, conservative, contamination)
+    for k in range(4):
+        sign = 1 - 2 * (k % 2)
+        near_row = wp.clamp(row + wp.where(k < 2, sign * up, 0), 0, rows - 1)
+        near_column = wp.clamp(column + wp.where(k < 2, 0, sign * aside), 0, columns - 1)
+        age = wp.min(age, age_of(w, near_row, near_column, slot, now, conservative, contamination))
+    return age
+
+
+@wp.func
 def is_clear(w: int, t: int, offset: wp.vec2, rules: Rules, rogues: Rogues) -> bool:
     """Return whether a place relative to a rogue [m] is clear of all discs."""
-    least = (1.0 + _CLEARANCE) * rules.radius
+    least = (1.0 + _MARGIN) * rules.radius
     entry = int(ROBOTS)
     while entry < rogues.observation.shape[2]:
         away = robot_away(w, t, entry, rules, rogues) - offset
@@ -42,17 +79,21 @@ def is_clear(w: int, t: int, offset: wp.vec2, rules: Rules, rogues: Rogues) -> b
 
 
 @wp.func
-def around(w: int, t: int, ahead: wp.vec2, rules: Rules, rogues: Rogues) -> wp.vec2:
-    """Return a direction that leads around the disc of the nearest working robot instead of towards it."""
-    entry = nearest_sensing(w, t, rogues)
-    if entry < 0:
-        return ahead
-    away = robot_away(w, t, entry, rules, rogues)
-    if wp.length(away) > (1.0 + _CLEARANCE) * rules.radius:
-        return ahead
-    towards = wp.normalize(away)
-    # Its part towards the robot is turned away from it.
-    return wp.normalize(ahead - (wp.abs(wp.dot(ahead, towards)) + wp.dot(ahead, towards)) * towards - towards)
+def around(w: int, t: int, wanted: wp.vec2, rules: Rules, rogues: Rogues) -> wp.vec2:
+    """Return the direction nearest to a wanted one in which no disc comes close; without any, that of `follow_gap`."""
+    best = follow_gap(w, t, 0, rules, rogues)
+    nearest = float(-1.0e30)
+    for k in range(-1, DIRECTIONS + 1):
+        ahead = cos_sin(TURN * float(k) / float(DIRECTIONS))
+        if k == -1:
+            ahead = wanted
+        elif k == DIRECTIONS:
+            ahead = wp.vec2(0.0, 0.0)
+        if wp.dot(ahead, wanted) > nearest:
+            if least_gap(w, t, ahead, rules, rogues) > _MARGIN * rules.radius:
+                nearest = wp.dot(ahead, wanted)
+                best = ahead
+    return best
 
 
 @wp.kernel
@@ -81,6 +122,8 @@ def hide(
     now = clock.step[w] - 1  # the labels and the rows are of the end of the step before
     slot = slot_of(now, hops.ticks - 1, hops)
     cell = wp.vec2(2.0 * curve.half_width / float(hops.columns), 2.0 * curve.half_height / float(rows))
+    aside = int(_DEPTH * sensing.radius / cell[0])
+    up = int(_DEPTH * sensing.radius / cell[1])
     for t in range(begin + lane, end, lanes):
         if rogues.observation[w, t, 0] > 0.0:
             here = own_place(w, t, rules, rogues)
@@ -90,10 +133,14 @@ def hide(
                 for column in range(hops.columns):
                     x = (float(column) + 0.5) * cell[0] - curve.half_width - here[0]
                     offset = wp.vec2(x, (float(row) + 0.5) * cell[1] - curve.half_height - here[1])
-                    age = float(age_of(w, row, column, slot, now, task.conservative, contamination)) * task.step
-                    value = age - wp.length(offset) / rules.speed
-                    if value > most:
-                        if is_clear(w, t, offset, rules, rogues):
+                    takes = wp.length(offset) / rules.speed
+                    age = age_of(w, row, column, slot, now, task.conservative, contamination)
+                    if float(age) * task.step - takes > most:
+                        age = age_around(
+                            w, row, column, aside, up, hops.columns, slot, now, task.conservative, contamination
+                        )
+                        value = float(age) * task.step - takes
+                        if value > most and is_clear(w, t, offset, rules, rogues):
                             most = value
                             best = offset
             ahead = around(w, t, best / wp.max(wp.length(best), rules.speed * rules.step), rules, rogues)

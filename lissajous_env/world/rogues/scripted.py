@@ -16,12 +16,12 @@ from lissajous_env.world.state import Clock, Rogues
 
 wp.set_module_options(OPTIONS)
 
-_TURN = wp.constant(6.2831853)
+TURN = wp.constant(6.2831853)
 _MARGIN = wp.constant(0.05)
 """Distance that `shadow` preserves from a disc [sensing radius]."""
-_DIRECTIONS = wp.constant(16)
-_RINGS = wp.constant(3)
-"""Directions and distances of the places among which `follow-gap` selects."""
+DIRECTIONS = wp.constant(16)
+_MOMENTS = wp.constant(4)
+"""Directions among which `follow-gap` selects, and moments at which it looks ahead."""
 
 
 @wp.struct
@@ -98,7 +98,7 @@ def wander(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec2:
     """Return a direction that follows a random walk and bounces off the walls."""
     draw = randomness.uniform(key, t, randomness.ROGUE)
     before = wp.vec2(rogues.observation[w, t, 3], rogues.observation[w, t, 4])
-    heading = _TURN * draw
+    heading = TURN * draw
     if wp.length_sq(before) > 0.0:
         heading = atan2(before[1], before[0]) + rules.turn_rate * wp.sqrt(3.0 * rules.step) * (2.0 * draw - 1.0)
     ahead = cos_sin(heading)
@@ -141,28 +141,30 @@ def gap_at(w: int, t: int, offset: wp.vec2, after: float, rules: Rules, rogues: 
 
 
 @wp.func
-def follow_gap(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec2:
-    """Return the direction to the place around the rogue that it reaches with the largest gap to all discs.
-
-    The gap counts where it is least, half way or at the end.
-    """
+def least_gap(w: int, t: int, ahead: wp.vec2, rules: Rules, rogues: Rogues) -> float:
+    """Return the smallest distance from all discs on a straight way over half a sensing radius, or in that time [m]."""
     here = own_place(w, t, rules, rogues)
+    gap = float(1.0e30)
+    for k in range(1, _MOMENTS + 1):
+        way = 0.5 * rules.radius * float(k) / float(_MOMENTS)
+        x = wp.clamp(here[0] + way * ahead[0], -rules.half[0], rules.half[0])
+        y = wp.clamp(here[1] + way * ahead[1], -rules.half[1], rules.half[1])
+        gap = wp.min(gap, gap_at(w, t, wp.vec2(x, y) - here, way / rules.speed, rules, rogues))
+    return gap
+
+
+@wp.func
+def follow_gap(w: int, t: int, key: int, rules: Rules, rogues: Rogues) -> wp.vec2:
+    """Return the direction in which the smallest gap to all discs stays largest; none if that is where it is."""
     best = wp.vec2(0.0, 0.0)
-    widest = gap_at(w, t, best, rules.radius / rules.speed, rules, rogues)
-    for k in range(_DIRECTIONS * _RINGS):
-        ring = 0.5 * float(k / _DIRECTIONS + 1) * rules.radius
-        offset = ring * cos_sin(_TURN * float(k % _DIRECTIONS) / float(_DIRECTIONS))
-        x = wp.clamp(here[0] + offset[0], -rules.half[0], rules.half[0]) - here[0]
-        y = wp.clamp(here[1] + offset[1], -rules.half[1], rules.half[1]) - here[1]
-        offset = wp.vec2(x, y)
-        takes = wp.length(offset) / rules.speed
-        gap = wp.min(
-            gap_at(w, t, 0.5 * offset, 0.5 * takes, rules, rogues), gap_at(w, t, offset, takes, rules, rogues)
-        )
+    widest = least_gap(w, t, best, rules, rogues)
+    for k in range(DIRECTIONS):
+        ahead = cos_sin(TURN * float(k) / float(DIRECTIONS))
+        gap = least_gap(w, t, ahead, rules, rogues)
         if gap > widest:
             widest = gap
-            best = offset
-    return wp.normalize(best)
+            best = ahead
+    return best
 
 
 def _deciding(rule: Any) -> Any:
