@@ -9,7 +9,10 @@ from lissajous_env.world import rogues as _rogues  # noqa: F401
 # isort: split
 from lissajous_env.envs.gymnasium_env import LissajousEnv
 from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
-from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv, env, parallel_env
+from lissajous_env.envs.making import env, parallel_env
+from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
+from lissajous_env.envs.rogue_env import LissajousRogueEnv
+from lissajous_env.envs.two_sided import TwoSidedParallelEnv
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.policies import BASES as _BASES
 from lissajous_env.episodes.policies import base as _base
@@ -41,6 +44,7 @@ __all__ = [
     "Formation",
     "LissajousEnv",
     "LissajousParallelEnv",
+    "LissajousRogueEnv",
     "LissajousVectorEnv",
     "Messages",
     "Noise",
@@ -52,6 +56,7 @@ __all__ = [
     "Simulation",
     "Targets",
     "Task",
+    "TwoSidedParallelEnv",
     "env",
     "evaluate",
     "import_ours",

@@ -79,5 +79,7 @@ def rogue_of(name: str) -> Rogue | None:
         return None
     if name not in _ROGUES:
         known = (AGENTS, *_ROGUES)
-        raise ValueError(f"targets.rogues must be one of {few_of(known, name)}, got {shown(name)}{nearest(name, known)}")
+        raise ValueError(
+            f"targets.rogues must be one of {few_of(known, name)}, got {shown(name)}{nearest(name, known)}"
+        )
     return _ROGUES[name]

@@ -77,12 +77,13 @@ def move_rogues(
             y = rogues.action[w, t, 1]
             place = targets.position[w, t]
             if is_command(x, y):
-                moved = held(place + target.speed_limit * task.step * commanded(x, y), curve) - place
+                after = held(place + target.speed_limit * task.step * commanded(x, y), curve)
+                moved = after - place
+                targets.position[w, t] = after
             else:
                 flag(w, clock)
             if wp.length_sq(moved) > 0.0:
                 targets.heading[w, t] = atan2(moved[1], moved[0])
-            targets.position[w, t] = place + moved
         rogues.velocity[w, t] = moved / task.step
 
 
