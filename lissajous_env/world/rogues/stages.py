@@ -9,7 +9,7 @@ from lissajous_env.device.program import PARTS, TARGET, Stage
 from lissajous_env.parameters.rogues import Rogue, rogue_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.rogues.acting import move_rogues, fill_rows, reset_rogues, reward_rogues
+from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reset_rogues, reward_rogues
 
 
 def rogue_motion(scenario: Scenario, rogues: Any) -> list[Stage]:
