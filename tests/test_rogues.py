@@ -1,4 +1,4 @@
-"""Rogues that agents move: their motion, observation and reward, the batch law, similarity, and nothing without them."""
+"""Rogues that agents move: motion, observation, reward, the batch law, similarity, and nothing without them."""
 
 import numpy as np
 import pytest
@@ -190,7 +190,8 @@ def test_a_saved_state_resumes():
 def test_without_rogues_nothing_is_there_and_the_digest_is_the_old_one():
     # Story: no stage, no array, no change of the scenario's digest, which results and checkpoints hold.
     plain = Simulation("experiment", **FEW)
-    assert plain.rogues is None and plain.rogue_observation is None
+    assert plain.rogues is None
+    assert plain.rogue_observation is None
     assert "rogue" not in str(plain.stages)
     scenario = lissajous_env.scenario("experiment")
     shown = scenario.to_dict()
@@ -218,7 +219,7 @@ def test_settings_without_sense_are_refused():
     def still(world):
         return world.targets.position
 
-    with pytest.raises(ValueError, match="targets.rogues must be None beside the target motion still, got flee"):
+    with pytest.raises(ValueError, match=r"targets.rogues must be None beside the target motion still, got flee"):
         lissajous_env.scenario("experiment", rogues="flee", extensions=still)
 
 
@@ -226,9 +227,9 @@ def test_a_step_takes_the_actions_of_both_sides_or_of_one():
     # Story: agents need actions, scripts and ordinary targets take none.
     both, one = Simulation("experiment", **AGENTS), Simulation("experiment", **SMALL, rogues="flee")
     robots, rogues = actions(both, 0)
-    with pytest.raises(ValueError, match="rogue_action must be given where targets.rogues is agents"):
+    with pytest.raises(ValueError, match=r"rogue_action must be given where targets.rogues is agents"):
         both.step(robots)
-    with pytest.raises(ValueError, match="rogue_action must be given where targets.rogues is agents, and only there"):
+    with pytest.raises(ValueError, match=r"rogue_action must be given where targets.rogues is agents, and only there"):
         one.step(robots, rogues)
     with pytest.raises(ValueError, match="rogue_action must have shape"):
         both.step(robots, rogues[:, :1])

@@ -13,7 +13,7 @@ from lissajous_env.world.rogues.rows import OWN, ROBOT, ROBOTS
 from lissajous_env.world.state import (
     ENDED,
     FOUND,
-    GONE,
+    HIDDEN,
     PRESENT,
     REMOVED,
     RUNNING,
@@ -112,7 +112,7 @@ def reward_rogues(
                 elif stage == FOUND and targets.found_at[w, t] == now:
                     reward = (1.0 - targets.found_early[w, t]) * task.step
             rogues.present[w, t] = stage == PRESENT and clock.stage[w] == RUNNING
-            rogues.terminated[w, t] = stage == FOUND or stage == GONE
+            rogues.terminated[w, t] = stage != PRESENT and stage != HIDDEN
             rogues.truncated[w, t] = stage == PRESENT and clock.stage[w] == ENDED
         rogues.reward[w, t] = reward
 

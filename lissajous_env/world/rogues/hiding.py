@@ -89,10 +89,11 @@ def around(w: int, t: int, wanted: wp.vec2, rules: Rules, rogues: Rogues) -> wp.
             ahead = wanted
         elif k == DIRECTIONS:
             ahead = wp.vec2(0.0, 0.0)
-        if wp.dot(ahead, wanted) > nearest:
-            if least_gap(w, t, ahead, rules, rogues) > _MARGIN * rules.radius:
-                nearest = wp.dot(ahead, wanted)
-                best = ahead
+        if wp.dot(ahead, wanted) <= nearest:
+            continue
+        if least_gap(w, t, ahead, rules, rogues) > _MARGIN * rules.radius:
+            nearest = wp.dot(ahead, wanted)
+            best = ahead
     return best
 
 
