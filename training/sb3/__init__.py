@@ -1,6 +1,7 @@
 """Stable-Baselines3: the batch of worlds as a `VecEnv`, its models as policies, and training by PPO."""
 
 from training.sb3.model_policy import ModelPolicy
+from training.sb3.rogue_env import RogueVecEnv
 from training.sb3.vec_env import RobotVecEnv
 
-__all__ = ["ModelPolicy", "RobotVecEnv"]
+__all__ = ["ModelPolicy", "RobotVecEnv", "RogueVecEnv"]
