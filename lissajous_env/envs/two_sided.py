@@ -56,9 +56,11 @@ class TwoSidedParallelEnv(ParallelEnv):
             self.observation_spaces[agent] = gymnasium.spaces.Box(layout.low, layout.high, dtype=np.float32)
             self.action_spaces[agent] = rogue_action_space(discrete_actions)
         self.state_space = robots.state_space
+        self._discrete_actions = discrete_actions
         self._reader = ActionReader(2, rogue_table() if discrete_actions else None)
-        self._live = np.empty(0, dtype=np.intp)
+        self._live: list[int] = []
         """Slots of the rogues that act in the next step."""
+        self._bind()
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Space:
         """Return the observation space of an agent, always the same object."""
@@ -73,9 +75,9 @@ class TwoSidedParallelEnv(ParallelEnv):
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         """Begin an episode, as `LissajousParallelEnv.reset`."""
         observations, infos = self.robots.reset(seed, options)
-        self._live = np.flatnonzero(self.simulation.rogue_present.numpy()[0])
-        rows = self.simulation.rogue_observation.numpy()[0]
-        for t in self._live.tolist():
+        rows, _, present, _, _ = self._fetched()
+        self._live = np.flatnonzero(present).tolist()
+        for t in self._live:
             observations[self.possible_rogues[t]], infos[self.possible_rogues[t]] = rows[t].copy(), {}
         self.agents = list(observations)
         return observations, infos
@@ -91,21 +93,17 @@ class TwoSidedParallelEnv(ParallelEnv):
         if not self.agents:
             raise ResetNeeded("step needs a running episode: call reset first")
         self._check_names(actions)
-        given = self._rogue_actions(actions)
-        acted, names, simulation = self._live.tolist(), self.possible_rogues, self.simulation
-        of_robots = {agent: actions[agent] for agent in self.robots.agents}
-        simulation.rogue_action.assign(given)
-        results = self.robots.step(of_robots)
+        self._read_rogues(actions)
+        results = self.robots.step({agent: actions[agent] for agent in self.robots.agents})
         observations, rewards, terminated, truncated, infos = results
-        self._live = np.flatnonzero(simulation.rogue_present.numpy()[0])
-        arrays = simulation.rogue_observation, simulation.rogue_reward
-        rows, reward = (array.numpy()[0] for array in arrays)
-        gone, late = simulation.rogue_terminated.numpy()[0], simulation.rogue_truncated.numpy()[0]
-        for t in sorted({*acted, *self._live.tolist()}):
-            agent = names[t]
-            observations[agent], rewards[agent] = rows[t].copy(), float(reward[t])
-            terminated[agent], truncated[agent], infos[agent] = bool(gone[t]), bool(late[t]), {}
-        self.agents = [*self.robots.agents, *(names[t] for t in self._live.tolist())]
+        rows, reward, present, gone, late = self._fetched()
+        rows, acted, self._live = rows.copy(), self._live, np.flatnonzero(present).tolist()
+        reward, gone, late = reward.tolist(), gone.tolist(), late.tolist()
+        for t in sorted({*acted, *self._live}):
+            agent = self.possible_rogues[t]
+            observations[agent], rewards[agent], infos[agent] = rows[t], reward[t], {}
+            terminated[agent], truncated[agent] = gone[t], late[t]
+        self.agents = [*self.robots.agents, *(self.possible_rogues[t] for t in self._live)]
         return results
 
     def score(self) -> dict[str, Any]:
@@ -128,13 +126,48 @@ class TwoSidedParallelEnv(ParallelEnv):
         """Close the window, if there is one."""
         self.robots.close()
 
-    def _rogue_actions(self, actions: Mapping[str, Any]) -> np.ndarray:
-        """Return the actions (1, T, 2) of the rogues; those of slots without a live rogue are zero."""
+    def _bind(self) -> None:
+        """Set up the arrays of a step, which on the CPU are views of the simulation's memory."""
+        self._views = self._fetch() if self.simulation.device.is_cpu else None
+        self._action = self.simulation.rogue_action.numpy()[0] if self.simulation.device.is_cpu else None
+
+    def _fetch(self) -> tuple[np.ndarray, ...]:
+        sim = self.simulation
+        arrays = sim.rogue_observation, sim.rogue_reward, sim.rogue_present, sim.rogue_terminated, sim.rogue_truncated
+        return tuple(array.numpy()[0] for array in arrays)
+
+    def _fetched(self) -> tuple[np.ndarray, ...]:
+        """Return the rogues' rows, rewards, and whether they are present, terminated and truncated, on the host."""
+        return self._fetch() if self._views is None else self._views
+
+    def _read_rogues(self, actions: Mapping[str, Any]) -> None:
+        """Copy the actions of the live rogues; those of other slots have no effect.
+
+        Raises:
+            ValueError: an action has a wrong shape or is not finite.
+        """
+        given = [actions[self.possible_rogues[t]] for t in self._live]
         rows = np.zeros((len(self.possible_rogues), 2))
-        for t in self._live.tolist():
-            self._reader.read(self.possible_rogues[t], actions[self.possible_rogues[t]], rows[t])
+        if not self._discrete_actions and all(
+            type(row) is np.ndarray and row.shape == (2,) and row.dtype.kind == "f" for row in given
+        ):
+            rows[self._live] = given or 0.0
+        else:
+            for t, row in zip(self._live, given, strict=True):
+                self._reader.read(self.possible_rogues[t], row, rows[t])
         self._reader.check(self.possible_rogues, rows)
-        return rows[None].astype(np.float32)
+        if self._action is None:
+            self.simulation.rogue_action.assign(rows[None].astype(np.float32))
+        else:
+            self._action[:] = rows
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name not in ("_views", "_action", "simulation")}
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        self.__dict__.update(saved)
+        self.simulation = self.robots.simulation
+        self._bind()
 
     def _check_names(self, actions: Any) -> None:
         if not isinstance(actions, Mapping):
