@@ -1,5 +1,8 @@
 """Rogues that agents move: motion, observation, reward, the batch law, similarity, and nothing without them."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -94,6 +97,15 @@ def test_an_observation_is_what_its_table_says():
         gap = min(np.linalg.norm(away[robot]) / 0.3 - 1.0, 4.0)
         due = [1.0, 1.0, away[robot, 0] / (2 * curve.half_width), away[robot, 1] / (2 * curve.half_height), gap]
         assert row(simulation, names) == pytest.approx(due, abs=1e-5)
+
+
+def test_the_page_has_the_table_of_the_source():
+    # Oracle: the names, meanings and ranges of the layout, of the first robot where there is one per robot.
+    page = Path(__file__).parents[1] / "docs" / "rogues.md"
+    rows = re.findall(r"^\| [\dk +]+ \| `(\w+)` \| (.*) \| \[(\S+), (\S+)\] \|$", page.read_text(), re.MULTILINE)
+    layout = rogue_layout(lissajous_env.scenario("experiment", **{"robot.count": 1}))
+    told = [(name.replace("robot_k", "robot_0"), what, float(low), float(high)) for name, what, low, high in rows]
+    assert told == list(zip(layout.names, layout.meanings, layout.low, layout.high, strict=True))
 
 
 def test_sight_limits_which_robots_a_rogue_observes():
