@@ -103,7 +103,7 @@ def test_the_page_has_the_table_of_the_source():
     # Oracle: the names, meanings and ranges of the layout, of the first robot where there is one per robot.
     page = Path(__file__).parents[1] / "docs" / "rogues.md"
     rows = re.findall(r"^\| [\dk +]+ \| `(\w+)` \| (.*) \| \[(\S+), (\S+)\] \|$", page.read_text(), re.MULTILINE)
-    layout = rogue_layout(lissajous_env.scenario("experiment", **{"robot.count": 1}))
+    layout = rogue_layout(lissajous_env.scenario(lissajous_env.Scenario(), **{"robot.count": 1}))
     told = [(name.replace("robot_k", "robot_0"), what, float(low), float(high)) for name, what, low, high in rows]
     assert told == list(zip(layout.names, layout.meanings, layout.low, layout.high, strict=True))
 
