@@ -88,7 +88,7 @@ class LissajousRogueEnv(gymnasium.Env):
         self._driver.reset()
         super().reset(seed=None if seed is None else int(seed))
         self._running = True
-        return self._observed(), {"rogue_reward": np.zeros(len(self.action_space.low), np.float32)}
+        return self._observed(), {"rogue_reward": np.zeros(self.scenario.target_capacity, np.float32)}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
         """Take one control step with the actions of all rogues.

@@ -253,15 +253,19 @@ class Simulation:
 
     def _allocate_rogues(self, slots: int) -> None:
         """Make the arrays of the adversary's side, or set them to None."""
-        names = "action", "observation", "reward", "present", "terminated", "truncated"
         self.rogues: Any = None
         if self.scenario.targets.rogues is not None:
             each, size = (self.num_worlds, slots), rogue_layout(self.scenario).size
             check_room([slots * (size + 2) * 4], self.num_worlds, self.device)
             shapes = {"action": (*each, 2), "observation": (*each, size)}
             self.rogues = self._structs["rogues"] = allocate(Rogues, shapes, each, self.device)
-        for name in names:
-            setattr(self, f"rogue_{name}", getattr(self.rogues, name, None))
+        arrays = {} if self.rogues is None else fields_of(self.rogues)
+        self.rogue_action: Any = arrays.get("action")
+        self.rogue_observation: Any = arrays.get("observation")
+        self.rogue_reward: Any = arrays.get("reward")
+        self.rogue_present: Any = arrays.get("present")
+        self.rogue_terminated: Any = arrays.get("terminated")
+        self.rogue_truncated: Any = arrays.get("truncated")
 
     def _build(self) -> None:
         """Bind the stages of a reset and of a step to the arrays."""

@@ -20,13 +20,13 @@ MODULES = "robots", "rogues"
 """Names of the modules."""
 
 
-def policy_mapping_fn(agent: str, *_: Any, **__: Any) -> str:
+def policy_mapping_fn(agent: Any, *_: Any, **__: Any) -> str:
     """Return the module of an agent: `robots` for robot_0 ..., `rogues` for rogue_0 ...
 
     Raises:
         ValueError: it is neither a robot nor a rogue.
     """
-    module = f"{agent.partition('_')[0]}s"
+    module = f"{str(agent).partition('_')[0]}s"
     if module not in MODULES:
         raise ValueError(f"agent must be a robot or a rogue, got {agent!r}")
     return module

@@ -167,6 +167,7 @@ class LissajousTask(Task):
 def _of_groups(env: EnvBase, name: str) -> Composite:
     """Return the spec of an entry that the environment returns for each agent."""
     whole = env.full_observation_spec_unbatched
-    groups = {group: whole[group] for group in env.group_map}  # pyright: ignore[reportAttributeAccessIssue]
+    group_map: Any = env.group_map
+    groups = {group: whole[group] for group in group_map}
     specs = {group: Composite({name: of[name]}, shape=of.shape, device=env.device) for group, of in groups.items()}
     return Composite(specs, device=env.device)

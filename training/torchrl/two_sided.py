@@ -52,7 +52,8 @@ class TwoSidedTorchEnv(LissajousTorchEnv):
     group = ROBOTS
 
     def __init__(self, scenario: str | Scenario = "experiment", num_worlds: int = 1, **settings: Any):
-        super().__init__(scenario, num_worlds, **{"rogues": AGENTS} | settings)
+        settings = {"rogues": AGENTS} | settings
+        super().__init__(scenario, num_worlds, **settings)
         self.group_map[ROGUES] = [f"rogue_{t}" for t in range(self.scenario.target_capacity)]
 
     def _check_rogues(self) -> None:
