@@ -60,8 +60,7 @@ class Simulation:
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and zero was taken instead.
         invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
-        rogues: Where `targets.rogues` is set, the adversary's side, a `lissajous_env.world.state.Rogues` of the same
-            arrays as the next six attributes; otherwise all are None. T is the number of target slots.
+        rogues: `lissajous_env.world.state.Rogues` of the next six arrays, all None without `targets.rogues`; T slots.
         rogue_action: (W, T, 2) float32, velocities [speed limit], which a script or `step` writes.
         rogue_observation: (W, T, D) float32; `lissajous_env.world.rogues.rows` documents the entries.
         rogue_reward: (W, T) float32, the time of the step for which the rogue was undetected [s].

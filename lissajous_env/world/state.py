@@ -113,11 +113,11 @@ class Targets:
     position: wp.array2d(dtype=wp.vec2)
     """x, y [m]."""
     before: wp.array2d(dtype=wp.vec2)
-    """x, y at the end of the step before [m], of a target that an extension moves."""
+    """x, y at the end of the step before [m], of a target that an extension or an adversary moves."""
     heading: wp.array2d(dtype=wp.float32)
     """Heading [rad]."""
     motion: wp.array2d(dtype=wp.int32)
-    """STILL, DRIFTING, WANDERING or FLEEING."""
+    """STILL, DRIFTING, WANDERING, FLEEING or CUSTOM."""
     stage: wp.array2d(dtype=wp.int32)
     """HIDDEN until it appears, PRESENT, FOUND by a robot, GONE."""
     appears_at: wp.array2d(dtype=wp.int32)
