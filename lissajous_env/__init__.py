@@ -2,13 +2,17 @@
 
 from typing import Any as _Any
 
-# Before all others: a scenario can be made only once the robot models are registered.
+# Before all others: a scenario can be made only once the robot models and the scripted rogues are registered.
 from lissajous_env.world import robots as _robots  # noqa: F401
+from lissajous_env.world import rogues as _rogues  # noqa: F401
 
 # isort: split
 from lissajous_env.envs.gymnasium_env import LissajousEnv
 from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
-from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv, env, parallel_env
+from lissajous_env.envs.making import env, parallel_env
+from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
+from lissajous_env.envs.rogue_env import LissajousRogueEnv
+from lissajous_env.envs.two_sided import TwoSidedParallelEnv
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.policies import BASES as _BASES
 from lissajous_env.episodes.policies import base as _base
@@ -24,6 +28,7 @@ from lissajous_env.parameters.named import (
     scenarios,
 )
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
+from lissajous_env.parameters.rogues import Rogue, register_rogue, rogue, rogues
 from lissajous_env.parameters.scenario import (
     Curve,
     Faults,
@@ -48,18 +53,21 @@ __all__ = [
     "Formation",
     "LissajousEnv",
     "LissajousParallelEnv",
+    "LissajousRogueEnv",
     "LissajousVectorEnv",
     "Messages",
     "Mixture",
     "Noise",
     "Robot",
     "RobotModel",
+    "Rogue",
     "Scenario",
     "ScenarioSpace",
     "Sensing",
     "Simulation",
     "Targets",
     "Task",
+    "TwoSidedParallelEnv",
     "env",
     "evaluate",
     "import_ours",
@@ -69,9 +77,12 @@ __all__ = [
     "policies",
     "policy",
     "register_robot_model",
+    "register_rogue",
     "register_scenario",
     "register_scenario_space",
     "reward_term",
+    "rogue",
+    "rogues",
     "scenario",
     "scenario_space",
     "scenario_spaces",

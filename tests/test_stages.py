@@ -153,19 +153,29 @@ def in_both_orders(monkeypatch, scenario, listed):
     return same_state(forwards, backwards)
 
 
-@pytest.mark.parametrize("name", ["rough", "failure", "evaders-failure", "swarm"])
-def test_the_order_of_the_parts_changes_nothing(name, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "rogues"),
+    [
+        ("rough", None),
+        ("failure", None),
+        ("evaders-failure", None),
+        ("swarm", None),
+        ("evaders", "hide"),
+        ("swarm", "flee"),
+    ],
+)
+def test_the_order_of_the_parts_changes_nothing(name, rogues, monkeypatch):
     # Oracle: the parts in the opposite order, as threads may do them. A missing barrier would be seen here.
-    entry = {"targets.entry": "unseen", "targets.arrival_rate": 3.0, **RANDOM}
+    entry = {"targets.entry": "unseen", "targets.arrival_rate": 3.0, "rogues": rogues, **RANDOM}
     assert in_both_orders(monkeypatch, lissajous_env.scenario(name, **entry), stages.step_stages) == []
 
 
 def test_a_stage_without_its_barrier_races(monkeypatch):
     # Story: collisions are found in the tracks of all robots, before some of them have moved.
-    def listed(scenario):
+    def listed(scenario, rogues):
         return [
             replace(stage, barrier=False) if stage.name == "collisions" else stage
-            for stage in stages.step_stages(scenario)
+            for stage in stages.step_stages(scenario, rogues)
             if stage.name != "sending"
         ]
 

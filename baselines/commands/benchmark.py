@@ -7,11 +7,14 @@ import tyro
 from baselines.benchmark.running import Benchmark, measure
 from baselines.commands.playing import progress_console
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, CommandError, OutputOptions
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 
 
 def benchmark(
-    settings: tyro.conf.OmitArgPrefixes[Benchmark], output: OutputOptions = DEFAULT_OUTPUT, overrides: Overrides = ()
+    settings: tyro.conf.OmitArgPrefixes[Benchmark],
+    rogues: RogueName = None,
+    output: OutputOptions = DEFAULT_OUTPUT,
+    overrides: Overrides = (),
 ) -> int:
     """Compare policies on scenarios, with the same seeds for all: tables, files and a report page.
 
@@ -21,19 +24,21 @@ def benchmark(
         lissajous benchmark --scenarios evaders team --policies kuramoto-mpcc sweep --episodes 8
 
     Options:
-        what is played: scenarios, policies, episodes, seed, set
+        what is played: scenarios, policies, episodes, seed, rogues, set
         report: out, against, clairvoyant, replays
         where it runs: device, batch, engine, address
 
     Args:
         settings: Episodes to play, and the folder of the results.
+        rogues: script by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs
+            a scenario with task.contamination; without it they move as the scenario says.
         output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
     from baselines.benchmark import summary_files
     from baselines.benchmark.comparison import compare
 
-    settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
+    settings = dataclasses.replace(settings, overrides=parse_overrides(overrides, rogues))
     try:
         outcome = measure(settings, console=output.console(), progress=progress_console(output))
     except KeyboardInterrupt:

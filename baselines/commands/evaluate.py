@@ -13,7 +13,7 @@ from baselines.benchmark.running import Benchmark, plan
 from baselines.commands.playing import made, naming, progress_console, scenarios_and_policy
 from lissajous_env.console.recordings import check_file
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _Names = Annotated[
@@ -30,6 +30,7 @@ def evaluate(
     batch: int = 16,
     device: str = "cpu",
     out: _Out = None,
+    rogues: RogueName = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
@@ -39,7 +40,7 @@ def evaluate(
         lissajous evaluate evaders kuramoto-mpcc --episodes 16
 
     Options:
-        what is played: episodes, seed, set
+        what is played: episodes, seed, rogues, set
         where it runs: device, batch
         files: out
 
@@ -51,6 +52,8 @@ def evaluate(
         batch: number of episodes that are played together; it changes the speed, not the results.
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         out: CSV file to which the score rows are written; without it they are only summarized.
+        rogues: script by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs
+            a scenario with task.contamination; without it they move as the scenario says.
         output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
@@ -60,7 +63,7 @@ def evaluate(
 
     scenarios, policy, home = scenarios_and_policy(names)
     check_file(out, ".csv")
-    changed = parse_overrides(overrides)
+    changed = parse_overrides(overrides, rogues)
     settings = Benchmark(scenarios, (policy,), episodes, seed, batch, device, overrides=changed)
     cells = plan(settings, scenarios=None if home is None else [home])
     rows: list[dict[str, Any]] = []

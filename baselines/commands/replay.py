@@ -1,7 +1,7 @@
 """The command `lissajous replay`: an episode, played now or recorded before, as a page, in a window, or as a film."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -11,7 +11,7 @@ from baselines.policies import registry
 from lissajous_env.console.recordings import check_file, check_pace, has_display, show
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, Output, OutputOptions
 from lissajous_env.here import beside
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 from lissajous_env.wording import nearest
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ def replay(
     device: str = "cpu",
     speed: float = 1.0,
     fps: float = 10.0,
+    rogues: RogueName = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
@@ -43,7 +44,7 @@ def replay(
         lissajous replay evaders sweep --against kuramoto-mpcc --out replay.html
 
     Options:
-        episode: seed, device, set
+        episode: seed, device, rogues, set
         what is shown: out, against, speed, fps
 
     Args:
@@ -55,6 +56,8 @@ def replay(
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         speed: playback speed, in seconds of the episode per second, from 0.01 to 1000.
         fps: frames per second of a GIF or MP4, from 0.1 to 50; more of them make a larger file.
+        rogues: script by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs
+            a scenario with task.contamination; without it they move as the scenario says.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
@@ -73,8 +76,8 @@ def replay(
         raise ValueError(f"out must be given ({', '.join(FORMATS)}): there is no display for a window")
     if against is not None and len(names) > 1:  # refused before the other has been played
         scenarios, *_ = scenarios_and_policy(names)
-        plan(Benchmark(scenarios, (against,), 1, seed, 1, device, overrides=parse_overrides(overrides)))
-    recording = _recorded(names, seed, device, output, overrides)
+        plan(Benchmark(scenarios, (against,), 1, seed, 1, device, overrides=parse_overrides(overrides, rogues)))
+    recording = _recorded(names, seed, device, output, parse_overrides(overrides, rogues))
     other = None
     if against is not None:
         rival = Benchmark((recording.scenario.name,), (against,), 1, recording.score["seed"], 1, device)
@@ -84,15 +87,14 @@ def replay(
     output.print_json({"wrote": out, **scores})
 
 
-def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, overrides: Overrides) -> "Recording":
+def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, overrides: dict[str, Any]) -> "Recording":
     """Read the recording of a file, or play a policy on a scenario."""
     from lissajous_env.episodes.recording import load
 
     first, *others = names
     if others or registry.is_folder(first):
         scenarios, policy, home = scenarios_and_policy(names)
-        changed = parse_overrides(overrides)
-        return record_one(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=changed), output, home)
+        return record_one(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=overrides), output, home)
     if overrides:
         raise ValueError("overrides must be left out beside a recording, which was played as it is")
     return load(first)

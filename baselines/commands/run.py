@@ -9,7 +9,7 @@ from baselines.benchmark.running import Benchmark
 from baselines.commands.playing import FORMATS, progress_console, record_one, scenarios_and_policy
 from lissajous_env.console.recordings import check_file, has_display, show
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
-from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 
 _Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _PolicyName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY]", help_behavior_hint="")]
@@ -22,6 +22,7 @@ def run(
     seed: int = 0,
     device: str = "cpu",
     out: _Out = None,
+    rogues: RogueName = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
@@ -38,6 +39,8 @@ def run(
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf or .npz (a recording); without it, a window
             opens if there is a display.
+        rogues: script by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs
+            a scenario with task.contamination; without it they move as the scenario says.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
@@ -45,7 +48,7 @@ def run(
 
     scenarios, name, home = scenarios_and_policy((scenario,) if policy is None else (scenario, policy))
     check_file(out, *FORMATS)
-    settings = Benchmark(scenarios, (name,), 1, seed, 1, device, overrides=parse_overrides(overrides))
+    settings = Benchmark(scenarios, (name,), 1, seed, 1, device, overrides=parse_overrides(overrides, rogues))
     recording = record_one(settings, output, home)
     row = recording.score
     tables.print_row(output.console(), row)

@@ -17,6 +17,7 @@ ARRIVAL = wp.constant(8)
 WANDER = wp.constant(9)
 EPISODE = wp.constant(10)
 UNSEEN = wp.constant(11)
+ROGUE = wp.constant(12)
 _PURPOSES = wp.constant(16)
 
 

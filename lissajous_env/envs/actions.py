@@ -33,6 +33,19 @@ def action_space(scenario: Scenario, discrete: bool, seed: int | None = None) ->
     return gymnasium.spaces.Box(-1.0, 1.0, (scenario.action_size,), np.float32, seed=seed)
 
 
+def rogue_table() -> np.ndarray:
+    """Return (9, 2) the actions from which a rogue's discrete action selects: rest, and eight directions."""
+    angles = np.arange(8) * (np.pi / 4)
+    return np.vstack([np.zeros((1, 2)), np.stack([np.cos(angles), np.sin(angles)], axis=1)]).astype(np.float32)
+
+
+def rogue_action_space(discrete: bool = False) -> gymnasium.Space:
+    """Return the action space of one rogue: `Box(-1, 1, (2,))`, or `Discrete` over the rows of `rogue_table`."""
+    if discrete:
+        return gymnasium.spaces.Discrete(len(rogue_table()))
+    return gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+
 def team_action_space(scenario: Scenario, discrete: bool, flat: bool) -> gymnasium.Space:
     """Return the action space of the team: `Box(-1, 1, (N, action_size))`, flattened, or `MultiDiscrete` (N,)."""
     n, size = scenario.num_robots, scenario.action_size
@@ -42,11 +55,15 @@ def team_action_space(scenario: Scenario, discrete: bool, flat: bool) -> gymnasi
 
 
 class ActionReader:
-    """Writes the actions of one world into an array; errors name the agent."""
+    """Writes the actions of one world into an array; errors name the agent.
 
-    def __init__(self, scenario: Scenario, discrete: bool):
-        self._table = action_table(scenario) if discrete else None
-        self._shape = (scenario.action_size,)
+    Args:
+        size: Number of components of an action.
+        table: (K, size) actions from which a discrete action selects; None for continuous actions.
+    """
+
+    def __init__(self, size: int, table: np.ndarray | None = None):
+        self._table, self._shape = table, (size,)
 
     def read(self, agent: str, action: Any, row_out: np.ndarray) -> None:
         """Write one agent's action into its row.

@@ -7,6 +7,7 @@ import numpy as np
 
 from lissajous_env.envs.actions import team_action_space
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
+from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
 from lissajous_env.world.simulation import Simulation
@@ -21,6 +22,13 @@ def team_spaces(simulation: Simulation, discrete: bool, flat: bool) -> tuple[gym
     low, high = np.tile(layout.low, (n, 1)), np.tile(layout.high, (n, 1))
     observation = gymnasium.spaces.Box(low, high, dtype=np.float32)
     return observation, team_action_space(simulation.scenario, discrete, flat)
+
+
+def refuse_rogue_agents(scenario: Scenario) -> None:
+    """Raise ValueError for a scenario whose rogues are agents."""
+    if scenario.targets.rogues == AGENTS:
+        rule = "must be None or a scripted rogue where the team of robots is the agent"
+        raise ValueError(f"targets.rogues {rule}, got {AGENTS}; robots=POLICY makes an environment of the rogues")
 
 
 class LissajousEnv(gymnasium.Env):
@@ -52,6 +60,7 @@ class LissajousEnv(gymnasium.Env):
         **settings: Any,
     ):
         self.parallel = LissajousParallelEnv(scenario, render_mode, **settings)
+        refuse_rogue_agents(self.parallel.scenario)
         self.render_mode = render_mode
         self.scenario = self.parallel.scenario
         discrete = settings.get("discrete_actions", False)

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from lissajous_env.envs.actions import action_space, action_table
-from lissajous_env.envs.gymnasium_env import team_spaces
+from lissajous_env.envs.gymnasium_env import refuse_rogue_agents, team_spaces
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.envs.recorded import followed, replay_of
 from lissajous_env.parameters import named
@@ -83,6 +83,7 @@ class LissajousVectorEnv(VectorEnv):
         self.autoreset_mode = modes[name]
         self.render_mode = render_mode
         made = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
+        refuse_rogue_agents(made)
         self.simulation = Simulation(made, num_envs, device=device, threads=threads)
         self.scenario = self.simulation.scenario
         rows_each = self.simulation.num_robots if agents_as_rows else 1

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
-from pettingzoo import AECEnv, ParallelEnv
-from pettingzoo.utils import parallel_to_aec, wrappers
+from pettingzoo import ParallelEnv
 
-from lissajous_env.envs.actions import LARGE, ActionReader, action_space
+from lissajous_env.envs.actions import LARGE, ActionReader, action_space, action_table
 from lissajous_env.envs.recorded import followed, replay_of
 from lissajous_env.envs.true_state import state_names, state_rows
 from lissajous_env.parameters import named
@@ -29,6 +28,8 @@ class LissajousParallelEnv(ParallelEnv):
     The agents are `robot_0` ... A failed robot remains an agent: it still observes, with `works` at 0 and actions
     without effect. Agents are terminated only if `task.on_collision` or `task.boundary` is `remove`. Every episode is
     truncated after `task.duration`. Without a seed, every run starts with a different random episode.
+    Where `targets.rogues` is `agents`, these are the robots alone, and the caller writes the rogues' actions into
+    `simulation.rogue_action`; `lissajous_env.parallel_env` makes an environment of both sides.
     `lissajous_env.world.observation` describes the observation. The reward of an agent is the sum of the terms in
     `reward_terms` of its info, in the order of `lissajous_env.world.reward.TERMS`.
 
@@ -205,7 +206,8 @@ class LissajousParallelEnv(ParallelEnv):
         """Set up the arrays of a step, which on the CPU are views of the simulation's memory."""
         sim, count = self.simulation, len(self.possible_agents)
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
-        self._reader = ActionReader(self.scenario, self._discrete_actions)
+        table = action_table(self.scenario) if self._discrete_actions else None
+        self._reader = ActionReader(self.scenario.action_size, table)
         self._rows = np.zeros(sim.action_shape[1:])  # float64, to clip values beyond float32
         self._on_device = not sim.device.is_cpu
         self._fetch()
@@ -284,23 +286,3 @@ class LissajousParallelEnv(ParallelEnv):
     def __setstate__(self, saved: dict[str, Any]) -> None:
         self.__dict__.update(saved)
         self._bind()
-
-
-class _NamedAgents(wrappers.OrderEnforcingWrapper):
-    """AEC environment with a clear error for an unknown agent."""
-
-    def observe(self, agent: str) -> Any:
-        self.observation_space(agent)  # checks the name
-        return super().observe(agent)
-
-
-def parallel_env(
-    scenario: str | Scenario = "experiment", render_mode: str | None = None, **settings: Any
-) -> LissajousParallelEnv:
-    """Make the PettingZoo `ParallelEnv` of a scenario; see `LissajousParallelEnv` for the settings."""
-    return LissajousParallelEnv(scenario, render_mode, **settings)
-
-
-def env(scenario: str | Scenario = "experiment", render_mode: str | None = None, **settings: Any) -> AECEnv:
-    """Make the `AECEnv` of a scenario, in which the agents act in turn."""
-    return _NamedAgents(parallel_to_aec(parallel_env(scenario, render_mode, **settings)))

@@ -103,7 +103,13 @@ def mean_time_limit(scenario: str | Scenario) -> float:
     scenario = named.scenario(scenario)
     targets, task, speed = scenario.targets, scenario.task, robot_speed_limit(scenario)
     mean_arrivals = targets.arrival_rate * task.duration
-    if not speed >= 0 or _ends_early(scenario) or targets.custom > 0 or targets.count + mean_arrivals == 0:
+    if (
+        not speed >= 0
+        or _ends_early(scenario)
+        or targets.custom > 0
+        or targets.rogues
+        or targets.count + mean_arrivals == 0
+    ):
         return math.nan
     times = np.linspace(0.0, task.duration, _INSTANTS)
     left = sum(share * _undetected(scenario, motion, speed, times) for motion, share in _shares(targets).items())

@@ -9,9 +9,9 @@ def register_ids(name: str) -> None:
     of_ours, settings = f"lissajous/{name}-v0", {"scenario": name}
     gymnasium.register(
         id=of_ours,
-        entry_point="lissajous_env.envs.gymnasium_env:LissajousEnv",
+        entry_point="lissajous_env.envs.making:gymnasium_env",
         vector_entry_point="lissajous_env.envs.gymnasium_vector:LissajousVectorEnv",
         kwargs=settings,
     )
-    pettingzoo.register("parallel", of_ours, "lissajous_env.envs.pettingzoo_env:parallel_env", kwargs=settings)
-    pettingzoo.register("aec", of_ours, "lissajous_env.envs.pettingzoo_env:env", kwargs=settings)
+    pettingzoo.register("parallel", of_ours, "lissajous_env.envs.making:parallel_env", kwargs=settings)
+    pettingzoo.register("aec", of_ours, "lissajous_env.envs.making:env", kwargs=settings)

@@ -37,8 +37,6 @@ _MOST_STEPS = 2**20
 """Limit on the steps of an episode."""
 _SCENARIOS, _MOST_SCENARIOS = 32, 10_000
 """Number of scenarios that stand for a split by default, and its limit."""
-_SCENARIOS, _MOST_SCENARIOS = 32, 10_000
-"""Number of scenarios that stand for a split by default, and its limit."""
 
 
 def scenarios() -> tuple[str, ...]:

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import tyro
 
+from lissajous_env.parameters.rogues import AGENTS
+
 Overrides = Annotated[
     tuple[tuple[str, ...], ...],
     tyro.conf.UseAppendAction,
@@ -16,15 +18,22 @@ Overrides = Annotated[
 """Type of a command's `--set name=value ...`; `parse_overrides` reads it."""
 
 
-def parse_overrides(groups: Iterable[Iterable[str]]) -> dict[str, Any]:
-    """Parse the arguments of `--set`.
+RogueName = Annotated[str | None, tyro.conf.arg(name="rogues", metavar="NAME")]
+"""Type of a command's `--rogues NAME`, a scripted rogue."""
+
+
+def parse_overrides(groups: Iterable[Iterable[str]], rogues: str | None = None) -> dict[str, Any]:
+    """Parse the arguments of `--set`, and of `--rogues`.
 
     A value is a Python literal (which may contain `inf`), a bare word, or `module:name`.
 
     Raises:
-        ValueError: an entry has no name, is given twice, or has another kind of value.
+        ValueError: an entry has no name, is given twice, or has another kind of value; or the rogues are agents, whose
+            actions no command has.
     """
-    overrides: dict[str, Any] = {}
+    if rogues == AGENTS:
+        raise ValueError(f"rogues must be the name of a script in a command, such as flee, got {AGENTS}")
+    overrides: dict[str, Any] = {} if rogues is None else {"rogues": rogues}
     for entry in (entry for group in groups for entry in tuple(group) or ("",)):
         name, equals, text = (part.strip() for part in entry.partition("="))
         if not equals or not name:

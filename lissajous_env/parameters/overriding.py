@@ -10,6 +10,8 @@ from lissajous_env.wording import nearest, shown
 
 _OF_THE_NUMBER = "ring", "p", "alpha"
 """Fields of the formation that are valid only for the number of robots for which they were set."""
+_SHORT = {"rogues": "targets.rogues"}
+"""Short names of fields."""
 
 
 class UnknownSettingError(ValueError, TypeError):
@@ -25,7 +27,7 @@ def overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
     whole: dict[str, Any] = {}
     changed: dict[str, dict[str, Any]] = {}
     for key, value in overrides.items():
-        part, dot, field = key.partition(".")
+        part, dot, field = _SHORT.get(key, key).partition(".")
         if key == "extensions":
             whole[key] = value
             continue

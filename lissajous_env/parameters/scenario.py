@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from lissajous_env.device.turns import with_own_locks
-from lissajous_env.parameters.extensions import Extension, as_extensions
+from lissajous_env.parameters.extensions import Extension, TargetMotion, as_extensions
 from lissajous_env.parameters.robot_models import model_of
+from lissajous_env.parameters.rogues import rogue_of
 from lissajous_env.parameters.spreading import Spreading, spreading_of
 from lissajous_env.settings.parts import (
     MOST_TARGETS,
@@ -53,6 +54,8 @@ PARTS = {
 }
 ADDED = {"messages": dataclasses.asdict(Messages())}
 """Defaults of the parts that the first scenarios did not have: digests omit them, and files may."""
+_LATER = {"robot": ("drive_factors",), "targets": ("rogues", "sight")}
+"""Fields that the first scenarios did not have: digests omit them where they are empty."""
 
 _OUTSIDE = 1.002
 """Factor by which a curve of harmonics may exceed its rectangle; `Curve.through` has an error of up to 0.1 %."""
@@ -90,6 +93,7 @@ class Scenario:
         self._check_times()
         model_of(self.robot.kind).check(self.curve, self.formation, self.robot, self.noise, self.task)
         self._check_contamination()
+        self._check_rogues()
         if self.target_capacity > MOST_TARGETS:
             rule = f"must bring at most {MOST_TARGETS} targets an episode, with those of the start and six deviations"
             raise ValueError(f"targets.arrival_rate {rule} [1/s], got {self.targets.arrival_rate}")
@@ -134,6 +138,19 @@ class Scenario:
             rule = "must be given where targets move as the scenario's own motion says and contamination is followed"
             raise ValueError(f"targets.speed_limit {rule} [m/s], got None")
         _ = self.spreading
+
+    def _check_rogues(self) -> None:
+        name = self.targets.rogues
+        if name is None:
+            return
+        rogue = rogue_of(name)
+        if self.rogue_speed <= 0:
+            raise ValueError(f"targets.speed_limit must be above 0 where rogues move [m/s], got {self.rogue_speed}")
+        if rogue is not None and rogue.needs_contamination and self.task.contamination is None:
+            raise ValueError(f"task.contamination must be given for the rogue {name}, got None")
+        for each in self.extensions:
+            if isinstance(each, TargetMotion):
+                raise ValueError(f"targets.rogues must be None beside the target motion {each.name}, got {name}")
 
     def _check_times(self) -> None:
         """Check that times do not round to zero steps."""
@@ -313,6 +330,8 @@ class Scenario:
         )
         sensing = dataclasses.replace(self.sensing, radius=self.sensing_radius)
         targets = dataclasses.replace(self.targets, speed_limit=self.rogue_speed)
+        if targets.rogues is not None:
+            targets = dataclasses.replace(targets, drifting=0.0, wandering=0.0, fleeing=0.0, custom=1.0)
         return dataclasses.replace(self, robot=robot, formation=formation, sensing=sensing, targets=targets)
 
     def scaled(self, length: float = 1.0, time: float = 1.0) -> "Scenario":
@@ -347,6 +366,7 @@ def digest_of(plain: Mapping[str, Any]) -> str:
     """
     made_of = (*PARTS, "extensions") if plain["extensions"] else PARTS
     numbers = {name: value for name, value in plain.items() if name in made_of and value != ADDED.get(name)}
-    if not numbers["robot"].get("drive_factors"):
-        numbers["robot"] = {name: value for name, value in numbers["robot"].items() if name != "drive_factors"}
+    for part, later in _LATER.items():
+        fields = numbers[part].items()
+        numbers[part] = {name: value for name, value in fields if value or name not in later}
     return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]

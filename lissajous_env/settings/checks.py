@@ -52,7 +52,7 @@ def choice(default: str, *options: str) -> Any:
     return _checked(default, rule, lambda v: isinstance(v, str) and v in options, options=options)
 
 
-def word(default: str, rule: str) -> Any:
+def word(default: str | None, rule: str) -> Any:
     """Declare a non-empty word, such as a name that is looked up elsewhere."""
     return _checked(default, rule, lambda v: isinstance(v, str) and v.strip() == v != "")
 

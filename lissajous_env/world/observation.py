@@ -15,6 +15,7 @@ received remains in the row. It is zeros before the first action, and before a n
 does not act, repeats its last message; a removed robot is silent.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -102,6 +103,11 @@ def layout(scenario: str | Scenario) -> Layout:
     for each in scenario.extensions:
         if isinstance(each, ObservationEntry):
             entries += [(name, each.low, each.high, each.about) for name in each.entries]
+    return layout_of(entries)
+
+
+def layout_of(entries: Iterable[tuple[str, float, float, str]]) -> Layout:
+    """Return the layout of a row with these names, ranges and meanings."""
     names, low, high, meanings = zip(*entries, strict=True)
     return Layout(names, np.array(low, dtype=np.float32), np.array(high, dtype=np.float32), meanings)
 

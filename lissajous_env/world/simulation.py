@@ -12,6 +12,7 @@ from lissajous_env.device.turns import Turn, in_turn
 from lissajous_env.device.warp_abi import fields_of, name_of
 from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import RewardTerm
+from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import is_whole
 from lissajous_env.wording import shown
@@ -22,6 +23,7 @@ from lissajous_env.world.extended import ExtensionStages
 from lissajous_env.world.observation import Layout, layout
 from lissajous_env.world.reward import TERMS
 from lissajous_env.world.robots.bin_sizes import bins_of
+from lissajous_env.world.rogues.rows import rogue_layout
 from lissajous_env.world.score import detection_times, episodes_of
 from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
@@ -33,6 +35,7 @@ from lissajous_env.world.state import (
     Links,
     Messages,
     Robots,
+    Rogues,
     StepEvents,
     Targets,
     allocate,
@@ -57,6 +60,13 @@ class Simulation:
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and zero was taken instead.
         invalid_at: (W,) int32, the step in which that happened first, counted from 1; 0 for none.
+        rogues: `lissajous_env.world.state.Rogues` of the next six arrays, all None without `targets.rogues`; T slots.
+        rogue_action: (W, T, 2) float32, velocities [speed limit], which a script or `step` writes.
+        rogue_observation: (W, T, D) float32; `lissajous_env.world.rogues.rows` documents the entries.
+        rogue_reward: (W, T) float32, the time of the step for which the rogue was undetected [s].
+        rogue_present: (W, T) bool, True for rogues that act in the next step.
+        rogue_terminated: (W, T) bool, True from a rogue's detection on.
+        rogue_truncated: (W, T) bool, True for rogues that were undetected when the episode ended.
         split: Not an array: how the work is divided among CPU threads, `lissajous_env.device.program.Split`.
 
     World k depends on its own seed and actions alone: it is the same, bit for bit, in any batch, on any number of
@@ -141,27 +151,36 @@ class Simulation:
         return self.observation
 
     @in_turn
-    def step(self, action: Any) -> tuple[wp.array, wp.array, wp.array, wp.array]:
+    def step(self, action: Any, rogue_action: Any = None) -> tuple[wp.array, wp.array, wp.array, wp.array]:
         """Advance every world whose episode is running by one control step.
 
         Args:
             action: `action_shape`, a NumPy array, torch tensor or Warp array of numbers in [-1, 1]; values outside are
                 clipped. Where a number is not finite, that robot's action is taken as zero and the world is flagged
                 in `invalid`.
+            rogue_action: (W, T, 2) the same for rogues, where `targets.rogues` is `agents`.
 
         Returns:
             observation, reward, terminated, truncated: the arrays of these names.
 
         Raises:
-            ValueError: the action has another shape, or does not hold real numbers.
+            ValueError: an action has another shape, does not hold real numbers, is missing, or has no rogues to move.
         """
+        if (rogue_action is not None) != (self.scenario.targets.rogues == AGENTS):
+            rule = f"must be given where targets.rogues is {AGENTS}, and only there"
+            raise ValueError(f"rogue_action {rule}, got {shown(rogue_action)}")
+        if rogue_action is not None:
+            copy_in("rogue_action", rogue_action, self.rogue_action)
         self._take(action)
         self._step()
         return self.observation, self.reward, self.terminated, self.truncated
 
     @in_turn
     def advance(self) -> None:
-        """Advance by one control step with the actions that the caller has written into `action`."""
+        """Advance by one control step with the actions that the caller has written into `action`.
+
+        Those of rogues that are agents are in `rogue_action`.
+        """
         self._step()
 
     def score(self, worlds: Any = None) -> list[dict[str, Any]]:
@@ -218,6 +237,7 @@ class Simulation:
         self.tally = allocate(EpisodeTotals, {"contact": (w, n, n), "returns": robot}, each, self.device)
         names = ("clock", "robots", "links", "messages", "targets", "cells", "contamination", "latest", "tally")
         self._structs = {name: getattr(self, name) for name in names}
+        self._allocate_rogues(t)
         self.action = wp.zeros(self.action_shape, dtype=wp.float32, device=self.device)
         self.command = wp.zeros((w, n, self.action_shape[2] - k), dtype=wp.float32, device=self.device)
         self._taken = wp.zeros_like(self.action)
@@ -229,6 +249,22 @@ class Simulation:
         self.reward, self.reward_terms = self.latest.reward, self.latest.terms
         self.terminated, self.truncated = self.latest.terminated, self.latest.truncated
         self.invalid, self.invalid_at = self.clock.invalid, self.clock.invalid_at
+
+    def _allocate_rogues(self, slots: int) -> None:
+        """Make the arrays of the adversary's side, or set them to None."""
+        self.rogues: Any = None
+        if self.scenario.targets.rogues is not None:
+            each, size = (self.num_worlds, slots), rogue_layout(self.scenario).size
+            check_room([slots * (size + 2) * 4], self.num_worlds, self.device)
+            shapes = {"action": (*each, 2), "observation": (*each, size)}
+            self.rogues = self._structs["rogues"] = allocate(Rogues, shapes, each, self.device)
+        arrays = {} if self.rogues is None else fields_of(self.rogues)
+        self.rogue_action: Any = arrays.get("action")
+        self.rogue_observation: Any = arrays.get("observation")
+        self.rogue_reward: Any = arrays.get("reward")
+        self.rogue_present: Any = arrays.get("present")
+        self.rogue_terminated: Any = arrays.get("terminated")
+        self.rogue_truncated: Any = arrays.get("truncated")
 
     def _build(self) -> None:
         """Bind the stages of a reset and of a step to the arrays."""
@@ -246,7 +282,7 @@ class Simulation:
         place = self.num_worlds, self.device, self.split
         self._extended = ExtensionStages(self.scenario, self._structs, self.observation)
         self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario)), values, sizes, *place)
-        self._step = Program(self._extended.step_stages(step_stages(self.scenario)), values, sizes, *place)
+        self._step = Program(self._extended.step_stages(step_stages(self.scenario, self.rogues)), values, sizes, *place)
 
     def _take(self, action: Any) -> None:
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:

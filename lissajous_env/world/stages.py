@@ -6,6 +6,7 @@ arguments are found by the names of its parameters, among the state (`lissajous_
 """
 
 from collections.abc import Iterable
+from typing import Any
 
 from lissajous_env.device.program import BIN, BLOCKS, FIELD_ROW, PARTS, ROBOT, ROW, TARGET, WORLD, Stage
 from lissajous_env.parameters.robot_models import model_of
@@ -34,6 +35,7 @@ from lissajous_env.world.robots.policy_messages import (
     reset_policy_messages,
     send_policy_messages,
 )
+from lissajous_env.world.rogues.stages import rogue_motion, rogue_results
 from lissajous_env.world.tally import keep_score, reset_tally
 from lissajous_env.world.targets.detection import (
     move_and_detect,
@@ -44,8 +46,8 @@ from lissajous_env.world.targets.detection import (
 from lissajous_env.world.targets.motion import reset_arrivals, reset_targets
 
 
-def step_stages(scenario: Scenario) -> list[Stage]:
-    """Return the stages of a control step."""
+def step_stages(scenario: Scenario, rogues: Any = None) -> list[Stage]:
+    """Return the stages of a control step, with those of rogues if there are any."""
     model, many = model_of(scenario.robot.kind), has_bins(scenario)
     return [
         Stage("clock", advance_clock, WORLD),
@@ -59,6 +61,7 @@ def step_stages(scenario: Scenario) -> list[Stage]:
         Stage("policy sending", send_policy_messages, ROBOT, when=scenario.messages.size > 0),
         *_bin_stages(many),
         Stage("collisions", find_listed_collisions if many else find_collisions, ROBOT, PARTS),
+        *rogue_motion(scenario, rogues),
         *_target_stages(scenario, "targets", many),
         Stage("coverage", cover, ROW, when=scenario.task.grid is not None),
         *_contamination_stages(scenario, range(scenario.spreading.ticks)),
@@ -71,6 +74,7 @@ def step_stages(scenario: Scenario) -> list[Stage]:
         Stage("hearing", hear, ROBOT),
         _policy_hearing(scenario),
         Stage("observation", observe_listed if many else observe, ROBOT, PARTS),
+        *rogue_results(scenario),
     ]
 
 
@@ -104,6 +108,7 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("final", keep_final, ROBOT),
         _policy_hearing(scenario),
         Stage("observation", observe_listed if many else observe, ROBOT, PARTS),
+        *rogue_results(scenario, resets=True),
     ]
 
 

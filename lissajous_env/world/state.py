@@ -113,11 +113,11 @@ class Targets:
     position: wp.array2d(dtype=wp.vec2)
     """x, y [m]."""
     before: wp.array2d(dtype=wp.vec2)
-    """x, y at the end of the step before [m], of a target that an extension moves."""
+    """x, y at the end of the step before [m], of a target that an extension or an adversary moves."""
     heading: wp.array2d(dtype=wp.float32)
     """Heading [rad]."""
     motion: wp.array2d(dtype=wp.int32)
-    """STILL, DRIFTING, WANDERING or FLEEING."""
+    """STILL, DRIFTING, WANDERING, FLEEING or CUSTOM."""
     stage: wp.array2d(dtype=wp.int32)
     """HIDDEN until it appears, PRESENT, FOUND by a robot, GONE."""
     appears_at: wp.array2d(dtype=wp.int32)
@@ -128,6 +128,26 @@ class Targets:
     """Share of that step that was left at its detection, in [0, 1]: it was detected at step found_at - found_early."""
     in_sight: wp.array2d(dtype=wp.int32)
     """1 while it is in a working robot's disc at the end of a step."""
+
+
+@wp.struct
+class Rogues:
+    """Targets that an adversary moves (W, T): `lissajous_env.world.rogues`."""
+
+    action: wp.array3d(dtype=wp.float32)
+    """(W, T, 2) velocity as commanded [speed limit]."""
+    velocity: wp.array2d(dtype=wp.vec2)
+    """Velocity in the latest step [m/s], which walls may have reduced."""
+    observation: wp.array3d(dtype=wp.float32)
+    """(W, T, D) rows: `lissajous_env.world.rogues.rows`."""
+    reward: wp.array2d(dtype=wp.float32)
+    """Time of the latest step for which it was undetected [s]."""
+    present: wp.array2d(dtype=wp.bool)
+    """True if it acts in the next step: it is present and undetected, and the episode runs."""
+    terminated: wp.array2d(dtype=wp.bool)
+    """True from its detection on."""
+    truncated: wp.array2d(dtype=wp.bool)
+    """True if it was undetected when the episode ended."""
 
 
 @wp.struct

@@ -29,7 +29,7 @@ class WorldView(_Fixed):
     Attributes:
         scenario: The scenario, with every field filled in.
         clock, robots, links, messages, targets, cells, latest, tally: The arrays of `lissajous_env.world.state`, by
-            their names: `world.robots.position` is (W, N, 3).
+            their names: `world.robots.position` is (W, N, 3). So is `rogues` where `targets.rogues` is set.
         observation: (W, N, D).
 
     On the CPU they are the simulation's own memory, in which everything is of this very step. On a GPU they are copied

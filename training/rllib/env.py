@@ -7,7 +7,8 @@ import gymnasium
 import numpy as np
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 
-from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
+from lissajous_env import parallel_env
+from lissajous_env.parameters.rogues import AGENTS
 from training.learned.card import Card
 from training.learned.wiring import Wiring
 
@@ -20,6 +21,8 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
 
         config.environment(LissajousMultiAgentEnv, env_config={"scenario": "intruders", "task.duration": 60.0})
 
+    With `rogues` = `agents` the rogues are agents too, `rogue_0` ..., each from its appearance to its detection, which
+    terminates it; `training.rllib.two_sided` has the two modules and their mapping.
     A failed robot continues to observe and act, without effect. A removed robot (`task.on_collision` or `task.boundary`
     set to `remove`) terminates: its last observation is that of the step in which it is removed.
     At the time limit, only `truncateds["__all__"]` is set. With a flag for each robot, RLlib would treat the episode as
@@ -41,9 +44,9 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         given = dict(config or {})
         card: Card | None = given.pop("card", None)
         penalty = float(given.pop("residual_penalty", 0.0))
-        self.parallel = LissajousParallelEnv(
-            given.pop("scenario", "experiment"), given.pop("render_mode", None), **given
-        )
+        self.parallel = parallel_env(given.pop("scenario", "experiment"), given.pop("render_mode", None), **given)
+        if card is not None and self.parallel.scenario.targets.rogues == AGENTS:
+            raise ValueError(f"card must be None where targets.rogues is {AGENTS}, got {card!r}")
         self.possible_agents = list(self.parallel.possible_agents)
         self.agents = list(self.possible_agents)
         super().__init__()
@@ -68,13 +71,15 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
 
     def step(self, action_dict: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
         """Take a control step with an action for each robot that has not been removed."""
-        action_dict, penalties = self._wired(action_dict)
+        acted, (action_dict, penalties) = set(self.agents), self._wired(action_dict)
         observations, rewards, terminated, truncated, _ = self.parallel.step(action_dict)
         if penalties:
             rewards = {agent: reward - penalties[agent] for agent, reward in rewards.items()}
         self.agents = list(self.parallel.agents)
         timed_out = any(truncated[agent] and not terminated[agent] for agent in truncated)
         gone = not self.agents and not timed_out
+        if len(observations) > len(acted):  # a rogue that has just appeared has no reward yet
+            rewards, terminated = ({a: of[a] for a in of if a in acted} for of in (rewards, terminated))
         return self._observed(observations), rewards, terminated | {"__all__": gone}, {"__all__": timed_out}, {}
 
     def score(self) -> dict[str, Any]:

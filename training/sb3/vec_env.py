@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
-from stable_baselines3.common.vec_env import VecEnv
 
 from lissajous_env import Scenario, Simulation
 from lissajous_env.world.seeding import drawn_seeds
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.learned.wiring import Wiring
+from training.sb3.batch_env import BatchVecEnv
 from training.sb3.critic_view import CriticView
 
 RECENT = 256
@@ -48,7 +48,7 @@ class Step(NamedTuple):
         return infos
 
 
-class RobotVecEnv(VecEnv):
+class RobotVecEnv(BatchVecEnv):
     """`Simulation` as a `VecEnv` with shared parameters: row k N + i is robot i of world k.
 
     A world whose robots are all done is reset in the same step. At a time limit, a robot's info contains the final
@@ -214,28 +214,6 @@ class RobotVecEnv(VecEnv):
             return flat[chosen]
         worlds = np.asarray(chosen.reshape(self.simulation.num_worlds, -1).any(axis=1))
         return np.concatenate([flat[chosen], self._view.rows(worlds)[chosen]], axis=1)
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to close."""
-
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the batch, repeated for each requested row."""
-        return [getattr(self, attr_name) for _ in self._get_indices(indices)]
-
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of the whole batch; rows have no attributes of their own."""
-        if indices is not None and len(list(self._get_indices(indices))) != self.num_envs:
-            raise ValueError(f"{attr_name} must be set for all rows at once, got indices {indices!r}")
-        setattr(self, attr_name, value)
-
-    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Call a method of the batch once; return its result, repeated for each requested row."""
-        result = getattr(self, method_name)(*method_args, **method_kwargs)
-        return [result for _ in self._get_indices(indices)]
-
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """Return False for each row: rows are not wrapped."""
-        return [False for _ in self._get_indices(indices)]
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Seed world k with seed + k N at the next reset: N rows share a world, which uses the seed of the first."""

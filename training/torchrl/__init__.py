@@ -2,5 +2,6 @@
 
 from training.torchrl.env import LissajousTorchEnv
 from training.torchrl.model_policy import ModelPolicy
+from training.torchrl.two_sided import TwoSidedTorchEnv
 
-__all__ = ["LissajousTorchEnv", "ModelPolicy"]
+__all__ = ["LissajousTorchEnv", "ModelPolicy", "TwoSidedTorchEnv"]

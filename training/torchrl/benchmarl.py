@@ -10,8 +10,9 @@ task as well:
 
     task = LissajousTaskClass("two cars", {"scenario": my_scenario})
 
-`training.torchrl.mappo_example` trains on one. Actions are continuous or discrete, as the algorithm
-requires.
+With `{"rogues": "agents"}` the rogues are trained too, in the groups `adversary` (robots) and `agent` (rogues) of
+`training.torchrl.two_sided`. `training.torchrl.mappo_example` trains on a task. Actions are continuous or discrete, as
+the algorithm requires.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ from torchrl.envs import EnvBase
 
 from lissajous_env import Scenario
 from lissajous_env.parameters import named
-from training.torchrl.env import GROUP, SCORES, LissajousTorchEnv
+from lissajous_env.parameters.rogues import AGENTS
+from training.torchrl.env import SCORES, LissajousTorchEnv
+from training.torchrl.two_sided import TwoSidedTorchEnv
 
 _OF_ENVIRONMENT = ("state", "threads")
 _FILM = 480, 320
@@ -63,7 +66,8 @@ class LissajousTaskClass(TaskClass):
         settings = {key: self.config[key] for key in _OF_ENVIRONMENT if key in self.config}
         settings |= {"discrete_actions": not continuous_actions, "seed": seed, "device": device}
         scenario = self.scenario
-        return lambda: LissajousTorchEnv(scenario, num_envs, **settings)
+        kind = TwoSidedTorchEnv if scenario.targets.rogues == AGENTS else LissajousTorchEnv
+        return lambda: kind(scenario, num_envs, **settings)
 
     def supports_continuous_actions(self) -> bool:
         """Return True."""
@@ -82,16 +86,16 @@ class LissajousTaskClass(TaskClass):
         return True
 
     def group_map(self, env: EnvBase) -> dict[str, list[str]]:
-        """Return the only group, which contains every robot."""
+        """Return the only group, which contains every robot, or with rogues that are agents both groups."""
         return env.group_map  # pyright: ignore[reportReturnType]
 
     def observation_spec(self, env: EnvBase) -> Composite:
-        """Return the spec of the robots' observations, (N, D)."""
-        return _of_team(env, "observation")
+        """Return the spec of the observations of each group, (N, D)."""
+        return _of_groups(env, "observation")
 
     def info_spec(self, env: EnvBase) -> Composite:
-        """Return the spec of the reward's terms, (N, 1) each."""
-        return _of_team(env, "info")
+        """Return the spec of the infos: the terms of the robots' reward, and 1 for present rogues, (N, 1) each."""
+        return _of_groups(env, "info")
 
     def state_spec(self, env: EnvBase) -> Composite | None:
         """Return the spec of the true state, (S,), if the config enables it."""
@@ -160,7 +164,10 @@ class LissajousTask(Task):
         return LissajousTaskClass(self.name, config)
 
 
-def _of_team(env: EnvBase, name: str) -> Composite:
-    """Return the spec of an entry that the environment returns for each robot."""
-    team = env.full_observation_spec_unbatched[GROUP]
-    return Composite({GROUP: Composite({name: team[name]}, shape=team.shape, device=env.device)}, device=env.device)
+def _of_groups(env: EnvBase, name: str) -> Composite:
+    """Return the spec of an entry that the environment returns for each agent."""
+    whole = env.full_observation_spec_unbatched
+    group_map: Any = env.group_map
+    groups = {group: whole[group] for group in group_map}
+    specs = {group: Composite({name: of[name]}, shape=of.shape, device=env.device) for group, of in groups.items()}
+    return Composite(specs, device=env.device)

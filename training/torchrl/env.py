@@ -37,6 +37,7 @@ from lissajous_env import Scenario, Simulation
 from lissajous_env.envs.actions import action_table
 from lissajous_env.envs.true_state import state_names, state_rows
 from lissajous_env.parameters import named
+from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.world.columns import (
     COLLISIONS,
     DETECTED,
@@ -83,6 +84,9 @@ class LissajousTorchEnv(EnvBase):
         ValueError: an argument is invalid.
     """
 
+    group = GROUP
+    """Name of the robots' group."""
+
     def __init__(
         self,
         scenario: str | Scenario = "experiment",
@@ -99,12 +103,19 @@ class LissajousTorchEnv(EnvBase):
         self.simulation = Simulation(made, num_worlds, device=str(device), threads=threads)
         super().__init__(device=wp.device_to_torch(self.simulation.device), batch_size=(num_worlds,))
         self.scenario = self.simulation.scenario
-        self.group_map = {GROUP: [f"{GROUP}_{i}" for i in range(self.scenario.num_robots)]}
+        self._check_rogues()
+        self.group_map = {self.group: [f"robot_{i}" for i in range(self.scenario.num_robots)]}
         self._table = torch.as_tensor(action_table(self.scenario), device=self.device) if discrete_actions else None
         self._with_state = state
         self._renderers: dict[Any, Any] = {}
         self._declare()
         self._set_seed(seed)
+
+    def _check_rogues(self) -> None:
+        """Raise ValueError for rogues that are agents."""
+        if self.scenario.targets.rogues == AGENTS:
+            rule = "must be None or a scripted rogue in an environment of one group"
+            raise ValueError(f"targets.rogues {rule}, got {AGENTS}; TwoSidedTorchEnv has two")
 
     def _declare(self) -> None:
         """Set the specs."""
@@ -131,10 +142,12 @@ class LissajousTorchEnv(EnvBase):
             action = Bounded(-1.0, 1.0, torch.Size(sim.action_shape), device, torch.float32)
         else:
             action = Categorical(len(self._table), team, device, torch.int64)
-        self.observation_spec = each(world, **{GROUP: each(team, observation=rows, info=info)}, score=scores, **state)
-        self.action_spec = each(world, **{GROUP: each(team, action=action)})
-        self.reward_spec = each(world, **{GROUP: each(team, reward=Unbounded(row, device))})
-        self.done_spec = each(world, **flags(world), **{GROUP: each(team, **flags(team))})
+        self.observation_spec = each(
+            world, **{self.group: each(team, observation=rows, info=info)}, score=scores, **state
+        )
+        self.action_spec = each(world, **{self.group: each(team, action=action)})
+        self.reward_spec = each(world, **{self.group: each(team, reward=Unbounded(row, device))})
+        self.done_spec = each(world, **flags(world), **{self.group: each(team, **flags(team))})
 
     def _set_seed(self, seed: int | None) -> None:
         """Seed the next episode of world k with seed + k; later seeds are drawn from it."""
@@ -144,7 +157,7 @@ class LissajousTorchEnv(EnvBase):
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
-        if mask is None and tensordict is not None and (GROUP, "_reset") in tensordict.keys(True):
+        if mask is None and tensordict is not None and (self.group, "_reset") in tensordict.keys(True):
             raise ValueError(f"_reset must be a mask of worlds of shape {(*self.batch_size, 1)}, got one of robots")
         chosen = np.ones(self.batch_size, dtype=bool) if mask is None else mask.reshape(-1).cpu().numpy()
         seeded, unseeded = chosen & self._seeded, chosen & ~self._seeded
@@ -157,14 +170,18 @@ class LissajousTorchEnv(EnvBase):
         return self._read()
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        action = tensordict.get((GROUP, "action"))
+        action = tensordict.get((self.group, "action"))
         if self._table is not None:
             action = self._table[action]
         with self._on_torch_stream():
-            self.simulation.step(action)
+            self._advance(action, tensordict)
         after = self._read()
         self._require_finite(action)
-        return after.set((GROUP, "reward"), wp.to_torch(self.simulation.reward).unsqueeze(-1).clone())
+        return after.set((self.group, "reward"), wp.to_torch(self.simulation.reward).unsqueeze(-1).clone())
+
+    def _advance(self, action: torch.Tensor, tensordict: TensorDictBase) -> None:
+        """Take a step with the actions of the robots."""
+        self.simulation.step(action)
 
     def _require_finite(self, action: torch.Tensor) -> None:
         """Raise ValueError if an action is not finite.
@@ -175,7 +192,7 @@ class LissajousTorchEnv(EnvBase):
         if wp.to_torch(self.simulation.invalid).any():
             finite = torch.isfinite(action).all(-1)
             w, i = (~finite).nonzero()[0].tolist()
-            raise ValueError(f"action of {GROUP}_{i} in world {w} must be finite, got {action[w, i].tolist()}")
+            raise ValueError(f"action of robot_{i} in world {w} must be finite, got {action[w, i].tolist()}")
 
     def _read(self) -> TensorDict:
         """Copy observations, flags and scores from the simulation's arrays, which the next step overwrites."""
@@ -190,7 +207,7 @@ class LissajousTorchEnv(EnvBase):
             **_flags(terminated, truncated),
         }
         world = {
-            GROUP: self._batched(team, 2),
+            self.group: self._batched(team, 2),
             "score": self._batched(self._scores(), 1),
             **_flags(terminated.all(1), truncated.any(1)),
         }

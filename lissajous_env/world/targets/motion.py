@@ -18,7 +18,7 @@ DRIFTING = wp.constant(1)
 WANDERING = wp.constant(2)
 FLEEING = wp.constant(3)
 CUSTOM = wp.constant(4)
-"""Moved by an extension of the scenario."""
+"""Moved by an extension of the scenario, or by an adversary: `lissajous_env.world.rogues`."""
 
 _BOUNDARY = wp.constant(place_of(parts.Targets, "entry", "boundary"))
 

@@ -1,0 +1,85 @@
+"""Scripted rogues: rules by which an adversary moves the targets; `targets.rogues` names one."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+from lissajous_env.device.program import LANES
+from lissajous_env.wording import few_of, nearest, shown
+
+AGENTS = "agents"
+"""Value of `targets.rogues` where the caller of each step gives the rogues' actions."""
+
+
+@dataclass(frozen=True)
+class Rogue:
+    """A scripted rogue; after `lissajous_env.register_rogue`, `targets.rogues` can name it."""
+
+    name: str
+    """Name, as in `targets.rogues`."""
+    decide: Any
+    """Function `decide(rows)` that returns the actions (W, T, 2) for the rows (W, T, D) of
+    `lissajous_env.world.rogues.rows`, as NumPy arrays; or a Warp kernel over the targets, which writes `rogues.action`
+    and whose arguments are matched by name, see `lissajous_env.world.stages`."""
+    about: str = ""
+    """What it does, in a line."""
+    layout: str = LANES
+    """Layout of the kernel, one of those of `lissajous_env.device.program`."""
+    needs_contamination: bool = False
+    """True if it needs the grid of `task.contamination`."""
+
+
+_ROGUES: dict[str, Rogue] = {}
+"""Registered rogues by name; the shipped ones register themselves in `lissajous_env.world.rogues`."""
+
+
+def register_rogue(rogue: Rogue) -> Rogue:
+    """Add a scripted rogue to those that `targets.rogues` can name, and return it.
+
+    Raises:
+        ValueError: the name is taken or invalid, or the rule is neither a function nor a Warp kernel.
+    """
+    if not isinstance(rogue, Rogue):
+        raise ValueError(f"rogue must be a Rogue, got {shown(rogue)}")
+    if not (isinstance(rogue.name, str) and re.fullmatch(r"[a-z][a-z0-9-]{0,62}", rogue.name)):
+        raise ValueError(f"name of a rogue must be of small letters, digits and -, got {shown(rogue.name)}")
+    if rogue.name == AGENTS or _ROGUES.get(rogue.name, rogue) != rogue:
+        raise ValueError(f"name of a rogue must be new, got {shown(rogue.name)}")
+    if not callable(rogue.decide) and not isinstance(rogue.decide, wp.Kernel):
+        raise ValueError(f"rogue {rogue.name} must decide by a function or a Warp kernel, got {shown(rogue.decide)}")
+    _ROGUES[rogue.name] = rogue
+    return rogue
+
+
+def rogue(name: str) -> Callable[[Callable[[Any], Any]], Callable[[Any], Any]]:
+    """Return a decorator that registers a function `decide(rows)` as a scripted rogue, and returns the function."""
+
+    def register(decide: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        register_rogue(Rogue(name, decide, (decide.__doc__ or "").strip().partition("\n")[0]))
+        return decide
+
+    return register
+
+
+def rogues() -> tuple[str, ...]:
+    """Return the names of the scripted rogues."""
+    return tuple(_ROGUES)
+
+
+def rogue_of(name: str) -> Rogue | None:
+    """Return the scripted rogue of a name, or None for `agents`.
+
+    Raises:
+        ValueError: there is no such rogue.
+    """
+    if name == AGENTS:
+        return None
+    if name not in _ROGUES:
+        known = (AGENTS, *_ROGUES)
+        raise ValueError(
+            f"targets.rogues must be one of {few_of(known, name)}, got {shown(name)}{nearest(name, known)}"
+        )
+    return _ROGUES[name]

@@ -1,0 +1,5 @@
+"""Rogues: targets that an adversary moves, by actions or by a script; importing this registers the shipped scripts."""
+
+from lissajous_env.world.rogues import scripted, hiding  # isort: skip
+
+__all__ = ["hiding", "scripted"]

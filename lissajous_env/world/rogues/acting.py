@@ -1,0 +1,238 @@
+"""The kernels of rogues: they move as their actions say, are rewarded, and observe."""
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
+from lissajous_env.device.trig import atan2
+from lissajous_env.world.observing import comes_before, far, velocity
+from lissajous_env.world.robots.actuation import flag
+from lissajous_env.world.rogues.rows import OWN, ROBOT, ROBOTS
+from lissajous_env.world.state import (
+    ENDED,
+    FOUND,
+    HIDDEN,
+    PRESENT,
+    REMOVED,
+    RUNNING,
+    WORKING,
+    Clock,
+    Robots,
+    Rogues,
+    Targets,
+    planar,
+)
+
+wp.set_module_options(OPTIONS)
+
+_LARGEST = wp.constant(float(np.finfo(np.float32).max))
+_FAR = wp.constant(4.0)
+
+
+@wp.func
+def is_command(x: float, y: float) -> bool:
+    """Return whether both components of an action are finite."""
+    return wp.abs(x) <= _LARGEST and wp.abs(y) <= _LARGEST
+
+
+@wp.func
+def commanded(x: float, y: float) -> wp.vec2:
+    """Shorten an action to length 1 or below."""
+    action = wp.vec2(wp.clamp(x, -1.0, 1.0), wp.clamp(y, -1.0, 1.0))
+    return action / wp.max(wp.length(action), 1.0)
+
+
+@wp.func
+def held(place: wp.vec2, curve: CurveStruct) -> wp.vec2:
+    """Return the nearest place within the walls [m]."""
+    x = wp.clamp(place[0], -curve.half_width, curve.half_width)
+    y = wp.clamp(place[1], -curve.half_height, curve.half_height)
+    return wp.vec2(x, y)
+
+
+@wp.kernel
+def move_rogues(
+    first: int,
+    lanes: int,
+    begin: int,
+    end: int,
+    curve: CurveStruct,
+    target: TargetStruct,
+    task: TaskStruct,
+    clock: Clock,
+    targets: Targets,
+    rogues: Rogues,
+):
+    """Move each undetected rogue by its action; walls stop it, and an action that is not finite counts as zero."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for t in range(begin + lane, end, lanes):
+        moved = wp.vec2(0.0, 0.0)
+        if targets.stage[w, t] == PRESENT:
+            x = rogues.action[w, t, 0]
+            y = rogues.action[w, t, 1]
+            place = targets.position[w, t]
+            if is_command(x, y):
+                after = held(place + target.speed_limit * task.step * commanded(x, y), curve)
+                moved = after - place
+                targets.position[w, t] = after
+            else:
+                flag(w, clock)
+            if wp.length_sq(moved) > 0.0:
+                targets.heading[w, t] = atan2(moved[1], moved[0])
+        rogues.velocity[w, t] = moved / task.step
+
+
+@wp.kernel
+def reward_rogues(
+    first: int,
+    lanes: int,
+    begin: int,
+    end: int,
+    task: TaskStruct,
+    clock: Clock,
+    targets: Targets,
+    rogues: Rogues,
+):
+    """Reward each rogue with the time of this step for which it was undetected [s]; a detection terminates it."""
+    tid, lane = wp.tid()
+    w = first + tid
+    for t in range(begin + lane, end, lanes):
+        reward = float(0.0)
+        stage = targets.stage[w, t]
+        now = clock.step[w]
+        if clock.active[w] == 1:
+            if targets.appears_at[w, t] < now:
+                if stage == PRESENT:
+                    reward = task.step
+                elif stage == FOUND and targets.found_at[w, t] == now:
+                    reward = (1.0 - targets.found_early[w, t]) * task.step
+            rogues.present[w, t] = stage == PRESENT and clock.stage[w] == RUNNING
+            rogues.terminated[w, t] = stage != PRESENT and stage != HIDDEN
+            rogues.truncated[w, t] = stage == PRESENT and clock.stage[w] == ENDED
+        rogues.reward[w, t] = reward
+
+
+@wp.kernel
+def reset_rogues(first: int, lanes: int, clock: Clock, rogues: Rogues):
+    """Let the rogues of a new episode be at rest."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    for t in range(lane, rogues.reward.shape[1], lanes):
+        rogues.velocity[w, t] = wp.vec2(0.0, 0.0)
+        for k in range(2):
+            rogues.action[w, t, k] = 0.0
+
+
+@wp.func
+def next_robot(w: int, place: wp.vec2, after: wp.vec2, sight: float, robots: Robots) -> wp.vec2:
+    """Return (squared distance [m^2], index) of the nearest robot in sight that comes after another; index -1 for none.
+
+    A `sight` of 0 has no limit.
+    """
+    best = wp.vec2(1.0e30, -1.0)
+    for i in range(robots.status.shape[1]):
+        away = planar(robots.position[w, i]) - place
+        key = wp.vec2(wp.dot(away, away), float(i))
+        is_seen = robots.status[w, i] != REMOVED and (sight == 0.0 or key[0] < sight * sight)
+        if is_seen and comes_before(after, key) and key[0] < best[0]:
+            best = key
+    return best
+
+
+@wp.func
+def observe_itself(
+    w: int,
+    t: int,
+    place: wp.vec2,
+    curve: CurveStruct,
+    target: TargetStruct,
+    radius: float,
+    age: float,
+    targets: Targets,
+    rogues: Rogues,
+):
+    """Fill the entries of the rogue and of the walls."""
+    speed = rogues.velocity[w, t] / target.speed_limit
+    rogues.observation[w, t, 0] = wp.where(targets.stage[w, t] == PRESENT, 1.0, 0.0)
+    rogues.observation[w, t, 1] = wp.clamp(place[0] / curve.half_width, -1.0, 1.0)
+    rogues.observation[w, t, 2] = wp.clamp(place[1] / curve.half_height, -1.0, 1.0)
+    rogues.observation[w, t, 3] = wp.clamp(speed[0], -1.0, 1.0)
+    rogues.observation[w, t, 4] = wp.clamp(speed[1], -1.0, 1.0)
+    rogues.observation[w, t, 5] = wp.min(age, _FAR)
+    for side in range(2):
+        sign = float(1 - 2 * side)
+        rogues.observation[w, t, OWN + side] = wp.clamp((curve.half_width + sign * place[0]) / radius, 0.0, _FAR)
+        rogues.observation[w, t, OWN + 2 + side] = wp.clamp((curve.half_height + sign * place[1]) / radius, 0.0, _FAR)
+
+
+@wp.func
+def observe_robot(
+    w: int,
+    t: int,
+    i: int,
+    start: int,
+    away: wp.vec2,
+    curve: CurveStruct,
+    radius: float,
+    speed_unit: float,
+    robots: Robots,
+    rogues: Rogues,
+):
+    """Fill the entries of a robot that is `away` [m]."""
+    speed = velocity(w, i, robots) / speed_unit
+    rogues.observation[w, t, start] = 1.0
+    rogues.observation[w, t, start + 1] = wp.where(robots.status[w, i] == WORKING, 1.0, 0.0)
+    rogues.observation[w, t, start + 2] = far(0.5 * away[0] / curve.half_width)
+    rogues.observation[w, t, start + 3] = far(0.5 * away[1] / curve.half_height)
+    rogues.observation[w, t, start + 4] = far(speed[0])
+    rogues.observation[w, t, start + 5] = far(speed[1])
+    rogues.observation[w, t, start + 6] = wp.clamp(wp.length(away) / radius - 1.0, -1.0, _FAR)
+
+
+@wp.kernel
+def fill_rows(
+    first: int,
+    lanes: int,
+    begin: int,
+    end: int,
+    curve: CurveStruct,
+    sensing: SensingStruct,
+    target: TargetStruct,
+    speed_unit: float,
+    bounds_per_step: float,
+    clock: Clock,
+    robots: Robots,
+    targets: Targets,
+    rogues: Rogues,
+):
+    """Fill the row of each rogue, in the step of its detection for the last time."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    size = rogues.observation.shape[2]
+    now = clock.step[w]
+    for t in range(begin + lane, end, lanes):
+        entry = int(0)
+        is_new = targets.stage[w, t] == FOUND and targets.found_at[w, t] == now
+        if targets.stage[w, t] == PRESENT or is_new:
+            place = targets.position[w, t]
+            age = float(now - targets.appears_at[w, t]) * bounds_per_step
+            observe_itself(w, t, place, curve, target, sensing.radius, age, targets, rogues)
+            entry = ROBOTS
+            nearest = next_robot(w, place, wp.vec2(-1.0, -1.0), target.sight, robots)
+            while nearest[1] >= 0.0:
+                i = int(nearest[1])
+                away = planar(robots.position[w, i]) - place
+                observe_robot(w, t, i, entry, away, curve, sensing.radius, speed_unit, robots, rogues)
+                entry += ROBOT
+                nearest = next_robot(w, place, nearest, target.sight, robots)
+        for k in range(entry, size):
+            rogues.observation[w, t, k] = 0.0

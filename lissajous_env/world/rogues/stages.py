@@ -1,0 +1,50 @@
+"""The stages of rogues in a step and in a reset; none where `targets.rogues` is None."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.program import PARTS, TARGET, Stage
+from lissajous_env.parameters.rogues import Rogue, rogue_of
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import shown
+from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reset_rogues, reward_rogues
+
+
+def rogue_motion(scenario: Scenario, rogues: Any) -> list[Stage]:
+    """Return the stages in which scripted rogues decide, and all rogues move."""
+    if scenario.targets.rogues is None:
+        return []
+    rogue = rogue_of(scenario.targets.rogues)
+    decides = [] if rogue is None else [_decision(rogue, rogues)]
+    return [*decides, Stage("rogues", move_rogues, TARGET, PARTS)]
+
+
+def _decision(rogue: Rogue, rogues: Any) -> Stage:
+    """Return the stage in which a scripted rogue decides."""
+    name = f"rogue {rogue.name}"
+    if isinstance(rogue.decide, wp.Kernel):
+        return Stage(name, rogue.decide, TARGET, rogue.layout)
+
+    def decide() -> None:
+        action = np.asarray(rogue.decide(rogues.observation.numpy().copy()))
+        shape = tuple(rogues.action.shape)
+        if action.shape != shape or action.dtype.kind not in "fiu" or not np.isfinite(action).all():
+            got = f"{action.dtype} of shape {action.shape}" if action.shape != shape else shown(action)
+            raise ValueError(f"{name} must return finite numbers of shape {shape}, got {got}")
+        rogues.action.assign(action.astype(np.float32))
+
+    decide.__doc__ = rogue.about
+    return Stage(name, decide)
+
+
+def rogue_results(scenario: Scenario, resets: bool = False) -> list[Stage]:
+    """Return the stages in which rogues are rewarded and observe, in a reset after they are set to rest."""
+    own = {"bounds_per_step": scenario.task.step / scenario.detection_time_bound}
+    is_on = scenario.targets.rogues is not None
+    return [
+        Stage("rogue rest", reset_rogues, TARGET, when=is_on and resets),
+        Stage("rogue reward", reward_rogues, TARGET, PARTS, when=is_on),
+        Stage("rogue observation", fill_rows, TARGET, PARTS, barrier=False, when=is_on, own=own),
+    ]

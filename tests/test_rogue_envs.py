@@ -1,0 +1,157 @@
+"""Environments of both sides: PettingZoo's and Gymnasium's checkers, agents that come and go, clear errors."""
+
+import pickle
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env
+from pettingzoo.test import api_test, parallel_api_test
+
+import lissajous_env
+
+SHORT = {"task.duration": 3.0, "rogues": "agents", "targets.arrival_rate": 0.0, "targets.entry": "unseen"}
+SHORT |= {"sensing.radius": 0.3}
+ARRIVING = SHORT | {"targets.count": 2, "targets.arrival_rate": 2.0}
+
+
+def sampled(env, rng):
+    return {agent: rng.uniform(-1, 1, env.action_space(agent).shape).astype(np.float32) for agent in env.agents}
+
+
+def test_pettingzoos_parallel_checker_passes():
+    # Oracle: PettingZoo's contract checker, whose warnings are errors here.
+    env = lissajous_env.parallel_env("experiment", **ARRIVING)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        # An episode rarely has as many arrivals as there is room for.
+        warnings.filterwarnings("ignore", "No agents present but not all possible_agents")
+        parallel_api_test(env, num_cycles=40)
+
+
+def test_pettingzoos_aec_checker_passes():
+    # Oracle: PettingZoo's contract checker.
+    api_test(lissajous_env.env("experiment", **SHORT), num_cycles=100)
+
+
+def test_gymnasiums_checker_passes_for_both_sides():
+    # Oracle: Gymnasium's contract checker: robots against a script, then rogues against a policy.
+    for settings in ({"rogues": "flee"}, {"robots": "still", "rogues": "agents"}):
+        env = gymnasium.make("lissajous/experiment-v0", **{"task.duration": 3.0}, **settings)
+        check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_rogues_are_agents_from_their_appearance_to_their_detection():
+    # Story: agents join in the step in which they appear, end once, and never return; flags say how each ended.
+    env = lissajous_env.parallel_env("experiment", **ARRIVING)
+    rng = np.random.default_rng(1)
+    env.reset(seed=5)
+    assert [agent for agent in env.agents if agent.startswith("rogue")] == ["rogue_0", "rogue_1"]
+    ended, joined, returns = {}, set(env.agents), dict.fromkeys(env.possible_agents, 0.0)
+    while env.agents:
+        before = set(env.agents)
+        observations, rewards, terminated, truncated, _ = env.step(sampled(env, rng))
+        assert before <= observations.keys() == rewards.keys()
+        joined |= set(env.agents) - before
+        for agent, observation in observations.items():
+            assert env.observation_space(agent).contains(observation)
+            assert agent not in ended
+            returns[agent] += rewards[agent]
+            if terminated[agent] or truncated[agent]:
+                ended[agent] = "detected" if terminated[agent] else "time"
+        assert set(env.agents) == observations.keys() - ended.keys()
+    rogues = {agent: how for agent, how in ended.items() if agent.startswith("rogue")}
+    assert len(rogues) > 2
+    assert set(rogues.values()) == {"detected", "time"}
+    times, found = env.simulation.detection_times()
+    for agent, how in rogues.items():
+        slot = int(agent.partition("_")[2])
+        assert found[slot] == (how == "detected")
+        assert returns[agent] == pytest.approx(times[slot], abs=1e-4)  # its return is its detection time
+
+
+def test_reset_with_the_same_seed_repeats_both_sides():
+    # Oracle: N steps, twice, and once through a pickle in mid-episode, are the same bits.
+    def played(env, steps, rng):
+        return [env.step(sampled(env, rng)) for _ in range(steps)]
+
+    env = lissajous_env.parallel_env("experiment", **ARRIVING)
+    runs = []
+    for _ in range(2):
+        env.reset(seed=9)
+        runs.append(played(env, 20, np.random.default_rng(3)))
+    env.reset(seed=9)
+    rng = np.random.default_rng(3)
+    first = played(env, 10, rng)
+    copy = pickle.loads(pickle.dumps(env))
+    runs.append(first + played(copy, 10, rng))
+    for run in runs[1:]:
+        for one, other in zip(runs[0], run, strict=True):
+            assert one[0].keys() == other[0].keys()
+            assert all(np.array_equal(one[0][agent], other[0][agent]) for agent in one[0])
+            assert one[1] == other[1]
+
+
+def test_bad_actions_are_refused_by_name_and_change_nothing():
+    # Story: a wrong shape, a NaN, a missing and an unknown agent; then the episode goes on as if nothing was.
+    env = lissajous_env.parallel_env("experiment", **SHORT)
+    with pytest.raises(ResetNeeded):
+        env.step({})
+    env.reset(seed=0)
+    good = {agent: np.zeros(2, np.float32) for agent in env.agents}
+    before = env.simulation.save_state()
+    wrong = {
+        "action of rogue_1 must be numbers": good | {"rogue_1": np.zeros(3)},
+        "action of rogue_2 must be finite": good | {"rogue_2": np.array([np.nan, 0])},
+        "action of robot_1 must be finite": good | {"robot_1": np.array([np.nan, 0])},
+        r"missing \['rogue_3'\]": {agent: row for agent, row in good.items() if agent != "rogue_3"},
+        r"unknown or not live \['rogue_x'\]": good | {"rogue_x": np.zeros(2)},
+    }
+    for words, actions in wrong.items():
+        with pytest.raises(ValueError, match=words):
+            env.step(actions)
+    after = env.simulation.save_state()
+    assert all(np.array_equal(before[name], after[name]) for name in before)
+    env.step(good)
+    with pytest.raises(ValueError, match="rogue_0 to rogue_19, got 'rogue_20'"):
+        env.action_space("rogue_20")
+
+
+def test_discrete_rogues_select_rest_or_a_direction():
+    # Story: index 0 rests, index 1 goes right at the speed limit.
+    env = lissajous_env.parallel_env("experiment", discrete_actions=True, **SHORT)
+    env.reset(seed=2)
+    position = env.simulation.targets.position
+    before = position.numpy()[0].copy()
+    env.step(dict.fromkeys(env.agents, 0) | {"rogue_0": 1})
+    moved = position.numpy()[0] - before
+    limit = env.scenario.targets.speed_limit * env.scenario.task.step
+    assert moved[0] == pytest.approx([limit, 0.0], abs=1e-6)
+    assert np.abs(moved[1:]).max() == 0.0
+
+
+def test_one_sided_environments_refuse_two_sides():
+    # Story: the team of robots cannot be the agent where rogues are agents too.
+    for make in (lissajous_env.LissajousEnv, lissajous_env.vector_env):
+        with pytest.raises(ValueError, match="rogues must be None or a scripted rogue"):
+            make("experiment", rogues="agents")
+    with pytest.raises(ValueError, match=r"targets.rogues must be agents"):
+        lissajous_env.LissajousRogueEnv("experiment", "still", rogues="flee")
+
+
+def test_a_rogue_team_plays_until_all_are_detected():
+    # Story: two rogues rest while a sweep goes over them; the episode ends with the second detection.
+    settings = {"targets.count": 2, "targets.arrival_rate": 0.0, "targets.entry": "unseen"}
+    env = lissajous_env.LissajousRogueEnv("experiment", "sweep", **settings)
+    env.reset(seed=1)
+    total, over = 0.0, False
+    while not over:
+        _, reward, terminated, truncated, info = env.step(np.zeros((2, 2), np.float32))
+        total, over = total + reward, terminated or truncated
+    assert terminated
+    assert not truncated
+    assert total == pytest.approx(2 * info["score"]["detection_time_mean"], abs=1e-4)
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros((2, 2), np.float32))

@@ -1,0 +1,185 @@
+"""Scripted rogues: each does what it says, none outlasts the proved bound, and commands name them."""
+
+import json
+
+import numpy as np
+import pytest
+
+import lissajous_env
+from lissajous_env import Simulation
+from lissajous_env.console.cli import main
+from lissajous_env.world.rogues.rows import rogue_layout
+
+SMALL = {"sensing.radius": 0.3, "targets.arrival_rate": 0.0, "targets.count": 8, "targets.entry": "unseen"}
+SHIPPED = ("wander", "flee", "shadow", "follow-gap", "hide")
+BOUNDED = {"task.contamination": (36, 16), "task.conservative": True, "task.duration": 15.0}
+
+
+def played(rogues, steps, policy="sweep", **settings):
+    """A simulation after some steps, and the observations of rogues before each."""
+    scenario = lissajous_env.scenario("experiment", rogues=rogues, **SMALL | settings)
+    simulation, rows = Simulation(scenario, 2), []
+    driver = lissajous_env.policy(policy, scenario, 2)
+    for _ in range(steps):
+        rows.append(simulation.rogue_observation.numpy().copy())
+        simulation.step(driver.act(simulation.observation))
+    return simulation, np.array(rows)
+
+
+def entries(simulation, rows, *names):
+    layout = rogue_layout(simulation.scenario)
+    return np.moveaxis(rows[..., [layout.names.index(name) for name in names]], -1, 0)
+
+
+def nearest_away(simulation, rows):
+    """Where the nearest robot is, relative to each rogue [m]."""
+    x, y = entries(simulation, rows, "robot_0_x", "robot_0_y")
+    curve = simulation.scenario.curve
+    return 2 * np.stack([x * curve.half_width, y * curve.half_height], axis=-1)
+
+
+def test_the_shipped_rogues_are_registered():
+    assert lissajous_env.rogues()[: len(SHIPPED)] == SHIPPED
+
+
+def test_wander_goes_on_at_full_speed_and_turns_at_random():
+    # Law: the speed is the limit away from walls; headings change by the deviation of `turn_rate`.
+    simulation, rows = played("wander", 60, policy="still", **{"targets.turn_rate": 0.5})
+    present, x, y = entries(simulation, rows, "present", "x_velocity", "y_velocity")
+    walls = np.min(entries(simulation, rows, "wall_left", "wall_right", "wall_bottom", "wall_top"), axis=0)
+    free = (present[1:] == 1) & (walls[1:] > 0.2) & (walls[:-1] > 0.2)
+    assert free.sum() > 100
+    assert np.hypot(x, y)[1:][free] == pytest.approx(1.0, abs=1e-4)
+    angle = np.unwrap(np.arctan2(y, x), axis=0)
+    turns = np.diff(angle, axis=0)[1:][free[1:]]
+    due = 0.5 * simulation.scenario.task.step**0.5
+    assert turns.std() == pytest.approx(due, rel=0.15)
+    assert np.abs(turns.mean()) < 0.2 * due
+
+
+def test_flee_goes_away_from_the_nearest_robot():
+    # Story: away from walls, the velocity in a step is opposite to where the nearest robot was.
+    simulation, rows = played("flee", 30)
+    present, x, y = entries(simulation, rows, "present", "x_velocity", "y_velocity")
+    walls = np.min(entries(simulation, rows, "wall_left", "wall_right", "wall_bottom", "wall_top"), axis=0)
+    away = nearest_away(simulation, rows)[:-1]
+    away /= np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
+    free = (present[:-1] == 1) & (present[1:] == 1) & (walls[1:] > 1e-3)
+    dot = (away * np.stack([x, y], axis=-1)[1:]).sum(axis=-1)
+    assert free.sum() > 20
+    assert dot[free] == pytest.approx(-1.0, abs=1e-3)
+
+
+def test_shadow_stays_just_outside_the_nearest_disc():
+    # Story: robots stand still; after some seconds every rogue is 5 % outside the nearest disc, and stays there.
+    simulation, rows = played("shadow", 120, policy="still")
+    present, gap = entries(simulation, rows[-20:], "present", "robot_0_gap")
+    assert present.mean() > 0.6  # the cars coast at first
+    assert gap[present == 1] == pytest.approx(0.05, abs=0.01)
+
+
+def test_follow_gap_widens_its_gap_to_standing_robots():
+    # Story: once the cars are at rest, no undetected rogue comes nearer to a disc, and the gaps have grown.
+    simulation, rows = played("follow-gap", 60, policy="still")
+    present, gap = entries(simulation, rows, "present", "robot_0_gap")
+    undetected = present[-1] == 1
+    assert undetected.mean() > 0.8
+    assert (gap[-1] >= gap[30] - 0.05)[undetected].all()
+    assert gap[-1][undetected].mean() > gap[0][undetected].mean() + 0.5
+
+
+def test_hide_goes_where_a_target_can_have_been_undetected_for_longest():
+    # Law: rogues end in older cells than those that wander, and stay undetected for longer on average.
+    settings = {"task.contamination": (45, 20), "targets.count": 1, "targets.arrival_rate": 0.5}
+    times = {}
+    for name in ("hide", "wander"):
+        scenario = lissajous_env.scenario("evaders", rogues=name, **settings)
+        rows = lissajous_env.evaluate(lissajous_env.policy("sweep", scenario, 8), scenario, seeds=range(8))
+        times[name] = np.mean([row["detection_time_mean"] for row in rows])
+    assert times["hide"] > 2 * times["wander"]
+
+
+@pytest.mark.parametrize("name", [*SHIPPED, "agents"])
+@pytest.mark.parametrize("policy", ["kuramoto-mpcc", "sweep"])
+def test_no_rogue_outlasts_the_proved_bound(name, policy):
+    # Law: the bound of `task.conservative` holds for scripts, and for agents with random linear policies.
+    settings = BOUNDED | {"targets.arrival_rate": 1.0, "targets.count": 4, "sensing.radius": 0.5}
+    scenario = lissajous_env.scenario("experiment", rogues=name, **SMALL | settings)
+    simulation = Simulation(scenario, 4)
+    driver = lissajous_env.policy(policy, scenario, 4)
+    weights = np.random.default_rng(2).normal(size=(4, rogue_layout(scenario).size, 2))
+    for _ in range(scenario.task.steps):
+        action = np.einsum("wtd,wda->wta", simulation.rogue_observation.numpy(), weights)
+        given = (np.clip(action, -1, 1),) if name == "agents" else ()
+        simulation.step(driver.act(simulation.observation), *given)
+    rows = simulation.score()
+    assert max(row["detection_time_max"] for row in rows) > 1.0
+    for row in rows:
+        assert row["detection_time_max"] <= row["guaranteed_detection_time"] + 1e-6
+
+
+def test_a_rule_of_ones_own_is_a_function_of_the_rows():
+    # Story: it goes right, until the wall stops it; other rules are refused by name.
+    @lissajous_env.rogue("rightwards")
+    def rightwards(rows):
+        """Go right."""
+        return np.broadcast_to([1.0, 0.0], (*rows.shape[:2], 2))
+
+    simulation, rows = played("rightwards", 10, policy="still")
+    present, speed = entries(simulation, rows[1:], "present", "x_velocity")
+    assert speed[present == 1] == pytest.approx(1.0, abs=1e-4)
+    with pytest.raises(ValueError, match="name of a rogue must be new, got 'rightwards'"):
+        lissajous_env.rogue("rightwards")(lambda rows: rows)
+    with pytest.raises(ValueError, match="must be of small letters"):
+        lissajous_env.rogue("Right wards")(rightwards)
+
+    @lissajous_env.rogue("misshapen")
+    def misshapen(rows):
+        return rows
+
+    with pytest.raises(ValueError, match="rogue misshapen must return finite numbers of shape"):
+        played("misshapen", 1)
+
+
+def test_scripts_repeat_in_any_batch():
+    # Batch law: world 1 of 2 is, bit for bit, world 0 of a batch of one with its seed.
+    for name in SHIPPED:
+        settings = {"task.contamination": (18, 8)}
+        both = Simulation("experiment", 2, seed=7, rogues=name, **SMALL | settings)
+        alone = Simulation("experiment", 1, seed=8, rogues=name, **SMALL | settings)
+        for _ in range(30):
+            both.step(np.full(both.action_shape, 0.5))
+            alone.step(np.full(alone.action_shape, 0.5))
+        assert np.array_equal(both.rogue_observation.numpy()[1:], alone.rogue_observation.numpy())
+
+
+@pytest.mark.parametrize("name", ["wander", "flee", "shadow"])
+def test_similar_scenarios_have_similar_scripts(name):
+    # Similarity law: lengths times 2 and times times 3 change no entry of a row.
+    base = lissajous_env.scenario("experiment", rogues=name, **SMALL)
+    one, other = Simulation(base, 2), Simulation(base.scaled(length=2.0, time=3.0), 2)
+    for _ in range(15):
+        for simulation in (one, other):
+            simulation.step(np.full(simulation.action_shape, 0.2))
+        assert np.allclose(one.rogue_observation.numpy(), other.rogue_observation.numpy(), atol=2e-3)
+
+
+def test_commands_name_a_script(capsys, tmp_path):
+    # Story: the scores are those of the same scenario in Python; agents and unknown names are refused.
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main([*arguments])
+        return ended.value.code, capsys.readouterr()
+
+    short = ("--set", "task.duration=5")
+    code, said = run("run", "evaders", "sweep", "--rogues", "flee", "--json", "--out", str(tmp_path / "a.npz"), *short)
+    assert code == 0
+    scenario = lissajous_env.scenario("evaders", rogues="flee", **{"task.duration": 5.0})
+    due = lissajous_env.evaluate(lissajous_env.policy("sweep", scenario), scenario, seeds=[0])[0]
+    assert json.loads(said.out)["detection_time_mean"] == due["detection_time_mean"]
+    code, said = run("evaluate", "evaders", "sweep", "--rogues", "agents", *short)
+    assert code == 2
+    assert "rogues must be the name of a script in a command, such as flee, got agents" in said.err
+    code, said = run("replay", "evaders", "sweep", "--rogues", "flea", "--out", str(tmp_path / "a.html"))
+    assert code == 2
+    assert "did you mean flee?" in said.err

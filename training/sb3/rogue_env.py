@@ -1,0 +1,128 @@
+"""The batch of worlds as a `VecEnv` of Stable-Baselines3 for rogues: one row for each target slot of each world."""
+
+from collections import deque
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from lissajous_env import Scenario, Simulation
+from lissajous_env.envs.actions import rogue_action_space
+from lissajous_env.envs.rogue_env import as_driver
+from lissajous_env.world.rogues.rows import rogue_layout
+from lissajous_env.world.seeding import drawn_seeds
+from training.sb3.batch_env import BatchVecEnv
+
+_RECENT = 256
+"""Number of latest episodes whose scores are stored."""
+
+
+class RogueVecEnv(BatchVecEnv):
+    """`Simulation` as a `VecEnv` with shared parameters: row k T + t is the rogue in target slot t of world k.
+
+    A policy drives the robots. The episode of a row ends when its rogue is detected, or at the time limit, with
+    `TimeLimit.truncated`; the info then contains the final observation as `terminal_observation`, and `episode` with
+    return `r` [s] and length `l` [steps], as of `Monitor`. A row without a live rogue is zero, with reward 0 and
+    actions without effect. A world whose rogues are all detected, or whose time is over, is reset in the same step.
+
+    Args:
+        scenario: Scenario, or its name; `rogues` is `agents`.
+        num_worlds: W; there are W T rows.
+        robots: Policy that drives the robots: a name, a policy for W worlds, or a function of the observation.
+        device: Warp device.
+        seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
+            `seed`, the first reset draws seeds from the operating system.
+        threads: CPU threads; all cores by default.
+        **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
+
+    Raises:
+        ValueError: an invalid setting, or rogues that are no agents.
+    """
+
+    def __init__(
+        self,
+        scenario: str | Scenario,
+        num_worlds: int = 1,
+        robots: Any = "kuramoto-mpcc",
+        device: Any = "cpu",
+        seed: int | None = None,
+        threads: int | None = None,
+        **overrides: Any,
+    ):
+        settings = {"rogues": "agents"} | overrides
+        self.simulation = Simulation(scenario, num_worlds, device=device, seed=seed or 0, threads=threads, **settings)
+        self.scenario = self.simulation.scenario
+        if self.scenario.targets.rogues != "agents":
+            raise ValueError(f"targets.rogues must be agents to be trained, got {self.scenario.targets.rogues}")
+        self._driver = as_driver(robots, self.scenario, num_worlds, device)
+        self._seeded = seed is not None
+        self.scores: deque[dict[str, Any]] = deque(maxlen=_RECENT)
+        self.render_mode = None
+        self._slots, layout = self.scenario.target_capacity, rogue_layout(self.scenario)
+        rows = num_worlds * self._slots
+        self._returns, self._lengths = np.zeros(rows), np.zeros(rows, dtype=np.int64)
+        super().__init__(rows, gymnasium.spaces.Box(layout.low, layout.high), rogue_action_space())
+
+    def reset(self) -> np.ndarray:
+        """Begin an episode in every world; return the rows (W T, D)."""
+        seeds = None
+        if self._seeds[0] is not None:
+            seeds = np.array(self._seeds[:: self._slots], dtype=np.int64) % 2**31
+        elif not self._seeded:
+            seeds = drawn_seeds(self.simulation.num_worlds)
+        self._seeded = True
+        self.simulation.reset(seeds=seeds)
+        self._driver.reset()
+        self._reset_seeds()
+        self._reset_options()
+        self._returns[:], self._lengths[:] = 0.0, 0
+        return self._rows()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Store the actions (W T, 2) of the next step.
+
+        Raises:
+            ValueError: actions have another shape or are not finite.
+        """
+        given = np.asarray(actions)
+        if given.shape != (self.num_envs, 2) or given.dtype.kind not in "fiu":
+            got = f"{given.shape} of {given.dtype}"
+            raise ValueError(f"actions must be numbers of shape {(self.num_envs, 2)}, got {got}")
+        finite = np.isfinite(given).all(axis=1)
+        if not finite.all():
+            row = int(np.flatnonzero(~finite)[0])
+            where = f"rogue_{row % self._slots} in world {row // self._slots}"
+            raise ValueError(f"action of {where} must be finite, got {given[row].tolist()}")
+        self._actions = np.clip(given, -1.0, 1.0).astype(np.float32).reshape(-1, self._slots, 2)
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Take the step; return rows, rewards, dones and infos."""
+        simulation = self.simulation
+        acted = simulation.rogue_present.numpy().astype(bool).reshape(-1)
+        simulation.step(self._driver.act(simulation.observation), self._actions)
+        rewards = simulation.rogue_reward.numpy().reshape(-1).copy()
+        terminated = simulation.rogue_terminated.numpy().astype(bool)
+        late = simulation.rogue_truncated.numpy().astype(bool).reshape(-1)
+        over = simulation.over | terminated.all(axis=1)
+        dones = acted & (terminated.reshape(-1) | late)
+        self._returns += rewards
+        self._lengths += acted
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        last = self._rows()
+        for k in np.flatnonzero(dones):
+            episode = {"r": float(self._returns[k]), "l": int(self._lengths[k])}
+            infos[k] = {"terminal_observation": last[k], "TimeLimit.truncated": bool(late[k]), "episode": episode}
+        if over.any():
+            self.scores.extend(simulation.score(over))
+            simulation.reset(over)
+            self._driver.reset(over)
+        finished = dones | np.repeat(over, self._slots)
+        self._returns[finished], self._lengths[finished] = 0.0, 0
+        return self._rows(), rewards, dones, infos
+
+    def seed(self, seed: int | None = None) -> Any:
+        """Seed world k with seed + k T at the next reset: T rows share a world, which uses the seed of the first."""
+        return super().seed(seed)
+
+    def _rows(self) -> np.ndarray:
+        return self.simulation.rogue_observation.numpy().reshape(self.num_envs, -1).copy()
