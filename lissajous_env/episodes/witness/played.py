@@ -7,6 +7,7 @@ import numpy as np
 
 from lissajous_env.episodes.evaluation import ActingPolicy, EpisodeRunner
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.contamination.labels import MARGIN, NONE
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NEVER, NOWHERE
 
@@ -29,6 +30,9 @@ class Played:
     """(T + 1, N, A) float32 actions of that step, zero at the reset."""
     introduced_at: np.ndarray
     """(T + 1,) earliest introduction of any target that can be undetected [step], NEVER if there is none."""
+    labels: np.ndarray
+    """(K, R, C) labels of the contamination stage in steps 0, P, 2 P ..., with P steps per tick: the earliest introduction
+    of a target that can be at a node [step], NEVER for none."""
 
     @property
     def steps(self) -> int:
@@ -46,7 +50,8 @@ def play(policy: ActingPolicy, scenario: Scenario, seeds: list[int], device: Any
         device: Warp device of the simulation.
     """
     simulation = Simulation(scenario, policy.num_worlds, device=device)
-    kept: dict[str, list[np.ndarray]] = {"track": [], "works": [], "action": [], "introduced_at": []}
+    kept: dict[str, list[np.ndarray]] = {"track": [], "works": [], "action": [], "introduced_at": [], "labels": []}
+    period = simulation.scenario.spreading.period
 
     def keep(taken: int) -> None:
         robots, action = simulation.robots, simulation.action.numpy()
@@ -54,6 +59,8 @@ def play(policy: ActingPolicy, scenario: Scenario, seeds: list[int], device: Any
         kept["works"].append(robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE)
         kept["action"].append(action.copy() if taken else np.zeros_like(action))
         kept["introduced_at"].append(simulation.contamination.oldest.numpy().copy())
+        if taken % period == 0:
+            kept["labels"].append(_labels(simulation, taken))
 
     EpisodeRunner(policy, simulation).play(seeds, keep)
     steps, rows = simulation.clock.step.numpy(), simulation.score()
@@ -62,6 +69,17 @@ def play(policy: ActingPolicy, scenario: Scenario, seeds: list[int], device: Any
         Played(simulation.scenario, seed, row, **{name: array[w, : taken + 1] for name, array in arrays.items()})
         for w, (seed, row, taken) in enumerate(zip(seeds, rows, steps, strict=True))
     ]
+
+
+def _labels(simulation: Simulation, step: int) -> np.ndarray:
+    """Return the labels (W, R, C) of the nodes at the end of a step with a tick."""
+    hops, margin = simulation.scenario.spreading, int(MARGIN)
+    slot = step * hops.ticks // hops.period % hops.history_length
+    inner = slice(margin, margin + hops.rows)
+    labels = simulation.contamination.labels.numpy()[:, slot, inner, margin : margin + hops.columns]
+    words = simulation.contamination.there.numpy()[:, inner, 1:-1, slot].copy()
+    there = np.unpackbits(words.view(np.uint8), axis=2, count=hops.columns, bitorder="little")
+    return np.where(there, labels, int(NONE)).astype(np.int32)
 
 
 def peaks(played: Played) -> list[tuple[int, int]]:

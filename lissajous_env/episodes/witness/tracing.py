@@ -1,0 +1,190 @@
+"""The labels of the contamination stage, traced backwards: the rough way of its worst rogue.
+
+Of the ways on which the stage lets a rogue of that age go from node to node, the one that stays well away from the discs
+is chosen: the sum over ticks of exp(-8 c) is least, with c the distance from the nearest disc in units of a cell. Nodes
+that a disc only just leaves free are thus avoided where others will do.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.episodes.witness.played import Played
+from lissajous_env.parameters.spreading import HOPS, TICK_FRACTIONS
+from lissajous_env.world.contamination.labels import NONE
+
+wp.set_module_options(OPTIONS)
+
+_FRACTIONS = wp.constant(TICK_FRACTIONS)
+_STEEP = wp.constant(8.0)
+_FAR = wp.constant(1.0)
+"""Distance from the discs above which more is no better [cell]."""
+_NOWHERE = wp.constant(1.0e30)
+
+
+@wp.struct
+class Traces:
+    """Rogues, K of them, and the labels of the ticks in which they are undetected."""
+
+    labels: wp.array4d(dtype=wp.int32)
+    """(K, Q, R, C) labels, the last tick at the end; NONE where no rogue is."""
+    since: wp.array(dtype=wp.int32)
+    """Step of the introduction."""
+    first: wp.array(dtype=wp.int32)
+    """Index of the first tick."""
+    discs: wp.array4d(dtype=wp.vec2)
+    """(K, Q, P, N) centres of the discs at the ends of the steps that led to a tick [m]; far away if there is none."""
+    spacing: wp.vec2
+    """Distance of columns and of rows [m]."""
+    corner: wp.vec2
+    """Position of the first node [m]."""
+    radius: float
+    """[m]."""
+    moves: wp.array2d(dtype=wp.int32)
+    """(H, 4) hops: columns, rows, ticks, and the fraction of a tick that they last longer."""
+    cost: wp.array4d(dtype=float)
+    """(K, Q, R, C) least cost of a way."""
+    came: wp.array4d(dtype=wp.int8)
+    """(K, Q, R, C) hop by which it came, and in how many ticks: -1 for none."""
+    way: wp.array2d(dtype=wp.vec2i)
+    """(K, Q) row and column in each tick, negative before the first."""
+
+
+@wp.func
+def clearance(k: int, q: int, row: int, column: int, last_alone: bool, traces: Traces) -> float:
+    """Return the cost of being at a node in a tick, or at its end."""
+    place = traces.corner + wp.vec2(float(column) * traces.spacing[0], float(row) * traces.spacing[1])
+    least = float(1.0e30)
+    last = traces.discs.shape[2] - 1
+    for s in range(wp.where(last_alone, last, 0), last + 1):
+        for i in range(traces.discs.shape[3]):
+            least = wp.min(least, wp.length_sq(traces.discs[k, q, s, i] - place))
+    away = (wp.sqrt(least) - traces.radius) / wp.min(traces.spacing[0], traces.spacing[1])
+    return wp.exp(-_STEEP * wp.clamp(away, -_FAR, _FAR))
+
+
+@wp.func
+def is_there(k: int, q: int, row: int, column: int, traces: Traces) -> bool:
+    """Return whether a rogue of the age can be at a node in a tick."""
+    return q >= traces.first[k] and traces.labels[k, q, row, column] / 256 <= traces.since[k]
+
+
+@wp.func
+def source(k: int, q: int, row: int, column: int, hop: int, more: int, traces: Traces) -> float:
+    """Return the least cost of a hop that ends at a node in a tick, and lasts whole ticks or one more."""
+    other = row + traces.moves[hop, 1]
+    beside = column + traces.moves[hop, 0]
+    came = q - traces.moves[hop, 2] - more
+    if other < 0 or beside < 0 or other >= traces.labels.shape[2] or beside >= traces.labels.shape[3]:
+        return _NOWHERE
+    for tick in range(came, q):
+        if not is_there(k, tick, other, beside, traces):
+            return _NOWHERE
+    share = (traces.labels[k, came, other, beside] & _FRACTIONS) + traces.moves[hop, 3]
+    if more == 0 and share > _FRACTIONS:
+        return _NOWHERE
+    return traces.cost[k, came, other, beside]
+
+
+@wp.kernel
+def trace(traces: Traces):
+    """Find the way of least cost from the first tick to the last."""
+    k = wp.tid()
+    ticks = traces.labels.shape[1]
+    rows = traces.labels.shape[2]
+    columns = traces.labels.shape[3]
+    node = wp.vec2i(-1, -1)
+    for q in range(traces.first[k], ticks):
+        least = float(_NOWHERE)
+        for row in range(rows):
+            for column in range(columns):
+                if not is_there(k, q, row, column, traces):
+                    continue
+                best = float(_NOWHERE)
+                how = int(-1)
+                if q == traces.first[k]:
+                    best = clearance(k, q, row, column, True, traces)
+                elif is_there(k, q - 1, row, column, traces):
+                    best = traces.cost[k, q - 1, row, column] + clearance(k, q, row, column, False, traces)
+                if q > traces.first[k]:
+                    arrives = clearance(k, q, row, column, True, traces)
+                    for j in range(2 * traces.moves.shape[0]):
+                        cost = source(k, q, row, column, j / 2, j % 2, traces)
+                        cost += arrives * float(traces.moves[j / 2, 2])
+                        if cost < best:
+                            best = cost
+                            how = j
+                traces.cost[k, q, row, column] = best
+                traces.came[k, q, row, column] = wp.int8(how)
+                if best < least:
+                    least = best
+                    node = wp.vec2i(row, column)
+    q = ticks - 1
+    while q >= traces.first[k] and node[0] >= 0:
+        how = int(traces.came[k, q, node[0], node[1]])
+        traces.way[k, q] = node
+        if how < 0:
+            q -= 1
+        else:
+            q -= traces.moves[how / 2, 2] + how % 2
+            node = wp.vec2i(node[0] + traces.moves[how / 2, 1], node[1] + traces.moves[how / 2, 0])
+
+
+def rough_ways(episodes: Sequence[Played], rogues: Sequence[tuple[int, int]]) -> np.ndarray:
+    """Return the rough ways (K, T + 1, 2) of the rogues that are undetected from a step until another [m].
+
+    Before and after, the rogues wait.
+
+    Args:
+        episodes: The episodes, of one scenario.
+        rogues: Step in which the stage introduces the rogue of each episode, and last step in which it is undetected.
+    """
+    scenario = episodes[0].scenario
+    hops, half = scenario.spreading, (scenario.curve.half_width, scenario.curve.half_height)
+    counts = hops.columns, hops.rows
+    firsts = [math.ceil(since / hops.period) for since, _ in rogues]
+    lasts = [max(until // hops.period, first) for first, (_, until) in zip(firsts, rogues, strict=True)]
+    length = max(last - first for first, last in zip(firsts, lasts, strict=True)) + 1
+    traces = Traces()
+    spacing = [2 * half[axis] / (counts[axis] - 1 + 2 * hops.inset) for axis in range(2)]
+    traces.spacing = wp.vec2(*spacing)
+    traces.corner = wp.vec2(*(spacing[axis] * hops.inset - half[axis] for axis in range(2)))
+    traces.radius = hops.radius
+    labels = np.full((len(rogues), length, hops.rows, hops.columns), int(NONE), dtype=np.int32)
+    discs = np.full((len(rogues), length, hops.period, scenario.num_robots, 2), 1e15, dtype=np.float32)
+    for k, (played, first, last) in enumerate(zip(episodes, firsts, lasts, strict=True)):
+        labels[k, length - 1 - last + first :] = played.labels[first : last + 1]
+        for q in range(first, last + 1):
+            steps = np.arange(max((q - 1) * hops.period + 1, 0), q * hops.period + 1)
+            places = np.where(played.works[steps, :, None], played.track[steps, :, -1], 1e15)
+            discs[k, length - 1 - last + q, hops.period - len(steps) :] = places
+    traces.labels, traces.discs = wp.array(labels), wp.array(discs, dtype=wp.vec2)
+    traces.since = wp.array(np.array([since for since, _ in rogues]), dtype=wp.int32)
+    begins = np.array([length - 1 - last + first for first, last in zip(firsts, lasts, strict=True)])
+    traces.first = wp.array(begins, dtype=wp.int32)
+    traces.moves = wp.array(_moves(scenario), dtype=wp.int32)
+    traces.cost, traces.came = wp.empty(labels.shape, dtype=float), wp.empty(labels.shape, dtype=wp.int8)
+    traces.way = wp.array(np.full((len(rogues), length, 2), -1), dtype=wp.vec2i)
+    wp.launch(trace, dim=len(rogues), inputs=[traces], device="cpu")
+    ways = traces.way.numpy()
+    steps, found = np.arange(episodes[0].steps + 1), []
+    for way, last in zip(ways, lasts, strict=True):
+        known = np.flatnonzero(way[:, 0] >= 0)
+        places = way[known][:, ::-1] * np.array(spacing) + np.array([*traces.corner])
+        at = (known - length + 1 + last) * hops.period
+        found.append(np.stack([np.interp(steps, at, places[:, axis]) for axis in range(2)], axis=1))
+    return np.array(found)
+
+
+def _moves(scenario) -> np.ndarray:
+    """Return the hops (H, 4) between ticks whose labels are known: columns, rows, whole ticks, remaining fraction."""
+    hops = scenario.spreading
+    if hops.ticks == 1:
+        each = zip(HOPS, hops.delays, hops.shares, strict=True)
+        return np.array([(sx * i, sy * j, d, s) for (i, j), d, s in each for sx in (1, -1) for sy in (1, -1)])
+    far = hops.ticks / (hops.delays[0] + hops.shares[0] / TICK_FRACTIONS) + 0.5
+    around = [(i, j) for i in range(-int(far), int(far) + 1) for j in range(-int(far), int(far) + 1)]
+    return np.array([(i, j, 1, 0) for i, j in around if 0 < math.hypot(i, j) <= far])
