@@ -19,9 +19,10 @@ from typing import Any
 
 from lissajous_env.episodes.evaluation import ActingPolicy, name_of
 from lissajous_env.episodes.guarantee import check_follows
-from lissajous_env.episodes.witness.played import Played, play
+from lissajous_env.episodes.witness.played import Played, Way, play, resolution
 from lissajous_env.episodes.witness.replayed import Replayed, replay
-from lissajous_env.episodes.witness.search import Way, longest_way, resolution
+from lissajous_env.episodes.witness.nearest import longest_ways
+from lissajous_env.episodes.witness.search import longest_way
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
@@ -98,7 +99,7 @@ def witnesses_of(
     scenario = named.scenario(scenario)
     check_follows(scenario)
     episodes = play(policy, scenario, [fold_seed(seed) for seed in seeds], device)
-    ways = [longest_way(each, thorough) for each in episodes]
+    ways = [longest_way(each, True) for each in episodes] if thorough else longest_ways(episodes)
     there = [k for k, way in enumerate(ways) if way is not None]
     found = replay([episodes[k] for k in there], [way for way in ways if way is not None], device) if there else []
     replayed = dict(zip(there, found, strict=True))

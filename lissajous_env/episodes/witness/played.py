@@ -1,7 +1,8 @@
 """Episodes as a rogue that knows the future sees them: the ways of the working sensors, and the actions."""
 
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,6 +11,20 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.contamination.labels import MARGIN, NONE
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import NEVER, NOWHERE
+
+
+class Way(NamedTuple):
+    """A rogue's way: it appears at the end of a step and is undetected at the end of all steps until the last."""
+
+    appears_at: int
+    """Step at whose end it appears."""
+    places: np.ndarray
+    """(K + 1, 2) its positions at the ends of the steps from then on [m]."""
+
+    @property
+    def unseen_until(self) -> int:
+        """Last step at whose end it is undetected."""
+        return self.appears_at + len(self.places) - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +46,8 @@ class Played:
     introduced_at: np.ndarray
     """(T + 1,) earliest introduction of any target that can be undetected [step], NEVER if there is none."""
     labels: np.ndarray
-    """(K, R, C) labels of the contamination stage in steps 0, P, 2 P ..., with P steps per tick: the earliest introduction
-    of a target that can be at a node [step], NEVER for none."""
+    """(K, R, C) labels of the contamination stage in steps 0, P, 2 P ..., with P steps per tick, as in
+    `lissajous_env.world.contamination.field`; NONE where no target can be."""
 
     @property
     def steps(self) -> int:
@@ -87,3 +102,11 @@ def peaks(played: Played) -> list[tuple[int, int]]:
     oldest = played.introduced_at
     last = {int(since): now for now, since in enumerate(oldest) if since < int(NEVER)}
     return sorted(last.items(), key=lambda each: each[0] - each[1])
+
+
+def resolution(scenario: Scenario) -> int:
+    """Return the time in which a rogue crosses a cell of the contamination grid, at least a step [step]."""
+    columns, rows = scenario.task.contamination or (1, 1)
+    side = 2 * max(scenario.curve.half_width / columns, scenario.curve.half_height / rows)
+    moved = scenario.rogue_speed * scenario.task.step
+    return max(min(math.ceil(side / moved), scenario.task.steps), 1) if moved > 0 else 1

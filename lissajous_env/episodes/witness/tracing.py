@@ -13,7 +13,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.episodes.witness.played import Played
-from lissajous_env.parameters.spreading import HOPS, TICK_FRACTIONS
+from lissajous_env.parameters.spreading import HOPS, TICK_FRACTIONS, Spreading
 from lissajous_env.world.contamination.labels import NONE
 
 wp.set_module_options(OPTIONS)
@@ -22,7 +22,15 @@ _FRACTIONS = wp.constant(TICK_FRACTIONS)
 _STEEP = wp.constant(8.0)
 _FAR = wp.constant(1.0)
 """Distance from the discs above which more is no better [cell]."""
-_NOWHERE = wp.constant(1.0e30)
+_GOOD = wp.constant(0.02)
+"""Cost of a way below which no other is tried."""
+_NOWHERE = wp.constant(1.0e29)
+_AWAY = 1e15
+_BLOCK = 2
+"""Nodes and ticks around a blocked place that a way must avoid."""
+
+Rogue = tuple[int, int]
+"""Step in which the stage introduces a rogue, and last step in which it is undetected."""
 
 
 @wp.struct
@@ -36,7 +44,7 @@ class Traces:
     first: wp.array(dtype=wp.int32)
     """Index of the first tick."""
     discs: wp.array4d(dtype=wp.vec2)
-    """(K, Q, P, N) centres of the discs at the ends of the steps that led to a tick [m]; far away if there is none."""
+    """(K, Q, P, N) centres of the discs at the ends of the P steps that led to a tick [m]; far away if there is none."""
     spacing: wp.vec2
     """Distance of columns and of rows [m]."""
     corner: wp.vec2
@@ -54,8 +62,8 @@ class Traces:
 
 
 @wp.func
-def clearance(k: int, q: int, row: int, column: int, last_alone: bool, traces: Traces) -> float:
-    """Return the cost of being at a node in a tick, or at its end."""
+def cost_of(k: int, q: int, row: int, column: int, last_alone: bool, traces: Traces) -> float:
+    """Return the cost of a node in a tick, or at its end."""
     place = traces.corner + wp.vec2(float(column) * traces.spacing[0], float(row) * traces.spacing[1])
     least = float(1.0e30)
     last = traces.discs.shape[2] - 1
@@ -94,23 +102,22 @@ def trace(traces: Traces):
     """Find the way of least cost from the first tick to the last."""
     k = wp.tid()
     ticks = traces.labels.shape[1]
-    rows = traces.labels.shape[2]
-    columns = traces.labels.shape[3]
     node = wp.vec2i(-1, -1)
     for q in range(traces.first[k], ticks):
         least = float(_NOWHERE)
-        for row in range(rows):
-            for column in range(columns):
+        node = wp.vec2i(-1, -1)
+        for row in range(traces.labels.shape[2]):
+            for column in range(traces.labels.shape[3]):
                 if not is_there(k, q, row, column, traces):
                     continue
                 best = float(_NOWHERE)
                 how = int(-1)
                 if q == traces.first[k]:
-                    best = clearance(k, q, row, column, True, traces)
+                    best = cost_of(k, q, row, column, True, traces)
                 elif is_there(k, q - 1, row, column, traces):
-                    best = traces.cost[k, q - 1, row, column] + clearance(k, q, row, column, False, traces)
-                if q > traces.first[k]:
-                    arrives = clearance(k, q, row, column, True, traces)
+                    best = traces.cost[k, q - 1, row, column] + cost_of(k, q, row, column, False, traces)
+                if q > traces.first[k] and best > _GOOD:
+                    arrives = cost_of(k, q, row, column, True, traces)
                     for j in range(2 * traces.moves.shape[0]):
                         cost = source(k, q, row, column, j / 2, j % 2, traces)
                         cost += arrives * float(traces.moves[j / 2, 2])
@@ -133,58 +140,62 @@ def trace(traces: Traces):
             node = wp.vec2i(node[0] + traces.moves[how / 2, 1], node[1] + traces.moves[how / 2, 0])
 
 
-def rough_ways(episodes: Sequence[Played], rogues: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Return the rough ways (K, T + 1, 2) of the rogues that are undetected from a step until another [m].
+def rough_ways(
+    episodes: Sequence[Played], rogues: Sequence[Rogue], blocked: Sequence[Sequence[tuple[int, np.ndarray]]]
+) -> list[np.ndarray | None]:
+    """Return the rough way (T + 1, 2) of a rogue of each episode [m], None if there is none.
 
-    Before and after, the rogues wait.
+    Before it appears and after it is detected, a rogue waits.
 
     Args:
         episodes: The episodes, of one scenario.
-        rogues: Step in which the stage introduces the rogue of each episode, and last step in which it is undetected.
+        rogues: The rogues of the stage.
+        blocked: For each of them, steps and positions [m] that the way must avoid.
     """
     scenario = episodes[0].scenario
-    hops, half = scenario.spreading, (scenario.curve.half_width, scenario.curve.half_height)
-    counts = hops.columns, hops.rows
-    firsts = [math.ceil(since / hops.period) for since, _ in rogues]
-    lasts = [max(until // hops.period, first) for first, (_, until) in zip(firsts, rogues, strict=True)]
-    length = max(last - first for first, last in zip(firsts, lasts, strict=True)) + 1
-    traces = Traces()
-    spacing = [2 * half[axis] / (counts[axis] - 1 + 2 * hops.inset) for axis in range(2)]
-    traces.spacing = wp.vec2(*spacing)
-    traces.corner = wp.vec2(*(spacing[axis] * hops.inset - half[axis] for axis in range(2)))
-    traces.radius = hops.radius
+    hops, half = scenario.spreading, np.array([scenario.curve.half_width, scenario.curve.half_height])
+    spacing = 2 * half / (np.array([hops.columns, hops.rows]) - 1 + 2 * hops.inset)
+    corner = spacing * hops.inset - half
+    spans = [(math.ceil(since / hops.period), until // hops.period) for since, until in rogues]
+    spans = [(first, max(first, last)) for first, last in spans]
+    length = max(last - first for first, last in spans) + 1
     labels = np.full((len(rogues), length, hops.rows, hops.columns), int(NONE), dtype=np.int32)
-    discs = np.full((len(rogues), length, hops.period, scenario.num_robots, 2), 1e15, dtype=np.float32)
-    for k, (played, first, last) in enumerate(zip(episodes, firsts, lasts, strict=True)):
+    discs = np.full((len(rogues), length, hops.period, scenario.num_robots, 2), _AWAY, dtype=np.float32)
+    for k, (played, (first, last)) in enumerate(zip(episodes, spans, strict=True)):
         labels[k, length - 1 - last + first :] = played.labels[first : last + 1]
-        for q in range(first, last + 1):
-            steps = np.arange(max((q - 1) * hops.period + 1, 0), q * hops.period + 1)
-            places = np.where(played.works[steps, :, None], played.track[steps, :, -1], 1e15)
-            discs[k, length - 1 - last + q, hops.period - len(steps) :] = places
+        for step, place in blocked[k]:
+            row, column = np.rint((place - corner) / spacing).astype(int)[::-1]
+            around = slice(max(row - _BLOCK, 0), row + _BLOCK + 1), slice(max(column - _BLOCK, 0), column + _BLOCK + 1)
+            near = step // hops.period - _BLOCK, step // hops.period + _BLOCK + 1
+            from_first = (min(max(tick - last + length - 1, 0), length - 1) for tick in near)
+            labels[(k, slice(*from_first), *around)] = int(NONE)
+        steps = np.arange((first - 1) * hops.period + 1, last * hops.period + 1)
+        places = np.where(played.works[steps, :, None], played.track[steps, :, -1], _AWAY)
+        places[steps < 0] = _AWAY
+        discs[k, length - 1 - last + first :] = places.reshape(-1, *discs.shape[2:])
+    traces = Traces()
+    traces.spacing, traces.corner, traces.radius = wp.vec2(*spacing), wp.vec2(*corner), hops.radius
     traces.labels, traces.discs = wp.array(labels), wp.array(discs, dtype=wp.vec2)
-    traces.since = wp.array(np.array([since for since, _ in rogues]), dtype=wp.int32)
-    begins = np.array([length - 1 - last + first for first, last in zip(firsts, lasts, strict=True)])
-    traces.first = wp.array(begins, dtype=wp.int32)
-    traces.moves = wp.array(_moves(scenario), dtype=wp.int32)
+    traces.since = wp.array([since for since, _ in rogues], dtype=wp.int32)
+    traces.first = wp.array([length - 1 - last + first for first, last in spans], dtype=wp.int32)
+    traces.moves = wp.array(_moves(hops), dtype=wp.int32)
     traces.cost, traces.came = wp.empty(labels.shape, dtype=float), wp.empty(labels.shape, dtype=wp.int8)
     traces.way = wp.array(np.full((len(rogues), length, 2), -1), dtype=wp.vec2i)
-    wp.launch(trace, dim=len(rogues), inputs=[traces], device="cpu")
-    ways = traces.way.numpy()
+    wp.launch(trace, dim=len(rogues), inputs=[traces])
     steps, found = np.arange(episodes[0].steps + 1), []
-    for way, last in zip(ways, lasts, strict=True):
+    for way, (_, last) in zip(traces.way.numpy(), spans, strict=True):
         known = np.flatnonzero(way[:, 0] >= 0)
-        places = way[known][:, ::-1] * np.array(spacing) + np.array([*traces.corner])
-        at = (known - length + 1 + last) * hops.period
-        found.append(np.stack([np.interp(steps, at, places[:, axis]) for axis in range(2)], axis=1))
-    return np.array(found)
+        places, at = way[known][:, ::-1] * spacing + corner, (known - length + 1 + last) * hops.period
+        found.append(np.stack([np.interp(steps, at, places[:, k]) for k in range(2)], axis=1) if len(known) else None)
+    return found
 
 
-def _moves(scenario) -> np.ndarray:
+def _moves(hops: Spreading) -> np.ndarray:
     """Return the hops (H, 4) between ticks whose labels are known: columns, rows, whole ticks, remaining fraction."""
-    hops = scenario.spreading
     if hops.ticks == 1:
-        each = zip(HOPS, hops.delays, hops.shares, strict=True)
-        return np.array([(sx * i, sy * j, d, s) for (i, j), d, s in each for sx in (1, -1) for sy in (1, -1)])
+        each = zip(HOPS, hops.delays, hops.shares)
+        found = {(sx * i, sy * j, d, s) for (i, j), d, s in each for sx in (1, -1) for sy in (1, -1)}
+        return np.array(sorted(found), dtype=np.int32).reshape(-1, 4)
     far = hops.ticks / (hops.delays[0] + hops.shares[0] / TICK_FRACTIONS) + 0.5
-    around = [(i, j) for i in range(-int(far), int(far) + 1) for j in range(-int(far), int(far) + 1)]
-    return np.array([(i, j, 1, 0) for i, j in around if 0 < math.hypot(i, j) <= far])
+    around = range(-int(far), int(far) + 1)
+    return np.array([(i, j, 1, 0) for i in around for j in around if 0 < math.hypot(i, j) <= far])

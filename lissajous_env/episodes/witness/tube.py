@@ -10,19 +10,29 @@ radius of the polyline o(s) - s d. So the starts from which no disc detects a mo
 * no move and the longest moves in all directions, from all other nodes.
 """
 
-from typing import NamedTuple
+import math
+from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.discs import swept_run
+from lissajous_env.episodes.witness.played import Played, Way
 
 wp.set_module_options(OPTIONS)
 
 SIDE = wp.constant(64)
 """Rows and columns of a window."""
 _ALL = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
+_MARGIN = 4e-6
+"""Share of all lengths by which discs are made larger, for numbers of 32 bits."""
+_ROUNDING = 1e-6
+"""Relative increase of the speed limit, for numbers of 32 bits: a whole number of nodes stays one."""
+_SHARE = 0.75
+"""Distance of a move, unless a rogue goes farther in a control step [cell]."""
+_STILL = 1e-3
+"""Distance of a move of a target at rest, which defines the lattice [cell]."""
 _DIAGONAL = wp.constant(0.71)
 """Share of the longest move up to which its rows and columns are all tried."""
 
@@ -43,6 +53,8 @@ class Episodes:
     """Increase of the radius that covers rounding to 32 bits [m]."""
     on_edges: int
     """1 if targets appear on the edges alone."""
+    arrive: int
+    """1 if targets appear after the beginning, too."""
 
 
 @wp.struct
@@ -52,12 +64,16 @@ class Tubes:
     episode: wp.array(dtype=wp.int32)
     begin: wp.array(dtype=wp.int32)
     """Step at whose end the rogue appears."""
-    spacing: wp.array(dtype=wp.vec2)
+    until: wp.array(dtype=wp.int32)
+    """Step after which no further rogue is tried."""
+    spacing: wp.vec2
     """Distance of columns and of rows [m]."""
-    nodes: wp.array(dtype=wp.vec2i)
+    nodes: wp.vec2i
     """Columns and rows of the lattice."""
-    period: wp.array(dtype=wp.int32)
+    period: int
     """Control steps of a move."""
+    moved: float
+    """Greatest distance of a rogue in a control step [m]."""
     rough: wp.array2d(dtype=wp.vec2)
     """(K, T + 1) rough way [m]."""
     bits: wp.array3d(dtype=wp.uint64)
@@ -68,10 +84,14 @@ class Tubes:
     """(K, 64) nodes that are so near to a disc that not every move from them is undetected."""
     left: wp.array2d(dtype=wp.uint64)
     """(K, 64) starts that are being cleared."""
-    moves: wp.array(dtype=wp.int32)
-    """Number of moves of the way; -1 if there is none."""
+    first: wp.array(dtype=wp.int32)
+    """Index of the moment at which the longest way begins; -1 if there is none."""
+    last: wp.array(dtype=wp.int32)
+    """Index of the moment at which it ends."""
+    lost: wp.array(dtype=wp.int32)
+    """Last step in which the first rogue is undetected."""
     way: wp.array2d(dtype=wp.vec2i)
-    """(K, M + 1) column and row of the way."""
+    """(K, M + 1) column and row at each moment of the way."""
 
 
 @wp.func
@@ -119,22 +139,22 @@ def width_at(rows: int, reach: float, up: float, across: float) -> int:
 def corner_at(k: int, step: int, episodes: Episodes, tubes: Tubes) -> wp.vec2i:
     """Return the first column and row of the window of a step."""
     place = tubes.rough[k, step] + episodes.half
-    column = int(wp.round(place[0] / tubes.spacing[k][0])) - SIDE / 2
-    return wp.vec2i(column, int(wp.round(place[1] / tubes.spacing[k][1])) - SIDE / 2)
+    column = int(wp.round(place[0] / tubes.spacing[0])) - SIDE / 2
+    return wp.vec2i(column, int(wp.round(place[1] / tubes.spacing[1])) - SIDE / 2)
 
 
 @wp.func
 def inside(k: int, row: int, corner: wp.vec2i, tubes: Tubes) -> wp.uint64:
     """Return the bits of a row of a window that are nodes of the lattice."""
-    if corner[1] + row < 0 or corner[1] + row >= tubes.nodes[k][1]:
+    if corner[1] + row < 0 or corner[1] + row >= tubes.nodes[1]:
         return wp.uint64(0)
-    return run(-corner[0], tubes.nodes[k][0] - 1 - corner[0])
+    return run(-corner[0], tubes.nodes[0] - 1 - corner[0])
 
 
 @wp.func
 def place_at(k: int, column: int, row: int, episodes: Episodes, tubes: Tubes) -> wp.vec2:
     """Return the position of a node [m]."""
-    return wp.vec2(float(column) * tubes.spacing[k][0], float(row) * tubes.spacing[k][1]) - episodes.half
+    return wp.vec2(float(column) * tubes.spacing[0], float(row) * tubes.spacing[1]) - episodes.half
 
 
 @wp.func
@@ -162,11 +182,11 @@ def clear_starts(
                     continue
                 for row in range(rows[0], rows[1] + 1):
                     if tubes.left[k, row] != wp.uint64(0):
-                        y = float(corner[1] + row) * tubes.spacing[k][1] - e.half[1]
+                        y = float(corner[1] + row) * tubes.spacing[1] - e.half[1]
                         x = swept_run(a, b, radius, y)
                         if x[0] <= x[1]:
-                            first = wp.ceil((x[0] + e.half[0]) / tubes.spacing[k][0]) - float(corner[0])
-                            last = wp.floor((x[1] + e.half[0]) / tubes.spacing[k][0]) - float(corner[0])
+                            first = wp.ceil((x[0] + e.half[0]) / tubes.spacing[0]) - float(corner[0])
+                            last = wp.floor((x[1] + e.half[0]) / tubes.spacing[0]) - float(corner[0])
                             seen = run(int(wp.max(first, 0.0)), int(wp.clamp(last, -1.0, float(SIDE))))
                             tubes.left[k, row] = tubes.left[k, row] & ~seen
 
@@ -213,8 +233,8 @@ def move(k: int, m: int, begin: int, end: int, reach: float, e: Episodes, tubes:
     """Find the nodes that a rogue reaches undetected by a move of `reach` [m] at most; returns whether there are any."""
     corner = corner_at(k, begin, e, tubes)
     after = corner_at(k, end, e, tubes)
-    across = tubes.spacing[k][0]
-    up = tubes.spacing[k][1]
+    across = tubes.spacing[0]
+    up = tubes.spacing[1]
     rows = wp.vec2i(SIDE, -1)
     for row in range(SIDE):
         tubes.bits[k, m + 1, row] = wp.uint64(0)
@@ -252,9 +272,9 @@ def move(k: int, m: int, begin: int, end: int, reach: float, e: Episodes, tubes:
 
 
 @wp.func
-def appear(k: int, e: Episodes, tubes: Tubes) -> bool:
-    """Find the nodes at which a rogue can appear undetected; returns whether there are any."""
-    begin = tubes.begin[k]
+def appear(k: int, m: int, begin: int, e: Episodes, tubes: Tubes) -> bool:
+    """Find the nodes at which a rogue can appear undetected at the end of a step; returns whether there are any."""
+    tubes.moments[k, m] = begin
     corner = corner_at(k, begin, e, tubes)
     last = e.track.shape[3] - 1
     radius = e.radius + e.margin
@@ -262,18 +282,18 @@ def appear(k: int, e: Episodes, tubes: Tubes) -> bool:
     for row in range(SIDE):
         line = corner[1] + row
         there = inside(k, row, corner, tubes)
-        if e.on_edges == 1 and line != 0 and line != tubes.nodes[k][1] - 1:
-            right = tubes.nodes[k][0] - 1 - corner[0]
+        if e.on_edges == 1 and line != 0 and line != tubes.nodes[1] - 1:
+            right = tubes.nodes[0] - 1 - corner[0]
             there = there & (run(-corner[0], -corner[0]) | run(right, right))
         for i in range(e.track.shape[2]):
             if there != wp.uint64(0) and e.works[tubes.episode[k], begin, i] != wp.int8(0):
                 place = e.track[tubes.episode[k], begin, i, last]
-                x = swept_run(place, place, radius, float(line) * tubes.spacing[k][1] - e.half[1])
+                x = swept_run(place, place, radius, float(line) * tubes.spacing[1] - e.half[1])
                 if x[0] <= x[1]:
-                    first = wp.ceil((x[0] + e.half[0]) / tubes.spacing[k][0]) - float(corner[0])
-                    final = wp.floor((x[1] + e.half[0]) / tubes.spacing[k][0]) - float(corner[0])
+                    first = wp.ceil((x[0] + e.half[0]) / tubes.spacing[0]) - float(corner[0])
+                    final = wp.floor((x[1] + e.half[0]) / tubes.spacing[0]) - float(corner[0])
                     there = there & ~run(int(wp.max(first, 0.0)), int(wp.clamp(final, -1.0, float(SIDE))))
-        tubes.bits[k, 0, row] = there
+        tubes.bits[k, m, row] = there
         any_is_there = any_is_there or there != wp.uint64(0)
     return any_is_there
 
@@ -309,9 +329,9 @@ def before(k: int, m: int, node: wp.vec2i, reach: float, e: Episodes, tubes: Tub
     end = tubes.moments[k, m + 1]
     corner = corner_at(k, begin, e, tubes)
     place = place_at(k, node[0], node[1], e, tubes)
-    for j in range(2 * int(reach / tubes.spacing[k][1]) + 1):
+    for j in range(2 * int(reach / tubes.spacing[1]) + 1):
         up = wp.where(j % 2 == 1, (j + 1) / 2, -j / 2)
-        width = width_at(up, reach, tubes.spacing[k][1], tubes.spacing[k][0])
+        width = width_at(up, reach, tubes.spacing[1], tubes.spacing[0])
         row = node[1] + up - corner[1]
         if width < 0 or row < 0 or row >= SIDE:
             continue
@@ -325,36 +345,106 @@ def before(k: int, m: int, node: wp.vec2i, reach: float, e: Episodes, tubes: Tub
     return wp.vec2i(-1, -1)
 
 
-@wp.kernel
-def search(e: Episodes, moved: float, tubes: Tubes):
-    """Follow the nodes in which a rogue is undetected until it is detected wherever it goes, and trace a way back."""
-    k = wp.tid()
-    tubes.moves[k] = -1
-    now = tubes.begin[k]
-    if not appear(k, e, tubes):
-        return
-    m = int(0)
-    tubes.moments[k, 0] = now
-    last = e.track.shape[1] - 1
-    goes_on = bool(True)
-    while now < last and goes_on:
-        end = wp.min((now / tubes.period[k] + 1) * tubes.period[k], last)
-        goes_on = move(k, m, now, end, float(end - now) * moved, e, tubes)
-        while not goes_on and end > now + 1:
-            end -= 1
-            goes_on = move(k, m, now, end, float(end - now) * moved, e, tubes)
-        if goes_on:
-            m += 1
-            tubes.moments[k, m] = end
-            now = end
-    node = farthest(k, m, e, tubes)
-    tubes.way[k, m] = node
-    for back in range(m):
-        at = m - 1 - back
-        reach = float(tubes.moments[k, at + 1] - tubes.moments[k, at]) * moved
+@wp.func
+def trace_back(k: int, first: int, last: int, e: Episodes, tubes: Tubes):
+    """Trace the way from the last moment back to the first."""
+    node = farthest(k, last, e, tubes)
+    tubes.way[k, last] = node
+    for back in range(last - first):
+        at = last - 1 - back
+        reach = float(tubes.moments[k, at + 1] - tubes.moments[k, at]) * tubes.moved
         node = before(k, at, node, reach, e, tubes)
-        if node[0] < 0:
-            tubes.moves[k] = -2
-            return
         tubes.way[k, at] = node
-    tubes.moves[k] = m
+
+
+@wp.kernel
+def search(e: Episodes, tubes: Tubes):
+    """Follow the nodes in which a rogue is undetected until it is detected wherever it goes.
+
+    Then follow those of a rogue that appears a step later, and so on. The way of the longest is traced back.
+    """
+    k = wp.tid()
+    tubes.first[k] = -1
+    tubes.last[k] = -1
+    tubes.lost[k] = -1
+    now = tubes.begin[k]
+    steps = e.track.shape[1] - 1
+    best = int(-1)
+    m = int(0)
+    while now <= tubes.until[k] and steps - now > best and (now == tubes.begin[k] or e.arrive == 1):
+        first = m
+        begin = now
+        goes_on = appear(k, m, now, e, tubes)
+        is_there = goes_on
+        while now < steps and goes_on:
+            end = wp.min((now / tubes.period + 1) * tubes.period, steps)
+            goes_on = move(k, m, now, end, float(end - now) * tubes.moved, e, tubes)
+            while not goes_on and end > now + 1:
+                end -= 1
+                goes_on = move(k, m, now, end, float(end - now) * tubes.moved, e, tubes)
+            if goes_on:
+                m += 1
+                tubes.moments[k, m] = end
+                now = end
+        if is_there:
+            if now - begin > best:
+                best = now - begin
+                tubes.first[k] = first
+                tubes.last[k] = m
+            m += 1
+        if begin == tubes.begin[k]:
+            tubes.lost[k] = now
+        now += 1
+    if best >= 0:
+        trace_back(k, tubes.first[k], tubes.last[k], e, tubes)
+
+
+def ways_near(
+    episodes: Sequence[Played], rogues: Sequence[tuple[int, int]], rough: np.ndarray, fineness: int
+) -> list[tuple[Way | None, int]]:
+    """Return the longest way found near each rough way, and the last step in which the first rogue tried is undetected.
+
+    Args:
+        episodes: The episodes, of one scenario and of the same length.
+        rogues: Step in which the first rogue appears, and step after which none is tried.
+        rough: (K, T + 1, 2) rough ways [m].
+        fineness: Nodes in the distance of a move.
+    """
+    scenario, count = episodes[0].scenario, len(episodes)
+    half = scenario.curve.half_width, scenario.curve.half_height
+    hops, moved = scenario.spreading, scenario.rogue_speed * scenario.task.step
+    e = Episodes()
+    e.track = wp.array(np.stack([each.track for each in episodes]), dtype=wp.vec2)
+    e.works = wp.array(np.stack([each.works for each in episodes]), dtype=wp.int8)
+    e.half, e.radius = wp.vec2(*half), scenario.sensing_radius
+    e.margin = _MARGIN * (sum(half) + scenario.sensing_radius)
+    e.on_edges, e.arrive = int(scenario.targets.entry == "boundary"), int(scenario.targets.arrival_rate > 0)
+    tubes = Tubes()
+    side = 2 * min(half[0] / hops.columns, half[1] / hops.rows)
+    tubes.period = max(min(round(_SHARE * side / moved), scenario.task.steps), 1) if moved > 0 else scenario.task.steps
+    distance = max(tubes.period * moved, _STILL * side)
+    tubes.moved = moved * (1 + _ROUNDING)
+    nodes = [math.ceil(2 * length * fineness / distance) + 1 for length in half]
+    tubes.nodes = wp.vec2i(*nodes)
+    spacing = [2 * length / (nodes[axis] - 1) for axis, length in enumerate(half)]
+    tubes.spacing = wp.vec2(*spacing)
+    tubes.episode = wp.array(np.arange(count), dtype=wp.int32)
+    tubes.begin, tubes.until = (wp.array([each[k] for each in rogues], dtype=wp.int32) for k in range(2))
+    tubes.rough = wp.array(rough, dtype=wp.vec2)
+    shape = count, scenario.task.steps + 2
+    tubes.bits, tubes.moments = wp.empty((*shape, 64), dtype=wp.uint64), wp.empty(shape, dtype=wp.int32)
+    tubes.near, tubes.left = wp.empty((count, 64), dtype=wp.uint64), wp.empty((count, 64), dtype=wp.uint64)
+    tubes.first, tubes.last, tubes.lost = (wp.empty(count, dtype=wp.int32) for _ in range(3))
+    tubes.way = wp.empty(shape, dtype=wp.vec2i)
+    wp.launch(search, dim=count, inputs=[e, tubes])
+    moments, nodes, found = tubes.moments.numpy(), tubes.way.numpy(), []
+    for k, (first, last, lost) in enumerate(zip(*(each.numpy() for each in (tubes.first, tubes.last, tubes.lost)))):
+        if first < 0:
+            found.append((None, int(lost)))
+            continue
+        known = slice(first, last + 1)
+        places = nodes[k, known] * np.array(spacing) - np.array(half)
+        steps = np.arange(moments[k, first], moments[k, last] + 1)
+        way = np.stack([np.interp(steps, moments[k, known], places[:, axis]) for axis in range(2)], axis=1)
+        found.append((Way(int(moments[k, first]), way), int(lost)))
+    return found
