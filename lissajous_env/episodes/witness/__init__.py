@@ -71,7 +71,12 @@ class Witness:
 
 
 def witness_of(
-    policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: Any = "cpu", thorough: bool = False
+    policy: ActingPolicy,
+    scenario: str | Scenario,
+    seed: int = 0,
+    device: Any = "cpu",
+    thorough: bool = False,
+    prove: bool = True,
 ) -> Witness | None:
     """Return the rogue that a policy misses for longest in an episode; None if no rogue is undetected at any moment.
 
@@ -85,7 +90,7 @@ def witness_of(
     Raises:
         ValueError: `task.contamination` of the scenario is None.
     """
-    return witnesses_of(policy, scenario, [seed] * policy.num_worlds, device, thorough)[0]
+    return witnesses_of(policy, scenario, [seed] * policy.num_worlds, device, thorough, prove)[0]
 
 
 def witnesses_of(
@@ -94,6 +99,7 @@ def witnesses_of(
     seeds: Sequence[int],
     device: Any = "cpu",
     thorough: bool = False,
+    prove: bool = True,
 ) -> list[Witness | None]:
     """Return the rogue of `witness_of` for each seed; the policy has as many worlds as there are seeds."""
     scenario = named.scenario(scenario)
@@ -101,7 +107,8 @@ def witnesses_of(
     episodes = play(policy, scenario, [fold_seed(seed) for seed in seeds], device)
     ways = [longest_way(each, True) for each in episodes] if thorough else longest_ways(episodes)
     there = [k for k, way in enumerate(ways) if way is not None]
-    found = replay([episodes[k] for k in there], [way for way in ways if way is not None], device) if there else []
+    chosen = [episodes[k] for k in there], [way for way in ways if way is not None]
+    found = replay(*chosen, device, prove) if there else []
     replayed = dict(zip(there, found, strict=True))
     return [
         None if way is None else Witness(name_of(policy), played, way, replayed[k])

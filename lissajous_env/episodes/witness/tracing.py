@@ -22,8 +22,10 @@ _FRACTIONS = wp.constant(TICK_FRACTIONS)
 _STEEP = wp.constant(8.0)
 _FAR = wp.constant(1.0)
 """Distance from the discs above which more is no better [cell]."""
-_GOOD = wp.constant(0.02)
-"""Cost of a way below which no other is tried."""
+_NEAR = wp.constant(0.005)
+"""Cost of waiting from which on hops are tried in every tick."""
+_SELDOM = wp.constant(4)
+"""Ticks after which they are tried everywhere."""
 _NOWHERE = wp.constant(1.0e29)
 _AWAY = 1e15
 _BLOCK = 2
@@ -53,10 +55,12 @@ class Traces:
     """[m]."""
     moves: wp.array2d(dtype=wp.int32)
     """(H, 4) hops: columns, rows, ticks, and the fraction of a tick that they last longer."""
+    durations: int
+    """2 if a hop may take a tick more than its whole ticks."""
     cost: wp.array4d(dtype=float)
     """(K, Q, R, C) least cost of a way."""
     came: wp.array4d(dtype=wp.int8)
-    """(K, Q, R, C) hop by which it came, and in how many ticks: -1 for none."""
+    """(K, Q, R, C) hop by which it came, times `durations`, plus 1 if it took a tick more; -1 for none."""
     way: wp.array2d(dtype=wp.vec2i)
     """(K, Q) row and column in each tick, negative before the first."""
 
@@ -97,47 +101,87 @@ def source(k: int, q: int, row: int, column: int, hop: int, more: int, traces: T
     return traces.cost[k, came, other, beside]
 
 
+@wp.func
+def standing(k: int, traces: Traces) -> wp.vec2i:
+    """Return the node of least cost at which a rogue can wait from the first tick to the last, negative if none is."""
+    node = wp.vec2i(-1, -1)
+    least = float(_NOWHERE)
+    last = traces.labels.shape[1]
+    for row in range(traces.labels.shape[2]):
+        for column in range(traces.labels.shape[3]):
+            q = int(traces.first[k])
+            while q < last and is_there(k, q, row, column, traces):
+                q += 1
+            if q < last:
+                continue
+            cost = float(0.0)
+            q = int(traces.first[k])
+            while q < last and cost < least:
+                cost += cost_of(k, q, row, column, q == traces.first[k], traces)
+                q += 1
+            if cost < least:
+                least = cost
+                node = wp.vec2i(row, column)
+    return node
+
+
+@wp.func
+def improve(k: int, q: int, row: int, column: int, traces: Traces):
+    """Find the least cost of the ways to a node in a tick, by waiting there or by hops."""
+    best = float(_NOWHERE)
+    how = int(-1)
+    waits = float(0.0)
+    if is_there(k, q - 1, row, column, traces):
+        waits = cost_of(k, q, row, column, False, traces)
+        best = traces.cost[k, q - 1, row, column] + waits
+    # Where no disc is near, waiting costs next to nothing: hops to a cheaper node may come a little later.
+    if best == _NOWHERE or waits > _NEAR or q % _SELDOM == 0:
+        arrives = cost_of(k, q, row, column, True, traces)
+        for j in range(traces.durations * traces.moves.shape[0]):
+            hop = j / traces.durations
+            cost = source(k, q, row, column, hop, j % traces.durations, traces)
+            cost += arrives * float(traces.moves[hop, 2])
+            if cost < best:
+                best = cost
+                how = j
+    traces.cost[k, q, row, column] = best
+    traces.came[k, q, row, column] = wp.int8(how)
+
+
 @wp.kernel
 def trace(traces: Traces):
     """Find the way of least cost from the first tick to the last."""
     k = wp.tid()
     ticks = traces.labels.shape[1]
-    node = wp.vec2i(-1, -1)
+    node = standing(k, traces)
+    if node[0] >= 0:
+        for q in range(traces.first[k], ticks):
+            traces.way[k, q] = node
+        return
     for q in range(traces.first[k], ticks):
         least = float(_NOWHERE)
         node = wp.vec2i(-1, -1)
         for row in range(traces.labels.shape[2]):
             for column in range(traces.labels.shape[3]):
-                if not is_there(k, q, row, column, traces):
-                    continue
-                best = float(_NOWHERE)
-                how = int(-1)
-                if q == traces.first[k]:
-                    best = cost_of(k, q, row, column, True, traces)
-                elif is_there(k, q - 1, row, column, traces):
-                    best = traces.cost[k, q - 1, row, column] + cost_of(k, q, row, column, False, traces)
-                if q > traces.first[k] and best > _GOOD:
-                    arrives = cost_of(k, q, row, column, True, traces)
-                    for j in range(2 * traces.moves.shape[0]):
-                        cost = source(k, q, row, column, j / 2, j % 2, traces)
-                        cost += arrives * float(traces.moves[j / 2, 2])
-                        if cost < best:
-                            best = cost
-                            how = j
-                traces.cost[k, q, row, column] = best
-                traces.came[k, q, row, column] = wp.int8(how)
-                if best < least:
-                    least = best
-                    node = wp.vec2i(row, column)
-    q = ticks - 1
-    while q >= traces.first[k] and node[0] >= 0:
-        how = int(traces.came[k, q, node[0], node[1]])
-        traces.way[k, q] = node
+                if is_there(k, q, row, column, traces):
+                    if q == traces.first[k]:
+                        traces.cost[k, q, row, column] = cost_of(k, q, row, column, True, traces)
+                        traces.came[k, q, row, column] = wp.int8(-1)
+                    else:
+                        improve(k, q, row, column, traces)
+                    if traces.cost[k, q, row, column] < least:
+                        least = traces.cost[k, q, row, column]
+                        node = wp.vec2i(row, column)
+    at = ticks - 1
+    while at >= traces.first[k] and node[0] >= 0:
+        traces.way[k, at] = node
+        how = int(traces.came[k, at, node[0], node[1]])
         if how < 0:
-            q -= 1
+            at -= 1
         else:
-            q -= traces.moves[how / 2, 2] + how % 2
-            node = wp.vec2i(node[0] + traces.moves[how / 2, 1], node[1] + traces.moves[how / 2, 0])
+            hop = how / traces.durations
+            at -= traces.moves[hop, 2] + how % traces.durations
+            node = wp.vec2i(node[0] + traces.moves[hop, 1], node[1] + traces.moves[hop, 0])
 
 
 def rough_ways(
@@ -179,6 +223,7 @@ def rough_ways(
     traces.since = wp.array([since for since, _ in rogues], dtype=wp.int32)
     traces.first = wp.array([length - 1 - last + first for first, last in spans], dtype=wp.int32)
     traces.moves = wp.array(_moves(hops), dtype=wp.int32)
+    traces.durations = 2 if hops.ticks == 1 else 1
     traces.cost, traces.came = wp.empty(labels.shape, dtype=float), wp.empty(labels.shape, dtype=wp.int8)
     traces.way = wp.array(np.full((len(rogues), length, 2), -1), dtype=wp.vec2i)
     wp.launch(trace, dim=len(rogues), inputs=[traces])
