@@ -13,13 +13,14 @@ after it, from the recorded ways of the sensors, and it is exact up to a fine la
 The same replay computes the bound of `task.conservative`, which no rogue exceeds. The worst case lies between the two.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from lissajous_env.episodes.evaluation import ActingPolicy, name_of
 from lissajous_env.episodes.guarantee import check_follows
-from lissajous_env.episodes.witness.played import Played, Way, play, resolution
+from lissajous_env.episodes.witness.played import Played, Watcher, Way, play, resolution
 from lissajous_env.episodes.witness.replayed import Replayed, replay
 from lissajous_env.episodes.witness.nearest import longest_ways
 from lissajous_env.episodes.witness.search import longest_way
@@ -28,7 +29,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
 from lissajous_env.world.simulation import fold_seed
 
-__all__ = ["Played", "Replayed", "Way", "Witness", "witness_of", "witnesses_of"]
+__all__ = ["Played", "Replayed", "Watcher", "Way", "Witness", "witness_of", "witnesses_in", "witnesses_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,13 +105,21 @@ def witnesses_of(
     """Return the rogue of `witness_of` for each seed; the policy has as many worlds as there are seeds."""
     scenario = named.scenario(scenario)
     check_follows(scenario)
+    scenario = dataclasses.replace(scenario, task=dataclasses.replace(scenario.task, conservative=False))
     episodes = play(policy, scenario, [fold_seed(seed) for seed in seeds], device)
+    return witnesses_in(episodes, name_of(policy), device, thorough, prove)
+
+
+def witnesses_in(
+    episodes: Sequence[Played], policy: str, device: Any = "cpu", thorough: bool = False, prove: bool = True
+) -> list[Witness | None]:
+    """Return the rogue of `witness_of` in each of some episodes of a scenario, which a policy of this name played."""
     ways = [longest_way(each, True) for each in episodes] if thorough else longest_ways(episodes)
     there = [k for k, way in enumerate(ways) if way is not None]
     chosen = [episodes[k] for k in there], [way for way in ways if way is not None]
     found = replay(*chosen, device, prove) if there else []
     replayed = dict(zip(there, found, strict=True))
     return [
-        None if way is None else Witness(name_of(policy), played, way, replayed[k])
+        None if way is None else Witness(policy, played, way, replayed[k])
         for k, (played, way) in enumerate(zip(episodes, ways, strict=True))
     ]

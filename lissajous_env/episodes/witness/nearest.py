@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+import warp as wp
 
 from lissajous_env.episodes.witness.played import Played, Way, peaks, resolution
 from lissajous_env.episodes.witness.tracing import Rogue, rough_ways
@@ -19,8 +20,18 @@ def longest_ways(episodes: Sequence[Played]) -> list[Way | None]:
     there is none, the place at which the rogue is lost is blocked, and the next way is traced.
 
     Args:
-        episodes: The episodes, of one scenario and of the same length.
+        episodes: The episodes, of one scenario.
     """
+    found: dict[int, Way | None] = {}
+    with wp.ScopedDevice("cpu"):
+        for steps in {each.steps for each in episodes}:
+            places = [k for k, each in enumerate(episodes) if each.steps == steps]
+            found |= zip(places, _longest_ways([episodes[k] for k in places]), strict=True)
+    return [found[k] for k in range(len(episodes))]
+
+
+def _longest_ways(episodes: Sequence[Played]) -> list[Way | None]:
+    """Return the ways of episodes of the same length."""
     rogues, longest = [peaks(each) for each in episodes], [None for _ in episodes]
     enough = resolution(episodes[0].scenario) - 1
     blocked: list[dict[Rogue, list[tuple[int, np.ndarray]]]] = [{} for _ in episodes]

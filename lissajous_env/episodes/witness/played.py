@@ -1,6 +1,7 @@
 """Episodes as a rogue that knows the future sees them: the ways of the working sensors, and the actions."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -55,8 +56,51 @@ class Played:
         return len(self.works) - 1
 
 
+class Watcher:
+    """Copies what a rogue that knows the future needs from the episodes of a simulation.
+
+    Args:
+        simulation: The simulation, with `task.contamination` and without `task.conservative`.
+    """
+
+    def __init__(self, simulation: Simulation):
+        self.simulation = simulation
+        self._kept: dict[str, list[np.ndarray]] = {}
+
+    def keep(self, taken: int) -> None:
+        """Copy a moment of all worlds, at the beginning of the episodes and after each step."""
+        simulation, kept = self.simulation, self._kept
+        if taken == 0:
+            kept.clear()
+        robots, action = simulation.robots, simulation.action.numpy()
+        now = {
+            "track": robots.track.numpy()[..., :2].copy(),
+            "works": robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE,
+            "action": action.copy() if taken else np.zeros_like(action),
+            "introduced_at": simulation.contamination.oldest.numpy().copy(),
+        }
+        if taken % simulation.scenario.spreading.period == 0:
+            now["labels"] = _labels(simulation, taken)
+        for name, array in now.items():
+            kept.setdefault(name, []).append(array)
+
+    def episodes(self, seeds: Sequence[int]) -> list[Played]:
+        """Return the episodes that have ended, of the first worlds, with their seeds."""
+        worlds = np.arange(len(seeds))
+        steps, rows = self.simulation.clock.step.numpy(), self.simulation.score(worlds)
+        arrays = {name: np.stack(each, axis=1) for name, each in self._kept.items()}
+        return [
+            Played(
+                self.simulation.scenario, seed, row, **{name: array[w, : taken + 1] for name, array in arrays.items()}
+            )
+            for w, (seed, row, taken) in enumerate(zip(seeds, rows, steps, strict=False))
+        ]
+
+
 def play(policy: ActingPolicy, scenario: Scenario, seeds: list[int], device: Any = "cpu") -> list[Played]:
-    """Play an episode in each world of a policy and copy the ways of the sensors.
+    """Play an episode in each world of a policy and copy the ways of the sensors and the labels.
+
+    The labels of an episode of `evaders` take 9 MB.
 
     Args:
         policy: The policy, with as many worlds as there are seeds.
@@ -64,26 +108,9 @@ def play(policy: ActingPolicy, scenario: Scenario, seeds: list[int], device: Any
         seeds: Seed of each world.
         device: Warp device of the simulation.
     """
-    simulation = Simulation(scenario, policy.num_worlds, device=device)
-    kept: dict[str, list[np.ndarray]] = {"track": [], "works": [], "action": [], "introduced_at": [], "labels": []}
-    period = simulation.scenario.spreading.period
-
-    def keep(taken: int) -> None:
-        robots, action = simulation.robots, simulation.action.numpy()
-        kept["track"].append(robots.track.numpy()[..., :2].copy())
-        kept["works"].append(robots.sensor.numpy()[..., 0] < 0.5 * NOWHERE)
-        kept["action"].append(action.copy() if taken else np.zeros_like(action))
-        kept["introduced_at"].append(simulation.contamination.oldest.numpy().copy())
-        if taken % period == 0:
-            kept["labels"].append(_labels(simulation, taken))
-
-    EpisodeRunner(policy, simulation).play(seeds, keep)
-    steps, rows = simulation.clock.step.numpy(), simulation.score()
-    arrays = {name: np.stack(each, axis=1) for name, each in kept.items()}
-    return [
-        Played(simulation.scenario, seed, row, **{name: array[w, : taken + 1] for name, array in arrays.items()})
-        for w, (seed, row, taken) in enumerate(zip(seeds, rows, steps, strict=True))
-    ]
+    watcher = Watcher(Simulation(scenario, policy.num_worlds, device=device))
+    EpisodeRunner(policy, watcher.simulation).play(seeds, watcher.keep)
+    return watcher.episodes(seeds)
 
 
 def _labels(simulation: Simulation, step: int) -> np.ndarray:

@@ -354,6 +354,9 @@ def trace_back(k: int, first: int, last: int, e: Episodes, tubes: Tubes):
         at = last - 1 - back
         reach = float(tubes.moments[k, at + 1] - tubes.moments[k, at]) * tubes.moved
         node = before(k, at, node, reach, e, tubes)
+        if node[0] < 0:
+            tubes.last[k] = -1
+            return
         tubes.way[k, at] = node
 
 
@@ -442,6 +445,8 @@ def ways_near(
         if first < 0:
             found.append((None, int(lost)))
             continue
+        if last < 0:
+            raise RuntimeError(f"a rogue must come from somewhere, but not in seed {episodes[k].seed}")
         known = slice(first, last + 1)
         places = nodes[k, known] * np.array(spacing) - np.array(half)
         steps = np.arange(moments[k, first], moments[k, last] + 1)
