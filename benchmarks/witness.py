@@ -89,7 +89,9 @@ def costs_of(name: str, policy: str, worlds: int) -> list[str]:
     sides: list[tuple[Callable[[], Any], list[float]]] = [
         (lambda made=made: repeat(made, episodes), []) for made in (scenario, bare)
     ]
-    sides.append((lambda: replay(episodes, [way for way in longest_ways(episodes) if way is not None], prove=False), []))
+    sides.append(
+        (lambda: replay(episodes, [way for way in longest_ways(episodes) if way is not None], prove=False), [])
+    )
     for _ in range(_ROUNDS):
         for act, times in sides:
             began = time.perf_counter()

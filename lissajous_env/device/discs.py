@@ -15,6 +15,7 @@ from lissajous_env.device.curve import CurveStruct
 CENTRE = wp.constant(0.5)
 """Distance of the outermost points from the edges where each is the centre of its cell [cell]."""
 
+
 @wp.func
 def along(track: wp.array3d(dtype=wp.vec3), w: int, i: int, share: float) -> wp.vec2:
     """Place of a robot at a share of the latest step [m]."""

@@ -1,16 +1,17 @@
 """The rogue that a policy misses: the way on which a target that knows the robots' future stays undetected for longest.
 
 A rogue changes nothing that robots observe before they detect it. So the best answer to an episode can be computed
-after it, from the recorded ways of the sensors, and it is exact up to a fine lattice:
+after it, from the recorded ways of the sensors:
 
-1. The episode is played once. The contamination stage reports when the worst case began and ended.
-2. On a lattice that is finer than its cells, the nodes are followed in which a rogue of that time can be undetected. A
-   move is allowed if no disc can detect the rogue on it, within steps as well (`Search`). If the rogue of that time is
-   detected too early, since the stage rounds to its cells, the search covers all times.
-3. The way is traced back through these nodes, and replayed in the same world as an ordinary target. The time at which
-   the simulation detects it is the result: a lower bound of the worst case, whatever the search assumed.
+1. The episode is played once, and the labels of the contamination stage are stored.
+2. The labels are traced backwards from the worst case: a rough way from node to node (`tracing`). Near it, a way that no
+   disc detects, within steps as well, is searched on a lattice that is finer than the cells (`tube`). Where there is
+   none, the place at which the rogue is lost is blocked, and the next rough way is traced.
+3. The way is replayed in the same world as an ordinary target. The time at which the simulation detects it is the
+   result: a lower bound of the worst case, whatever the search assumed.
 
-The same replay computes the bound of `task.conservative`, which no rogue exceeds. The worst case lies between the two.
+`thorough` searches the whole lattice instead (`search`), which takes seconds. The replay can compute the bound of
+`task.conservative`, too, which no rogue exceeds. The worst case lies between the two.
 """
 
 import dataclasses
@@ -86,7 +87,8 @@ def witness_of(
         scenario: The scenario, with `task.contamination`.
         seed: Seed of the episode.
         device: Warp device of the simulation.
-        thorough: True to search all times, also where the rogue of the reported worst case is undetected as stated.
+        thorough: True to search the whole rectangle at all times, which takes seconds.
+        prove: True to compute the bound of `task.conservative`, too.
 
     Raises:
         ValueError: `task.contamination` of the scenario is None.

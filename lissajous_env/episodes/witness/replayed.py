@@ -25,9 +25,7 @@ class Replayed(NamedTuple):
     """Worst-case undetected time of `task.conservative`, which no rogue exceeds [s]; NaN if it was not computed."""
 
 
-def replay(
-    episodes: Sequence[Played], ways: Sequence[Way], device: Any = "cpu", prove: bool = True
-) -> list[Replayed]:
+def replay(episodes: Sequence[Played], ways: Sequence[Way], device: Any = "cpu", prove: bool = True) -> list[Replayed]:
     """Repeat episodes of one scenario by their actions, each with its rogue as the only target.
 
     Args:

@@ -214,7 +214,9 @@ def is_undetected(k: int, start: wp.vec2, d: wp.vec2, begin: int, end: int, e: E
 
 
 @wp.func
-def add_left(k: int, m: int, rows: wp.vec2i, d: wp.vec2i, width: int, after: wp.vec2i, e: Episodes, tubes: Tubes) -> bool:
+def add_left(
+    k: int, m: int, rows: wp.vec2i, d: wp.vec2i, width: int, after: wp.vec2i, e: Episodes, tubes: Tubes
+) -> bool:
     """Add the nodes that a move by d, or by some columns more or less, reaches from `left`; returns whether any are."""
     corner = corner_at(k, tubes.moments[k, m], e, tubes)
     any_is_left = bool(False)
