@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number
+from lissajous_env.theory.geometry import turning_radius
 
 _FOREVER = 1e9
 
@@ -22,7 +23,8 @@ class Limits(Checked):
     pose_age: float | None = _limit("s")
     """Age of the pose, or of the speed [s]; None means 2.5 control steps."""
     fence: float | None = _limit("m")
-    """Distance of the robot's centre beyond the rectangle [m]; None means two body radii and a wheelbase."""
+    """Distance of the robot's centre beyond the rectangle [m]; None means the diameter of its turning circle, which
+    a car needs to come back."""
     clock_jump: float | None = _limit("s")
     """Deviation of the time between two calls from a control step, and how far ahead of the own clock a time stamp may
     be [s]; None means 2.5 control steps. A clock that stands still or goes back has jumped."""
@@ -38,7 +40,7 @@ class Limits(Checked):
         some, robot = 2.5 * scenario.task.step, scenario.robot
         derived = {
             "pose_age": some,
-            "fence": 2 * robot.radius + robot.wheelbase,
+            "fence": 2 * turning_radius(robot.wheelbase, robot.steering_max),
             "clock_jump": some,
             "silence": scenario.time_unit,
             "watchdog": some,

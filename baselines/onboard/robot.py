@@ -175,7 +175,7 @@ class Onboard:
 
     def _listen(self, now: float, heard: Sequence[Message]) -> None:
         for message in heard:
-            if message.sender in self.neighbours and message.is_sound(self._size):
+            if message.sender >= 0 and message.sender in self.neighbours and message.is_sound(self._size):
                 side = self.neighbours.index(message.sender)
                 known = self._heard[side]
                 comes_later = known is None or message.sent_at >= known.sent_at

@@ -91,9 +91,7 @@ def put_message(
 
 
 @wp.func
-def put_robot(
-    w: int, i: int, entry: int, offset: wp.vec2, relative: wp.vec2, observation_out: wp.array3d(dtype=float)
-):
+def put_robot(w: int, i: int, entry: int, offset: wp.vec2, relative: wp.vec2, observation_out: wp.array3d(dtype=float)):
     """Fill the entries of a robot in the disc, of its scaled place and velocity."""
     observation_out[w, i, entry] = 1.0
     observation_out[w, i, entry + 1] = offset[0]

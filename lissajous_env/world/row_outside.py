@@ -175,9 +175,15 @@ class RowOutside:
             self._fill = Program(rest, values, {program.ROBOT: 1}, 1, robots.status.device, Split())
         self._kept = robots, outside, row
         self._position, self._heading = robots.position.numpy()[0, 0], robots.heading.numpy()[0]
-        self._speed, self._phase, self._status = robots.speed.numpy()[0], robots.phase.numpy()[0], robots.status.numpy()[0]
+        self._speed, self._phase, self._status = (
+            robots.speed.numpy()[0],
+            robots.phase.numpy()[0],
+            robots.status.numpy()[0],
+        )
         self._measured, self._turn = robots.measured.numpy()[0, 0], robots.measured_turn.numpy()[0, 0]
-        self.message, self.age, self.numbers = (getattr(outside, name).numpy() for name in ("message", "age", "numbers"))
+        self.message, self.age, self.numbers = (
+            getattr(outside, name).numpy() for name in ("message", "age", "numbers")
+        )
         self._robots, self._targets, self._count = (
             getattr(outside, name).numpy() for name in ("robots", "targets", "count")
         )
@@ -202,7 +208,9 @@ class RowOutside:
             kept[: len(seen)] = seen
             self._count[k] = len(seen)
 
-    def fill(self, x: float, y: float, heading: float, speed: float, works: bool, phase: tuple[float, float] | None) -> np.ndarray:
+    def fill(
+        self, x: float, y: float, heading: float, speed: float, works: bool, phase: tuple[float, float] | None
+    ) -> np.ndarray:
         """Fill the row, and return it: the same array each time.
 
         Args:
