@@ -1,4 +1,4 @@
-"""One robot's policy outside the simulator decides what the simulator's robot does, and drives robots of another make."""
+"""One robot's policy outside the simulator decides as in the simulator, and drives robots of another make."""
 
 import copy
 

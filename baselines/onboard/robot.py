@@ -15,7 +15,6 @@ from baselines.onboard.locating import locate
 from baselines.policies import factories
 from baselines.policies.base import Policy
 from lissajous_env import scenario as make_scenario
-from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import is_whole
 from lissajous_env.wording import shown
@@ -80,7 +79,7 @@ class Onboard:
             raise ValueError(f"robot must be a whole number from 0 to {n - 1}, got {shown(robot)}")
         self.robot = int(robot)
         self.neighbours = tuple(int(each) for each in self.scenario.neighbours[self.robot])
-        self.limits = (limits or Limits()).of(self.scenario)
+        self.limits: Any = (limits or Limits()).of(self.scenario)
         self._policy = _made(policy, self.scenario, self.robot)
         self._listens = getattr(self._policy, "communicates", "nothing") != "nothing"
         self._builder = RowOutside(self.scenario)

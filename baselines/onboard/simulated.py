@@ -88,5 +88,6 @@ def _heard(simulation: Simulation, robot: int, world: int) -> tuple[Message, ...
             numbers = ()
             if simulation.scenario.messages.size:
                 numbers = tuple(simulation.messages.heard.numpy()[world, robot, side].tolist())
-            messages.append(Message(sender, int(heard_at[side]) * step, *heard[side].tolist(), numbers))
+            cos_phase, sin_phase, x, y = heard[side].tolist()
+            messages.append(Message(sender, int(heard_at[side]) * step, cos_phase, sin_phase, x, y, numbers))
     return tuple(messages)

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from lissajous_env.device import program
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.part_structs import NoiseStruct, SensingStruct
-from lissajous_env.device import program
 from lissajous_env.device.program import BLOCKS, Program, Split, Stage
 from lissajous_env.parameters.extensions import ObservationEntry
 from lissajous_env.parameters.scenario import Scenario
@@ -174,18 +174,15 @@ class RowOutside:
             self._follow = Program([follow, *rest], values, {program.ROBOT: 1}, 1, robots.status.device, Split())
             self._fill = Program(rest, values, {program.ROBOT: 1}, 1, robots.status.device, Split())
         self._kept = robots, outside, row
-        self._position, self._heading = robots.position.numpy()[0, 0], robots.heading.numpy()[0]
-        self._speed, self._phase, self._status = (
-            robots.speed.numpy()[0],
-            robots.phase.numpy()[0],
-            robots.status.numpy()[0],
-        )
+        self._position = robots.position.numpy()[0, 0]
+        self._heading, self._speed = robots.heading.numpy()[0], robots.speed.numpy()[0]
+        self._phase, self._status = robots.phase.numpy()[0], robots.status.numpy()[0]
         self._measured, self._turn = robots.measured.numpy()[0, 0], robots.measured_turn.numpy()[0, 0]
-        self.message, self.age, self.numbers = (
-            getattr(outside, name).numpy() for name in ("message", "age", "numbers")
-        )
+        self.message, self.age, self.numbers = outside.message.numpy(), outside.age.numpy(), outside.numbers.numpy()
         self._robots, self._targets, self._count = (
-            getattr(outside, name).numpy() for name in ("robots", "targets", "count")
+            outside.robots.numpy(),
+            outside.targets.numpy(),
+            outside.count.numpy(),
         )
         self._given = outside.phase.numpy()[0]
         self.age[:] = -1
