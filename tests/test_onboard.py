@@ -8,7 +8,7 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.onboard import Limits, Message, Odometry, inputs_of
-from baselines.onboard.locating import locate
+from lissajous_env.theory.locating import locate
 from baselines.policies import patrol
 from lissajous_env.theory.closed_forms import curve_point
 from lissajous_env.world.state import REMOVED

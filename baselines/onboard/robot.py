@@ -11,7 +11,7 @@ import warp as wp
 from baselines.onboard.commands import Actuation, Command, Twist
 from baselines.onboard.inputs import Message, Odometry, seen_rows
 from baselines.onboard.limits import Limits
-from baselines.onboard.locating import locate
+from lissajous_env.theory.locating import locate
 from baselines.policies import factories
 from baselines.policies.base import Policy
 from lissajous_env import scenario as make_scenario
