@@ -8,9 +8,9 @@ import pytest
 import baselines
 import lissajous_env
 from baselines.onboard import Limits, Message, Odometry, inputs_of
-from lissajous_env.theory.locating import locate
 from baselines.policies import patrol
 from lissajous_env.theory.closed_forms import curve_point
+from lissajous_env.theory.locating import locate
 from lissajous_env.world.state import REMOVED
 
 CARS = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).robot.kind == "car"]

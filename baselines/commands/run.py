@@ -36,8 +36,8 @@ def run(
             the scenario that its policy was made for.
         seed: seed of the episode; the same seed repeats it.
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
-        out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf or .npz (a recording); without it, a window
-            opens if there is a display.
+        out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf, .npz (a recording) or .mcap (a log of
+            ROS); without it, a window opens if there is a display.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """

@@ -11,12 +11,12 @@ import warp as wp
 from baselines.onboard.commands import Actuation, Command, Twist
 from baselines.onboard.inputs import Message, Odometry, seen_rows
 from baselines.onboard.limits import Limits
-from lissajous_env.theory.locating import locate
 from baselines.policies import factories
 from baselines.policies.base import Policy
 from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import is_whole
+from lissajous_env.theory.locating import locate
 from lissajous_env.wording import shown
 from lissajous_env.world.row_outside import RowOutside
 

@@ -7,7 +7,7 @@ import warp as wp
 
 from lissajous_env.device.car_input import car_action, steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.devices import compile_quietly
+from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.settings.parts import Robot
@@ -40,7 +40,7 @@ def actions_of(robot: Robot, inputs: np.ndarray) -> np.ndarray:
 
 
 def _converted(kernel: Any, robot: Robot, values: np.ndarray) -> np.ndarray:
-    given = wp.array(values.reshape(-1, 2), dtype=wp.vec2, device="cpu")
+    given = wp.array(values.reshape(-1, 2), dtype=wp.vec2, device=as_device("cpu"))
     made = wp.zeros_like(given)
     with compile_quietly():
         wp.launch(kernel, len(given), [to_struct(RobotStruct, robot), given], [made], device="cpu")

@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 from lissajous_env.logs.log import Series, Track
 from lissajous_env.logs.rollouts import CONSTANTS, Rollouts
 from lissajous_env.settings.parts import Robot
+from lissajous_env.world.state import WORKING
 
 _SEGMENT = 2.0
 """Duration of a segment [s]."""
@@ -47,24 +48,25 @@ class Identified:
     """Number of poses that were used."""
 
 
-def identify(track: Track, commands: Series, guess: Robot | None = None) -> Identified:
+def identify(track: Track, commands: Series, guess: Robot | None = None, status: Series | None = None) -> Identified:
     """Fit the car model to the log of one car.
 
     Args:
         track: Its path.
         commands: Its commands, steering angle [rad] and throttle.
         guess: Constants that are not fitted, and those to start from.
+        status: Its status; segments in which it did not work are left out.
 
     Raises:
         ValueError: the log is too short, or the car does not move or is never steered.
     """
-    return _Fit(track, commands, guess or Robot()).run()
+    return _Fit(track, commands, guess or Robot(), status).run()
 
 
 class _Fit:
     """A fit in progress."""
 
-    def __init__(self, track: Track, commands: Series, guess: Robot):
+    def __init__(self, track: Track, commands: Series, guess: Robot, status: Series | None):
         first, last = max(track.time[0], commands.time[0]), track.time[-1]
         inside = (track.time >= first - 1e-9) & (track.time <= last)
         time, count = track.time[inside], int(inside.sum())
@@ -77,7 +79,10 @@ class _Fit:
         if np.ptp(measured[:, 3]) < 1e-3 or np.ptp(commands.value[:, 0]) < 1e-3:
             raise ValueError("log must be of a car that is steered and whose speed changes")
         segment = ((time - time[0]) / _SEGMENT).astype(int)
-        kept = np.unique(segment)
+        failed = np.zeros(count, bool) if status is None else status.before(time) != int(WORKING)
+        kept = np.setdiff1d(segment, segment[failed])
+        if not len(kept):
+            raise ValueError(f"log must have {_SEGMENT:g} s in which the car works, got none")
         if len(kept) > _MOST_SEGMENTS:
             kept = kept[np.linspace(0, len(kept) - 1, _MOST_SEGMENTS).astype(int)]
         chosen = np.isin(segment, kept)
@@ -218,7 +223,8 @@ class _Fit:
             around = np.flatnonzero(np.isin(tried, good))
             low, high = tried[max(around[0] - 1, 0)], tried[min(around[-1] + 1, len(tried) - 1)]
             zones = zones[(zones >= low) & (zones <= high)]
-        gap = float(np.diff(self._throttles).min(initial=1.0))
         if good[0] <= self._throttles[0]:
             return float(self._guess[_ZONE]), np.nan
-        return float(good.mean()), max(0.5 * float(np.ptp(good)), 0.5 * gap)
+        # Any value between the throttles on both sides would do.
+        low, high = self._throttles[self._throttles < good[0]].max(), self._throttles[self._throttles > good[-1]].min()
+        return float(good.mean()), 0.5 * float(high - low)

@@ -16,9 +16,7 @@ _FLAT = 0.01
 
 def pose_of(types: Any, x: float, y: float, z: float, heading: float) -> Any:
     """Return the pose of a place [m] and a heading [rad]."""
-    turn = types["geometry_msgs/msg/Quaternion"](
-        x=0.0, y=0.0, z=math.sin(heading / 2), w=math.cos(heading / 2)
-    )
+    turn = types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=math.sin(heading / 2), w=math.cos(heading / 2))
     return types["geometry_msgs/msg/Pose"](position=types["geometry_msgs/msg/Point"](x=x, y=y, z=z), orientation=turn)
 
 

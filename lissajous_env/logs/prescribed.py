@@ -8,6 +8,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import wrap, wrap_phase
+from lissajous_env.device.devices import as_device
 from lissajous_env.device.program import BLOCKS, ROBOT, Stage
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.robots.placing import follow_curve
@@ -92,7 +93,7 @@ class PrescribedSimulation(Simulation):
         seed: int = 0,
     ):
         m, n, places, _ = track.shape
-        paths: Any = allocate(Paths, {"track": (m, n, places), "phase": phase.shape}, (m, n), "cpu")
+        paths: Any = allocate(Paths, {"track": (m, n, places), "phase": phase.shape}, (m, n), as_device("cpu"))
         for name, values in (("track", track), ("heading", heading), ("speed", speed), ("phase", phase)):
             getattr(paths, name).assign(values)
         self._paths = paths

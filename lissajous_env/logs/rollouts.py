@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.devices import compile_quietly
+from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.settings.parts import Robot
@@ -55,9 +55,9 @@ def roll_out(
             push = motor_push(car, constants[p, 2], command[k][1])
             state = car_step(car, state, wp.tan(command[k][0]) / constants[p, 0], push, float(until - now))
             now = until
-            if k < last:
-                if command_time[k + 1] + delay <= now + _ROUNDING:
-                    k += 1
+            following = wp.min(k + 1, last)
+            if following > k and command_time[following] + delay <= now + _ROUNDING:
+                k = following
         predicted_out[p, j] = state
 
 
@@ -77,7 +77,8 @@ class Rollouts:
     ):
         self._robot = to_struct(RobotStruct, robot)
         kinds = ((begin, wp.int32), (time, wp.float64), (command_time, wp.float64), (command, wp.vec2))
-        self._data = [wp.array(values, dtype=kind, device="cpu") for values, kind in kinds]
+        device = as_device("cpu")
+        self._data = [wp.array(values, dtype=kind, device=device) for values, kind in kinds]
         self._shape = len(begin) - 1, len(time)
 
     def predict(self, constants: np.ndarray, starts: np.ndarray) -> np.ndarray:

@@ -85,9 +85,7 @@ def score(
         raise ValueError(f"scenario must be given, because the log {log.name} has none")
     made = given.resolve()
     if len(log.tracks) != made.num_robots:
-        raise ValueError(
-            f"log {log.name} must have the {made.num_robots} robots of {made.name}, got {len(log.tracks)}"
-        )
+        raise ValueError(f"log {log.name} must have the {made.num_robots} robots of {made.name}, got {len(log.tracks)}")
     times = _moments(log, made.task.step)
     status, notes = _statuses(log, times, gap)
     made = _as_logged(made, times, status)
@@ -153,14 +151,10 @@ def _as_logged(scenario: Scenario, times: np.ndarray, status: np.ndarray) -> Sce
             removed.append((robot, max(int(gone[0]) - 1, 0) * step))
         failed = np.concatenate([[0], status[1:, robot] == int(STUCK), [0]]).astype(int)
         edges = np.flatnonzero(np.diff(failed))
-        schedule += [(robot, a * step, b * step) for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)]
-    faults = dataclasses.replace(
-        scenario.faults, schedule=tuple(schedule), removed=tuple(removed), rate=0.0, lost=0
-    )
+        schedule += [(robot, *(edge * step for edge in fault)) for fault in edges.reshape(-1, 2).tolist()]
+    faults = dataclasses.replace(scenario.faults, schedule=tuple(schedule), removed=tuple(removed), rate=0.0, lost=0)
     # Whatever a wall or a collision did to the robots, the log shows it.
-    task = dataclasses.replace(
-        scenario.task, duration=(len(times) - 1) * step, boundary="open", on_collision="count"
-    )
+    task = dataclasses.replace(scenario.task, duration=(len(times) - 1) * step, boundary="open", on_collision="count")
     return dataclasses.replace(scenario, faults=faults, task=task)
 
 
@@ -205,13 +199,14 @@ def resampled(track: Track, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     along = np.stack([np.cos(track.heading), np.sin(track.heading), 0 * track.heading], axis=1)
     velocity = along * track.speed[:, None]
     s, w = share[:, None], width[:, None]
-    rest = s * (1 - s) * ((1 - s) * w * velocity[k] - s * w * velocity[k + 1] + (2 * s - 1) * np.diff(track.position, axis=0)[k])
-    linear = np.where(s < 1, track.position[k] + s * np.diff(track.position, axis=0)[k], track.position[k + 1])
+    way = np.diff(track.position, axis=0)[k]
+    bend = s * (1 - s) * ((1 - s) * w * velocity[k] - s * w * velocity[k + 1] + (2 * s - 1) * way)
+    linear = np.where(s < 1, track.position[k] + s * way, track.position[k + 1])
     between = [
         np.where(share < 1, values[k] + share * np.diff(values)[k], values[k + 1])
         for values in (track.heading, track.speed)
     ]
-    return linear + rest, between[0], between[1]
+    return linear + bend, between[0], between[1]
 
 
 def _actions(log: Log, scenario: Scenario, times: np.ndarray) -> np.ndarray | None:

@@ -5,7 +5,7 @@ Topics, in the frame `map`, whose origin is the middle of the rectangle:
 | topic | type | content |
 |---|---|---|
 | `/robot_K/odom` | nav_msgs/Odometry | pose; speed and yaw rate |
-| `/robot_K/command` | sensor_msgs/JointState | names and values of the command from this time on: of a car, steering [rad] and throttle |
+| `/robot_K/command` | sensor_msgs/JointState | command from this time on: of a car, steering [rad] and throttle |
 | `/robot_K/phase` | std_msgs/Float64 | phase theta of (1) [rad] |
 | `/robot_K/status` | std_msgs/UInt8 | 0 working, 1 failed, 2 removed |
 | `/markers` | visualization_msgs/MarkerArray | curve, rectangle, bodies, headings, sensing discs, targets |
@@ -32,7 +32,6 @@ from lissajous_env.storage.files import replacing
 
 START = 1.0
 """Time of the reset [s]; ROS takes 0 for no time."""
-
 
 
 class _Topics:
@@ -139,4 +138,5 @@ def _write_robot(recording: Recording, topics: _Topics, robot: int, moment: int,
 
 def _twist(types: Any, speed: float, yaw_rate: float) -> Any:
     vector = types["geometry_msgs/msg/Vector3"]
-    return types["geometry_msgs/msg/Twist"](linear=vector(x=speed, y=0.0, z=0.0), angular=vector(x=0.0, y=0.0, z=yaw_rate))
+    linear, angular = vector(x=speed, y=0.0, z=0.0), vector(x=0.0, y=0.0, z=yaw_rate)
+    return types["geometry_msgs/msg/Twist"](linear=linear, angular=angular)

@@ -9,7 +9,7 @@ import warp as wp
 from lissajous_env.device import program
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.devices import compile_quietly
+from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import NoiseStruct, SensingStruct
 from lissajous_env.device.program import BLOCKS, Program, Split, Stage
 from lissajous_env.parameters.extensions import ObservationEntry
@@ -156,7 +156,7 @@ class RowOutside:
         if brought:
             rule = "must have no observation entries of extensions, which are computed of a simulated world"
             raise ValueError(f"scenario of a robot outside the simulation {rule}, got {', '.join(brought)}")
-        constants = constants_of(scenario, "cpu")
+        constants = constants_of(scenario, as_device("cpu"))
         size, seen = scenario.messages.size, max(scenario.sensing.robots_seen, scenario.sensing.targets_seen)
         robots: Any = allocate(Robots, {"track": (1, 1, 1)}, (1, 1), "cpu")
         clock = allocate(Clock, {}, (1,), "cpu")
