@@ -100,7 +100,7 @@ def test_the_phase_is_found_from_any_pose_on_the_curve(scenario):
     for theta in np.linspace(0, 2 * np.pi, 97):
         ahead, here = (curve_point(made.curve, made.alpha * np.array(theta + d)) for d in (1e-5, 0))
         heading = np.arctan2(*(ahead - here)[::-1])
-        found = locate(made, *here, heading, theta)
+        found = locate(made.curve, made.alpha, *here, heading, theta)
         assert np.cos(found - theta) > np.cos(2e-3)
 
 

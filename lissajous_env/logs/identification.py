@@ -7,6 +7,7 @@ best of the values between the throttles of the log.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -112,8 +113,8 @@ class _Fit:
             constants[_ZONE] = self._guess[_ZONE]
         deviations = self._deviations(constants)
         residual = {"position": float(deviations[0]), "heading": float(deviations[2]), "speed": float(deviations[3])}
-        named = [dict(zip(CONSTANTS, map(float, values), strict=True)) for values in (constants, errors)]
-        return Identified(*named, residual, len(self._measured))
+        values, deviations = (dict(zip(CONSTANTS, map(float, each), strict=True)) for each in (constants, errors))
+        return Identified(values, deviations, residual, len(self._measured))
 
     def _residuals(self, constants: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """Return the differences (P, K, 4) in units of their deviations."""
@@ -166,9 +167,9 @@ class _Fit:
             return self._slopes(made(x), unit)
 
         low = _LEAST / unit
-        found = least_squares(
-            residuals, np.maximum(constants[_SMOOTH] / unit, low), jacobian, (low, np.inf), max_nfev=evaluations
-        )
+        begin: Any = np.maximum(constants[_SMOOTH] / unit, low)
+        slopes: Any = jacobian
+        found = least_squares(residuals, begin, slopes, (low, np.inf), max_nfev=evaluations)
         free = max(len(found.fun) - len(found.x) - self._starts.size, 1)
         covariance = np.linalg.pinv(found.jac.T @ found.jac) * (2 * found.cost / free)
         errors = np.full(len(CONSTANTS), np.nan)

@@ -47,7 +47,8 @@ class Markers:
         recording, scenario = self._recording, self._scenario
         status = int(recording.status[moment, robot])
         there = _DELETE if status == int(REMOVED) else _ADD
-        place = recording.position[moment, robot].tolist(), float(recording.heading[moment, robot])
+        x, y, z = recording.position[moment, robot].tolist()
+        place = x, y, z, float(recording.heading[moment, robot])
         body, disc = 2 * scenario.robot.radius, 2 * scenario.sensing_radius
         works = status == int(WORKING)
         colour = (0.1, 0.6, 0.2, 1.0) if works else (0.8, 0.2, 0.1, 1.0)
@@ -76,7 +77,7 @@ class Markers:
         shape: int,
         scale: tuple[float, float, float],
         colour: tuple[float, float, float, float],
-        place: tuple[list[float], float] = ([0.0, 0.0, 0.0], 0.0),
+        place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
         points: Any = (),
         action: int = _ADD,
     ) -> Any:
@@ -93,7 +94,7 @@ class Markers:
             id=number,
             type=shape,
             action=action,
-            pose=pose_of(types, *place[0], place[1]),
+            pose=pose_of(types, *place),
             scale=types["geometry_msgs/msg/Vector3"](x=float(scale[0]), y=float(scale[1]), z=float(scale[2])),
             color=rgba(r=colour[0], g=colour[1], b=colour[2], a=colour[3]),
             lifetime=duration,

@@ -169,7 +169,7 @@ def _simulation(log: Log, scenario: Scenario, times: np.ndarray, num_worlds: int
         tracks.append(places.reshape(len(times), substeps + 1, 3))
         headings.append(heading)
         speeds.append(speed)
-        phases.append(_phases(log, scenario, robot, times, *places[0, :2].tolist(), float(heading[0])))
+        phases.append(_phases(log, scenario, robot, times, places[0], float(heading[0])))
     # The phase of a point is its place; that of a car follows from its path.
     known = model_of(scenario.robot.kind).keeps_to_curve and len(log.phases) == len(log.tracks)
     phase = np.stack(phases, axis=1)[: None if known else 1]
@@ -178,12 +178,13 @@ def _simulation(log: Log, scenario: Scenario, times: np.ndarray, num_worlds: int
 
 
 def _phases(
-    log: Log, scenario: Scenario, robot: int, times: np.ndarray, x: float, y: float, heading: float
+    log: Log, scenario: Scenario, robot: int, times: np.ndarray, place: np.ndarray, heading: float
 ) -> np.ndarray:
     """Return the phases of a robot in a log, or once that of the pose with which it begins."""
     if robot in log.phases:
         return log.phases[robot].before(times)
-    return np.full(len(times), locate(scenario, x, y, heading, float(scenario.equilibrium[robot])))
+    x, y, near = float(place[0]), float(place[1]), float(scenario.equilibrium[robot])
+    return np.full(len(times), locate(scenario.curve, scenario.alpha, x, y, heading, near))
 
 
 def resampled(track: Track, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

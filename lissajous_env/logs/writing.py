@@ -119,7 +119,8 @@ def _write_robot(recording: Recording, topics: _Topics, robot: int, moment: int,
     types, before = topics.types, max(moment - 1, 0)
     heading = float(recording.heading[moment, robot])
     turn = math.remainder(heading - float(recording.heading[before, robot]), 2 * math.pi)
-    pose = pose_of(types, *recording.position[moment, robot].tolist(), heading)
+    x, y, z = recording.position[moment, robot].tolist()
+    pose = pose_of(types, x, y, z, heading)
     twist = _twist(types, float(recording.speed[moment, robot]), turn / recording.scenario.task.step)
     unknown = np.zeros(36)
     topics.write(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import Curve
 from lissajous_env.theory.closed_forms import curve_derivatives, curve_point
 
 _PLACES = 8192
@@ -11,13 +11,12 @@ _REACH = 0.25
 """Distance that weighs as much as a heading that is off by a right angle, in the shorter half of the rectangle."""
 
 
-def locate(scenario: Scenario, x: float, y: float, heading: float, near: float) -> float:
+def locate(curve: Curve, alpha: int, x: float, y: float, heading: float, near: float) -> float:
     """Return the phase theta in [0, 2 pi) [rad] at which the curve passes a pose in its direction.
 
     The curve crosses itself, so the heading decides between branches. Where several phases belong to one place of the
-    curve (alpha of Lemma 2 above 1), it is the one nearest to `near` [rad].
+    curve (`alpha` of Lemma 2 above 1), it is the one nearest to `near` [rad].
     """
-    curve, alpha = scenario.curve, scenario.alpha
     gamma = np.arange(_PLACES) * (2 * np.pi / _PLACES)
     place, along = curve_point(curve, gamma), curve_derivatives(curve, gamma)[0]
     off = np.arctan2(along[..., 1], along[..., 0]) - heading
