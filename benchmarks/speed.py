@@ -19,11 +19,11 @@ from pathlib import Path
 
 import figures
 import warp
-from speeds import Options, Part, act, cluster, contamination, controller, growth, memory, step, training
+from speeds import Options, Part, act, cluster, contamination, controller, growth, memory, onboard, step, training
 
 from lissajous_env.device.devices import cores
 
-_MODULES = (step, memory, contamination, growth, controller, act, training, cluster)
+_MODULES = (step, memory, contamination, growth, controller, act, onboard, training, cluster)
 PARTS = {each.PART.name: each.PART for each in _MODULES}
 
 

@@ -206,3 +206,23 @@ def test_messages_that_are_no_messages_are_ignored():
     bad += [good._replace(sender=0), good._replace(sender=-1), good._replace(numbers=(1.0,))]
     assert onboard.act(0.0, pose, bad).row[8] == 0
     assert onboard.act(0.1, pose, [good]).row[8] == 1
+
+
+@pytest.mark.parametrize("policy", ["sweep", "tracked-reference-mpcc"])
+def test_the_steps_of_a_policy_follow_the_clock(policy):
+    # Oracle: the same robot, called at every step. One call is left out, later every call is made twice.
+    made = lissajous_env.scenario("experiment").resolve()
+    simulation, together = lissajous_env.Simulation(made), baselines.make(policy, made)
+    steady, uneven = (baselines.Onboard(policy, made, 0, limits=Limits.none()) for _ in range(2))
+    for k in range(60):
+        inputs = inputs_of(simulation, 0)
+        action = steady.act(*inputs).action
+        if k != 20:
+            found = uneven.act(*inputs).action
+            if policy == "sweep" or k < 20:  # the other keeps a warm start besides the time
+                np.testing.assert_array_equal(found, action)
+            np.testing.assert_allclose(found, action, atol=0.02)
+        if k > 40:
+            early = inputs._replace(now=inputs.now + 0.02)
+            np.testing.assert_array_equal(uneven.act(*early).action, found)
+        simulation.step(together.act(simulation.observation))

@@ -20,6 +20,9 @@ from lissajous_env.theory.locating import locate
 from lissajous_env.wording import shown
 from lissajous_env.world.row_outside import RowOutside
 
+_MOST_STEPS = 10
+"""Largest number of steps that a policy takes in a call."""
+
 
 class Output(NamedTuple):
     """Result of a call of `Onboard.act`."""
@@ -39,9 +42,11 @@ class Output(NamedTuple):
 class Onboard:
     """One robot's policy outside the simulator: on the robot's own computer, or in a simulator of another make.
 
-    Call `act` once in each control step of the scenario (`scenario.task.step`), also while the robot is stopped: a
-    policy counts its steps. Send `command_at(now)` to the actuators, as often as they require it. All times are of one
-    clock that the robots share; coordinates are those of the scenario, whose rectangle has its middle at the origin.
+    Call `act` once in each control step of the scenario (`scenario.task.step`), also while the robot is stopped. The
+    policy's steps follow the clock: after a call that was left out it takes two, and a call that comes more than half a
+    step early repeats the last action. Send `command_at(now)` to the actuators, as often as they require it. All times
+    are of one clock that the robots share; coordinates are those of the scenario, whose rectangle has its middle at the
+    origin.
 
     A robot stops, with the reason in `Output.stopped`, for what `Limits` describes, for input that is not finite, and
     after `stop()`. While it is stopped, its policy observes that the robot has failed, as in the simulator, and the
@@ -96,7 +101,7 @@ class Onboard:
         self._odometry: Odometry | None = None
         self._heard: list[Message | None] = [None, None]
         self._begun = self._now = math.nan
-        self._latched = ""
+        self._latched, self._steps = "", 0
         self._action = np.zeros(self.scenario.action_size, dtype=np.float32)
         self._numbers = (0.0,) * self._size
         self._command, self._since = self._actuation.stop, math.nan
@@ -163,7 +168,8 @@ class Onboard:
             return self._stopped(now, reason or "there is no pose yet")
         self._builder.see(robots, targets)
         row = self._fill(now, not reason, phase if odometry is self._odometry else None)
-        self._decide(row)
+        for _ in range(self._steps_due(now)):
+            self._decide(row)
         if not np.isfinite(self._action).all():
             reason = reason or "the action of the policy is not finite"
         if reason:
@@ -240,6 +246,13 @@ class Onboard:
         row = builder.fill(pose.x, pose.y, pose.heading, pose.speed, works, phase)
         self._phase = builder.phase
         return row
+
+    def _steps_due(self, now: float) -> int:
+        """Return how many steps the policy is behind the clock, which a call brings it up to: mostly one."""
+        now_done = round((now - self._begun) / self.scenario.task.step) + 1
+        due = min(max(now_done - self._steps, 0), _MOST_STEPS)
+        self._steps = max(now_done, self._steps)
+        return due
 
     def _decide(self, row: np.ndarray) -> None:
         self._rows_host[:] = row

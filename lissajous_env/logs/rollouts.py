@@ -14,7 +14,7 @@ from lissajous_env.world.robots.car import car_step, motor_push
 
 wp.set_module_options(OPTIONS)
 
-CONSTANTS = ("wheelbase", "drag", "drive", "offset", "dead_zone", "delay")
+CONSTANTS: tuple[str, ...] = ("wheelbase", "drag", "drive", "offset", "dead_zone", "delay")
 """Constants of a car in their order here: [m], [1/s], [m/s^2], [m/s^2], throttle, [s]."""
 
 _LONGEST = wp.constant(wp.float64(0.05))
