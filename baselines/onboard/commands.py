@@ -7,10 +7,10 @@ import warp as wp
 
 from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.devices import compile_quietly
+from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import RobotStruct
-from lissajous_env.device.program import launcher
 from lissajous_env.device.structs import to_struct
+from lissajous_env.device.work import Work
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
@@ -76,16 +76,18 @@ class Actuation:
         self._action, self._speed = (wp.zeros(size, dtype=wp.float32, device="cpu") for size in (2, 1))
         self._command = wp.zeros(1, dtype=wp.vec4, device="cpu")
         self._hosts = tuple(array.numpy() for array in (self._action, self._speed, self._command))
-        self._launch = launcher("cpu")
+        inputs = [self._robot, self._step, self._action, self._speed]
         rest = np.array(model_of(scenario.robot.kind).rest, dtype=np.float32)
         with compile_quietly():
+            device = as_device("cpu")
+            launch = wp.launch(to_physical, 1, inputs, [self._command], device=device, record_cmd=True)
+            self._work = Work([[[launch]]], device, 1)
             self.stop: Command | Twist = Twist(0.0, 0.0) if kind == "twist" else self.command(rest, 0.0)
 
     def command(self, action: np.ndarray, speed: float) -> Any:
         """Return the command of an action in [-1, 1], of a car at a speed [m/s]."""
         action_host, speed_host, command_host = self._hosts
         action_host[:], speed_host[0] = action[:2], speed
-        inputs = [self._robot, self._step, self._action, self._speed]
-        self._launch(to_physical, 1, inputs, [self._command])
+        self._work.lead()
         steering, tau, reached, yaw_rate = command_host[0].tolist()
         return Twist(reached, yaw_rate) if self._kind == "twist" else Command(steering, tau)

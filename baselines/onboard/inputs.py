@@ -27,7 +27,9 @@ class Odometry(NamedTuple):
     @property
     def is_finite(self) -> bool:
         """Return whether every number is finite."""
-        return all(math.isfinite(value) for value in self if value is not None)
+        stamp = self.stamp if self.speed_stamp is None else self.speed_stamp
+        # A sum is finite only if every number is; one that overflows belongs to no robot either.
+        return math.isfinite(self.x + self.y + self.heading + self.speed + self.stamp + stamp)
 
 
 class Message(NamedTuple):
@@ -50,9 +52,9 @@ class Message(NamedTuple):
 
     def is_sound(self, size: int) -> bool:
         """Return whether the numbers are finite, `size` of them are the policy's, and the phase is one."""
-        values = *self[1:6], *self.numbers
-        finite = all(math.isfinite(value) for value in values) and len(self.numbers) == size
-        return finite and abs(math.hypot(self.cos_phase, self.sin_phase) - 1) < 1e-3
+        total = self.sent_at + self.cos_phase + self.sin_phase + self.x + self.y + sum(self.numbers)
+        is_phase = abs(math.hypot(self.cos_phase, self.sin_phase) - 1) < 1e-3
+        return math.isfinite(total) and len(self.numbers) == size and is_phase
 
 
 def seen_rows(name: str, given: Any, width: int) -> np.ndarray:

@@ -158,7 +158,7 @@ class Onboard:
         reason = self._check_clock(now) or self._latched
         sound = self._check_odometry(now, odometry) or self._check_fence(odometry)
         reason = reason or sound or self._check_silence(now)
-        if not (np.isfinite(robots).all() and np.isfinite(targets).all()):
+        if not all(np.isfinite(rows).all() for rows in (robots, targets) if len(rows)):
             reason, robots, targets = reason or "what the sensor sees is not finite", robots[:0], targets[:0]
         if not works:
             reason = reason or "the robot does not work"
@@ -174,7 +174,8 @@ class Onboard:
             reason = reason or "the action of the policy is not finite"
         if reason:
             return self._stopped(now, reason)
-        self._numbers = tuple(np.clip(self._action[len(self._action) - self._size :], -1, 1).tolist())
+        if self._size:
+            self._numbers = tuple(np.clip(self._action[-self._size :], -1, 1).tolist())
         self._command, self._since = self._actuation.command(self._action, self._odometry.speed), now
         return self._output("")
 
