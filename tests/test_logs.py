@@ -17,6 +17,8 @@ from lissajous_env.world.columns import NAMES
 
 pytest.importorskip("rosbags")
 
+from rosbags.highlevel import AnyReader
+
 from lissajous_env.logs.reading import read
 from lissajous_env.logs.ros_types import rosbags, type_store
 from lissajous_env.logs.writing import START, save_mcap
@@ -86,8 +88,7 @@ def test_logs_of_every_kind_score_as_the_simulation_did(scenario, policy, tmp_pa
 def test_standard_tools_read_a_log(logged):
     # Oracle: the reader of rosbags, which knows nothing of us, and the types of ROS 2.
     recording, path = logged
-    highlevel, _ = rosbags()
-    with highlevel.AnyReader([path]) as reader:
+    with AnyReader([path]) as reader:
         kinds = {each.topic: (each.msgtype, each.msgcount) for each in reader.connections}
         markers = [each for each in reader.connections if each.topic == "/markers"]
         _, _, raw = next(reader.messages(markers))
@@ -104,7 +105,7 @@ def test_standard_tools_read_a_log(logged):
 
 def write_poses(path, tracks, topic, moved=(0.0, 0.0, 0.0)):
     """Write PoseStamped messages alone, of robots in a frame where the rectangle's middle is at `moved`."""
-    _, rosbag2 = rosbags()
+    rosbag2 = rosbags()
     store = type_store()
     types, kind = store.types, "geometry_msgs/msg/PoseStamped"
     with rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:

@@ -47,12 +47,12 @@ def read(
         ValueError: the file is damaged or no log, has no such topic, or poses that are not finite.
         OSError: the file cannot be read.
     """
-    highlevel, _ = rosbags()
+    rosbag2 = rosbags()
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(2, "there is no such log", str(path))
     try:
-        with highlevel.AnyReader([path], default_typestore=type_store()) as reader:
+        with rosbag2.Reader(path) as reader:
             return _Reading(reader, path.name, origin).log(tuple(topics), commands)
     except (OSError, _RefusedError):
         raise
@@ -71,6 +71,7 @@ class _Reading:
     def __init__(self, reader: Any, name: str, origin: tuple[float, float, float]):
         self._reader, self._name, self._origin = reader, name, origin
         self._connections = {each.topic: each for each in reader.connections}
+        self._store = type_store()  # of ROS alone: the types that a file defines are not compiled
 
     def log(self, topics: tuple[str, ...], commands: str) -> Log:
         names, numbers = self._expanded(topics)
@@ -116,7 +117,7 @@ class _Reading:
         """Return time [s] and content of each message of a topic, the time of its header if it has one."""
         found = []
         for connection, logged, raw in self._reader.messages([self._connections[topic]]):
-            message = self._reader.deserialize(raw, connection.msgtype)
+            message = self._store.deserialize_cdr(raw, connection.msgtype)
             stamp = message.header.stamp if hasattr(message, "header") else None
             time = logged / 1e9 if stamp is None or stamp.sec == 0 else stamp.sec + stamp.nanosec / 1e9
             found.append((time, message))

@@ -5,17 +5,17 @@ from typing import Any
 from lissajous_env.extras import missing
 
 
-def rosbags() -> tuple[Any, Any]:
-    """Return the modules of rosbags that read and write logs.
+def rosbags() -> Any:
+    """Return the module of rosbags that reads and writes logs.
 
     Raises:
         MissingExtraError: it is not installed.
     """
     try:
-        from rosbags import highlevel, rosbag2
+        from rosbags import rosbag2
     except ImportError as error:
         raise missing("a log (.mcap)", "logs", error) from error
-    return highlevel, rosbag2
+    return rosbag2
 
 
 def type_store() -> Any:

@@ -68,10 +68,12 @@ def save_mcap(recording: Recording, path: str | Path) -> None:
         MissingExtraError: rosbags, of the extra `logs`, is not installed.
         OSError: the file cannot be written.
     """
-    _, rosbag2 = rosbags()
+    rosbag2 = rosbags()
     store, folder = type_store(), Path(tempfile.mkdtemp(prefix="lissajous-"))
     try:
-        with rosbag2.Writer(folder / "log", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        writer = rosbag2.Writer(folder / "log", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
+        writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
+        with writer:
             _write(recording, _Topics(writer, store))
         (written,) = (folder / "log").glob("*.mcap")
         with replacing(path) as temporary:
