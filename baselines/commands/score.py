@@ -16,9 +16,11 @@ from lissajous_env.logs.scoring import GAP, own_scenario
 from lissajous_env.logs.scoring import score as score_log
 from lissajous_env.parameters import named
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.storage.files import write_atomically
 
 _Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
 _Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
+_Report = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _Out = Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")]
 
 
@@ -31,6 +33,7 @@ def score(
     episodes: int = 1,
     seed: int | None = None,
     out: _Out = (),
+    report: _Report = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
@@ -42,7 +45,7 @@ def score(
     Options:
         log: scenario, topics, origin, gap, set
         virtual targets: episodes, seed
-        files: out
+        files: out, report
 
     Args:
         log: rosbag2 file (.mcap) or folder; one that --out FILE.mcap wrote contains its own scenario.
@@ -53,6 +56,7 @@ def score(
         episodes: number of draws of virtual targets, each of which is scored.
         seed: seed of the first draw; by default that of the log, or 0.
         out: files to write: .csv (score rows), .html (page of the episode), or any other that `lissajous run` writes.
+        report: .html file to write: the report of a benchmark, with the log in place of a policy.
         output: Console output.
         overrides: fields changed in the scenario, as in --set sensing.radius=0.8
     """
@@ -64,6 +68,7 @@ def score(
         raise ValueError(f"episodes must be at least 1, got {episodes}")
     for file in out:
         check_file(file, ".csv", *FORMATS)
+    check_file(report, ".html")
     found = read(log, topics, origin=origin)
     given = named.scenario(scenario) if scenario is not None else own_scenario(found)
     if given is not None and overrides:
@@ -92,4 +97,9 @@ def score(
             console.print(f"wrote {file}", markup=False, highlight=False, soft_wrap=True)
         else:
             show(scored.recording, file, output)
+    if report is not None:
+        from baselines.benchmark.log_report import log_report
+
+        write_atomically(report, log_report(scored))
+        console.print(f"wrote {report}", markup=False, highlight=False, soft_wrap=True)
     output.print_json({"log": found.name, "start": scored.start, "notes": scored.notes, "episodes": scored.rows})

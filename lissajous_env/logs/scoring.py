@@ -41,6 +41,10 @@ class Scored:
     """Time of the log at which the episode begins [s]."""
     notes: tuple[str, ...]
     """What a reader of the scores should know."""
+    found: np.ndarray
+    """Times until the virtual targets were detected, of all rows [s]."""
+    unfound: np.ndarray
+    """Times for which the others were present [s]."""
 
 
 def own_scenario(log: Log) -> Scenario | None:
@@ -111,7 +115,9 @@ def score(
     ]
     recording = recorder.recording(name)
     recording = dataclasses.replace(recording, score=recording.score | unknown)
-    return Scored(made, rows, recording, float(times[0]), notes)
+    waited = [simulation.detection_times(world) for world in range(len(seeds))]
+    found, unfound = (np.concatenate([each[known == kept] for each, known in waited]) for kept in (True, False))
+    return Scored(made, rows, recording, float(times[0]), notes, found, unfound)
 
 
 def _moments(log: Log, step: float) -> np.ndarray:
