@@ -226,3 +226,12 @@ def test_the_steps_of_a_policy_follow_the_clock(policy):
             early = inputs._replace(now=inputs.now + 0.02)
             np.testing.assert_array_equal(uneven.act(*early).action, found)
         simulation.step(together.act(simulation.observation))
+
+
+def test_a_policy_is_restricted_to_a_robot_of_one_world():
+    with pytest.raises(ValueError, match="robot must be a whole number from 0 to 4, got 5"):
+        baselines.make("kuramoto-mpcc-safe", "experiment").restrict(5)
+    with pytest.raises(ValueError, match="must be for one world to be restricted, got 2"):
+        baselines.make("kuramoto-mpcc", "experiment", num_worlds=2).restrict(0)
+    with pytest.raises(ValueError, match="problem must be from 0 to 4"):
+        baselines.make("kuramoto-mpcc", "experiment").mpcc.restrict(-1)

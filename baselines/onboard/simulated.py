@@ -7,6 +7,7 @@ import warp as wp
 
 from baselines.onboard.inputs import Message, Odometry
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.devices import compile_quietly
 from lissajous_env.settings.checks import is_whole
 from lissajous_env.wording import shown
 from lissajous_env.world.observing import velocity
@@ -54,7 +55,8 @@ def inputs_of(simulation: Simulation, robot: int, world: int = 0) -> Inputs:
     if status[robot] == int(REMOVED):
         raise ValueError(f"robot must not have been removed, got {robot}")
     others = wp.zeros(n, dtype=wp.vec4, device=simulation.device)
-    wp.launch(see_others, n, [world, robot, state], [others], device=simulation.device)
+    with compile_quietly():
+        wp.launch(see_others, n, [world, robot, state], [others], device=simulation.device)
     others = others.numpy()
     cos_phase, sin_phase = state.measured_turn.numpy()[world, robot, :2].tolist()
     x, y, heading, speed = state.measured.numpy()[world, robot].tolist()

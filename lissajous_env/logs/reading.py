@@ -11,6 +11,7 @@ import numpy as np
 
 from lissajous_env.logs.log import Log, Series, Track
 from lissajous_env.logs.ros_types import rosbags, type_store
+from lissajous_env.settings.checks import is_whole
 from lissajous_env.wording import few_of, nearest
 
 EPISODE = "/lissajous/episode"
@@ -168,7 +169,12 @@ class _Reading:
     def _episode(self) -> dict[str, Any] | None:
         if EPISODE not in self._connections:
             return None
-        return json.loads(self._messages(EPISODE)[0][1].data)
+        episode = json.loads(self._messages(EPISODE)[0][1].data)
+        if not isinstance(episode, dict) or not isinstance(episode.get("scenario"), dict):
+            raise ValueError(f"its {EPISODE} must hold a scenario")
+        if not is_whole(seed := episode.get("seed")) or not 0 <= seed < 2**31:
+            raise ValueError(f"its {EPISODE} must hold the seed, a whole number from 0 to {2**31 - 1}")
+        return episode
 
 
 def _command_of(message: Any) -> list[float]:
