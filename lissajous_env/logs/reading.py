@@ -172,7 +172,8 @@ class _Reading:
         episode = json.loads(self._messages(EPISODE)[0][1].data)
         if not isinstance(episode, dict) or not isinstance(episode.get("scenario"), dict):
             raise ValueError(f"its {EPISODE} must hold a scenario")
-        if not is_whole(seed := episode.get("seed")) or not 0 <= seed < 2**31:
+        seed: Any = episode.get("seed")
+        if not is_whole(seed) or not 0 <= seed < 2**31:
             raise ValueError(f"its {EPISODE} must hold the seed, a whole number from 0 to {2**31 - 1}")
         return episode
 
