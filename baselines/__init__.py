@@ -15,6 +15,7 @@ from baselines.safety.filter import Safe, close
 
 __all__ = [
     "NumpyCoordinator",
+    "Onboard",
     "Policy",
     "Rows",
     "make",
@@ -39,5 +40,6 @@ register_wrapper("-close", "car", close, "with a filter that gives way late and 
 for _module in sorted(each.name for each in pkgutil.walk_packages(policies.__path__, f"{policies.__name__}.")):
     importlib.import_module(_module)
 
-# The planner imports policies, and those above are to be the first in the registry.
+# These import policies, and those above are to be the first in the registry.
+from baselines.onboard.robot import Onboard  # noqa: E402
 from baselines.planning.planner import plan  # noqa: E402

@@ -19,11 +19,25 @@ from pathlib import Path
 
 import figures
 import warp
-from speeds import Options, Part, act, cluster, contamination, controller, growth, memory, mixture, rogues, step, training
+from speeds import (
+    Options,
+    Part,
+    act,
+    cluster,
+    contamination,
+    controller,
+    growth,
+    memory,
+    mixture,
+    onboard,
+    rogues,
+    step,
+    training,
+)
 
 from lissajous_env.device.devices import cores
 
-_MODULES = (step, rogues, memory, contamination, growth, controller, act, mixture, training, cluster)
+_MODULES = (step, rogues, memory, contamination, growth, controller, act, onboard, mixture, training, cluster)
 PARTS = {each.PART.name: each.PART for each in _MODULES}
 
 

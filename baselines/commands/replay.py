@@ -49,8 +49,8 @@ def replay(
 
     Args:
         names: scenario and policy, or a policy's folder, as for `lissajous run`; or a recording (.npz) of it.
-        out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf or .npz; without it, a window opens: space
-            pauses, left and right step, escape quits.
+        out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf, .npz or .mcap; without it, a window opens:
+            space pauses, left and right step, escape quits.
         against: second policy, shown beside the first on the same seed; requires --out FILE.html.
         seed: seed of the episode; ignored for a recording.
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.

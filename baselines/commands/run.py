@@ -37,8 +37,8 @@ def run(
             the scenario that its policy was made for.
         seed: seed of the episode; the same seed repeats it.
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
-        out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf or .npz (a recording); without it, a window
-            opens if there is a display.
+        out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf, .npz (a recording) or .mcap (a log of
+            ROS); without it, a window opens if there is a display.
         rogues: script by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs
             a scenario with task.contamination; without it they move as the scenario says.
         output: Console output.

@@ -91,7 +91,7 @@ class Mpcc(Copyable):
         self.failed = self._zeros((batch,), wp.int32)
         self.failures = self._zeros((batch,), wp.int32)
         self._begin = self._zeros((batch,), wp.int32)
-        self._work = self._record()
+        self._work = self._record(0, batch)
 
     def solve(self, state: Any, phase_rate: Any, guess: Any = None) -> Solution:
         """Solve all K problems.
@@ -127,6 +127,12 @@ class Mpcc(Copyable):
             raise ValueError(f"mask must have shape {(self.batch,)}, got {chosen.shape}")
         self._begin.assign(np.where(chosen, EARLY, self._begin.numpy()).astype(np.int32))
 
+    def restrict(self, problem: int) -> None:
+        """Solve one problem alone from now on; the results of the others are no longer written."""
+        if not 0 <= problem < self.batch:
+            raise ValueError(f"problem must be from 0 to {self.batch - 1}, got {problem}")
+        self._work = self._record(problem, 1)
+
     def _zeros(self, shape: tuple[int, ...], dtype: Any = wp.float32) -> Any:
         return wp.zeros(shape, dtype=dtype, device=self.device)
 
@@ -145,16 +151,16 @@ class Mpcc(Copyable):
             setattr(scratch, name, array.transpose() if cpu else array)
         return scratch
 
-    def _record(self) -> Work:
+    def _record(self, first: int, count: int) -> Work:
         p, curve = to_struct(MpccStruct, self.parameters), curve_struct(self.curve, self.device)
         table, scratch = tabulate(self.curve, self.device), self._scratch()
         outputs = [self.control, self.trajectory, self.cost, self.iterations, self.failed, self.failures]
 
         def inputs(low: int) -> list[Any]:
-            return [p, curve, table, low, self.state, self.phase_rate, scratch, self._begin]
+            return [p, curve, table, first + low, self.state, self.phase_rate, scratch, self._begin]
 
         with compile_quietly():
-            return shared_launch(kernel.solve, self.batch, inputs, outputs, self.device, self.threads, SMALLEST_SHARE)
+            return shared_launch(kernel.solve, count, inputs, outputs, self.device, self.threads, SMALLEST_SHARE)
 
 
 def _is_on_host(value: Any) -> bool:

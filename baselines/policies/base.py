@@ -16,6 +16,7 @@ from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import is_whole
 from lissajous_env.wording import few_of, shown
 from lissajous_env.world.observation import layout
 from lissajous_env.world.selection import whole_number, world_mask
@@ -89,6 +90,20 @@ class Policy(Copyable):
             instead, and return None.
         """
         raise NotImplementedError(f"{type(self).__name__} must have a method decide(observation) that returns actions")
+
+    def restrict(self, robot: int) -> None:
+        """Leave out, from now on, what takes long and serves other robots than one; their actions are not used.
+
+        A subclass whose robots take long overrides this; by default a policy restricts the policies that it contains.
+
+        Raises:
+            ValueError: there is no such robot.
+        """
+        if not is_whole(robot) or not 0 <= robot < self.num_robots:
+            raise ValueError(f"robot must be a whole number from 0 to {self.num_robots - 1}, got {shown(robot)}")
+        for part in vars(self).values():
+            if isinstance(part, Policy):
+                part.restrict(robot)
 
     def forget(self, mask: np.ndarray) -> None:
         """Forget what is remembered of the worlds in a mask (W,), whose episodes begin anew."""

@@ -42,7 +42,7 @@ def check_file(out: Path | None, *suffixes: str) -> None:
 
     Raises:
         ValueError: the suffix is unknown, the path is a folder, or its parent is missing or not writable.
-        MissingExtraError: the library for .mp4 is not installed.
+        MissingExtraError: the library for .mp4 or .mcap is not installed.
     """
     if out is None:
         return
@@ -53,6 +53,10 @@ def check_file(out: Path | None, *suffixes: str) -> None:
         from lissajous_env.render import mp4
 
         mp4.pyav()
+    if out.suffix.lower() == ".mcap":
+        from lissajous_env.logs.ros_types import rosbags
+
+        rosbags()
     check_writable_file(out)
 
 
@@ -93,6 +97,10 @@ def show(
             film.save_film(recording, out, fps=fps, speed=speed, on_frame=lambda: progress.advance(task))
         elif suffix in film.STILLS:
             film.save_sheet(recording, out)
+        elif suffix == ".mcap":
+            from lissajous_env.logs.writing import save_mcap
+
+            save_mcap(recording, out)
         else:
             recording.save(out)
     output.console().print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)

@@ -67,6 +67,48 @@ def observe_self(
 
 
 @wp.func
+def put_message(
+    w: int,
+    i: int,
+    start: int,
+    age: float,
+    message: wp.vec4,
+    own: wp.vec4,
+    turn: wp.vec4,
+    curve: CurveStruct,
+    observation_out: wp.array3d(dtype=float),
+):
+    """Fill the entries of a ring neighbour's message, of `Links.heard`; `own` and `turn` are those of `Robots`.
+
+    The age is in the unit of its entry.
+    """
+    observation_out[w, i, start] = 1.0
+    observation_out[w, i, start + 1] = wp.min(age, 1.0)
+    observation_out[w, i, start + 2] = wp.clamp(message[0] * turn[0] + message[1] * turn[1], -1.0, 1.0)
+    observation_out[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
+    observation_out[w, i, start + 4] = far(0.5 * (message[2] - own[0]) / curve.half_width)
+    observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
+
+
+@wp.func
+def put_robot(w: int, i: int, entry: int, offset: wp.vec2, relative: wp.vec2, observation_out: wp.array3d(dtype=float)):
+    """Fill the entries of a robot in the disc, of its scaled place and velocity."""
+    observation_out[w, i, entry] = 1.0
+    observation_out[w, i, entry + 1] = offset[0]
+    observation_out[w, i, entry + 2] = offset[1]
+    observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
+    observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
+
+
+@wp.func
+def put_target(w: int, i: int, entry: int, offset: wp.vec2, observation_out: wp.array3d(dtype=float)):
+    """Fill the entries of a target in the disc, of its scaled place."""
+    observation_out[w, i, entry] = 1.0
+    observation_out[w, i, entry + 1] = offset[0]
+    observation_out[w, i, entry + 2] = offset[1]
+
+
+@wp.func
 def observe_ring(
     w: int,
     i: int,
@@ -86,13 +128,8 @@ def observe_ring(
         if heard_at < 0 or robots.status[w, i] == REMOVED:
             clear(w, i, start, start + LINK, observation_out)
         else:
-            message = links.heard[w, i, side]
-            observation_out[w, i, start] = 1.0
-            observation_out[w, i, start + 1] = wp.min(float(now - heard_at) * age_per_step, 1.0)
-            observation_out[w, i, start + 2] = wp.clamp(message[0] * turn[0] + message[1] * turn[1], -1.0, 1.0)
-            observation_out[w, i, start + 3] = wp.clamp(message[1] * turn[0] - message[0] * turn[1], -1.0, 1.0)
-            observation_out[w, i, start + 4] = far(0.5 * (message[2] - own[0]) / curve.half_width)
-            observation_out[w, i, start + 5] = far(0.5 * (message[3] - own[1]) / curve.half_height)
+            age = float(now - heard_at) * age_per_step
+            put_message(w, i, start, age, links.heard[w, i, side], own, turn, curve, observation_out)
 
 
 _IN_DISC = """
@@ -229,11 +266,7 @@ def observe_robots(
         j = int(bins.nearest[w, i, k][1])
         offset = (planar(robots.position[w, j]) - planar(robots.position[w, i])) / sensing.radius
         relative = (velocity(w, j, robots) - velocity(w, i, robots)) / (2.0 * speed_unit)
-        observation_out[w, i, entry] = 1.0
-        observation_out[w, i, entry + 1] = offset[0]
-        observation_out[w, i, entry + 2] = offset[1]
-        observation_out[w, i, entry + 3] = wp.clamp(relative[0], -1.0, 1.0)
-        observation_out[w, i, entry + 4] = wp.clamp(relative[1], -1.0, 1.0)
+        put_robot(w, i, entry, offset, relative, observation_out)
         entry += ROBOT
     empty(w, i, entry, ROBOT, sensing.robots_seen - kept, observation_out)
 
@@ -253,9 +286,7 @@ def observe_targets(
     entry = OWN + 2 * LINK + ROBOT * sensing.robots_seen
     for k in range(kept):
         offset = (targets.position[w, int(bins.nearest[w, i, k][1])] - robots.sensor[w, i]) / sensing.radius
-        observation_out[w, i, entry] = 1.0
-        observation_out[w, i, entry + 1] = offset[0]
-        observation_out[w, i, entry + 2] = offset[1]
+        put_target(w, i, entry, offset, observation_out)
         entry += TARGET
     empty(w, i, entry, TARGET, sensing.targets_seen - kept, observation_out)
 

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.devices import as_device, check_room, compile_quietly, copy_in, cores
-from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, Program, split_of
+from lissajous_env.device.program import BIN, FIELD_ROW, ROBOT, ROW, TARGET, Program, Stage, split_of
 from lissajous_env.device.turns import Turn, in_turn
 from lissajous_env.device.warp_abi import fields_of, name_of
 from lissajous_env.parameters import named
@@ -281,8 +281,13 @@ class Simulation:
         sizes[BIN] = values["bins"].columns * values["bins"].rows
         place = self.num_worlds, self.device, self.split
         self._extended = ExtensionStages(self.scenario, self._structs, self.observation)
-        self._reset = Program(self._extended.reset_stages(reset_stages(self.scenario)), values, sizes, *place)
-        self._step = Program(self._extended.step_stages(step_stages(self.scenario, self.rogues)), values, sizes, *place)
+        at_reset, at_step = self._own_stages()
+        self._reset = Program(self._extended.reset_stages(at_reset), values, sizes, *place)
+        self._step = Program(self._extended.step_stages(at_step), values, sizes, *place)
+
+    def _own_stages(self) -> tuple[list[Stage], list[Stage]]:
+        """Return the stages of a reset and of a step without those of extensions."""
+        return reset_stages(self.scenario), step_stages(self.scenario, self.rogues)
 
     def _take(self, action: Any) -> None:
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:

@@ -72,6 +72,13 @@ class WithMpcc(Coordinated):
         parameters = parameters or MpccParameters.of(self.scenario)
         self.mpcc = Mpcc(self.scenario.curve, parameters, batch=num_worlds * self.num_robots, device=self.device)
 
+    def restrict(self, robot: int) -> None:
+        """Solve the problem of one robot alone."""
+        super().restrict(robot)
+        if self.num_worlds > 1:
+            raise ValueError(f"policy must be for one world to be restricted, got {self.num_worlds}")
+        self.mpcc.restrict(robot)
+
     def forget(self, mask: np.ndarray) -> None:
         """Forget what is kept of these worlds."""
         super().forget(mask)

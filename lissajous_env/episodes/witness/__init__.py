@@ -21,9 +21,9 @@ from typing import Any
 
 from lissajous_env.episodes.evaluation import ActingPolicy, name_of
 from lissajous_env.episodes.guarantee import check_follows
+from lissajous_env.episodes.witness.nearest import longest_ways
 from lissajous_env.episodes.witness.played import Played, Watcher, Way, play, resolution
 from lissajous_env.episodes.witness.replayed import Replayed, replay
-from lissajous_env.episodes.witness.nearest import longest_ways
 from lissajous_env.episodes.witness.search import longest_way
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario

@@ -1,0 +1,114 @@
+"""The command `lissajous identify`: the constants of the car model, fitted to a log."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from lissajous_env.console.recordings import check_file
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_left_out, print_table
+from lissajous_env.logs.reading import COMMAND, ODOMETRY
+from lissajous_env.parameters.scenario_file import as_toml
+
+if TYPE_CHECKING:
+    from lissajous_env.logs.identification import Identified
+    from lissajous_env.parameters.scenario import Scenario
+
+_Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+_Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
+_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+
+
+def identify(
+    log: _Log,
+    scenario: _Scenario = None,
+    topics: tuple[str, ...] = ODOMETRY,
+    commands: str = COMMAND,
+    out: _Out = None,
+    output: OutputOptions = DEFAULT_OUTPUT,
+) -> None:
+    """Fit the car model to a log of poses and commands, and print its constants with standard errors.
+
+    Example:
+        lissajous identify lab.mcap --out lab-cars.toml
+
+    Args:
+        log: rosbag2 file (.mcap) or folder, with poses and commands of one or more cars.
+        scenario: name of a scenario, .toml file, or module:attribute, from whose car the fit starts; by default that of
+            the log, or the paper's experiment.
+        topics: topics of the robots' poses in their order, or one name in which {} stands for 0, 1, 2 ...
+        commands: topic of the commands with {}: sensor_msgs/JointState with the joints steering [rad] and throttle, or
+            std_msgs/Float64MultiArray of the two.
+        out: .toml file to write: a scenario with these cars.
+        output: Console output.
+    """
+    from lissajous_env.logs.identification import identify as fit
+    from lissajous_env.logs.reading import read
+    from lissajous_env.logs.scoring import own_scenario
+    from lissajous_env.parameters import named
+    from lissajous_env.storage.files import write_atomically
+
+    check_file(out, ".toml")
+    found = read(log, topics, commands)
+    given = named.scenario(scenario) if scenario is not None else own_scenario(found) or named.scenario("experiment")
+    if given.robot.kind != "car":
+        raise ValueError(f"scenario must be of robots of kind car, got {given.robot.kind}")
+    if not found.commands:
+        raise ValueError(f"log {found.name} must have commands on a topic {commands}, got none")
+    cars = {
+        robot: fit(found.tracks[robot], series, given.robot, found.statuses.get(robot))
+        for robot, series in found.commands.items()
+    }
+    _print(output, cars)
+    if out is not None:
+        write_atomically(out, _as_toml(cars, given, found.name))
+        output.console().print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
+    output.print_json({
+        str(robot): {"values": car.values, "errors": car.errors, "residual": car.residual, "samples": car.samples}
+        for robot, car in cars.items()
+    })  # fmt: skip
+
+
+_UNITS = {"wheelbase": "m", "drag": "1/s", "drive": "m/s^2", "offset": "m/s^2", "dead_zone": "", "delay": "s"}
+
+
+def _print(output: OutputOptions, cars: "dict[int, Identified]") -> None:
+    titles = [f"{name.replace('_', ' ')}\n[{unit}]" if unit else f"{name}\n" for name, unit in _UNITS.items()]
+    columns = [Column("robot"), *map(Column, titles)]
+    columns += map(Column, ("residual of\nx, y [m]", "of heading\n[rad]", "of speed\n[m/s]", "poses"))
+    rows = []
+    for robot, car in cars.items():
+        cells = [_with_error(car.values[name], car.errors[name]) for name in _UNITS]
+        rows.append([str(robot), *cells, *(f"{car.residual[name]:.2g}" for name in car.residual), f"{car.samples:,}"])
+    console = output.console()
+    left_out = print_table(console, columns, rows)
+    print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+    if any(math.isnan(car.errors["dead_zone"]) for car in cars.values()):
+        words = "(given): the log does not determine this constant; no throttle in it lies within the dead zone."
+        console.print(words, markup=False, highlight=False, soft_wrap=True)
+
+
+def _with_error(value: float, error: float) -> str:
+    """Return a value with its standard error in brackets, to two digits of the error."""
+    if math.isnan(error):
+        return f"{value:g} (given)"
+    digits = min(max(1 - math.floor(math.log10(max(error, 1e-9))), 0), 6)
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
+
+
+def _as_toml(cars: "dict[int, Identified]", scenario: "Scenario", log: str) -> str:
+    """Return the file of a scenario with the mean of the cars, the standard errors in comments."""
+    mean, lines = {}, [f"# Cars identified from {log}: means with standard errors."]
+    for name, unit in _UNITS.items():
+        values = [car.values[name] for car in cars.values()]
+        mean[name] = float(f"{sum(values) / len(values):.6g}")
+        error = math.sqrt(sum(car.errors[name] ** 2 for car in cars.values())) / len(cars)
+        lines.append(f"# {name} = {_with_error(mean[name], error)} {unit}".rstrip())
+    lines.append("# A scenario has no delay of the commands.")
+    del mean["delay"]
+    robot = scenario.robot
+    limits = {"speed_max": None, "throttle_max": robot.full_throttle, "drive_factors": ()}
+    made = replace(scenario, robot=replace(robot, **limits, **mean))
+    return "\n".join([*lines, as_toml(made)])

@@ -1,0 +1,105 @@
+"""The command `lissajous score`: a log of robots, scored as the simulation scores its own episodes."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich import progress as bars
+
+from baselines.benchmark.progress import bar
+from baselines.commands.playing import FORMATS, progress_console
+from lissajous_env.console.recordings import check_file, show
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
+from lissajous_env.logs.reading import ODOMETRY
+from lissajous_env.logs.scoring import GAP, own_scenario
+from lissajous_env.logs.scoring import score as score_log
+from lissajous_env.parameters import named
+from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.storage.files import write_atomically
+
+_Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+_Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
+_Report = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+_Out = Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")]
+
+
+def score(
+    log: _Log,
+    scenario: _Scenario = None,
+    topics: tuple[str, ...] = ODOMETRY,
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    gap: float = GAP,
+    episodes: int = 1,
+    seed: int | None = None,
+    out: _Out = (),
+    report: _Report = None,
+    output: OutputOptions = DEFAULT_OUTPUT,
+    overrides: Overrides = (),
+) -> None:
+    """Score a log of robots with the simulation's score; its targets are virtual.
+
+    Example:
+        lissajous score lab.mcap --scenario lab.toml --episodes 16 --out lab.html
+
+    Options:
+        log: scenario, topics, origin, gap, set
+        virtual targets: episodes, seed
+        files: out, report
+
+    Args:
+        log: rosbag2 file (.mcap) or folder; one that --out FILE.mcap wrote contains its own scenario.
+        scenario: name of a scenario, .toml file, or module:attribute; its robots and rectangle are those of the log.
+        topics: topics of the robots' poses in their order, or one name in which {} stands for 0, 1, 2 ...
+        origin: x, y [m] and heading [rad] of the middle of the rectangle in the frame of the log.
+        gap: longest time without a pose during which a robot counts as working [s].
+        episodes: number of draws of virtual targets, each of which is scored.
+        seed: seed of the first draw; by default that of the log, or 0.
+        out: files to write: .csv (score rows), .html (page of the episode), or any other that `lissajous run` writes.
+        report: .html file to write: the report of a benchmark, with the log in place of a policy.
+        output: Console output.
+        overrides: fields changed in the scenario, as in --set sensing.radius=0.8
+    """
+    from baselines.benchmark import summary_files, tables
+    from baselines.benchmark.comparison import statistics, with_derived
+    from lissajous_env.logs.reading import read
+
+    if episodes < 1:
+        raise ValueError(f"episodes must be at least 1, got {episodes}")
+    for file in out:
+        check_file(file, ".csv", *FORMATS)
+    check_file(report, ".html")
+    found = read(log, topics, origin=origin)
+    given = named.scenario(scenario) if scenario is not None else own_scenario(found)
+    if given is not None and overrides:
+        given = named.scenario(given, **parse_overrides(overrides))
+    first = seed if seed is not None else int((found.episode or {}).get("seed", 0))
+    steps = math.floor((found.end - found.start) / given.task.step) if given is not None else 0
+    with bar(progress_console(output), bars.TextColumn("{task.description}")) as shown_bar:
+        task = shown_bar.add_task(f"scoring {found.name}", total=max(steps, 1))
+        scored = score_log(found, given, range(first, first + episodes), gap, lambda: shown_bar.advance(task))
+    console, (name, *_) = output.console(), [row["policy"] for row in scored.rows]
+    lasts = scored.scenario.task.duration
+    words = f"{found.name}: {len(found.tracks)} robots, {lasts:g} s from {scored.start:.3f} s on"
+    console.print(words, markup=False, highlight=False, soft_wrap=True)
+    if episodes == 1:
+        tables.print_row(console, scored.rows[0])
+    else:
+        of = statistics(with_derived(scored.rows, {scored.scenario.name: scored.scenario}))
+        for scenario_name, policies in of.items():
+            left_out = tables.print_scores(console, name, scenario_name, policies[name])
+            print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
+    for note in scored.notes:
+        console.print(f"note: {note}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+    for file in out:
+        if file.suffix.lower() == ".csv":
+            summary_files.write_csv(file, scored.rows)
+            console.print(f"wrote {file}", markup=False, highlight=False, soft_wrap=True)
+        else:
+            show(scored.recording, file, output)
+    if report is not None:
+        from baselines.benchmark.log_report import log_report
+
+        write_atomically(report, log_report(scored))
+        console.print(f"wrote {report}", markup=False, highlight=False, soft_wrap=True)
+    output.print_json({"log": found.name, "start": scored.start, "notes": scored.notes, "episodes": scored.rows})

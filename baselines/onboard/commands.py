@@ -1,0 +1,93 @@
+"""Commands of a car in physical units, made of an action by the functions by which the simulated car takes it."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.car_input import steering_angle, throttle
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.devices import as_device, compile_quietly
+from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.structs import to_struct
+from lissajous_env.device.work import Work
+from lissajous_env.parameters.robot_models import model_of
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.wording import shown
+from lissajous_env.world.robots.car import car_rate, car_step, motor_push
+
+wp.set_module_options(OPTIONS)
+
+KINDS = ("car", "twist")
+
+
+class Command(NamedTuple):
+    """Command of a car."""
+
+    steering: float
+    """Steering angle, positive to the left [rad]."""
+    throttle: float
+    """Throttle tau of (12), from `robot.throttle_min` to `robot.throttle_max`."""
+
+
+class Twist(NamedTuple):
+    """Command of a robot that controls its velocity itself."""
+
+    speed: float
+    """Speed forwards [m/s]."""
+    yaw_rate: float
+    """Yaw rate, positive to the left [rad/s]."""
+
+
+@wp.kernel
+def to_physical(
+    robot: RobotStruct,
+    step: float,
+    action: wp.array(dtype=float),
+    speed: wp.array(dtype=float),
+    command_out: wp.array(dtype=wp.vec4),
+):
+    """Write steering angle [rad], throttle, speed at the end of the step [m/s], and yaw rate at it [rad/s], by (12)."""
+    k = wp.tid()
+    steering = steering_angle(robot, wp.clamp(action[0], -1.0, 1.0))
+    tau = throttle(robot, wp.clamp(action[1], -1.0, 1.0))
+    push = motor_push(robot, robot.drive, tau)
+    curvature = wp.tan(steering) / robot.wheelbase
+    moved = car_step(robot, wp.vec4(0.0, 0.0, 0.0, wp.max(speed[0], 0.0)), curvature, push, step)
+    rate = car_rate(robot, moved, curvature, push)
+    command_out[k] = wp.vec4(steering, tau, moved[3], rate[2])
+
+
+class Actuation:
+    """Conversion of the actions of a scenario's cars into commands of one kind.
+
+    A `Twist` has the speed that the car of the scenario would reach at the end of the control step, and the yaw rate
+    that this car has at that speed and steering angle.
+
+    Raises:
+        ValueError: an unknown kind of command.
+    """
+
+    def __init__(self, scenario: Scenario, kind: str):
+        if kind not in KINDS:
+            raise ValueError(f"command must be one of {', '.join(KINDS)}, got {shown(kind)}")
+        self._kind, self._step = kind, scenario.task.step
+        self._robot = to_struct(RobotStruct, scenario.robot)
+        self._action, self._speed = (wp.zeros(size, dtype=wp.float32, device="cpu") for size in (2, 1))
+        self._command = wp.zeros(1, dtype=wp.vec4, device="cpu")
+        self._hosts = tuple(array.numpy() for array in (self._action, self._speed, self._command))
+        inputs = [self._robot, self._step, self._action, self._speed]
+        rest = np.array(model_of(scenario.robot.kind).rest, dtype=np.float32)
+        with compile_quietly():
+            device = as_device("cpu")
+            launch = wp.launch(to_physical, 1, inputs, [self._command], device=device, record_cmd=True)
+            self._work = Work([[[launch]]], device, 1)
+            self.stop: Command | Twist = Twist(0.0, 0.0) if kind == "twist" else self.command(rest, 0.0)
+
+    def command(self, action: np.ndarray, speed: float) -> Any:
+        """Return the command of an action in [-1, 1], of a car at a speed [m/s]."""
+        action_host, speed_host, command_host = self._hosts
+        action_host[:], speed_host[0] = action[:2], speed
+        self._work.lead()
+        steering, tau, reached, yaw_rate = command_host[0].tolist()
+        return Twist(reached, yaw_rate) if self._kind == "twist" else Command(steering, tau)

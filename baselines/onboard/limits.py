@@ -1,0 +1,54 @@
+"""The rules by which a robot outside the simulator stops."""
+
+from dataclasses import dataclass
+
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked, number
+from lissajous_env.theory.geometry import turning_radius
+
+_FOREVER = 1e9
+
+
+def _limit(unit: str) -> float | None:
+    return number(None, 0, _FOREVER, unit, or_infinite=True)
+
+
+@dataclass(frozen=True)
+class Limits(Checked):
+    """Limits beyond which a robot stops; infinite for no limit.
+
+    After a jump of the clock, or outside the fence, a robot stays stopped until `Onboard.resume`.
+    """
+
+    pose_age: float | None = _limit("s")
+    """Age of the pose, or of the speed [s]; None means 2.5 control steps."""
+    fence: float | None = _limit("m")
+    """Distance of the robot's centre beyond the rectangle [m]; None means the diameter of its turning circle, which
+    a car needs to come back."""
+    clock_jump: float | None = _limit("s")
+    """Deviation of the time between two calls from a control step, and how far ahead of the own clock a time stamp may
+    be [s]; None means 2.5 control steps. A clock that stands still or goes back has jumped."""
+    silence: float | None = _limit("s")
+    """Age of the last message of a ring neighbour [s], for policies that use messages; None means the age from which
+    policies ignore a message, `Scenario.time_unit`. From the first call on, a neighbour that was not heard yet counts
+    as silent for the time since then."""
+    watchdog: float | None = number(None, 1e-3, _FOREVER, "s")
+    """Time for which a command is valid [s]; None means 2.5 control steps."""
+
+    def of(self, scenario: Scenario) -> "Limits":
+        """Return the limits of a scenario, in which none is None."""
+        some, robot = 2.5 * scenario.task.step, scenario.robot
+        derived = {
+            "pose_age": some,
+            "fence": 2 * turning_radius(robot.wheelbase, robot.steering_max),
+            "clock_jump": some,
+            "silence": scenario.time_unit,
+            "watchdog": some,
+        }
+        given = {name: getattr(self, name) for name in derived}
+        return Limits(**{name: derived[name] if value is None else value for name, value in given.items()})
+
+    @classmethod
+    def none(cls) -> "Limits":
+        """Return limits that stop a robot only for numbers that are not finite, and a clock that goes back."""
+        return cls(pose_age=float("inf"), fence=float("inf"), clock_jump=float("inf"), silence=float("inf"))

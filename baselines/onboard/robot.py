@@ -1,0 +1,287 @@
+"""One robot's policy outside the simulator."""
+
+import math
+import os
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from baselines.onboard.commands import Actuation, Command, Twist
+from baselines.onboard.inputs import Message, Odometry, seen_rows
+from baselines.onboard.limits import Limits
+from baselines.policies import factories
+from baselines.policies.base import Policy
+from lissajous_env import scenario as make_scenario
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import is_whole
+from lissajous_env.theory.locating import locate
+from lissajous_env.wording import shown
+from lissajous_env.world.row_outside import RowOutside
+
+_MOST_STEPS = 10
+"""Largest number of steps that a policy takes in a call."""
+
+
+class Output(NamedTuple):
+    """Result of a call of `Onboard.act`."""
+
+    command: Command | Twist
+    """Command until the next call; that of a robot at rest if the robot is stopped."""
+    message: Message | None
+    """Message to both ring neighbours; None before the first valid pose."""
+    stopped: str
+    """Reason for which the robot is stopped; empty while it drives."""
+    action: np.ndarray
+    """(A,) action of the policy in [-1, 1], also where the robot is stopped; zeros before the first valid pose."""
+    row: np.ndarray
+    """(D,) observation row on which the policy decided."""
+
+
+class Onboard:
+    """One robot's policy outside the simulator: on the robot's own computer, or in a simulator of another make.
+
+    Call `act` once in each control step of the scenario (`scenario.task.step`), also while the robot is stopped. The
+    policy's steps follow the clock: after a call that was left out it takes two, and a call that comes more than half a
+    step early repeats the last action. Send `command_at(now)` to the actuators, as often as they require it. All times
+    are of one clock that the robots share; coordinates are those of the scenario, whose rectangle has its middle at the
+    origin.
+
+    A robot stops, with the reason in `Output.stopped`, for what `Limits` describes, for input that is not finite, and
+    after `stop()`. While it is stopped, its policy observes that the robot has failed, as in the simulator, and the
+    robot still sends its phase, so that its neighbours slow down.
+
+    Args:
+        policy: A name, a checkpoint's folder, `module:factory`, a factory, or a policy for one world.
+        scenario: The scenario that the robots play, of cars.
+        robot: Index of this robot, from 0.
+        command: `car` for steering angle and throttle; `twist` for speed and yaw rate.
+        limits: The limits beyond which the robot stops.
+
+    Attributes:
+        neighbours: Indices of the two ring neighbours, whose messages the robot requires: the previous and the next
+            one, -1 for none.
+
+    Raises:
+        ValueError: an unknown policy or scenario, robots that are not cars, an index out of range, an unknown kind of
+            command, or observation entries of extensions, which are computed of a simulated world.
+    """
+
+    def __init__(
+        self,
+        policy: Any,
+        scenario: str | os.PathLike[str] | Scenario,
+        robot: int,
+        command: str = "car",
+        limits: Limits | None = None,
+    ):
+        self.scenario = make_scenario(scenario).resolve()
+        if self.scenario.robot.kind != "car":
+            raise ValueError(f"scenario must be of robots of kind car, got {self.scenario.robot.kind}")
+        n = self.scenario.num_robots
+        if not is_whole(robot) or not 0 <= robot < n:
+            raise ValueError(f"robot must be a whole number from 0 to {n - 1}, got {shown(robot)}")
+        self.robot = int(robot)
+        self.neighbours = tuple(int(each) for each in self.scenario.neighbours[self.robot])
+        self.limits: Any = (limits or Limits()).of(self.scenario)
+        self._policy = _made(policy, self.scenario, self.robot)
+        self._listens = getattr(self._policy, "communicates", "nothing") != "nothing"
+        self._builder = RowOutside(self.scenario)
+        self._actuation = Actuation(self.scenario, command)
+        self._rows = wp.zeros((1, n, len(self._builder.row)), dtype=wp.float32, device="cpu")
+        self._rows_host = self._rows.numpy()
+        self._size = self.scenario.messages.size
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: begin anew, as at the beginning of an episode. A stopped robot is no longer stopped."""
+        self._policy.reset()
+        self._phase: float | None = None
+        self._odometry: Odometry | None = None
+        self._heard: list[Message | None] = [None, None]
+        self._begun = self._now = math.nan
+        self._latched, self._steps = "", 0
+        self._action = np.zeros(self.scenario.action_size, dtype=np.float32)
+        self._numbers = (0.0,) * self._size
+        self._command, self._since = self._actuation.stop, math.nan
+
+    def stop(self, reason: str = "the robot was told to stop") -> None:
+        """Stop the robot until `resume`; `command_at` returns the command of rest at once."""
+        self._latched = self._latched or reason
+        self._command = self._actuation.stop
+
+    def resume(self) -> None:
+        """Let a robot drive again that was told to stop, whose clock jumped, or that had left the fence.
+
+        Its phase is found anew by its next pose, because it may have been moved.
+        """
+        self._latched, self._phase = "", None
+
+    def command_at(self, now: float) -> Any:
+        """Return the command for the actuators at a time [s]: the latest, or that of rest if it is not valid any more.
+
+        A command is valid for `limits.watchdog` from the call of `act` that returned it.
+        """
+        valid = 0 <= now - self._since <= self.limits.watchdog  # False for a time that is not a number
+        return self._command if valid else self._actuation.stop
+
+    def act(
+        self,
+        now: float,
+        odometry: Odometry | None,
+        heard: Sequence[Message] = (),
+        robots: Any = (),
+        targets: Any = (),
+        phase: tuple[float, float] | None = None,
+        works: bool = True,
+    ) -> Output:
+        """Decide on the command of the next control step.
+
+        Args:
+            now: Time [s].
+            odometry: The latest pose and speed; None if there is none yet.
+            heard: Messages that were received, at least those since the last call. The latest one of each ring
+                neighbour counts; those of other robots, and damaged ones, are ignored.
+            robots: What the sensor sees of other robots: (K, 4) relative x, y [m] and relative velocity [m/s], in the
+                directions of the axes.
+            targets: The same of targets: (K, 2) relative x, y [m].
+            phase: Cosine and sine of the robot's phase, where it is known; by default the phase follows the curve as
+                in the simulator, from the place that the first pose shows.
+            works: False if the robot cannot move now; it is then stopped.
+
+        Raises:
+            ValueError: `robots` or `targets` have another shape.
+        """
+        robots, targets = seen_rows("robots", robots, 4), seen_rows("targets", targets, 2)
+        self._listen(now, heard)
+        reason = self._check_clock(now) or self._latched
+        sound = self._check_odometry(now, odometry) or self._check_fence(odometry)
+        reason = reason or sound or self._check_silence(now)
+        if not all(np.isfinite(rows).all() for rows in (robots, targets) if len(rows)):
+            reason, robots, targets = reason or "what the sensor sees is not finite", robots[:0], targets[:0]
+        if not works:
+            reason = reason or "the robot does not work"
+        if odometry is not None and odometry.is_finite:
+            self._odometry = odometry
+        if self._odometry is None or not math.isfinite(now):
+            return self._stopped(now, reason or "there is no pose yet")
+        self._builder.see(robots, targets)
+        row = self._fill(now, not reason, phase if odometry is self._odometry else None)
+        for _ in range(self._steps_due(now)):
+            self._decide(row)
+        if not np.isfinite(self._action).all():
+            reason = reason or "the action of the policy is not finite"
+        if reason:
+            return self._stopped(now, reason)
+        if self._size:
+            self._numbers = tuple(np.clip(self._action[-self._size :], -1, 1).tolist())
+        self._command, self._since = self._actuation.command(self._action, self._odometry.speed), now
+        return self._output("")
+
+    def _listen(self, now: float, heard: Sequence[Message]) -> None:
+        for message in heard:
+            if message.sender >= 0 and message.sender in self.neighbours and message.is_sound(self._size):
+                side = self.neighbours.index(message.sender)
+                known = self._heard[side]
+                comes_later = known is None or message.sent_at >= known.sent_at
+                if comes_later and message.sent_at - now <= self.limits.clock_jump:
+                    self._heard[side] = message
+
+    def _check_clock(self, now: float) -> str:
+        """Return what is wrong with the clock; a robot whose clock jumps stays stopped."""
+        before, step, limit = self._now, self.scenario.task.step, self.limits.clock_jump
+        if not math.isfinite(now):
+            return "the clock is not finite"
+        self._now = now
+        if math.isnan(before):
+            self._begun = now
+        elif now <= before:
+            self.stop(f"the clock went back by {before - now:.3g} s")
+        elif abs(now - before - step) > limit:
+            self.stop(f"the clock jumped by {now - before:.3g} s, where a step of {step:g} s may be off by {limit:g} s")
+        return ""
+
+    def _check_odometry(self, now: float, odometry: Odometry | None) -> str:
+        if odometry is None:
+            return "there is no pose"
+        if not odometry.is_finite:
+            return "the pose is not finite"
+        speed_stamp = odometry.stamp if odometry.speed_stamp is None else odometry.speed_stamp
+        for name, stamp in (("pose", odometry.stamp), ("speed", speed_stamp)):
+            if now - stamp > self.limits.pose_age:
+                return f"the {name} is {now - stamp:.3g} s old, the limit is {self.limits.pose_age:g} s"
+            if stamp - now > self.limits.clock_jump:
+                return f"the {name} is of {stamp - now:.3g} s from now"
+        return ""
+
+    def _check_fence(self, odometry: Odometry | None) -> str:
+        """Stop a robot outside of the fence, for good."""
+        curve = self.scenario.curve
+        if odometry is not None and odometry.is_finite:
+            out = max(abs(odometry.x) - curve.half_width, abs(odometry.y) - curve.half_height)
+            if out > self.limits.fence:
+                self.stop(f"the robot is {out:.3g} m outside of the rectangle, the limit is {self.limits.fence:g} m")
+        return self._latched
+
+    def _check_silence(self, now: float) -> str:
+        for neighbour, message in zip(self.neighbours, self._heard, strict=True):
+            since = now - (self._begun if message is None else message.sent_at)
+            if self._listens and neighbour >= 0 and since > self.limits.silence:
+                return f"robot {neighbour} has been silent for {since:.3g} s, the limit is {self.limits.silence:g} s"
+        return ""
+
+    def _fill(self, now: float, works: bool, phase: tuple[float, float] | None) -> np.ndarray:
+        builder, step, pose = self._builder, self.scenario.task.step, self._odometry
+        assert pose is not None
+        for side, message in enumerate(self._heard):
+            if message is not None:
+                builder.age[side] = max(now - message.sent_at, 0.0) / step
+                builder.message[side] = message[2:6]
+                builder.numbers[side] = message.numbers
+            else:
+                builder.age[side], builder.numbers[side] = -1, 0
+        if phase is None and self._phase is None:
+            near = float(self.scenario.equilibrium[self.robot])
+            builder.phase = locate(self.scenario.curve, self.scenario.alpha, pose.x, pose.y, pose.heading, near)
+        row = builder.fill(pose.x, pose.y, pose.heading, pose.speed, works, phase)
+        self._phase = builder.phase
+        return row
+
+    def _steps_due(self, now: float) -> int:
+        """Return how many steps the policy is behind the clock, which a call brings it up to: mostly one."""
+        now_done = round((now - self._begun) / self.scenario.task.step) + 1
+        due = min(max(now_done - self._steps, 0), _MOST_STEPS)
+        self._steps = max(now_done, self._steps)
+        return due
+
+    def _decide(self, row: np.ndarray) -> None:
+        self._rows_host[:] = row
+        if isinstance(self._policy, Policy):
+            self._action[:] = self._policy.act(self._rows).numpy()[0, self.robot]
+        else:
+            self._action[:] = np.asarray(self._policy.act(self._rows_host.copy()))[0, self.robot]
+
+    def _stopped(self, now: float, reason: str) -> Output:
+        self._command, self._since = self._actuation.stop, now
+        return self._output(reason)
+
+    def _output(self, reason: str) -> Output:
+        message = None
+        if self._phase is not None and self._odometry is not None:
+            message = Message(self.robot, self._odometry.stamp, *self._builder.sent, self._numbers)
+        return Output(self._command, message, reason, self._action.copy(), self._builder.row.copy())
+
+
+def _made(policy: Any, scenario: Scenario, robot: int) -> Any:
+    """Return the policy for one world, restricted to a robot."""
+    name = os.fspath(policy) if isinstance(policy, (str, os.PathLike)) else None
+    factory = factories.named(name) if name is not None else factories.as_factory(policy, shown(policy))
+    made = factory(scenario, 1, "cpu")
+    if made.num_worlds != 1:
+        raise ValueError(f"policy must be for one world, got one for {made.num_worlds}")
+    if isinstance(made, Policy):
+        if made.kind not in (None, scenario.robot.kind):
+            raise ValueError(f"policy must drive robots of kind {scenario.robot.kind}, got kind {made.kind}")
+        made.restrict(robot)
+    return made

@@ -1,0 +1,95 @@
+"""What a robot of a simulation measures, hears and sees, as input of `Onboard`."""
+
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from baselines.onboard.inputs import Message, Odometry
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.devices import compile_quietly
+from lissajous_env.settings.checks import is_whole
+from lissajous_env.wording import shown
+from lissajous_env.world.observing import velocity
+from lissajous_env.world.simulation import Simulation
+from lissajous_env.world.state import REMOVED, WORKING, Robots, planar
+
+wp.set_module_options(OPTIONS)
+
+
+class Inputs(NamedTuple):
+    """Arguments of `Onboard.act`, in their order."""
+
+    now: float
+    odometry: Odometry
+    heard: tuple[Message, ...]
+    robots: np.ndarray
+    targets: np.ndarray
+    phase: tuple[float, float]
+    works: bool
+
+
+@wp.kernel
+def see_others(w: int, i: int, robots: Robots, others_out: wp.array(dtype=wp.vec4)):
+    """Write the places and velocities of all robots less those of one [m], [m/s]."""
+    j = wp.tid()
+    away = planar(robots.position[w, j]) - planar(robots.position[w, i])
+    relative = velocity(w, j, robots) - velocity(w, i, robots)
+    others_out[j] = wp.vec4(away[0], away[1], relative[0], relative[1])
+
+
+def inputs_of(simulation: Simulation, robot: int, world: int = 0) -> Inputs:
+    """Return what a robot of a simulation on the CPU measures, hears and sees now; times count from the reset.
+
+    `Onboard.act(*inputs_of(simulation, robot))` decides on the action that the policy takes in the simulation.
+
+    Raises:
+        ValueError: a robot or a world that is not there, or a robot that has been removed.
+    """
+    n, scenario = simulation.num_robots, simulation.scenario
+    for name, value, count in (("robot", robot, n), ("world", world, simulation.num_worlds)):
+        if not is_whole(value) or not 0 <= value < count:
+            raise ValueError(f"{name} must be a whole number from 0 to {count - 1}, got {shown(value)}")
+    state = simulation.robots
+    status = state.status.numpy()[world]
+    if status[robot] == int(REMOVED):
+        raise ValueError(f"robot must not have been removed, got {robot}")
+    others = wp.zeros(n, dtype=wp.vec4, device=simulation.device)
+    with compile_quietly():
+        wp.launch(see_others, n, [world, robot, state], [others], device=simulation.device)
+    others = others.numpy()
+    cos_phase, sin_phase = state.measured_turn.numpy()[world, robot, :2].tolist()
+    x, y, heading, speed = state.measured.numpy()[world, robot].tolist()
+    step = scenario.task.step
+    now = int(simulation.clock.step.numpy()[world]) * step
+    there = (np.arange(n) != robot) & (status != int(REMOVED)) & _is_near(others, scenario.sensing_radius)
+    sighted = simulation.targets.in_sight.numpy()[world] == 1
+    targets = simulation.targets.position.numpy()[world][sighted] - state.sensor.numpy()[world, robot]
+    targets = targets[_is_near(targets, scenario.sensing_radius)]
+    return Inputs(
+        now,
+        Odometry(x, y, heading, speed, now),
+        _heard(simulation, robot, world),
+        others[there],
+        targets,
+        (cos_phase, sin_phase),
+        bool(status[robot] == int(WORKING)),
+    )
+
+
+def _is_near(away: np.ndarray, radius: float) -> np.ndarray:
+    """Return whether places are in the sensing disc, within rounding; the row decides."""
+    return np.hypot(away[:, 0], away[:, 1]) < radius * (1 + 1e-5)
+
+
+def _heard(simulation: Simulation, robot: int, world: int) -> tuple[Message, ...]:
+    links, messages, step = simulation.links, [], simulation.scenario.task.step
+    heard, heard_at = links.heard.numpy()[world, robot], links.heard_at.numpy()[world, robot]
+    for side, sender in enumerate(simulation.scenario.neighbours[robot].tolist()):
+        if sender >= 0 and heard_at[side] >= 0:
+            numbers = ()
+            if simulation.scenario.messages.size:
+                numbers = tuple(simulation.messages.heard.numpy()[world, robot, side].tolist())
+            cos_phase, sin_phase, x, y = heard[side].tolist()
+            messages.append(Message(sender, int(heard_at[side]) * step, cos_phase, sin_phase, x, y, numbers))
+    return tuple(messages)

@@ -1,0 +1,49 @@
+"""The time of a call of `baselines.Onboard.act`, for one robot on one core."""
+
+import time
+
+import numpy as np
+from figures import Table
+
+import baselines
+import lissajous_env
+from baselines.benchmark.tables import number
+from baselines.onboard import Limits, inputs_of
+from speeds import Options, Part
+
+SCENARIO = "experiment"
+POLICIES = ("kuramoto-mpcc", "kuramoto-mpcc-safe", "partition-repair", "learned-rough")
+ROBOT = 1
+
+
+def times_of_calls(policy: str, steps: int, rounds: int) -> np.ndarray:
+    """Time of each call of an episode [us]: the least of some rounds, of the same input each."""
+    made = lissajous_env.scenario(SCENARIO).resolve()
+    simulation, together = lissajous_env.Simulation(made), baselines.make(policy, made)
+    given = []
+    for _ in range(steps):
+        given.append(inputs_of(simulation, ROBOT))
+        simulation.step(together.act(simulation.observation))
+    onboard = baselines.Onboard(policy, made, ROBOT, limits=Limits.none())
+    times = np.full(steps, np.inf)
+    for _ in range(rounds):
+        onboard.reset()
+        for k, inputs in enumerate(given):
+            begin = time.perf_counter()
+            onboard.act(*inputs)
+            times[k] = min(times[k], (time.perf_counter() - begin) * 1e6)
+    return times[1:]  # the first call begins an episode
+
+
+def tables(options: Options) -> dict[str, Table]:
+    """Measure; the table `onboard`."""
+    rows = []
+    for policy in POLICIES:
+        times = times_of_calls(policy, 20 if options.quick else 600, options.rounds)
+        rows.append([f"`{policy}`", *(number(float(np.percentile(times, share))) for share in (50, 99))])
+    return {
+        "onboard": {"columns": ["time of a call on one robot", "median [us]", "99th percentile [us]"], "rows": rows}
+    }
+
+
+PART = Part("onboard", "a call of `Onboard.act` of one robot in the experiment", tables, rounds=20)

@@ -1,0 +1,113 @@
+"""A simulation whose robots follow given paths: everything else is as in any simulation."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import wrap, wrap_phase
+from lissajous_env.device.devices import as_device
+from lissajous_env.device.program import BLOCKS, ROBOT, Stage
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.robots.placing import follow_curve
+from lissajous_env.world.simulation import Simulation
+from lissajous_env.world.state import REMOVED, Clock, Robots, allocate
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.struct
+class Paths:
+    """Paths of N robots at M moments, with S + 1 places on the way to each moment."""
+
+    track: wp.array3d(dtype=wp.vec3)
+    """(M, N, S + 1) places from the moment before to this one [m]."""
+    heading: wp.array2d(dtype=wp.float32)
+    """(M, N) headings [rad]."""
+    speed: wp.array2d(dtype=wp.float32)
+    """(M, N) speeds over the ground [m/s]."""
+    phase: wp.array2d(dtype=wp.float64)
+    """(M, N) phases [rad], or (1, N) those at the first moment, which then follow the curve."""
+
+
+@wp.func
+def put_on_path(w: int, i: int, moment: int, paths: Paths, robots: Robots):
+    """Move a robot along its path to a moment."""
+    last = robots.track.shape[2] - 1
+    for s in range(last + 1):
+        robots.track[w, i, s] = paths.track[moment, i, s]
+    robots.position[w, i] = paths.track[moment, i, last]
+    robots.heading[w, i] = wrap(paths.heading[moment, i])
+    robots.speed[w, i] = paths.speed[moment, i]
+    if moment < paths.phase.shape[0]:
+        robots.phase[w, i] = wrap_phase(paths.phase[moment, i])
+
+
+@wp.kernel
+def begin_paths(first: int, lanes: int, paths: Paths, clock: Clock, robots: Robots):
+    """Place the robots where their paths begin."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 1:
+        for i in range(lane, robots.status.shape[1], lanes):
+            put_on_path(w, i, 0, paths, robots)
+
+
+@wp.kernel
+def follow_paths(first: int, lanes: int, paths: Paths, clock: Clock, robots: Robots):
+    """Move the robots along their paths; a removed robot stays where it was."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 1:
+        for i in range(lane, robots.status.shape[1], lanes):
+            if robots.status[w, i] != REMOVED:
+                put_on_path(w, i, clock.step[w], paths, robots)
+            else:
+                for s in range(robots.track.shape[2]):
+                    robots.track[w, i, s] = robots.position[w, i]
+
+
+class PrescribedSimulation(Simulation):
+    """A simulation whose robots follow given paths, whatever their actions are.
+
+    Args:
+        scenario: The scenario, of at most M - 1 steps.
+        track: (M, N, S + 1, 3) places on the way to each of M moments [m]; S is `task.substeps`.
+        heading: (M, N) headings [rad].
+        speed: (M, N) speeds over the ground [m/s].
+        phase: (M, N) phases [rad], or (1, N) those at the first moment, which then follow the curve.
+        num_worlds: Number of worlds, which have the same paths and different targets.
+        seed: Seed of world 0.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        track: np.ndarray,
+        heading: np.ndarray,
+        speed: np.ndarray,
+        phase: np.ndarray,
+        num_worlds: int = 1,
+        seed: int = 0,
+    ):
+        m, n, places, _ = track.shape
+        paths: Any = allocate(Paths, {"track": (m, n, places), "phase": phase.shape}, (m, n), as_device("cpu"))
+        for name, values in (("track", track), ("heading", heading), ("speed", speed), ("phase", phase)):
+            getattr(paths, name).assign(values)
+        self._paths = paths
+        super().__init__(scenario, num_worlds, seed=seed)
+
+    def _own_stages(self) -> tuple[list[Stage], list[Stage]]:
+        at_reset, at_step = super()._own_stages()
+        own = {"paths": self._paths}
+        begins = Stage("paths", begin_paths, ROBOT, own=own)
+        place = [stage.name for stage in at_reset].index("robots") + 1
+        at_reset.insert(place, begins)
+        # Paths are followed robot by robot, so that the stage after them waits for all.
+        motion = Stage("motion", follow_paths, ROBOT, own=own)
+        follow = Stage("phase", follow_curve, ROBOT, BLOCKS, when=len(self._paths.phase) == 1)
+        moved = [motion if stage.name == "motion" else stage for stage in at_step if stage.name != "phase"]
+        moved.insert([stage.name for stage in moved].index("motion") + 1, follow)
+        return at_reset, [replace(stage, barrier=True) if stage.name == "measurement" else stage for stage in moved]

@@ -1,0 +1,145 @@
+"""Write a recording as a rosbag2 file (MCAP), which Foxglove and RViz open.
+
+Topics, in the frame `map`, whose origin is the middle of the rectangle:
+
+| topic | type | content |
+|---|---|---|
+| `/robot_K/odom` | nav_msgs/Odometry | pose; speed and yaw rate |
+| `/robot_K/command` | sensor_msgs/JointState | command from this time on: of a car, steering [rad] and throttle |
+| `/robot_K/phase` | std_msgs/Float64 | phase theta of (1) [rad] |
+| `/robot_K/status` | std_msgs/UInt8 | 0 working, 1 failed, 2 removed |
+| `/markers` | visualization_msgs/MarkerArray | curve, rectangle, bodies, headings, sensing discs, targets |
+| `/lissajous/episode` | std_msgs/String | JSON: scenario, seed, policy |
+
+The episode begins at `START` on the clock of the log.
+"""
+
+import json
+import math
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lissajous_env.episodes.recording import Recording
+from lissajous_env.logs.car_input import inputs_of
+from lissajous_env.logs.markers import Markers, pose_of
+from lissajous_env.logs.reading import COMMAND, EPISODE, ODOMETRY, PHASE, STATUS
+from lissajous_env.logs.ros_types import rosbags, type_store
+from lissajous_env.storage.files import replacing
+
+START = 1.0
+"""Time of the reset [s]; ROS takes 0 for no time."""
+
+
+class _Topics:
+    """Topics of a log that is being written, each made when it is first used."""
+
+    def __init__(self, writer: Any, store: Any):
+        self._writer, self._store, self._made = writer, store, {}
+        self.types = store.types
+
+    def write(self, topic: str, kind: str, time: float, **fields: Any) -> None:
+        """Write a message of a type at a time [s]."""
+        if topic not in self._made:
+            self._made[topic] = self._writer.add_connection(topic, kind, typestore=self._store)
+        message = self.types[kind](**fields)
+        stored = self._store.serialize_cdr(message, kind)
+        self._writer.write(self._made[topic], nanoseconds(time), stored)
+
+    def header(self, time: float) -> Any:
+        """Return the header of a message of a time [s]."""
+        whole = nanoseconds(time)
+        stamp = self.types["builtin_interfaces/msg/Time"](sec=whole // 10**9, nanosec=whole % 10**9)
+        return self.types["std_msgs/msg/Header"](stamp=stamp, frame_id="map")
+
+
+def nanoseconds(time: float) -> int:
+    """Return a time [s] in whole nanoseconds."""
+    return round(time * 1e9)
+
+
+def save_mcap(recording: Recording, path: str | Path) -> None:
+    """Write a recording as a log, first under a temporary name.
+
+    Raises:
+        MissingExtraError: rosbags, of the extra `logs`, is not installed.
+        OSError: the file cannot be written.
+    """
+    rosbag2 = rosbags()
+    store, folder = type_store(), Path(tempfile.mkdtemp(prefix="lissajous-"))
+    try:
+        writer = rosbag2.Writer(folder / "log", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
+        writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
+        with writer:
+            _write(recording, _Topics(writer, store))
+        (written,) = (folder / "log").glob("*.mcap")
+        with replacing(path) as temporary:
+            shutil.copyfile(written, temporary)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _write(recording: Recording, topics: _Topics) -> None:
+    scenario = recording.scenario.resolve().to_dict()
+    del scenario["extensions"]  # a file must not cause imports
+    about = {"scenario": scenario, "seed": int(recording.score["seed"]), "policy": recording.score.get("policy", "")}
+    topics.write(EPISODE, "std_msgs/msg/String", START, data=json.dumps(about))
+    markers, commands = Markers(recording, topics.types), _commands(recording)
+    step = recording.scenario.task.step
+    for moment in range(len(recording)):
+        time = START + moment * step
+        for robot in range(recording.scenario.num_robots):
+            _write_robot(recording, topics, robot, moment, time)
+            if moment + 1 < len(recording):
+                values = commands[moment + 1, robot].astype(float)
+                topics.write(
+                    COMMAND.format(robot),
+                    "sensor_msgs/msg/JointState",
+                    time,
+                    header=topics.header(time),
+                    name=list(recording.scenario.action_names),
+                    position=values,
+                    velocity=np.zeros(0),
+                    effort=np.zeros(0),
+                )
+        made = markers.of(moment, topics.header(time))
+        topics.write("/markers", "visualization_msgs/msg/MarkerArray", time, markers=made)
+
+
+def _commands(recording: Recording) -> np.ndarray:
+    """Return the actions of a recording, of cars with steering angle [rad] and throttle in place of the first two."""
+    commands = recording.action.copy()
+    if recording.scenario.robot.kind == "car":
+        commands[..., :2] = inputs_of(recording.scenario.resolve().robot, np.ascontiguousarray(commands[..., :2]))
+    return commands
+
+
+def _write_robot(recording: Recording, topics: _Topics, robot: int, moment: int, time: float) -> None:
+    types, before = topics.types, max(moment - 1, 0)
+    heading = float(recording.heading[moment, robot])
+    turn = math.remainder(heading - float(recording.heading[before, robot]), 2 * math.pi)
+    x, y, z = recording.position[moment, robot].tolist()
+    pose = pose_of(types, x, y, z, heading)
+    twist = _twist(types, float(recording.speed[moment, robot]), turn / recording.scenario.task.step)
+    unknown = np.zeros(36)
+    topics.write(
+        ODOMETRY[0].format(robot),
+        "nav_msgs/msg/Odometry",
+        time,
+        header=topics.header(time),
+        child_frame_id=f"robot_{robot}",
+        pose=types["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=unknown),
+        twist=types["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=unknown),
+    )
+    phase, status = float(recording.phase[moment, robot]), int(recording.status[moment, robot])
+    topics.write(PHASE.format(robot), "std_msgs/msg/Float64", time, data=phase)
+    topics.write(STATUS.format(robot), "std_msgs/msg/UInt8", time, data=status)
+
+
+def _twist(types: Any, speed: float, yaw_rate: float) -> Any:
+    vector = types["geometry_msgs/msg/Vector3"]
+    linear, angular = vector(x=speed, y=0.0, z=0.0), vector(x=0.0, y=0.0, z=yaw_rate)
+    return types["geometry_msgs/msg/Twist"](linear=linear, angular=angular)

@@ -1,0 +1,237 @@
+"""The observation row of one robot outside the simulation, by the functions that fill the rows of a simulation."""
+
+import math
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from lissajous_env.device import program
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+from lissajous_env.device.devices import as_device, compile_quietly
+from lissajous_env.device.part_structs import NoiseStruct, SensingStruct
+from lissajous_env.device.program import BLOCKS, Program, Split, Stage
+from lissajous_env.parameters.extensions import ObservationEntry
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.constants import constants_of
+from lissajous_env.world.observation import LINK, OWN, ROBOT, TARGET, layout, message_start
+from lissajous_env.world.observing import (
+    clear,
+    empty,
+    keep_nearest,
+    observe_self,
+    put_message,
+    put_robot,
+    put_target,
+)
+from lissajous_env.world.robots.bins import Bins
+from lissajous_env.world.robots.measurement import measure
+from lissajous_env.world.robots.placing import follow_curve
+from lissajous_env.world.state import STUCK, WORKING, Clock, Robots, allocate
+
+wp.set_module_options(OPTIONS)
+
+MOST_SEEN = 256
+"""Largest number of robots, and of targets, that are taken from a sensor; farther ones are dropped."""
+
+
+@wp.struct
+class Outside:
+    """Input of one robot besides its own pose."""
+
+    message: wp.array(dtype=wp.vec4)
+    """(2,) last message of each ring neighbour: cosine and sine of its phase, x, y [m]."""
+    age: wp.array(dtype=wp.float32)
+    """(2,) time since it was sent [step]; -1 for none yet."""
+    numbers: wp.array2d(dtype=wp.float32)
+    """(2, k) numbers of its policy in it."""
+    robots: wp.array(dtype=wp.vec4)
+    """(MOST_SEEN,) relative x, y [m] and relative velocity [m/s] of the robots that the sensor sees."""
+    targets: wp.array(dtype=wp.vec2)
+    """(MOST_SEEN,) relative x, y [m] of the targets that it sees."""
+    count: wp.array(dtype=wp.int32)
+    """(2,) number of these robots, and targets."""
+    phase: wp.array(dtype=wp.vec3)
+    """(1,) cosine and sine of the measured phase, and 1 where it is given."""
+
+
+@wp.func
+def list_robots(
+    w: int,
+    i: int,
+    count: int,
+    sensing: SensingStruct,
+    speed_unit: float,
+    bins: Bins,
+    outside: Outside,
+    observation_out: wp.array3d(dtype=float),
+):
+    """List the nearest of `count` robots that are in the disc."""
+    kept = int(0)
+    for k in range(wp.where(sensing.robots_seen > 0, count, 0)):
+        away = wp.vec2(outside.robots[k][0], outside.robots[k][1])
+        if wp.dot(away, away) < sensing.radius * sensing.radius:
+            kept = keep_nearest(w, i, kept, sensing.robots_seen, away / sensing.radius, k, bins)
+    entry = OWN + 2 * LINK
+    for k in range(kept):
+        seen = outside.robots[int(bins.nearest[w, i, k][1])]
+        relative = wp.vec2(seen[2], seen[3]) / (2.0 * speed_unit)
+        put_robot(w, i, entry, wp.vec2(seen[0], seen[1]) / sensing.radius, relative, observation_out)
+        entry += ROBOT
+    empty(w, i, entry, ROBOT, sensing.robots_seen - kept, observation_out)
+
+
+@wp.func
+def list_targets(
+    w: int,
+    i: int,
+    count: int,
+    sensing: SensingStruct,
+    bins: Bins,
+    outside: Outside,
+    observation_out: wp.array3d(dtype=float),
+):
+    """List the nearest of `count` targets that are in the disc."""
+    kept = int(0)
+    for k in range(wp.where(sensing.targets_seen > 0, count, 0)):
+        away = outside.targets[k]
+        if wp.dot(away, away) < sensing.radius * sensing.radius:
+            kept = keep_nearest(w, i, kept, sensing.targets_seen, away / sensing.radius, k, bins)
+    entry = OWN + 2 * LINK + ROBOT * sensing.robots_seen
+    for k in range(kept):
+        offset = outside.targets[int(bins.nearest[w, i, k][1])] / sensing.radius
+        put_target(w, i, entry, offset, observation_out)
+        entry += TARGET
+    empty(w, i, entry, TARGET, sensing.targets_seen - kept, observation_out)
+
+
+@wp.kernel
+def fill_row(
+    first: int,
+    lanes: int,
+    curve: CurveStruct,
+    sensing: SensingStruct,
+    age_per_step: float,
+    speed_unit: float,
+    start: int,
+    robots: Robots,
+    bins: Bins,
+    outside: Outside,
+    observation_out: wp.array3d(dtype=float),
+):
+    """Fill the row of a robot as `lissajous_env.world.observing` does."""
+    w, i = wp.tid()
+    given = outside.phase[0]
+    if given[2] > 0.0:
+        faces = robots.measured_turn[w, i]
+        robots.measured_turn[w, i] = wp.vec4(given[0], given[1], faces[2], faces[3])
+    observe_self(w, i, curve, speed_unit, robots, observation_out)
+    for side in range(2):
+        entry = OWN + LINK * side
+        clear(w, i, entry, entry + LINK, observation_out)
+        if outside.age[side] >= 0.0:
+            own = robots.measured[w, i]
+            turn = robots.measured_turn[w, i]
+            age = outside.age[side] * age_per_step
+            put_message(w, i, entry, age, outside.message[side], own, turn, curve, observation_out)
+        for m in range(outside.numbers.shape[1]):
+            observation_out[w, i, start + side * outside.numbers.shape[1] + m] = outside.numbers[side, m]
+    count = wp.vec2i(outside.count[0], outside.count[1])
+    if robots.status[w, i] != WORKING:
+        count = wp.vec2i(0, 0)
+    list_robots(w, i, count[0], sensing, speed_unit, bins, outside, observation_out)
+    list_targets(w, i, count[1], sensing, bins, outside, observation_out)
+
+
+class RowOutside:
+    """The observation row of one robot of a scenario, built of what is written into the host arrays.
+
+    Raises:
+        ValueError: the scenario has observation entries of an extension, which are computed of a whole world.
+    """
+
+    def __init__(self, scenario: Scenario):
+        brought = [name for each in scenario.extensions if isinstance(each, ObservationEntry) for name in each.entries]
+        if brought:
+            rule = "must have no observation entries of extensions, which are computed of a simulated world"
+            raise ValueError(f"scenario of a robot outside the simulation {rule}, got {', '.join(brought)}")
+        constants = constants_of(scenario, as_device("cpu"))
+        size, seen = scenario.messages.size, max(scenario.sensing.robots_seen, scenario.sensing.targets_seen)
+        robots: Any = allocate(Robots, {"track": (1, 1, 1)}, (1, 1), "cpu")
+        clock = allocate(Clock, {}, (1,), "cpu")
+        clock.active.fill_(1)
+        shapes = {"numbers": (2, size), "robots": (MOST_SEEN,), "targets": (MOST_SEEN,), "phase": (1,)}
+        outside: Any = allocate(Outside, shapes, (2,), "cpu")
+        bins = Bins()
+        bins.nearest = wp.zeros((1, 1, seen), dtype=wp.vec2, device="cpu")
+        row = wp.zeros((1, 1, layout(scenario).size), dtype=wp.float32, device="cpu")
+        values = constants | {"noise": NoiseStruct(), "robots": robots, "clock": clock, "bins": bins}
+        values |= {"outside": outside, "observation_out": row, "start": message_start(scenario)}
+        follow = Stage("phase", follow_curve, program.ROBOT, BLOCKS)
+        rest = [Stage("measurement", measure, program.ROBOT, BLOCKS), Stage("observation", fill_row, program.ROBOT)]
+        with compile_quietly():
+            self._follow = Program([follow, *rest], values, {program.ROBOT: 1}, 1, robots.status.device, Split())
+            self._fill = Program(rest, values, {program.ROBOT: 1}, 1, robots.status.device, Split())
+        self._kept = robots, outside, row
+        self._position = robots.position.numpy()[0, 0]
+        self._heading, self._speed = robots.heading.numpy()[0], robots.speed.numpy()[0]
+        self._phase, self._status = robots.phase.numpy()[0], robots.status.numpy()[0]
+        self._measured, self._turn = robots.measured.numpy()[0, 0], robots.measured_turn.numpy()[0, 0]
+        self.message, self.age, self.numbers = outside.message.numpy(), outside.age.numpy(), outside.numbers.numpy()
+        self._robots, self._targets, self._count = (
+            outside.robots.numpy(),
+            outside.targets.numpy(),
+            outside.count.numpy(),
+        )
+        self._given = outside.phase.numpy()[0]
+        self.age[:] = -1
+        self.row = row.numpy()[0, 0]
+
+    @property
+    def phase(self) -> float:
+        """Phase theta in [0, 2 pi) [rad]."""
+        return float(self._phase[0])
+
+    @phase.setter
+    def phase(self, phase: float) -> None:
+        self._phase[0] = phase % (2 * math.pi)
+
+    def see(self, robots: np.ndarray, targets: np.ndarray) -> None:
+        """Take what the sensor sees: robots (K, 4) and targets (K, 2), as in `Outside`."""
+        for k, (seen, kept) in enumerate(((robots, self._robots), (targets, self._targets))):
+            if len(seen) > MOST_SEEN:
+                seen = seen[np.argsort(np.hypot(seen[:, 0], seen[:, 1]), kind="stable")[:MOST_SEEN]]
+            kept[: len(seen)] = seen
+            self._count[k] = len(seen)
+
+    def fill(
+        self, x: float, y: float, heading: float, speed: float, works: bool, phase: tuple[float, float] | None
+    ) -> np.ndarray:
+        """Fill the row, and return it: the same array each time.
+
+        Args:
+            x: Measured x [m].
+            y: Measured y [m].
+            heading: Measured heading [rad].
+            speed: Measured speed [m/s].
+            works: False for a robot that has failed.
+            phase: Cosine and sine of the measured phase; None lets the phase of the call before follow the curve to
+                this place.
+        """
+        self._position[:2] = x, y
+        self._heading[0], self._speed[0], self._status[0] = heading, speed, WORKING if works else STUCK
+        if phase is None:
+            self._given[:] = 0
+            self._follow()
+        else:
+            self._given[:] = *phase, 1
+            self.phase = math.atan2(phase[1], phase[0])
+            self._fill()
+        return self.row
+
+    @property
+    def sent(self) -> tuple[float, float, float, float]:
+        """Cosine and sine of the phase, and x, y [m], as the robot sends them to its ring neighbours."""
+        turn, measured = self._turn, self._measured
+        return float(turn[0]), float(turn[1]), float(measured[0]), float(measured[1])

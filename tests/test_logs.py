@@ -1,0 +1,240 @@
+"""Logs in MCAP: what is written is read again, scored as the simulation scored it, and refused if it is damaged."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from command_line import called
+
+import baselines
+import lissajous_env
+from lissajous_env.episodes.recording import record
+from lissajous_env.logs.log import Log, Track
+from lissajous_env.logs.scoring import resampled, score
+from lissajous_env.world.columns import NAMES
+
+pytest.importorskip("rosbags")
+
+from rosbags.highlevel import AnyReader
+
+from lissajous_env.logs.reading import read
+from lissajous_env.logs.ros_types import rosbags, type_store
+from lissajous_env.logs.writing import START, save_mcap
+
+SHORT = {"task.duration": 12.0, "faults.schedule": ((0, 4.0, 7.0), (4, 4.0, 8.0))}
+APPROXIMATE = {"distance_mean": 2e-3, "contact_time": 1e-9, "smoothness": 1e-5}
+"""Columns of what happens within a step, and of commands that were converted, with their relative errors."""
+
+
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory):
+    """A recorded episode and the file of its log."""
+    recording = record(baselines.make("kuramoto-mpcc", "experiment", 1), "experiment", seed=5, **SHORT)
+    path = tmp_path_factory.mktemp("logs") / "episode.mcap"
+    save_mcap(recording, path)
+    return recording, path
+
+
+def same(one, other):
+    """Return the columns in which two score rows differ by more than the log resolves."""
+    differing = []
+    for name in NAMES:
+        a, b = one[name], other[name]
+        if isinstance(a, str) or isinstance(b, str):
+            continue
+        tolerance, least = APPROXIMATE.get(name, 1e-4), 1e-3 if name == "min_separation" else 1e-4
+        if not (math.isnan(a) and math.isnan(b)) and not math.isclose(a, b, rel_tol=tolerance, abs_tol=least):
+            differing.append((name, a, b))
+    return differing
+
+
+def test_a_log_has_the_poses_to_the_last_bit(logged):
+    recording, path = logged
+    log = read(path)
+    assert log.start == START
+    assert log.episode["policy"] == "kuramoto-mpcc"
+    for robot, track in enumerate(log.tracks):
+        np.testing.assert_array_equal(track.position, recording.position[:, robot])
+        np.testing.assert_array_equal(track.speed, recording.speed[:, robot])
+        np.testing.assert_allclose(np.cos(track.heading - recording.heading[:, robot]), 1, atol=1e-12)
+        np.testing.assert_array_equal(log.phases[robot].value, recording.phase[:, robot])
+        np.testing.assert_array_equal(log.statuses[robot].value, recording.status[:, robot])
+        assert len(log.commands[robot]) == len(recording) - 1
+
+
+def test_a_log_of_the_simulation_scores_as_the_simulation_did(logged):
+    recording, path = logged
+    scored = score(read(path))
+    assert same(recording.score, scored.rows[0]) == []
+    assert scored.rows[0]["seed"] == 5
+    np.testing.assert_array_equal(scored.recording.sensed_at, recording.sensed_at)
+    np.testing.assert_array_equal(scored.recording.found_at, recording.found_at)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("scenario", "policy"),
+    [("rough-lost", "kuramoto-mpcc-safe"), ("evaders-lost", "partition-repair"), ("failure", "kuramoto"),
+     ("knot", "open-loop"), ("hall", "sweep"), ("evaders-failure", "line-abreast")],
+)  # fmt: skip
+def test_logs_of_every_kind_score_as_the_simulation_did(scenario, policy, tmp_path):
+    recording = record(baselines.make(policy, scenario), scenario, seed=2)
+    save_mcap(recording, tmp_path / "log.mcap")
+    assert same(recording.score, score(read(tmp_path / "log.mcap")).rows[0]) == []
+
+
+def test_standard_tools_read_a_log(logged):
+    # Oracle: the reader of rosbags, which knows nothing of us, and the types of ROS 2.
+    recording, path = logged
+    with AnyReader([path]) as reader:
+        kinds = {each.topic: (each.msgtype, each.msgcount) for each in reader.connections}
+        markers = [each for each in reader.connections if each.topic == "/markers"]
+        _, _, raw = next(reader.messages(markers))
+        first = reader.deserialize(raw, markers[0].msgtype)
+    frames = len(recording)
+    assert kinds["/robot_2/odom"] == ("nav_msgs/msg/Odometry", frames)
+    assert kinds["/robot_2/command"] == ("sensor_msgs/msg/JointState", frames - 1)
+    assert kinds["/markers"] == ("visualization_msgs/msg/MarkerArray", frames)
+    assert {each.ns for each in first.markers} == {
+        "rectangle", "curve", "bodies", "headings", "sensors", "targets"
+    }  # fmt: skip
+    assert {each.header.frame_id for each in first.markers} == {"map"}
+
+
+def write_poses(path, tracks, topic, moved=(0.0, 0.0, 0.0)):
+    """Write PoseStamped messages alone, of robots in a frame where the rectangle's middle is at `moved`."""
+    rosbag2 = rosbags()
+    store = type_store()
+    types, kind = store.types, "geometry_msgs/msg/PoseStamped"
+    with rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        for robot, track in enumerate(tracks):
+            connection = writer.add_connection(topic.format(robot + 1), kind, typestore=store)
+            for time, place, heading in zip(track.time, track.position, track.heading, strict=True):
+                turn, whole = moved[2], round((time + 1e9) * 1e9)
+                x = moved[0] + math.cos(turn) * place[0] - math.sin(turn) * place[1]
+                y = moved[1] + math.sin(turn) * place[0] + math.cos(turn) * place[1]
+                half = (heading + turn) / 2
+                stamp = types["builtin_interfaces/msg/Time"](sec=whole // 10**9, nanosec=whole % 10**9)
+                message = types[kind](
+                    header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="lab"),
+                    pose=types["geometry_msgs/msg/Pose"](
+                        position=types["geometry_msgs/msg/Point"](x=x, y=y, z=0.0),
+                        orientation=types["geometry_msgs/msg/Quaternion"](
+                            x=0.0, y=0.0, z=math.sin(half), w=math.cos(half)
+                        ),
+                    ),
+                )
+                writer.write(connection, whole, store.serialize_cdr(message, kind))
+
+
+def test_a_log_of_a_lab_scores_as_the_motion_it_is_of(logged, tmp_path):
+    # Oracle: the simulation whose motion it is. Poses at 40 Hz and uneven times, another frame, no speeds or phases.
+    recording, path = logged
+    scenario, random = recording.scenario, np.random.default_rng(0)
+    tracks = []
+    for track in read(path).tracks:
+        times = np.sort(np.concatenate([track.time[[0, -1]], random.uniform(track.time[0], track.time[-1], 480)]))
+        position, heading, speed = resampled(track, times)
+        tracks.append(Track(times, position, heading, speed))
+    write_poses(tmp_path / "lab", tracks, "/car{}/pose", moved=(3.0, -2.0, 0.7))
+    log = read(tmp_path / "lab", ["/car{}/pose"], origin=(3.0, -2.0, 0.7))
+    assert log.episode is None
+    scored = score(log, dataclasses.replace(scenario, name="lab"), seeds=[5])
+    row = scored.rows[0]
+    for name in ("coverage_time_each", "idleness_mean", "lateral_error_mean", "spacing_factor", "distance_mean"):
+        assert row[name] == pytest.approx(recording.score[name], rel=0.02, abs=0.1), name
+    assert row["min_separation"] == pytest.approx(recording.score["min_separation"], abs=0.005)
+    assert math.isnan(row["smoothness"])
+    assert any("unknown without commands" in note for note in scored.notes)
+    with pytest.raises(ValueError, match="scenario must be given"):
+        score(log)
+
+
+def circle(count=101, robots=5):
+    time = np.linspace(0, 10, count)
+    gamma = 0.3 * time[None] + np.arange(robots)[:, None]
+    place = np.stack([np.cos(gamma), 0.5 * np.sin(gamma), 0 * gamma], axis=-1)
+    return tuple(Track(time, each, 0 * time, 0.3 + 0 * time) for each in place)
+
+
+def test_a_robot_without_poses_for_long_counts_as_failed():
+    whole, *others = circle()
+    kept = (whole.time < 3.05) | (whole.time > 6.95)
+    gap = Track(whole.time[kept], whole.position[kept], whole.heading[kept], whole.speed[kept])
+    scored = score(Log("gap", (gap, *others)), "experiment")
+    failed = scored.recording.status[:, 0] == 1
+    assert 35 <= failed.sum() <= 41
+    assert "robot 0 has gaps" in scored.notes[0]
+    assert (scored.recording.status[:, 1:] == 0).all()
+    assert not (score(Log("gap", (gap, *others)), "experiment", gap=5.0).recording.status != 0).any()
+
+
+def test_virtual_targets_differ_by_their_seeds_and_everything_else_does_not():
+    scored = score(Log("circle", circle()), "experiment", seeds=range(3))
+    assert len({(row["targets"], row["detection_time_mean"]) for row in scored.rows}) > 1
+    for name in ("idleness_mean", "min_separation", "distance_mean"):
+        assert len({row[name] for row in scored.rows}) == 1
+
+
+def test_another_number_of_robots_and_a_short_log_are_refused():
+    with pytest.raises(ValueError, match="must have the 5 robots of experiment, got 4"):
+        score(Log("few", circle(robots=4)), "experiment")
+    with pytest.raises(ValueError, match="at least a control step of"):
+        score(Log("short", tuple(dataclasses.replace(each, time=each.time / 1e3) for each in circle())), "experiment")
+
+
+def test_interpolation_is_exact_for_a_cubic():
+    # Oracle: Hermite interpolation reproduces cubics; here along x with its derivative as the speed.
+    time = np.array([0.0, 1.0, 2.5])
+    place = np.stack([time**3, 0 * time, 0 * time], axis=1)
+    found = resampled(Track(time, place, 0 * time, 3 * time**2), np.linspace(0, 2.5, 11))[0]
+    np.testing.assert_allclose(found[:, 0], np.linspace(0, 2.5, 11) ** 3, atol=1e-12)
+
+
+@pytest.mark.parametrize("damage", ["cut", "noise", "text"])
+def test_a_damaged_log_is_refused_by_its_name(logged, tmp_path, damage):
+    _, path = logged
+    data, bad = bytearray(path.read_bytes()), tmp_path / "bad.mcap"
+    if damage == "cut":
+        data = data[: len(data) // 3]
+    elif damage == "noise":
+        data[200:4000:7] = b"\xff" * len(data[200:4000:7])
+    else:
+        data = b"no log"
+    bad.write_bytes(bytes(data))
+    with pytest.raises(ValueError, match="bad"):
+        read(bad)
+
+
+def test_unknown_topics_and_missing_files_are_named(logged, tmp_path):
+    _, path = logged
+    with pytest.raises(ValueError, match="got /car_0/odom"):
+        read(path, ["/car_{}/odom"])
+    with pytest.raises(ValueError, match="must be of type nav_msgs/msg/Odometry"):
+        read(path, ["/robot_0/phase"])
+    with pytest.raises(OSError, match="no such log"):
+        read(tmp_path / "none.mcap")
+
+
+def test_the_commands_score_and_identify(logged, tmp_path, capsys):
+    recording, path = logged
+    page, table, report = (tmp_path / name for name in ("page.html", "rows.csv", "report.html"))
+    code, out, err = called(capsys, "score", path, "--out", page, table, "--report", report, "--json")
+    assert (code, err) == (0, "")
+    (row,) = json.loads(out)["episodes"]
+    assert same(recording.score, {name: math.nan if value is None else value for name, value in row.items()}) == []
+    assert min(each.stat().st_size for each in (page, report)) > 10_000
+    assert "detection_time_mean" in table.read_text().partition("\n")[0]
+    code, out, err = called(capsys, "identify", path, "--out", tmp_path / "cars.toml", "--quiet")
+    assert (code, out, err) == (0, "", "")
+    found = lissajous_env.scenario(str(tmp_path / "cars.toml"))
+    assert found.robot.drive == pytest.approx(recording.scenario.robot.drive, rel=0.03)
+
+
+def test_run_writes_a_log(tmp_path, capsys):
+    out = tmp_path / "run.mcap"
+    code, _, err = called(capsys, "run", "failure", "kuramoto", "--set", "task.duration=2", "--quiet", "--out", out)
+    assert (code, err) == (0, "")
+    assert len(read(out).tracks) == 5

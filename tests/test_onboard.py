@@ -1,0 +1,237 @@
+"""One robot's policy outside the simulator decides as in the simulator, and drives robots of another make."""
+
+import copy
+
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+from baselines.onboard import Limits, Message, Odometry, inputs_of
+from baselines.policies import patrol
+from lissajous_env.theory.closed_forms import curve_point
+from lissajous_env.theory.locating import locate
+from lissajous_env.world.state import REMOVED
+
+CARS = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).robot.kind == "car"]
+PAIRS = [
+    ("experiment", "kuramoto-mpcc"),
+    ("rough", "kuramoto-mpcc-safe"),
+    ("rough-lost", "tracked-reference-mpcc"),
+    ("rough", "learned-rough"),
+    ("intruders", "learned-intruders"),
+    ("evaders-lost", "partition-repair"),
+    ("evaders-uneven", "consensus-gvf"),
+    ("evaders-failure", "line-abreast"),
+    ("rough", "random"),
+    ("team", "sweep"),
+]
+
+AGILE = {"robot.steering_max": 0.8, "robot.model_offset": None, "formation.start_noise": 0.0}
+"""Cars whose turning circle is smaller than the curve's tightest bend."""
+
+
+def play(scenario, policy, steps=None, seed=3):
+    """Compare rows and actions of every robot with those of the simulation, over an episode."""
+    made = lissajous_env.scenario(scenario).resolve()
+    simulation = lissajous_env.Simulation(made, seed=seed)
+    together = baselines.make(policy, made)
+    alone = [baselines.Onboard(policy, made, i, limits=Limits.none()) for i in range(made.num_robots)]
+    for k in range(steps or made.task.steps):
+        observed = simulation.observation.numpy()[0].copy()
+        action = together.act(simulation.observation).numpy().copy()
+        status = simulation.robots.status.numpy()[0]
+        for i in range(made.num_robots):
+            if status[i] != int(REMOVED):
+                inputs = inputs_of(simulation, i)
+                output = alone[i].act(*inputs)
+                np.testing.assert_array_equal(output.row, observed[i], err_msg=f"row of robot {i} in step {k}")
+                np.testing.assert_array_equal(output.action, action[0, i], err_msg=f"robot {i} in step {k}")
+                assert bool(output.stopped) != inputs.works
+        simulation.step(action)
+
+
+@pytest.mark.parametrize(("scenario", "policy"), PAIRS)
+def test_actions_are_those_of_the_simulation(scenario, policy):
+    # Oracle: the simulation with the team's policy; every bit, with noise, losses, delays, faults and removals.
+    play(scenario, policy, steps=260 if scenario != "team" else 60)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("scenario", CARS)
+def test_actions_of_every_policy_are_those_of_the_simulation(scenario):
+    for policy in baselines.names(scenario):
+        try:
+            baselines.make(policy, scenario)
+        except ValueError:  # it does not fit
+            continue
+        play(scenario, policy)
+
+
+def test_messages_of_policies_are_heard():
+    # Oracle: the simulation, whose random policy sends random numbers, some of which are lost or late.
+    messages = {"messages.size": 3, "noise.message_loss": 0.3, "noise.message_delay": 0.2}
+    play(lissajous_env.scenario("rough", **messages), "random", steps=40)
+
+
+def test_two_robots_hear_each_other_once():
+    two = {"robot.count": 2, "formation.p": 1, "formation.ring": (0, 1), "faults.schedule": ()}
+    play(lissajous_env.scenario("experiment", **two), "kuramoto-mpcc", steps=40)
+
+
+def test_the_phase_follows_the_curve_without_being_given():
+    # Oracle: the phase of the simulation. The first is found by the pose: the others follow by the same Newton steps.
+    made = lissajous_env.scenario("experiment", **AGILE).resolve()
+    simulation, policy = lissajous_env.Simulation(made), baselines.make("kuramoto-mpcc", made)
+    onboard = baselines.Onboard("kuramoto-mpcc", made, 2)
+    for _ in range(300):
+        inputs = inputs_of(simulation, 2)
+        output = onboard.act(*inputs[:5])
+        own = (output.message.cos_phase, output.message.sin_phase)
+        np.testing.assert_allclose(own, inputs.phase, atol=1e-3)
+        simulation.step(policy.act(simulation.observation))
+    np.testing.assert_allclose(own, inputs.phase, atol=1e-5)
+
+
+@pytest.mark.parametrize("scenario", ["experiment", "team", "hall"])
+def test_the_phase_is_found_from_any_pose_on_the_curve(scenario):
+    # Oracle: the phases from which the poses were made, crossings of the curve among them.
+    made = lissajous_env.scenario(scenario).resolve()
+    for theta in np.linspace(0, 2 * np.pi, 97):
+        ahead, here = (curve_point(made.curve, made.alpha * np.array(theta + d)) for d in (1e-5, 0))
+        heading = np.arctan2(*(ahead - here)[::-1])
+        found = locate(made.curve, made.alpha, *here, heading, theta)
+        assert np.cos(found - theta) > np.cos(2e-3)
+
+
+class Unicycles:
+    """Robots that drive at the commanded speed and yaw rate, and pass on messages in the next step."""
+
+    def __init__(self, scenario):
+        made = lissajous_env.Simulation(scenario)
+        self.step = scenario.task.step
+        self.pose = made.robots.measured.numpy()[0].astype(float)
+        self.robots = [baselines.Onboard("kuramoto-mpcc", scenario, i, "twist") for i in range(scenario.num_robots)]
+        self.sent, self.now = [], 0.0
+
+    def drive(self):
+        outputs = [
+            robot.act(self.now, Odometry(*pose, self.now), self.sent)
+            for robot, pose in zip(self.robots, self.pose.tolist(), strict=True)
+        ]
+        self.sent = [output.message for output in outputs]
+        for pose, output in zip(self.pose, outputs, strict=True):
+            assert output.stopped == ""
+            heading = pose[2] + 0.5 * output.command.yaw_rate * self.step
+            pose[:2] += output.command.speed * self.step * np.array([np.cos(heading), np.sin(heading)])
+            pose[2] += output.command.yaw_rate * self.step
+            pose[3] = output.command.speed
+        self.now += self.step
+
+
+def test_five_unicycles_keep_the_formation():
+    # A physical story: robots of another make, which exchange the messages, stay on the curve and apart.
+    scenario = lissajous_env.scenario("experiment", **AGILE).resolve()
+    team = Unicycles(scenario)
+    gamma = np.linspace(0, 2 * np.pi, 2000)
+    curve = curve_point(scenario.curve, gamma)
+    for _ in range(300):
+        team.drive()
+        place = team.pose[:, :2]
+        apart = np.linalg.norm(place[:, None] - place[None], axis=-1) + np.eye(5)
+        assert apart.min() > 2 * scenario.robot.radius
+    off = np.linalg.norm(place[:, None] - curve[None], axis=-1).min(axis=1)
+    assert off.max() < 0.1
+    assert team.pose[:, 3].min() > 0.3
+    phases = np.array([np.arctan2(m.sin_phase, m.cos_phase) for m in team.sent])
+    errors = np.angle(np.exp(1j * (phases - phases[0] - scenario.equilibrium + scenario.equilibrium[0])))
+    assert np.abs(errors).max() < 0.1
+
+
+def test_a_car_receives_the_angle_and_the_throttle_of_its_action():
+    # Oracle: the scaling in the docstrings of the action, in float64.
+    made = lissajous_env.scenario("experiment").resolve()
+    onboard = baselines.Onboard("random", made, 0)
+    pose = Odometry(1.7, 0.1, 1.5, 0.5, 0.0)
+    output = onboard.act(0.0, pose)
+    robot, (steering, throttle) = made.robot, output.action
+    assert output.command.steering == pytest.approx(steering * robot.steering_max, rel=1e-6)
+    span = robot.full_throttle - robot.throttle_min
+    assert output.command.throttle == pytest.approx(robot.throttle_min + 0.5 * (throttle + 1) * span, rel=1e-6)
+    assert onboard.act(0.1, pose).message[0] == 0
+
+
+def test_a_function_and_a_factory_are_policies():
+    def straight(observation):
+        return np.zeros((*observation.shape[:2], 2), np.float32)
+
+    for policy in (straight, patrol.Sweep):
+        output = baselines.Onboard(policy, "experiment", 0).act(0.0, Odometry(1.7, 0.0, 1.5, 0.0, 0.0))
+        assert output.action.shape == (2,)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"robot": 5}, "robot must be a whole number from 0 to 4, got 5"),
+        ({"scenario": "failure"}, "kind car, got curve"),
+        ({"command": "boat"}, "command must be one of car, twist"),
+        ({"policy": "kuramoto"}, "which drives kind curve"),
+    ],
+)
+def test_what_does_not_fit_is_refused(given, words):
+    settings = {"policy": "kuramoto-mpcc", "scenario": "experiment", "robot": 0} | given
+    with pytest.raises(ValueError, match=words):
+        baselines.Onboard(**settings)
+
+
+def test_a_restricted_policy_decides_the_same_for_its_robot():
+    # Oracle: the same policy for the whole team; the rows of others are of any content.
+    made = lissajous_env.scenario("experiment").resolve()
+    simulation, policy = lissajous_env.Simulation(made), baselines.make("kuramoto-mpcc", made)
+    alone = copy.deepcopy(policy)
+    alone.restrict(3)
+    for _ in range(20):
+        rows = simulation.observation.numpy().copy()
+        rows[:, :3] = rows[:, 3:4]
+        action = policy.act(simulation.observation.numpy())
+        np.testing.assert_array_equal(alone.act(rows)[0, 3], action[0, 3])
+        simulation.step(action)
+
+
+def test_messages_that_are_no_messages_are_ignored():
+    onboard = baselines.Onboard("kuramoto-mpcc", "experiment", 0)
+    pose, good = Odometry(1.7, 0.0, 1.5, 0.5, 0.0), Message(onboard.neighbours[0], 0.0, 1.0, 0.0, 1.0, 0.0)
+    bad = [good._replace(sin_phase=float("nan")), good._replace(cos_phase=0.5), good._replace(sent_at=99.0)]
+    bad += [good._replace(sender=0), good._replace(sender=-1), good._replace(numbers=(1.0,))]
+    assert onboard.act(0.0, pose, bad).row[8] == 0
+    assert onboard.act(0.1, pose, [good]).row[8] == 1
+
+
+@pytest.mark.parametrize("policy", ["sweep", "tracked-reference-mpcc"])
+def test_the_steps_of_a_policy_follow_the_clock(policy):
+    # Oracle: the same robot, called at every step. One call is left out, later every call is made twice.
+    made = lissajous_env.scenario("experiment").resolve()
+    simulation, together = lissajous_env.Simulation(made), baselines.make(policy, made)
+    steady, uneven = (baselines.Onboard(policy, made, 0, limits=Limits.none()) for _ in range(2))
+    for k in range(60):
+        inputs = inputs_of(simulation, 0)
+        action = steady.act(*inputs).action
+        if k != 20:
+            found = uneven.act(*inputs).action
+            if policy == "sweep" or k < 20:  # the other keeps a warm start besides the time
+                np.testing.assert_array_equal(found, action)
+            np.testing.assert_allclose(found, action, atol=0.02)
+        if k > 40:
+            early = inputs._replace(now=inputs.now + 0.02)
+            np.testing.assert_array_equal(uneven.act(*early).action, found)
+        simulation.step(together.act(simulation.observation))
+
+
+def test_a_policy_is_restricted_to_a_robot_of_one_world():
+    with pytest.raises(ValueError, match="robot must be a whole number from 0 to 4, got 5"):
+        baselines.make("kuramoto-mpcc-safe", "experiment").restrict(5)
+    with pytest.raises(ValueError, match="must be for one world to be restricted, got 2"):
+        baselines.make("kuramoto-mpcc", "experiment", num_worlds=2).restrict(0)
+    with pytest.raises(ValueError, match="problem must be from 0 to 4"):
+        baselines.make("kuramoto-mpcc", "experiment").mpcc.restrict(-1)

@@ -1,0 +1,187 @@
+"""The rules by which a robot outside the simulator stops: each is broken once, and only that one stops the robot."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import baselines
+import lissajous_env
+from baselines.onboard import Limits, Message, Odometry, inputs_of
+
+STEP = 0.1
+POSE = Odometry(1.7, 0.1, 1.5, 0.5, 0.0)
+REST = (0.0, 0.1)
+
+
+class Robot:
+    """Robot 0 of the experiment, which hears its neighbours in each step unless a test leaves something out."""
+
+    def __init__(self, **limits):
+        self.onboard = baselines.Onboard("kuramoto-mpcc", "experiment", 0, limits=Limits(**limits))
+        self.now = 0.0
+
+    def call(self, after=STEP, pose=POSE, age=0.0, hears=True, **more):
+        self.now += after
+        heard = [Message(j, self.now, 1.0, 0.0, 1.0, 0.0) for j in self.onboard.neighbours] if hears else []
+        odometry = pose._replace(stamp=self.now - age) if pose is not None else None
+        return self.onboard.act(self.now, odometry, heard, **more)
+
+
+def is_at_rest(output):
+    return output.command == pytest.approx(REST)
+
+
+def test_a_robot_with_good_input_drives():
+    robot = Robot()
+    for _ in range(30):
+        output = robot.call()
+        assert output.stopped == ""
+        assert not is_at_rest(output)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ({"age": 0.3}, "the pose is 0.3 s old, the limit is 0.25 s"),
+        ({"age": -0.3}, "of 0.3 s from now"),
+        ({"pose": None}, "there is no pose"),
+        ({"pose": POSE._replace(x=math.nan)}, "the pose is not finite"),
+        ({"pose": POSE._replace(speed=math.inf)}, "the pose is not finite"),
+        ({"pose": POSE._replace(speed_stamp=-5.0)}, "the speed is"),
+        ({"robots": [(0.1, math.nan, 0, 0)]}, "sees is not finite"),
+        ({"targets": [(math.inf, 0)]}, "sees is not finite"),
+        ({"works": False}, "does not work"),
+    ],
+)
+def test_bad_input_stops_a_robot_until_it_is_good_again(fault, words):
+    robot = Robot()
+    assert robot.call().stopped == ""
+    output = robot.call(**fault)
+    assert words in output.stopped
+    assert is_at_rest(output)
+    assert output.row[7] == 0  # as in the simulator, its policy observes that it has failed
+    assert np.isfinite(output.row).all()
+    assert robot.call().stopped == ""
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ({"after": 0.5}, "the clock jumped by 0.5 s"),
+        ({"after": -0.1}, "the clock went back by 0.1 s"),
+        ({"after": 0.0}, "the clock went back by 0 s"),
+        ({"pose": POSE._replace(x=3.0)}, "1.2 m outside of the rectangle"),
+        ({"pose": POSE._replace(y=-2.0)}, "1.2 m outside of the rectangle"),
+    ],
+)
+def test_some_faults_stop_a_robot_until_a_person_resumes_it(fault, words):
+    robot = Robot()
+    robot.call()
+    assert words in robot.call(**fault).stopped
+    output = robot.call()
+    assert words in output.stopped
+    assert is_at_rest(output)
+    robot.onboard.resume()
+    assert robot.call().stopped == ""
+
+
+def test_a_robot_that_is_told_to_stop_stops_at_once_and_still_sends_its_phase():
+    robot = Robot()
+    before = robot.call()
+    robot.onboard.stop()
+    assert robot.onboard.command_at(robot.now) == pytest.approx(REST)
+    output = robot.call()
+    assert output.stopped == "the robot was told to stop"
+    assert output.message.sent_at == robot.now
+    assert output.message[2:6] == pytest.approx(before.message[2:6], abs=1e-3)
+    robot.onboard.resume()
+    assert robot.call().stopped == ""
+
+
+def test_a_silent_neighbour_stops_a_robot_that_listens():
+    robot = Robot(silence=0.35)
+    robot.call()
+    stopped = [bool(robot.call(hears=False).stopped) for _ in range(6)]
+    assert stopped == [False, False, False, True, True, True]
+    assert robot.call().stopped == ""
+
+
+def test_a_neighbour_that_was_never_heard_is_silent_from_the_first_call_on():
+    robot = Robot(silence=0.35)
+    stopped = [bool(robot.call(hears=False).stopped) for _ in range(6)]
+    assert stopped == [False, False, False, False, True, True]
+
+
+def test_a_policy_without_messages_needs_no_neighbour():
+    robot = Robot(silence=0.35)
+    robot.onboard = baselines.Onboard("open-loop-mpcc", "experiment", 0, limits=Limits(silence=0.35))
+    assert [robot.call(hears=False).stopped for _ in range(8)] == [""] * 8
+
+
+def test_an_action_that_is_not_finite_stops_a_robot():
+    def broken(observation):
+        return np.full((*observation.shape[:2], 2), np.nan)
+
+    onboard = baselines.Onboard(broken, "experiment", 0)
+    output = onboard.act(0.0, POSE)
+    assert output.stopped == "the action of the policy is not finite"
+    assert is_at_rest(output)
+
+
+def test_a_twist_at_rest_is_zero():
+    onboard = baselines.Onboard("kuramoto-mpcc", "experiment", 0, "twist")
+    assert onboard.act(0.0, None).command == (0.0, 0.0)
+    assert onboard.act(0.1, None).message is None
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.booleans(), st.floats(-0.5, 0.5)), min_size=1, max_size=20))
+def test_no_command_outlives_the_watchdog(moves):
+    # Whatever the clock does: a command that is not that of rest is at most 0.2 s old.
+    robot, driven_at = ROBOT, None
+    robot.onboard.reset()
+    for calls, after in moves:
+        if calls:
+            stopped = robot.call(after=after).stopped
+            driven_at = None if stopped else robot.now
+        else:
+            robot.now += after
+        command = robot.onboard.command_at(robot.now)
+        if command != pytest.approx(REST):
+            assert driven_at is not None
+            assert 0 <= robot.now - driven_at <= 0.2
+    assert robot.onboard.command_at(math.nan) == pytest.approx(REST)
+    assert robot.onboard.command_at(robot.now + 1.0) == pytest.approx(REST)
+
+
+ROBOT = Robot(watchdog=0.2, clock_jump=10.0)
+
+
+@pytest.mark.parametrize("scenario", ["experiment", "intruders", "rough"])
+def test_the_limits_let_the_shipped_robots_drive(scenario):
+    # With the limits of a scenario, robots stop only where the simulated ones fail.
+    made = lissajous_env.scenario(scenario).resolve()
+    simulation, policy = lissajous_env.Simulation(made, seed=1), baselines.make("kuramoto-mpcc", made)
+    onboard = [baselines.Onboard("kuramoto-mpcc", made, i) for i in range(made.num_robots)]
+    for _ in range(200):
+        for i, robot in enumerate(onboard):
+            inputs = inputs_of(simulation, i)
+            assert robot.act(*inputs).stopped == ("" if inputs.works else "the robot does not work")
+        simulation.step(policy.act(simulation.observation))
+
+
+@pytest.mark.parametrize(("field", "value"), [("pose_age", -1), ("fence", math.nan), ("watchdog", math.inf)])
+def test_limits_are_checked(field, value):
+    with pytest.raises(ValueError, match=f"limits.{field} must be"):
+        Limits(**{field: value})
+
+
+def test_what_the_sensor_sees_must_be_rows():
+    robot = Robot()
+    with pytest.raises(ValueError, match="robots must be rows of 4 numbers, got shape"):
+        robot.call(robots=[(1.0, 2.0)])
+    with pytest.raises(ValueError, match="targets must be rows of 2 numbers"):
+        robot.call(targets="none")
