@@ -15,18 +15,19 @@ from baselines.planning.families.shipped import NAME as DEFAULTS
 from baselines.planning.optimising import optimise
 from baselines.planning.plans import Plan, Planned
 from baselines.planning.playing import Episodes, Look, StoppedError, look_at, play, reason_of
+from baselines.planning.teams import SETTLED, WHOLE
 from baselines.planning.tried import Tried, first_of_each, in_turn, outcome_of, why
 from lissajous_env.device.devices import cores
 from lissajous_env.parameters.scenario import Scenario
 
 _DEFAULTS, _LOOKING = 0.7, 0.7
 """Shares of the time after which no default is begun, and after which no plan is looked at."""
-_LOOKING_LESS, _MORE = 0.35, 0.2
-"""Share of the time after which no plan is looked at if free-form paths are optimised, and more for these."""
+_LOOKING_LESS, _OPTIMISING = 0.25, 0.9
+"""Shares of the time after which no plan is looked at if free-form paths are optimised, and after which these end."""
 _TIMED = DEFAULTS, "partition", "lines"
 """Families that may have plans of timed paths."""
-_STARTS = 1
-"""Plans from which free-form paths are optimised, the best first."""
+_STARTS = 2
+"""Plans from which free-form paths are optimised for each goal, the best first."""
 _LATEST = 0.85
 """Share of the time after which the episodes of the defaults are ended."""
 _CUTOFF = 3.0
@@ -45,10 +46,18 @@ class Search:
         episodes: The episodes of every plan.
         families: The families of plans.
         seed: Seed of the random changes.
+        fixed_start: True for plans alone whose robots begin where the task places them.
     """
 
-    def __init__(self, task: Scenario, episodes: Episodes, families: Sequence[Family] = FAMILIES, seed: int = 0):
-        self.task, self.episodes = task, episodes
+    def __init__(
+        self,
+        task: Scenario,
+        episodes: Episodes,
+        families: Sequence[Family] = FAMILIES,
+        seed: int = 0,
+        fixed_start: bool = False,
+    ):
+        self.task, self.episodes, self.fixed_start, self._seed = task, episodes, fixed_start, seed
         self.finals: list[Planned] = []
         self.interrupted = False
         self.unplayed = 0
@@ -187,17 +196,18 @@ class Search:
 
     def _optimise(self, threads: ThreadPoolExecutor) -> None:
         """Improve free-form paths, from the best plans of timed paths."""
-        left = _LOOKING * self._seconds + _MORE * self._seconds - self._clock()
+        left = _OPTIMISING * self._seconds - self._clock()
         if not self._optimises or self._over.is_set() or left <= 0:
             return
         timed = [look for look in self.looks if not look.fails and look.plan.family in _TIMED]
-        best = sorted(timed, key=lambda look: (look.settled, *look.by_worst_case))[:_STARTS]
+        orders = {WHOLE: lambda look: look.by_worst_case, SETTLED: lambda look: (look.settled, *look.by_worst_case)}
+        starts = {goal: [look.plan for look in sorted(timed, key=of)[:_STARTS]] for goal, of in orders.items()}
 
         def stopped() -> bool:
             self._on_progress(self._clock())
             return self._over.is_set()
 
-        self._optimised = optimise(self.task, [look.plan for look in best], left, stopped)
+        self._optimised = optimise(self.task, starts, left, stopped, self._seed, self.fixed_start)
 
     def _cutoff(self) -> float:
         return _CUTOFF * min(self.best, *(tried.best for tried in self._tried.values()))
@@ -230,7 +240,9 @@ class Search:
         except ValueError as error:
             tried.unmade.append(str(error))
             return
-        if plan.key not in self._known:
+        if self.fixed_start and plan.scenario.digest() != self.task.digest():
+            tried.unmade.append("robots would begin elsewhere")
+        elif plan.key not in self._known:
             self._known.add(plan.key)
             yield tried, settings, plan
 

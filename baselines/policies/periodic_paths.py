@@ -15,14 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from baselines.policies.partition import Partition, start_is_known, starts_of
+from baselines.policies.partition import FilteredPaths, start_is_known, starts_of
 from baselines.policies.partition_plan import PartitionParameters, car_of, required_distance
 from baselines.policies.path_tables import PathTables, path_tables
-from baselines.policies.patrol import Still
 from baselines.policies.registry import register
-from baselines.policies.timed_paths import TimedPaths, TrackingParameters
-from baselines.policies.transit import transit
-from baselines.safety.filter import Safe
+from baselines.policies.timed_paths import TrackingParameters
+from baselines.policies.transit import TRIES, transit
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, rows, whole
 from lissajous_env.theory import closed_forms
@@ -89,21 +87,44 @@ def timed_loops(scenario: Scenario, parameters: PathParameters) -> tuple[PathTab
         ValueError: another number of paths than of robots.
     """
     loop = _loop(scenario, parameters)
-    pieces = np.linalg.norm(np.diff(loop, axis=1, append=loop[:, :1]), axis=2)
-    fastest = float(pieces.max()) / scenario.task.step
-    around = _LONGEST * 2 * (scenario.curve.half_width + scenario.curve.half_height)
-    longest = math.ceil(around / fastest / scenario.task.step) + loop.shape[1]
     if start_is_known(scenario):
-        start, speed = starts_of(scenario)
-        room = PartitionParameters(speed=max(fastest, 1e-3), clearance=0.2 * scenario.robot.radius)
-        apart = required_distance(scenario, room)
         for shift in np.arange(_PHASES) * loop.shape[1] // _PHASES:  # the phase of the team is free
             turned = np.roll(loop, shift, axis=1)
-            found = transit(start, speed, turned, car_of(scenario, room), apart, scenario.task.step, longest)
+            found = lead_in_of(scenario, turned)
             if found is not None:
                 lead_in, chosen = found
                 return path_tables(scenario, np.roll(turned[chosen], -lead_in.shape[1], axis=1), lead_in), 0.0
-    return path_tables(scenario, loop), float(longest)
+    return path_tables(scenario, loop), filtered_steps(scenario, loop)
+
+
+def lead_in_of(scenario: Scenario, loop: np.ndarray, tries: int = TRIES) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the ways (N, L, 2) of the robots from an equilibrium into loops (N, K, 2) [m], and the loop (N,) of each.
+
+    The result is None if no ways without collisions are found in some `tries`, orders of the robots.
+    """
+    start, speed = starts_of(scenario)
+    room = PartitionParameters(speed=_speed_on(scenario, loop), clearance=0.2 * scenario.robot.radius)
+    apart = required_distance(scenario, room)
+    longest = math.ceil(_LONGEST * _time_around(scenario, loop)) + loop.shape[1]
+    car, step = car_of(scenario, room), scenario.task.step
+    return transit(start, speed, loop, car, apart, step, longest, tries=tries)
+
+
+def filtered_steps(scenario: Scenario, loop: np.ndarray) -> float:
+    """Return the time after which all robots are on loops (..., K, 2) [m] from any start [control step]."""
+    return float(math.ceil(_time_around(scenario, loop)) + 2 * loop.shape[-2])
+
+
+def _speed_on(scenario: Scenario, loop: np.ndarray) -> float:
+    """Return the largest speed on loops (..., K, 2) [m/s]."""
+    pieces = np.linalg.norm(loop - np.roll(loop, 1, axis=-2), axis=-1)
+    return max(float(pieces.max()) / scenario.task.step, 1e-3)
+
+
+def _time_around(scenario: Scenario, loop: np.ndarray) -> float:
+    """Return the time in which a car at the largest speed of loops drives around the rectangle [control step]."""
+    around = 2 * (scenario.curve.half_width + scenario.curve.half_height)
+    return around / _speed_on(scenario, loop) / scenario.task.step
 
 
 def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
@@ -122,7 +143,7 @@ def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
 
 
 @register("periodic-paths", on_request=True)
-class PeriodicPaths(Partition):
+class PeriodicPaths(FilteredPaths):
     """Cars on timed closed paths of any form, given by Fourier coefficients; by default those of the formation."""
 
     def __init__(
@@ -134,7 +155,5 @@ class PeriodicPaths(Partition):
         tracking: TrackingParameters | None = None,
     ):
         self.parameters = parameters or PathParameters()
-        tables, self._filtered_until = timed_loops(scenario.resolve(), self.parameters)
-        TimedPaths.__init__(self, scenario, num_worlds, device, tables=tables, parameters=tracking)
-        self._filter = Safe(Still(self.scenario, num_worlds, self.device)) if self._filtered_until > 0 else None
-        self.communicates = "nothing" if self._filter is None else self._filter.communicates
+        tables, until = timed_loops(scenario.resolve(), self.parameters)
+        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until, tracking=tracking)
