@@ -21,12 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from baselines.planning.families.lissajous import on_ellipse
 from baselines.planning.plans import Plan
 from baselines.planning.playing import EPISODES
-from baselines.planning.teams import SETTLED, WHOLE, Limits, Teams, violation
+from baselines.planning.teams import Limits, Teams, violation
 from baselines.planning.tried import in_turn
-from baselines.policies.partition import start_is_known
 from baselines.policies.path_tables import FINE
 from baselines.policies.periodic_paths import coefficients_of, places_of
 from baselines.policies.settings import PolicySettings
@@ -51,10 +49,6 @@ _MOVES, _SIGMA = 0.05, 0.02
 side of the rectangle."""
 _TOLERANCE = 0.01
 """Largest relative violation of a team that becomes a plan: the limits of the cars have a reserve."""
-_FAR = 0.1
-"""Relative violation from which on no way from the start is sought."""
-_STARTS = 1.0, 1.2, 0.8
-"""Speeds of a start on an ellipse where it is fastest, over the largest speed on the paths."""
 _WIDER = 1.03
 """Size of the first paths, over that of the plan: those of a partition often turn as tightly as cars can."""
 _WORLDS = 24
@@ -69,39 +63,46 @@ class _Team:
     """A team that meets the limits and did not collide."""
 
     value: float
+    task: Scenario
+    """Scenario with the start."""
     paths: np.ndarray
     """(N, 2 + 4 K) Fourier coefficients [m]."""
     period: int
 
+    @property
+    def plan(self) -> Plan:
+        """Return its plan."""
+        rows = [[float(f"{number:.5g}") for number in row] for row in self.paths]
+        given = {"period": self.period, "paths": rows, "planned_ways": False}
+        about = f"period {self.period * self.task.task.step:.3g} s, {(self.paths.shape[1] - 2) // 4} harmonics"
+        return Plan(NAME, self.task, PolicySettings("periodic-paths", given), about)
+
 
 def optimise(
-    task: Scenario,
     starts: Mapping[str, Sequence[Plan]],
     seconds: float,
     stopped: Callable[[], bool] = lambda: False,
     seed: int = 0,
-    fixed_start: bool = False,
+    clock: Callable[[], float] = time.monotonic,
 ) -> list[Plan]:
     """Return plans of free-form paths, the best of each goal in turn.
 
     Args:
-        task: The task, of cars.
         starts: For each goal, the plans of timed paths from which the search begins; others are left out.
         seconds: Duration of the search [s].
         stopped: Returns whether to stop.
         seed: Seed of the search.
-        fixed_start: True to begin where the task places the robots.
+        clock: Returns the time [s].
 
     Raises:
         MissingExtraError: the library `cma` is not installed.
     """
     require_cma()
-    begin = time.monotonic()
+    begin = clock()
     found: list[list[Plan]] = []
-    for k, goal in enumerate((SETTLED, WHOLE)):
-        search = _Search(task, goal, begin + seconds * (k + 1) / 2, stopped, seed, fixed_start)
-        teams = search.run([loop for plan in starts.get(goal, ()) if (loop := loop_of(plan)) is not None])
-        found.append([_plan(task, team, fixed_start) for team in teams[:_KEPT]])
+    for k, (goal, plans) in enumerate(starts.items()):
+        search = _Search(goal, begin + seconds * (k + 1) / len(starts), stopped, seed, clock)
+        found.append([team.plan for team in search.run(plans)[:_KEPT]])
     return list(in_turn(found))
 
 
@@ -147,89 +148,73 @@ def moved(paths: np.ndarray, changes: np.ndarray) -> np.ndarray:
 class _Search:
     """A search with one goal."""
 
-    def __init__(
-        self, task: Scenario, goal: str, until: float, stopped: Callable[[], bool], seed: int, fixed_start: bool
-    ):
-        self.task, self.goal, self.until, self.stopped, self.seed = task, goal, until, stopped, seed
-        self.fixed_start = fixed_start
-        self.limits = Limits.of(task)
-        self.weight = _PENALTY * task.sensing_radius / task.robot.top_speed
+    def __init__(self, goal: str, until: float, stopped: Callable[[], bool], seed: int, clock: Callable[[], float]):
+        self.goal, self.until, self.stopped, self.seed, self.clock = goal, until, stopped, seed, clock
 
-    def run(self, loops: Sequence[np.ndarray]) -> list[_Team]:
-        """Return the best teams found from loops (N, K, 2) [m], one of each search of the second stage, best first."""
-        begun = [(loop, max(round(loop.shape[1] * share), 4)) for share in _PERIODS for loop in loops]
-        size = np.array([min(self.limits.half)] * 2 + [1.0] * 3)
-        begin, first = time.monotonic(), []
-        for k, (loop, period) in enumerate(begun):
-            paths = self._described(loop)
+    def run(self, plans: Sequence[Plan]) -> list[_Team]:
+        """Return the best teams of each stage, the best first."""
+        loops = [(plan.scenario, loop) for plan in plans if (loop := loop_of(plan)) is not None]
+        begun = [(task, loop, max(round(loop.shape[1] * share), 4)) for share in _PERIODS for task, loop in loops]
+        begin, first = self.clock(), []
+        for k, (task, loop, period) in enumerate(begun):
             until = begin + _FIRST * (self.until - begin) * (k + 1) / len(begun)
-            first += self._improved(
-                lambda x, paths=paths: moved(paths, x.reshape(len(x), len(paths), 5) * size),
-                np.zeros(5 * len(paths)), _MOVES, period, until,
-            )  # fmt: skip
+            first += self._moved(task, _described(task, loop), period, until)
         kept = sorted(first, key=lambda team: team.value)[:_KEPT]
-        begin, second = time.monotonic(), []
+        begin, second = self.clock(), []
         for k, team in enumerate(kept):
-            until = begin + (self.until - begin) * (k + 1) / len(kept)
-            second += self._improved(
-                lambda x, shape=team.paths.shape: x.reshape(len(x), *shape),
-                team.paths.ravel(), _SIGMA * min(self.limits.half), team.period, until,
-            )  # fmt: skip
+            second += self._bent(team, begin + (self.until - begin) * (k + 1) / len(kept))
         return sorted([*kept, *second], key=lambda team: team.value)
 
-    def _described(self, loop: np.ndarray) -> np.ndarray:
-        """Return the Fourier coefficients of loops, a little wider."""
-        for count in range(_HARMONICS[0], _HARMONICS[1] + 1):
-            paths = coefficients_of(loop, count)
-            if np.abs(places_of(paths, loop.shape[1]) - loop).max() < _DESCRIBED * self.task.sensing_radius:
-                break
-        paths[:, 2:] *= _WIDER
-        return paths
+    def _moved(self, task: Scenario, paths: np.ndarray, period: int, until: float) -> list[_Team]:
+        """Return the best team of paths that are moved, stretched and delayed, if there is one."""
+        size = np.array([min(task.curve.half_width, task.curve.half_height)] * 2 + [1.0] * 3)
+        start = np.zeros(5 * len(paths))
+        return self._improved(
+            task, lambda x: moved(paths, x.reshape(len(x), len(paths), 5) * size), start, _MOVES, period, until
+        )
+
+    def _bent(self, team: _Team, until: float) -> list[_Team]:
+        """Return the best team of other coefficients, if there is one."""
+        task, start, shape = team.task, team.paths.ravel(), team.paths.shape
+        sigma = _SIGMA * min(task.curve.half_width, task.curve.half_height)
+        return self._improved(task, lambda x: x.reshape(len(x), *shape), start, sigma, team.period, until)
 
     def _improved(
-        self, paths_of: Callable[[np.ndarray], np.ndarray], start: np.ndarray, sigma: float, period: int, until: float
+        self,
+        task: Scenario,
+        paths_of: Callable[[np.ndarray], np.ndarray],
+        start: np.ndarray,
+        sigma: float,
+        period: int,
+        until: float,
     ) -> list[_Team]:
         """Return the best team of one run of CMA-ES, if there is one that meets the limits."""
         options = {"popsize": _WORLDS, "seed": self.seed + 1, "verbose": -9}
         search = require_cma().CMAEvolutionStrategy(start, sigma, options)
-        teams, best, drawn = Teams(self.task, period, _WORLDS, self.goal), None, 0
-        while time.monotonic() < until and not self.stopped() and not search.stop():
+        limits, weight = Limits.of(task), _PENALTY * task.sensing_radius / task.robot.top_speed
+        teams, best, drawn = Teams(task, period, _WORLDS, self.goal), None, 0
+        while self.clock() < until and not self.stopped() and not search.stop():
             asked = search.ask()
             paths = paths_of(np.array(asked))
-            broken = violation(paths, period, self.limits)
-            worst, mean, collisions = teams.scores(
-                places_of(paths, period), self.seed + drawn % EPISODES, broken < _FAR
-            )
+            broken = violation(paths, period, limits)
+            worst, mean, collisions = teams.scores(places_of(paths, period), self.seed + drawn % EPISODES)
             drawn += 1
             values = worst + _MEAN * mean
-            values = values + self.weight * (broken + _COLLISION * np.minimum(collisions, _MOST_COLLISIONS))
+            values = values + weight * (broken + _COLLISION * np.minimum(collisions, _MOST_COLLISIONS))
             search.tell(asked, values.tolist())
             allowed = np.where((broken < _TOLERANCE) & (collisions == 0), values, np.inf)
             k = int(allowed.argmin())
-            if allowed[k] < (np.inf if best is None else best.value) and self._can_begin(paths[k], period):
-                best = _Team(float(allowed[k]), paths[k], period)
+            if allowed[k] < (np.inf if best is None else best.value):
+                best = _Team(float(allowed[k]), task, paths[k], period)
         return [] if best is None else [best]
 
-    def _can_begin(self, paths: np.ndarray, period: int) -> bool:
-        """Return whether the robots get from the start of the task into paths without collisions."""
-        if not self.fixed_start or not start_is_known(self.task):
-            return True
-        return _settings(paths, period).make(self.task).communicates == "nothing"
 
-
-def _plan(task: Scenario, team: _Team, fixed_start: bool) -> Plan:
-    """Return the plan of some paths, with a start from which the cars can drive into them without collisions."""
-    settings = _settings(team.paths, team.period)
-    about = f"period {team.period * task.task.step:.3g} s, {(team.paths.shape[1] - 2) // 4} harmonics"
-    moved_by = np.linalg.norm(np.diff(places_of(team.paths, team.period), axis=1), axis=2).max()
-    fastest = [min(share * float(moved_by) / task.task.step, task.robot.top_speed) for share in _STARTS]
-    for made in (task, *([] if fixed_start else [on_ellipse(task, speed) for speed in fastest])):
-        if settings.make(made).communicates == "nothing":  # no collision filter is needed on the way
-            return Plan(NAME, made, settings, about)
-    return Plan(NAME, task, settings, about)
-
-
-def _settings(paths: np.ndarray, period: int) -> PolicySettings:
-    """Return the policy of some paths."""
-    rows = [[float(f"{number:.5g}") for number in row] for row in paths]
-    return PolicySettings("periodic-paths", {"period": period, "paths": rows})
+def _described(task: Scenario, loop: np.ndarray) -> np.ndarray:
+    """Return the Fourier coefficients of loops, a little wider."""
+    paths = coefficients_of(loop, _HARMONICS[0])
+    for count in range(_HARMONICS[0], _HARMONICS[1] + 1):
+        paths = coefficients_of(loop, count)
+        if np.abs(places_of(paths, loop.shape[1]) - loop).max() < _DESCRIBED * task.sensing_radius:
+            break
+    paths[:, 2:] *= _WIDER
+    return paths

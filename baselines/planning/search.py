@@ -47,6 +47,7 @@ class Search:
         families: The families of plans.
         seed: Seed of the random changes.
         fixed_start: True for plans alone whose robots begin where the task places them.
+        clock: Returns the time [s].
     """
 
     def __init__(
@@ -56,8 +57,10 @@ class Search:
         families: Sequence[Family] = FAMILIES,
         seed: int = 0,
         fixed_start: bool = False,
+        clock: Callable[[], float] = time.monotonic,
     ):
         self.task, self.episodes, self.fixed_start, self._seed = task, episodes, fixed_start, seed
+        self._time = clock
         self.finals: list[Planned] = []
         self.interrupted = False
         self.unplayed = 0
@@ -101,8 +104,8 @@ class Search:
         """
         self._is_enough = is_enough
         self._optimises = free_paths and self.task.robot.kind == "car"
-        begin = time.monotonic()
-        self._clock = lambda: time.monotonic() - begin
+        begin = self._time()
+        self._clock = lambda: self._time() - begin
         self._on_progress, self._seconds = on_progress, seconds
         with ThreadPoolExecutor(cores()) as threads:
             for stage in (self._play_defaults, self._look, self._optimise, self._finish):
@@ -207,7 +210,7 @@ class Search:
             self._on_progress(self._clock())
             return self._over.is_set()
 
-        self._optimised = optimise(self.task, starts, left, stopped, self._seed, self.fixed_start)
+        self._optimised = optimise(starts, left, stopped, self._seed, self._time)
 
     def _cutoff(self) -> float:
         return _CUTOFF * min(self.best, *(tried.best for tried in self._tried.values()))

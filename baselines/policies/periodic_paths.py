@@ -5,7 +5,8 @@ Robot i is to be at
     x(t) = x_0 + sum over k = 1, 2 ... of a_k cos(2 pi k t / T) + b_k sin(2 pi k t / T)
 
 and at y(t) likewise, where T is the common period. The paths are timed (`baselines.policies.timed_paths`), and from a
-start in the equilibrium the cars enter them by a planned transit without collisions, as those of `partition` do.
+start in the equilibrium the cars enter them by a planned transit without collisions, as those of `partition` do, or
+drive to them at once.
 """
 
 import math
@@ -20,9 +21,9 @@ from baselines.policies.partition_plan import PartitionParameters, car_of, requi
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import TrackingParameters
-from baselines.policies.transit import TRIES, transit
+from baselines.policies.transit import transit
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import Checked, rows, whole
+from lissajous_env.settings.checks import Checked, flag, rows, whole
 from lissajous_env.theory import closed_forms
 
 _LONGEST = 3.0
@@ -48,6 +49,9 @@ class PathParameters(Checked):
     )
     """Fourier coefficients of the path of each robot: x_0, y_0, and for each harmonic a_k, b_k of x, a_k, b_k of y [m];
     None means the places of the formation on its curve."""
+    planned_ways: bool = flag(True)
+    """True to plan ways without collisions from a known start into the paths, and to select the path of each robot by
+    them; False to drive to the paths at once, which is without collisions only if an episode shows it."""
 
 
 def places_of(paths: np.ndarray, period: int) -> np.ndarray:
@@ -87,32 +91,26 @@ def timed_loops(scenario: Scenario, parameters: PathParameters) -> tuple[PathTab
         ValueError: another number of paths than of robots.
     """
     loop = _loop(scenario, parameters)
-    if start_is_known(scenario):
-        for shift in np.arange(_PHASES) * loop.shape[1] // _PHASES:  # the phase of the team is free
-            turned = np.roll(loop, shift, axis=1)
-            found = lead_in_of(scenario, turned)
-            if found is not None:
-                lead_in, chosen = found
-                return path_tables(scenario, np.roll(turned[chosen], -lead_in.shape[1], axis=1), lead_in), 0.0
-    return path_tables(scenario, loop), filtered_steps(scenario, loop)
-
-
-def lead_in_of(scenario: Scenario, loop: np.ndarray, tries: int = TRIES) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the ways (N, L, 2) of the robots from an equilibrium into loops (N, K, 2) [m], and the loop (N,) of each.
-
-    The result is None if no ways without collisions are found in some `tries`, orders of the robots.
-    """
+    if not start_is_known(scenario):
+        return path_tables(scenario, loop), float(arrival_steps(scenario, loop))
+    if not parameters.planned_ways:
+        return path_tables(scenario, loop), 0.0
     start, speed = starts_of(scenario)
     room = PartitionParameters(speed=_speed_on(scenario, loop), clearance=0.2 * scenario.robot.radius)
     apart = required_distance(scenario, room)
     longest = math.ceil(_LONGEST * _time_around(scenario, loop)) + loop.shape[1]
-    car, step = car_of(scenario, room), scenario.task.step
-    return transit(start, speed, loop, car, apart, step, longest, tries=tries)
+    for shift in np.arange(_PHASES) * loop.shape[1] // _PHASES:  # the phase of the team is free
+        turned = np.roll(loop, shift, axis=1)
+        found = transit(start, speed, turned, car_of(scenario, room), apart, scenario.task.step, longest)
+        if found is not None:
+            lead_in, chosen = found
+            return path_tables(scenario, np.roll(turned[chosen], -lead_in.shape[1], axis=1), lead_in), 0.0
+    return path_tables(scenario, loop), float(arrival_steps(scenario, loop))
 
 
-def filtered_steps(scenario: Scenario, loop: np.ndarray) -> float:
+def arrival_steps(scenario: Scenario, loop: np.ndarray) -> int:
     """Return the time after which all robots are on loops (..., K, 2) [m] from any start [control step]."""
-    return float(math.ceil(_time_around(scenario, loop)) + 2 * loop.shape[-2])
+    return math.ceil(_time_around(scenario, loop)) + 2 * loop.shape[-2]
 
 
 def _speed_on(scenario: Scenario, loop: np.ndarray) -> float:

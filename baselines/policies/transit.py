@@ -13,8 +13,8 @@ import numpy as np
 from baselines.policies.dubins import dubins_lengths, dubins_places
 
 _PROFILE = np.linspace(0, 1, 21)
-TRIES = 24
-"""Orders of the cars that are tried, by default."""
+_TRIES = 24
+"""Orders of the cars that are tried."""
 _PER_ROBOT = 60
 """Paths of a car that are tried in an order, the earliest first."""
 
@@ -52,7 +52,6 @@ def transit(
     step: float,
     longest: int,
     assignments: np.ndarray | None = None,
-    tries: int = TRIES,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the lead-in (N, L, 2) of each robot and the loop that it goes around, by robot; None if there is none.
 
@@ -65,7 +64,6 @@ def transit(
         step: Control step [s].
         longest: Longest transit [control steps].
         assignments: (A, N) loops of the robots that may be chosen; all by default.
-        tries: Orders of the cars that are tried.
 
     Returns:
         (N, L, 2) places at control steps 0 to L - 1 [m], and the loop (N,) of each robot.
@@ -91,7 +89,7 @@ def transit(
         return None
     ways = [_Ways(i, chosen[i], start, speed, loop, loop_speed, pieces, possible, times, car, step) for i in robots]
     draw, order = np.random.default_rng(0), np.argsort(-arrival[robots, chosen], kind="stable")
-    for _ in range(tries):
+    for _ in range(_TRIES):
         found = _selected([ways[i] for i in order], apart)
         if isinstance(found, dict):
             last = max(way[1] for way in found.values())

@@ -1,0 +1,43 @@
+"""The best known plans of included scenarios: `python benchmarks/known.py NAME --seconds 120 --seed 0`.
+
+Searches for plans of each scenario, as a benchmark plays it, whose robots begin where the scenario places them: the
+stored ones, partitions and lines, then free-form paths from the best of these (`baselines.planning.optimising`). The
+seconds are those of the processors, so that the result depends little on what else runs. A plan with a shorter
+worst-case undetected time than the stored one, of whole episodes or of their second halves, takes its place in
+`baselines/planning/known`, together with this command and its figures. Plans with a collision, or without a bound, are
+not stored.
+"""
+
+import argparse
+import time
+
+from baselines.benchmark.standard import as_played
+from baselines.planning import best_known
+from baselines.planning.families.known import Known
+from baselines.planning.families.tuned import LINES, PARTITIONS
+from baselines.planning.playing import Episodes, quietly
+from baselines.planning.search import Search
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenarios", nargs="+")
+    parser.add_argument("--seconds", type=float, default=120.0)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    for name in options.scenarios:
+        task, families = as_played(name, {}), (Known(), PARTITIONS, LINES)
+        search = Search(task, Episodes(), families, options.seed, fixed_start=True, clock=time.process_time)
+        with quietly():
+            search.run(options.seconds, free_paths=True)
+        command = f"python benchmarks/known.py {name} --seconds {options.seconds:g} --seed {options.seed}"
+        kept = best_known.keep(name, search.finals, command)
+        print(f"{name}: {len(search.looks)} looks, {len(search.finals)} played, stored: {', '.join(kept) or 'nothing'}")
+        for each in sorted(search.finals, key=lambda each: best_known.ranked(each.figures, best_known.WHOLE)):
+            of = each.figures
+            words = f"worst {of.worst_case:.3g} s, second half {of.settled:.3g} s, {of.collisions} collisions"
+            print(f"  {each.plan.settings.policy}: {words} ({each.plan.about})", flush=True)
+
+
+if __name__ == "__main__":
+    main()
