@@ -33,7 +33,7 @@ def main() -> None:
         command = f"python benchmarks/known.py {name} --seconds {options.seconds:g} --seed {options.seed}"
         kept = best_known.keep(name, search.finals, command)
         print(f"{name}: {len(search.looks)} looks, {len(search.finals)} played, stored: {', '.join(kept) or 'nothing'}")
-        for each in sorted(search.finals, key=lambda each: best_known.ranked(each.figures, best_known.WHOLE)):
+        for each in sorted(search.finals, key=lambda each: each.figures.worst_case):
             of = each.figures
             words = f"worst {of.worst_case:.3g} s, second half {of.settled:.3g} s, {of.collisions} collisions"
             print(f"  {each.plan.settings.policy}: {words} ({each.plan.about})", flush=True)

@@ -15,8 +15,7 @@ from functools import cache
 from pathlib import Path
 
 from baselines.benchmark.standard import GRIDS
-from baselines.planning.plans import Figures, Planned
-from baselines.planning.teams import SETTLED, WHOLE
+from baselines.planning.plans import SETTLED, WHOLE, Figures, Planned
 from baselines.policies import stored
 from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters import named
@@ -26,7 +25,6 @@ from lissajous_env.storage.files import write_atomically
 
 FOLDER = Path(__file__).parent / "known"
 FOUND = "found.toml"
-GOALS = WHOLE, SETTLED
 
 
 @dataclass(frozen=True)

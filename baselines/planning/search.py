@@ -13,9 +13,8 @@ from baselines.planning.families.base import Family, Settings, changed
 from baselines.planning.families.known import NAME as KNOWN
 from baselines.planning.families.shipped import NAME as DEFAULTS
 from baselines.planning.optimising import optimise
-from baselines.planning.plans import Plan, Planned
+from baselines.planning.plans import SETTLED, WHOLE, Plan, Planned
 from baselines.planning.playing import Episodes, Look, StoppedError, look_at, play, reason_of
-from baselines.planning.teams import SETTLED, WHOLE
 from baselines.planning.tried import Tried, first_of_each, in_turn, outcome_of, why
 from lissajous_env.device.devices import cores
 from lissajous_env.parameters.scenario import Scenario
@@ -24,7 +23,7 @@ _DEFAULTS, _LOOKING = 0.7, 0.7
 """Shares of the time after which no default is begun, and after which no plan is looked at."""
 _LOOKING_LESS, _OPTIMISING = 0.25, 0.9
 """Shares of the time after which no plan is looked at if free-form paths are optimised, and after which these end."""
-_TIMED = DEFAULTS, "partition", "lines"
+_TIMED = DEFAULTS, KNOWN, "partition", "lines"
 """Families that may have plans of timed paths."""
 _STARTS = 2
 """Plans from which free-form paths are optimised for each goal, the best first."""

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baselines.planning.plans import SETTLED
 from baselines.planning.playing import coarse_grid
 from baselines.policies.partition import FilteredPaths, start_is_known
 from baselines.policies.partition_plan import PartitionParameters, required_distance, turning_radius_of
@@ -14,8 +15,6 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.simulation import Simulation
 
-WHOLE, SETTLED = "whole", "settled"
-"""Goals: the worst case of whole episodes, and that of their second halves, when all robots are in their places."""
 _FASTEST = 0.9
 """Largest speed on a path, over the top speed of the weakest car."""
 _CLEARANCE = 0.2
@@ -92,7 +91,7 @@ class Teams:
         task: The task, of cars.
         period: Period of the paths [control step].
         worlds: P.
-        goal: WHOLE or SETTLED.
+        goal: `plans.WHOLE` or `plans.SETTLED`.
     """
 
     def __init__(self, task: Scenario, period: int, worlds: int, goal: str = SETTLED):
