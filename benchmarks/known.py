@@ -1,7 +1,7 @@
 """The best known plans of included scenarios: `python benchmarks/known.py NAME --seconds 120 --seed 0`.
 
 Searches for plans of each scenario, as a benchmark plays it, whose robots begin where the scenario places them: the
-stored ones, partitions and lines, then free-form paths from the best of these (`baselines.planning.optimising`). The
+stored ones of all scenarios that begin alike, partitions and lines, then free-form paths from the best of these
 seconds are those of the processors, so that the result depends little on what else runs. A plan with a shorter
 worst-case undetected time than the stored one, of whole episodes or of their second halves, takes its place in
 `baselines/planning/known`, together with this command and its figures. Plans with a collision, or without a bound, are
@@ -10,13 +10,35 @@ not stored.
 
 import argparse
 import time
+from collections.abc import Sequence
 
 from baselines.benchmark.standard import as_played
 from baselines.planning import best_known
+from baselines.planning.families.base import Settings
 from baselines.planning.families.known import Known
 from baselines.planning.families.tuned import LINES, PARTITIONS
+from baselines.planning.plans import Plan
 from baselines.planning.playing import Episodes, quietly
 from baselines.planning.search import Search
+from lissajous_env.parameters.scenario import Scenario
+
+
+class Alike(Known):
+    """The stored plans of all scenarios whose robots begin at the same places of the same rectangle."""
+
+    def starts(self, task: Scenario) -> Sequence[Settings]:
+        """Return the stored plans."""
+        start = task.curve, task.formation, task.num_robots
+        known = best_known.all_known()
+        alike = [
+            each for each in known if (each.scenario.curve, each.scenario.formation, each.scenario.num_robots) == start
+        ]
+        return [{"stored": each.name} for each in alike]
+
+    def plan(self, task: Scenario, settings: Settings) -> Plan:
+        """Return a stored plan on the task."""
+        (found,) = (each for each in best_known.all_known() if each.name == settings["stored"])
+        return Plan(self.name, task, found.settings, settings["stored"])
 
 
 def main() -> None:
@@ -26,7 +48,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     for name in options.scenarios:
-        task, families = as_played(name, {}), (Known(), PARTITIONS, LINES)
+        task, families = as_played(name, {}), (Alike(), PARTITIONS, LINES)
         search = Search(task, Episodes(), families, options.seed, fixed_start=True, clock=time.process_time)
         with quietly():
             search.run(options.seconds, free_paths=True)

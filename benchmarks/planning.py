@@ -66,7 +66,7 @@ def row_of(seed: int, seconds: float) -> tuple[list[str], bool]:
                 continue
             if played is not None and not played.figures.collisions:
                 defaults[settings["policy"]] = played.figures.worst_case
-    best = min(defaults, key=defaults.__getitem__)
+    best = min(defaults, key=defaults.__getitem__, default="none")
     found = outcome.plans[0] if outcome.plans else None
     worst = math.inf if found is None else found.figures.worst_case
     name = "none" if found is None else found.plan.settings.policy

@@ -33,8 +33,7 @@ class BestKnown:
 
     name: str
     """Name of its folder."""
-    digest: str
-    """Digest of its scenario."""
+    scenario: Scenario
     settings: PolicySettings
     worst_case: float
     """Worst-case undetected time of its final episodes [s]."""
@@ -50,15 +49,15 @@ def all_known() -> tuple[BestKnown, ...]:
     found = []
     for path in sorted(FOLDER.glob(f"*/{FOUND}")):
         told = tomllib.loads(path.read_text(encoding="utf-8"))
-        digest = named.build(str(path.parent / stored.HOME)).digest()
-        found.append(BestKnown(path.parent.name, digest, stored.read(path.parent), **told))
+        home = named.build(str(path.parent / stored.HOME))
+        found.append(BestKnown(path.parent.name, home, stored.read(path.parent), **told))
     return tuple(found)
 
 
 def known_plans(scenario: Scenario) -> list[BestKnown]:
     """Return the stored plans of a scenario; none if anything but its name and description was changed."""
     digest = scenario.digest()
-    return [each for each in all_known() if each.digest == digest]
+    return [each for each in all_known() if each.scenario.digest() == digest]
 
 
 def ranked(figures: Figures | BestKnown, goal: str) -> tuple[float, float]:

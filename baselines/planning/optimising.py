@@ -26,7 +26,7 @@ from baselines.planning.playing import EPISODES
 from baselines.planning.teams import Limits, Teams, violation
 from baselines.planning.tried import in_turn
 from baselines.policies.path_tables import FINE
-from baselines.policies.periodic_paths import coefficients_of, places_of
+from baselines.policies.periodic_paths import coefficients_of, derivative_of, places_of
 from baselines.policies.settings import PolicySettings
 from baselines.policies.timed_paths import TimedPaths
 from lissajous_env.extras import missing
@@ -37,8 +37,9 @@ _HARMONICS = 2, 5
 """Fewest and most harmonics: as few as describe the first paths."""
 _DESCRIBED = 0.15
 """Largest error of that description, over the sensing radius."""
-_PERIODS = (0.75, 0.85, 1.0)
-"""Periods that are tried, over that of the plan from which the search begins."""
+_SHORTER = 0.93
+"""The shortest period that is tried, over that in which the first paths take the largest speed of the cars; this one
+and that of the plan from which the search begins are tried too."""
 _MEAN = 0.5
 """Weight of the mean over time of the undetected time, against its largest value."""
 _PENALTY, _COLLISION, _MOST_COLLISIONS = 20.0, 0.1, 20
@@ -107,8 +108,11 @@ def optimise(
 
 
 def loop_of(plan: Plan) -> np.ndarray | None:
-    """Return the loops (N, K, 2) of a plan of timed paths [m]; None for another plan."""
-    policy = plan.settings.make(plan.scenario)
+    """Return the loops (N, K, 2) of a plan of timed paths [m]; None for another plan, or one that does not fit."""
+    try:
+        policy = plan.settings.make(plan.scenario)
+    except ValueError:  # it does not fit the scenario
+        return None
     if not isinstance(policy, TimedPaths):
         return None
     tables = policy.tables
@@ -154,11 +158,12 @@ class _Search:
     def run(self, plans: Sequence[Plan]) -> list[_Team]:
         """Return the best teams of each stage, the best first."""
         loops = [(plan.scenario, loop) for plan in plans if (loop := loop_of(plan)) is not None]
-        begun = [(task, loop, max(round(loop.shape[1] * share), 4)) for share in _PERIODS for task, loop in loops]
+        described = [(task, _described(task, loop), loop.shape[1]) for task, loop in loops]
+        begun = [(task, paths, tried) for task, paths, period in described for tried in _periods(task, paths, period)]
         begin, first = self.clock(), []
-        for k, (task, loop, period) in enumerate(begun):
+        for k, (task, paths, period) in enumerate(begun):
             until = begin + _FIRST * (self.until - begin) * (k + 1) / len(begun)
-            first += self._moved(task, _described(task, loop), period, until)
+            first += self._moved(task, paths, period, until)
         kept = sorted(first, key=lambda team: team.value)[:_KEPT]
         begin, second = self.clock(), []
         for k, team in enumerate(kept):
@@ -207,6 +212,13 @@ class _Search:
             if allowed[k] < (np.inf if best is None else best.value):
                 best = _Team(float(allowed[k]), task, paths[k], period)
         return [] if best is None else [best]
+
+
+def _periods(task: Scenario, paths: np.ndarray, period: int) -> list[int]:
+    """Return the periods that are tried for paths (N, 2 + 4 K) of a period [control step]."""
+    speed = np.linalg.norm(places_of(derivative_of(paths, period * task.task.step), period), axis=-1).max()
+    shortest = min(float(speed) / Limits.of(task).speed, 1.0) * period
+    return sorted({max(round(tried), 4) for tried in (period, shortest, _SHORTER * shortest)}, reverse=True)
 
 
 def _described(task: Scenario, loop: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from baselines.planning.optimising import optimise
 from baselines.planning.plans import SETTLED, WHOLE, Plan, Planned
 from baselines.planning.playing import Episodes, Look, StoppedError, look_at, play, reason_of
 from baselines.planning.tried import Tried, first_of_each, in_turn, outcome_of, why
+from baselines.policies.settings import PolicySettings
 from lissajous_env.device.devices import cores
 from lissajous_env.parameters.scenario import Scenario
 
@@ -25,8 +26,8 @@ _LOOKING_LESS, _OPTIMISING = 0.25, 0.9
 """Shares of the time after which no plan is looked at if free-form paths are optimised, and after which these end."""
 _TIMED = DEFAULTS, KNOWN, "partition", "lines"
 """Families that may have plans of timed paths."""
-_STARTS = 2
-"""Plans from which free-form paths are optimised for each goal, the best first."""
+_STARTS = 1
+"""Plans from which free-form paths are optimised for each goal besides the default partition, the best first."""
 _LATEST = 0.85
 """Share of the time after which the episodes of the defaults are ended."""
 _CUTOFF = 3.0
@@ -203,7 +204,11 @@ class Search:
             return
         timed = [look for look in self.looks if not look.fails and look.plan.family in _TIMED]
         orders = {WHOLE: lambda look: look.by_worst_case, SETTLED: lambda look: (look.settled, *look.by_worst_case)}
-        starts = {goal: [look.plan for look in sorted(timed, key=of)[:_STARTS]] for goal, of in orders.items()}
+        # The default has a reserve of speed, which the best ones lack.
+        default = Plan(DEFAULTS, self.task, PolicySettings("partition"))
+        starts = {
+            goal: [default, *(look.plan for look in sorted(timed, key=of)[:_STARTS])] for goal, of in orders.items()
+        }
 
         def stopped() -> bool:
             self._on_progress(self._clock())
