@@ -1,7 +1,7 @@
 """The best known plans of included scenarios: `python benchmarks/known.py NAME --seconds 120 --seed 0`.
 
 Searches for plans of each scenario, as a benchmark plays it, whose robots begin where the scenario places them: the
-stored ones of all scenarios that begin alike, partitions and lines, then free-form paths from the best of these
+stored ones of all scenarios that begin alike, partitions and lines, then free-form paths from the best of these. The
 seconds are those of the processors, so that the result depends little on what else runs. A plan with a shorter
 worst-case undetected time than the stored one, of whole episodes or of their second halves, takes its place in
 `baselines/planning/known`, together with this command and its figures. Plans with a collision, or without a bound, are

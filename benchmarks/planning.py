@@ -34,7 +34,7 @@ def drawn(seed: int) -> dict[str, float]:
     speed = between(0.3, 5.0)
     return {
         "width": width, "height": height, "robots": robots, "robot_radius": between(0.02, 0.06) * share,
-        "sensor_radius": between(0.35, 1.0) * share, "speed": speed, "turning_radius": between(0.04, 0.25) * share,
+        "sensor_radius": between(0.2, 1.0) * share, "speed": speed, "turning_radius": between(0.04, 0.25) * share,
         "rogue_speed": float(f"{random.choice([0.0, 0.05, 0.1, 0.2, 0.4]) * speed:.2g}"),
     }  # fmt: skip
 

@@ -74,18 +74,23 @@ def keep(name: str, finals: Sequence[Planned], command: str) -> list[str]:
         finals: Plans that were played to the end on it.
         command: Command that found them.
     """
-    all_known.cache_clear()
-    older = {each.name: each for each in all_known() if each.name in (name, f"{name}-{SETTLED}")}
     allowed = [each for each in finals if not each.figures.collisions and math.isfinite(each.figures.worst_case)]
     written = []
     for goal, folder in ((WHOLE, name), (SETTLED, f"{name}-{SETTLED}")):
+        all_known.cache_clear()  # the second goal is compared with what the first one has written
+        stored_ones = [ranked(each, goal) for each in all_known() if each.name in (name, f"{name}-{SETTLED}")]
         best = min(allowed, key=lambda each: ranked(each.figures, goal), default=None)
-        stored_ones = [ranked(each, goal) for each in older.values()]
-        if best is not None and ranked(best.figures, goal) < min(stored_ones, default=(math.inf, math.inf)):
+        if best is not None and _shorter(best.figures, goal) < min(stored_ones, default=(math.inf, math.inf)):
             _write(folder, name, best, command)
             written.append(folder)
     all_known.cache_clear()
     return written
+
+
+def _shorter(figures: Figures, goal: str) -> tuple[float, float]:
+    """Return `ranked` of figures as they are stored."""
+    first, second = ranked(figures, goal)
+    return _short(first), _short(second)
 
 
 def _write(folder: str, name: str, best: Planned, command: str) -> None:

@@ -199,14 +199,15 @@ class _Search:
         limits, weight = Limits.of(task), _PENALTY * task.sensing_radius / task.robot.top_speed
         teams, best, drawn = Teams(task, period, _WORLDS, self.goal), None, 0
         while self.clock() < until and not self.stopped() and not search.stop():
-            asked = search.ask()
+            asked = search.ask() if drawn else [start] * _WORLDS  # the start itself is the first that is scored
             paths = paths_of(np.array(asked))
             broken = violation(paths, period, limits)
             worst, mean, collisions = teams.scores(places_of(paths, period), self.seed + drawn % EPISODES)
-            drawn += 1
             values = worst + _MEAN * mean
             values = values + weight * (broken + _COLLISION * np.minimum(collisions, _MOST_COLLISIONS))
-            search.tell(asked, values.tolist())
+            if drawn:
+                search.tell(asked, values.tolist())
+            drawn += 1
             allowed = np.where((broken < _TOLERANCE) & (collisions == 0), values, np.inf)
             k = int(allowed.argmin())
             if allowed[k] < (np.inf if best is None else best.value):
