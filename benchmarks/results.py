@@ -7,6 +7,7 @@ collisions the mean.
 """
 
 import argparse
+import math
 import time
 from pathlib import Path
 
@@ -17,9 +18,10 @@ import lissajous_env
 from baselines.benchmark.comparison import compare
 from baselines.benchmark.running import measure
 from baselines.benchmark.shown_columns import SHOWN
-from baselines.benchmark.tables import in_words
+from baselines.benchmark.tables import BEST_KNOWN, best_known_cell, in_words
 from baselines.benchmark.types import Benchmark, Outcome
 from lissajous_env.console.terminal import make_console
+from lissajous_env.world.columns import WORST_CASE
 
 LARGE = 10_000_000
 """Robots times targets from which a scenario is played on one seed, by the paper's method and its nearest rivals."""
@@ -34,13 +36,16 @@ def settings_for(scenario: lissajous_env.Scenario, episodes: int, out: Path) -> 
 
 
 def as_table(outcome: Outcome) -> dict[str, list]:
-    """A row for each policy; columns without any number are left out."""
-    (cells,) = compare(outcome.rows, outcome.scenarios).cells.values()
+    """A row for each policy, and one of the best known plan; columns without any number are left out."""
+    comparisons = compare(outcome.rows, outcome.scenarios)
+    (cells,), (bounds,) = comparisons.cells.values(), comparisons.bounds.values()
     there = [each for each in SHOWN if any(of[each.name].n_finite for of in cells.values() if each.name in of)]
     rows = []
     for policy, of in cells.items():
         words = [in_words(of, each) for each in there]
         rows.append([f"`{policy}`", *(f"{value} ({between})" if between else value for value, between in words)])
+    if math.isfinite(bounds.best_known) and WORST_CASE in there:
+        rows.append([f"*{BEST_KNOWN}*", *(best_known_cell(each, bounds.best_known) for each in there)])
     return {"columns": ["policy", *(each.heading for each in there)], "rows": rows}
 
 

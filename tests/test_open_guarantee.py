@@ -277,4 +277,4 @@ def test_the_table_and_its_legend_show_where_no_upper_end_is_known():
     assert "at least 4" in said
     assert "> 59.9" in said
     assert "59.9*" not in said
-    assert any("a lower bound" in words for words in tables._legend({"evaders": known}, 16))
+    assert any("a lower bound" in words for words in tables._legend({"evaders": known}, {}, 16))

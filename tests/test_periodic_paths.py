@@ -1,17 +1,16 @@
 """Periodic paths of any form: their Fourier coefficients, cars that follow them, and the search that improves them."""
 
 import re
-from pathlib import Path
+import time
 
 import numpy as np
 import pytest
 
 import baselines
 import lissajous_env
-from baselines.planning.families.known import FOLDER, Known
-from baselines.planning.optimising import Limits, Teams, loop_of, optimise, violation
-from baselines.planning.plans import Plan
-from baselines.planning.playing import Episodes, play
+from baselines.planning.optimising import loop_of, moved, optimise
+from baselines.planning.plans import SETTLED, WHOLE, Plan
+from baselines.planning.teams import Limits, Teams, violation
 from baselines.policies.periodic_paths import PathParameters, PeriodicPaths, coefficients_of, derivative_of, places_of
 from baselines.policies.settings import PolicySettings
 
@@ -89,37 +88,50 @@ def test_teams_are_scored_apart():
     plan = Plan("partition", EVADERS, PolicySettings("partition"))
     loop = loop_of(plan)
     other = loop + np.array([0.2, 0.1])
-    both, mean = Teams(EVADERS, loop.shape[1], 3).scores(np.stack([loop, other, loop]))
-    alone, _ = Teams(EVADERS, loop.shape[1], 1).scores(other[None])
-    assert (both[0], mean[0]) == (both[2], mean[2])
-    assert both[1] == alone[0]
+    both = Teams(EVADERS, loop.shape[1], 3).scores(np.stack([loop, other, loop]))
+    alone = Teams(EVADERS, loop.shape[1], 1).scores(other[None])
+    assert (both.worst[0], both.mean[0]) == (both.worst[2], both.mean[2])
+    assert both.worst[1] == alone.worst[0]
+
+
+def test_whole_episodes_are_worse_than_their_ends():
+    """Law: the worst case of whole episodes is at least that of the last periods, of the same team and seed."""
+    loop = loop_of(Plan("partition", EVADERS, PolicySettings("partition")))[None]
+    settled = Teams(EVADERS, loop.shape[2], 1, SETTLED).scores(loop)
+    whole = Teams(EVADERS, loop.shape[2], 1, WHOLE).scores(loop)
+    assert whole.worst[0] > settled.worst[0] > 0
+    assert whole.collisions[0] == settled.collisions[0]
+
+
+def test_moved_paths_are_moved_stretched_and_delayed():
+    """Oracle: places of the paths at other times, stretched around their middle, and moved."""
+    paths = PATHS[0]
+    changes = np.zeros((2, 3, 5))
+    changes[1] = [[0.3, -0.2, np.log(1.5), np.log(0.5), 0.25]] * 3
+    places, after = places_of(paths, 16), places_of(moved(paths, changes), 16)
+    np.testing.assert_allclose(after[0], places)
+    around = np.roll(places, 4, axis=1) - paths[:, None, :2]
+    np.testing.assert_allclose(after[1], paths[:, None, :2] + [0.3, -0.2] + around * [1.5, 0.5], atol=1e-12)
 
 
 def test_free_paths_keep_the_limits_of_the_cars():
     pytest.importorskip("cma")
     start = Plan("partition", EVADERS, PolicySettings("partition"))
-    for plan in optimise(EVADERS, [start], 6.0):
+    found = optimise({WHOLE: [start], SETTLED: [start]}, 6.0, clock=time.process_time)
+    assert found
+    for plan in found:
+        assert plan.scenario == EVADERS
         paths = np.array(plan.settings.parameters["paths"])[None]
         assert violation(paths, plan.settings.parameters["period"], Limits.of(EVADERS))[0] < 0.011
+
+
+def test_a_policy_that_plans_no_paths_is_no_start():
+    assert loop_of(Plan("defaults", EVADERS, PolicySettings("kuramoto-mpcc"))) is None
+    small = lissajous_env.scenario("evaders", **{"curve.half_height": 0.3, "task.contamination": (90, 15)})
+    assert loop_of(Plan("defaults", small, PolicySettings("partition"))) is None
 
 
 def test_without_the_library_the_command_names_the_extra(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "cma", None)
     with pytest.raises(ValueError, match=r"requires the libraries of the extra plan .*lissajous-env\[plan\]"):
         baselines.plan("evaders", optimise=True)
-
-
-def test_the_best_known_plans_have_the_figures_of_their_list():
-    """Oracle: the table beside them; `evaders` is known to 2.2 s once all cars are in their places."""
-    listed = dict(
-        re.findall(r"^\| `(\S+)` \| ([\d.]+ \| [\d.]+) \|", Path(FOLDER, "README.md").read_text(), re.MULTILINE)
-    )
-    known, settled = Known(), {}
-    assert {start["stored"] for start in known.starts(EVADERS)} == set(listed)
-    for start in known.starts(EVADERS):
-        figures = play(known.plan(EVADERS, start), Episodes()).figures
-        assert figures.collisions == 0
-        assert f"{figures.worst_case:.3g} | {figures.settled:.3g}" == listed[start["stored"]]
-        settled[start["stored"]] = figures.settled
-    assert min(settled.values()) <= 2.2
-    assert known.starts(lissajous_env.scenario("evaders", **{"sensing.radius": 0.7})) == []

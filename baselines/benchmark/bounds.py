@@ -1,10 +1,11 @@
-"""Bounds of theory on the scores of a scenario."""
+"""Bounds of theory on the scores of a scenario, and the best that is known to be reached."""
 
 import math
 from contextlib import suppress
 from functools import cache
 from typing import NamedTuple
 
+from baselines.planning.best_known import known_plans
 from lissajous_env.episodes.guarantee import guaranteed_time
 from lissajous_env.episodes.limits import guaranteed_time_limit, mean_time_limit
 from lissajous_env.parameters.scenario import Scenario
@@ -19,6 +20,10 @@ class Bounds(NamedTuple):
     """Lower bound of the worst-case undetected time; the length of an episode where no policy guarantees anything."""
     in_formation: float
     """Worst-case undetected time of the formation in its equilibrium; inf if a target can stay undetected for ever."""
+    best_known: float = math.nan
+    """Shortest worst-case undetected time of a stored plan (`baselines.planning.best_known`) without collisions."""
+    best_known_settled: float = math.nan
+    """The same of the second halves of the episodes."""
 
 
 def mean_time_bound(scenario: Scenario) -> float:
@@ -34,7 +39,10 @@ def bounds_of(scenario: Scenario) -> Bounds:
         worst_case = _beyond_a_step(guaranteed_time_limit(scenario), scenario)
         with suppress(ValueError):  # targets that are too fast for its grid
             in_formation = guaranteed_time(scenario, speed=scenario.rogue_speed)
-    return Bounds(mean_time_bound(scenario), worst_case, in_formation)
+    known = known_plans(scenario)
+    best = min((each.worst_case for each in known), default=math.nan)
+    settled = min((each.settled for each in known), default=math.nan)
+    return Bounds(mean_time_bound(scenario), worst_case, in_formation, best, settled)
 
 
 def _beyond_a_step(bound: float, scenario: Scenario) -> float:

@@ -219,6 +219,8 @@ def _facts(scenario: Scenario, bounds: Bounds) -> list[tuple[str, str]]:
     bounded = {
         "lower bound of the mean detection time": bounds.mean_time,
         "lower bound of the worst-case undetected time": bounds.worst_case,
+        "best known worst-case undetected time": bounds.best_known,
+        "the same in second halves of episodes": bounds.best_known_settled,
         "worst-case undetected time in formation": bounds.in_formation,
     }
     return [*known, *((name, f"{bound:.3g} s") for name, bound in bounded.items() if math.isfinite(bound))]

@@ -70,7 +70,7 @@ def lines_of(column: Column, scenario: Scenario, bounds: Bounds) -> list[tuple[f
     """Return the values that theory names for a column of a scenario, each with its label."""
     bound = scenario.detection_time_bound, scenario.detection_time_label
     lines = {
-        WORST_CASE: [(bounds.in_formation, "in formation")],
+        WORST_CASE: [(bounds.in_formation, "in formation"), (bounds.best_known, "best known")],
         DETECTION_TIME: [(bounds.mean_time, "least"), bound],
         COVERAGE: [bound],
         SEPARATION: [(2 * scenario.robot.radius, "collision")],

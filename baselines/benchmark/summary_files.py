@@ -54,7 +54,13 @@ def summarized(outcome: Outcome, rows: Sequence[dict[str, Any]], comparisons: Co
         "settings": held,
         "limits": {name: of.mean_time for name, of in comparisons.bounds.items()},
         "guarantees": {
-            name: {"limit": of.worst_case, "formation": of.in_formation} for name, of in comparisons.bounds.items()
+            name: {
+                "limit": of.worst_case,
+                "formation": of.in_formation,
+                "best_known": of.best_known,
+                "best_known_settled": of.best_known_settled,
+            }
+            for name, of in comparisons.bounds.items()
         },
         "statistics": _plain_cells(comparisons.cells),
         "against": {

@@ -20,6 +20,8 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import RECOVERY, WORST_CASE, Column
 
 _DASH = "\N{EM DASH}"
+BEST_KNOWN = "best known"
+"""Name of the row of the best known plan."""
 _TO = "\N{EN DASH}"
 _MOST_NAMED = 12
 """Limit on the scenarios that the heading of a table names."""
@@ -33,14 +35,15 @@ def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, s
         failed = {failure.policy for failure in outcome.failures if failure.scenario == name}
         shown = shown_columns(scenario, cells.get(name, {}))
         title = _title(scenario, comparisons.bounds[name])
-        left_out += print_policies(console, title, cells.get(name, {}), shown, failed)
+        best_known = comparisons.bounds[name].best_known
+        left_out += print_policies(console, title, cells.get(name, {}), shown, failed, best_known)
         left_out += _print_against(console, name, *comparisons.against.get(name, ("", {})))
     for names, policies in comparisons.overall.items():
         count = names.count(",") + 1
         over = names if count <= _MOST_NAMED else f"all {count} scenarios"
         left_out += print_policies(console, Text(f"over {over}", "bold"), policies, OVERALL)
     print_left_out(console, left_out, f"They are in {settings.out}/episodes.csv, and a wider terminal shows them.")
-    for words in _legend(cells, settings.episodes):
+    for words in _legend(cells, comparisons.bounds, settings.episodes):
         _say(console, words, "dim")
     for refusal in outcome.left_out:
         _say(console, f"{refusal.policy} is left out on {refusal.scenario}: {refusal.error}", "dim")
@@ -72,11 +75,12 @@ def print_policies(
     policies: Mapping[str, Mapping[str, Statistics]],
     shown: Sequence[Column],
     failed: Iterable[str] = (),
+    best_known: float = math.nan,
 ) -> list[str]:
     """Print a table with a row for each policy; return the columns for which there was no room.
 
     Columns without a number of any policy are left out, except for the recovery time, which may never be reached. The
-    clairvoyant reference is printed below a rule.
+    references are printed below a rule: the clairvoyant, and the best known worst-case undetected time [s].
     """
     shown = [each for each in shown if each is RECOVERY or _has_numbers(policies, each.name)]
     rivals = {name: of for name, of in policies.items() if name != clairvoyant.NAME}
@@ -90,11 +94,20 @@ def print_policies(
         label = Text(shown_name(name), "" if name != clairvoyant.NAME else "italic")
         rows.append([Text.assemble(label, ("\nfailed", "red")) if name in failed else label, *cells])
     columns = [terminal.Column(_in_two_lines(each.heading), name=each.name) for each in shown]
-    sections = [len(names) - 2] if names[-1:] == [clairvoyant.NAME] and len(names) > 1 else []
+    references = int(names[-1:] == [clairvoyant.NAME])
+    if math.isfinite(best_known) and WORST_CASE in shown:
+        rows.append([Text(BEST_KNOWN, "italic"), *(best_known_cell(each, best_known) for each in shown)])
+        references += 1
+    sections = [len(rows) - references - 1] if 0 < references < len(rows) else []
     _print_title(console, title)
     left_out = print_table(console, [terminal.Column("policy", left=True, style="cyan"), *columns], rows, sections)
     console.print()
     return left_out
+
+
+def best_known_cell(column: Column, best_known: float) -> str:
+    """Return what the row `BEST_KNOWN` has in a column: the worst-case undetected time alone is known [s]."""
+    return number(best_known) if column is WORST_CASE else ""
 
 
 def print_scores(console: Console, policy: str, scenario: str, columns: dict[str, Statistics]) -> list[str]:
@@ -164,6 +177,8 @@ def bounds_in_words(bounds: Bounds) -> str:
     """Return the bounds of a scenario in words, each after a comma."""
     words = f", lower bound {number(bounds.mean_time)} s" if math.isfinite(bounds.mean_time) else ""
     words += f", guaranteed at least {number(bounds.worst_case)} s" if math.isfinite(bounds.worst_case) else ""
+    if math.isfinite(bounds.best_known):
+        words += f", best known {number(bounds.best_known)} s (second halves {number(bounds.best_known_settled)} s)"
     if math.isnan(bounds.in_formation):
         return words
     return f"{words}, in formation " + (
@@ -217,7 +232,7 @@ def _print_against(
     return left_out
 
 
-def _legend(cells: Mapping[str, Any], episodes: int) -> list[str]:
+def _legend(cells: Mapping[str, Any], bounds: Mapping[str, Bounds], episodes: int) -> list[str]:
     counted = "1 episode, below it" if episodes == 1 else f"{episodes} episodes, below it"
     words = [
         f"Interquartile mean over {counted} the 95 % bootstrap interval; for collisions and over lower bound, "
@@ -231,6 +246,11 @@ def _legend(cells: Mapping[str, Any], episodes: int) -> list[str]:
         words.append(
             "Guaranteed: worst-case undetected time; >: the worst case was still growing when too many episodes ended, "
             "so the value is a lower bound; at least: the interval has no upper end."
+        )
+    if any(math.isfinite(of.best_known) for of in bounds.values()):
+        words.append(
+            "Best known: the shortest worst-case undetected time of a stored plan without collisions, of 4 episodes; "
+            "`lissajous plan` plays these plans."
         )
     if any(clairvoyant.NAME in policies for policies in cells.values()):
         words.append(f"({clairvoyant.NAME}) knows where all targets are; it is a reference, not a competitor.")

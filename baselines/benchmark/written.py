@@ -1,15 +1,25 @@
 """The table of a comparison as text: Markdown for the README and `table.md`, LaTeX for papers."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from baselines.benchmark import clairvoyant
+from baselines.benchmark.bounds import Bounds
 from baselines.benchmark.comparison import Comparisons
 from baselines.benchmark.shown_columns import MAIN, brought_in
 from baselines.benchmark.statistics import Paired, Statistics
-from baselines.benchmark.tables import best_of, between, bounds_in_words, in_words, shown_name
-from lissajous_env.world.columns import DETECTION_TIME, Column
+from baselines.benchmark.tables import (
+    BEST_KNOWN,
+    best_known_cell,
+    best_of,
+    between,
+    bounds_in_words,
+    in_words,
+    shown_name,
+)
+from lissajous_env.world.columns import DETECTION_TIME, WORST_CASE, Column
 
 MARKDOWN = "table.md"
 _SPECIAL = {
@@ -35,6 +45,9 @@ def table_of(comparisons: Comparisons) -> dict[str, list]:
             sooner = _sooner(against[policy][DETECTION_TIME.name]) if policy in against else ""
             lines.append([where, label, *(_cell(of, each) for each in MAIN), sooner])
             where = ""
+        known = comparisons.bounds[name].best_known
+        if math.isfinite(known):
+            lines.append([where, f"*{BEST_KNOWN}*", *(best_known_cell(each, known) for each in MAIN), ""])
     return {"columns": ["scenario", "policy", *(each.heading for each in MAIN), "sooner"], "rows": lines}
 
 
@@ -49,19 +62,18 @@ def latex(comparisons: Comparisons) -> str:
 
     The best of each column is bold; columns without any number are left out.
     """
-    bounds = {name: bounds_in_words(of) for name, of in comparisons.bounds.items()}
-    tables = [_paper_table(name, bounds[name], policies) for name, policies in comparisons.cells.items()]
+    tables = [_paper_table(name, comparisons.bounds[name], policies) for name, policies in comparisons.cells.items()]
     return "\n".join(["% Needs \\usepackage{booktabs}.", *tables])
 
 
-def _paper_table(scenario: str, bounds: str, policies: Mapping[str, Mapping[str, Statistics]]) -> str:
+def _paper_table(scenario: str, bounds: Bounds, policies: Mapping[str, Mapping[str, Statistics]]) -> str:
     columns = [*MAIN, *brought_in(policies.values())]
     columns = [each for each in columns if any(each.name in of and of[each.name].n_finite for of in policies.values())]
     best = [best_of([of for name, of in policies.items() if name != clairvoyant.NAME], each) for each in columns]
     lines = [
         r"\begin{table*}[t]",
         r"\centering\footnotesize\setlength{\tabcolsep}{4pt}",
-        rf"\caption{{\texttt{{{_escaped(scenario)}}}{_escaped(bounds)}. {_CAPTION}}}",
+        rf"\caption{{\texttt{{{_escaped(scenario)}}}{_escaped(bounds_in_words(bounds))}. {_CAPTION}}}",
         rf"\label{{tab:{re.sub(r'[^A-Za-z0-9-]', '-', scenario)}}}",
         rf"\begin{{tabular}}{{@{{}}l{'r' * len(columns)}@{{}}}}",
         r"\toprule",
@@ -72,6 +84,9 @@ def _paper_table(scenario: str, bounds: str, policies: Mapping[str, Mapping[str,
         marks = best if policy != clairvoyant.NAME else [""] * len(columns)
         shown = [_paper_cell(of, each, mark) for each, mark in zip(columns, marks, strict=True)]
         lines.append(f"{_escaped(shown_name(policy))} & {' & '.join(shown)} \\\\")
+    known = bounds.best_known
+    if math.isfinite(known) and WORST_CASE in columns:
+        lines += [r"\midrule", f"{BEST_KNOWN} & {' & '.join(best_known_cell(each, known) for each in columns)} \\\\"]
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table*}", ""])
 
 

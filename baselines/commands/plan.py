@@ -35,6 +35,7 @@ def plan(
     guarantee: float | None = None,
     seconds: float = 60.0,
     optimise: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    fixed_start: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     rows: int = 8,
     seed: int = 0,
     out: _Out = None,
@@ -52,7 +53,7 @@ def plan(
         area and targets: width, height, rogue_speed, entry
         robots: robots, robot_radius, sensor_radius, speed, turning_radius
         requirements: failures, guarantee
-        search: seconds, optimise, seed
+        search: seconds, optimise, fixed_start, seed
         results: rows, out
 
     Args:
@@ -73,6 +74,7 @@ def plan(
         seconds: duration of the search [s].
         optimise: also improve paths of any form by CMA-ES, from the best plans; requires the extra `plan`, and takes
             more seconds to be worth it.
+        fixed_start: only plans whose robots begin where the scenario places them.
         rows: most plans to show and to write.
         seed: seed of the simulated episodes and of the search.
         out: folder to which the plans are written, one folder each, with a picture of the best three.
@@ -88,7 +90,7 @@ def plan(
     planner.check_time("seconds", seconds, 1.0)
     outcome = planner.prepare(scenario, **given)
     with nullcontext() if out is None else folders.open_folder(out) as folder:
-        _search(outcome, seconds, optimise, output)
+        _search(outcome, seconds, optimise, fixed_start, output)
         if outcome.interrupted and not outcome.finals:
             raise KeyboardInterrupt("no plan had been played to the end")
         plans = outcome.plans[:rows]
@@ -114,7 +116,7 @@ def plan(
     return 0 if plans and met else 1
 
 
-def _search(outcome: planner.Outcome, seconds: float, optimise: bool, output: Any) -> None:
+def _search(outcome: planner.Outcome, seconds: float, optimise: bool, fixed_start: bool, output: Any) -> None:
     """Search with a progress bar."""
     counted = bars.TextColumn("{task.fields[looks]} plans looked at, {task.fields[finals]} played")
     with bar(progress_console(output), bars.TextColumn("{task.description}"), counted) as shown_bar:
@@ -125,7 +127,7 @@ def _search(outcome: planner.Outcome, seconds: float, optimise: bool, output: An
             name = f"planning {search.task.name}, N = {search.task.num_robots}"
             shown_bar.update(task, completed=min(passed, seconds), description=name, looks=looks, finals=finals)
 
-        planner.search(outcome, seconds, optimise, progress)
+        planner.search(outcome, seconds, optimise, fixed_start, progress)
 
 
 def _print(console: Any, outcome: planner.Outcome, plans: list) -> None:

@@ -72,6 +72,7 @@ def plan(
     *,
     seconds: float = 60.0,
     optimise: bool = False,
+    fixed_start: bool = False,
     on_progress: OnProgress | None = None,
     **requested: Any,
 ) -> Outcome:
@@ -81,6 +82,7 @@ def plan(
         scenario: Scenario from which missing values are taken; without it, the rectangle and the robots must be given.
         seconds: Duration of the search [s].
         optimise: True to improve free-form paths by CMA-ES too; requires the extra `plan`.
+        fixed_start: True for plans alone whose robots begin where the scenario places them.
         on_progress: Called with the time that has passed [s], the outcome so far and the running search.
         **requested: The other arguments of `prepare`.
 
@@ -92,7 +94,7 @@ def plan(
     """
     check_time("seconds", seconds, 1.0)
     outcome = prepare(scenario, **requested)
-    search(outcome, seconds, optimise, on_progress)
+    search(outcome, seconds, optimise, fixed_start, on_progress)
     return outcome
 
 
@@ -160,7 +162,13 @@ def check_time(name: str, value: float | None, least: float) -> None:
         raise ValueError(f"{name} must be from {least:g} to {_LONGEST} [s], got {shown(value)}")
 
 
-def search(outcome: Outcome, seconds: float, optimise: bool = False, on_progress: OnProgress | None = None) -> None:
+def search(
+    outcome: Outcome,
+    seconds: float,
+    optimise: bool = False,
+    fixed_start: bool = False,
+    on_progress: OnProgress | None = None,
+) -> None:
     """Search for plans for a time [s], and add them to an outcome; with a guarantee, until a team meets it.
 
     Raises:
@@ -170,10 +178,12 @@ def search(outcome: Outcome, seconds: float, optimise: bool = False, on_progress
     if optimise:
         optimising.require_cma()
     with quietly():
-        _search(outcome, seconds, optimise, on_progress)
+        _search(outcome, seconds, optimise, fixed_start, on_progress)
 
 
-def _search(outcome: Outcome, seconds: float, optimise: bool, on_progress: OnProgress | None) -> None:
+def _search(
+    outcome: Outcome, seconds: float, optimise: bool, fixed_start: bool, on_progress: OnProgress | None
+) -> None:
     """Search on the task of each number of robots; with a guarantee, from the fewest until one meets it."""
     begin = time.monotonic()
     # A team whose lower bound is above the requested time cannot meet it.
@@ -181,7 +191,7 @@ def _search(outcome: Outcome, seconds: float, optimise: bool, on_progress: OnPro
     while open_ones and not outcome.interrupted and outcome.fewest_robots is None:
         number = open_ones.pop(0)
         gone = time.monotonic() - begin
-        running = Search(outcome.tasks[number], outcome.episodes, seed=outcome.episodes.seed)
+        running = Search(outcome.tasks[number], outcome.episodes, seed=outcome.episodes.seed, fixed_start=fixed_start)
         running.run(
             max(seconds - gone, 0.0) / (len(open_ones) + 1),
             lambda passed, running=running, before=gone: (

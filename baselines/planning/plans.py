@@ -6,11 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from scipy.special import stdtrit
+
 from baselines.policies.settings import PolicySettings
 from lissajous_env.episodes.limits import robot_speed_limit
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OPEN, SEPARATION, WORST_CASE, Column
 
+WHOLE, SETTLED = "whole", "settled"
+"""Goals: the worst case of whole episodes, and of their second halves, when all robots have reached their places."""
 MESSAGES = "nothing", "phases of ring neighbours", "positions of ring neighbours"
 """Contents of messages, those that are the least to communicate first; any other comes last."""
 
@@ -60,6 +65,10 @@ class Figures:
     """Distance that a robot drives in a minute, mean over robots and episodes without failures [m/min]."""
     messages: str
     """Content of the messages that the policy uses."""
+    detection_low: float = math.nan
+    """Lower end of the 95 % interval of `detection_time`, by Student's t over the episodes [s]; NaN below two."""
+    detection_high: float = math.nan
+    """Upper end of the same [s]."""
 
     @property
     def objectives(self) -> tuple[float, ...]:
@@ -94,6 +103,7 @@ def figures_of(
 ) -> Figures:
     """Return the figures of a plan from its score rows; `settled` [s] and `messages` are not among these."""
     duration, body = plan.scenario.task.duration, 2 * plan.scenario.robot.radius
+    detection_low, detection_high = t_interval(_of(DETECTION_TIME, rows))
     collisions_failed = sum(_of(COLLISIONS, failed))
     return Figures(
         worst_case=worst_case(rows),
@@ -105,6 +115,8 @@ def figures_of(
         clearance=min(_of(SEPARATION, rows)) - body,
         distance=_mean(_of(DISTANCE, rows)) / duration * 60,
         messages=messages,
+        detection_low=detection_low,
+        detection_high=detection_high,
     )
 
 
@@ -113,6 +125,18 @@ def worst_case(rows: Sequence[dict[str, Any]]) -> float:
     if not rows:
         return math.nan
     return math.inf if any(_of(OPEN, rows)) else max(_of(WORST_CASE, rows))
+
+
+def t_interval(values: Sequence[float]) -> tuple[float, float]:
+    """Return the ends of the 95 % interval of the mean of values, by Student's t; NaN for fewer than two.
+
+    There are too few episodes of a plan for a bootstrap. Values that are NaN are left out.
+    """
+    known = np.array([value for value in values if not math.isnan(value)])
+    if len(known) < 2:
+        return math.nan, math.nan
+    off = float(stdtrit(len(known) - 1, 0.975) * known.std(ddof=1) / math.sqrt(len(known)))
+    return float(known.mean()) - off, float(known.mean()) + off
 
 
 def _of(column: Column, rows: Sequence[dict[str, Any]]) -> list[Any]:

@@ -13,6 +13,7 @@ from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Formation, Robot, Targets, Task
+from lissajous_env.theory import closed_forms
 from lissajous_env.theory import design as theory
 from lissajous_env.theory.candidate import Candidate
 from lissajous_env.theory.geometry import largest_speed
@@ -105,7 +106,7 @@ class Request:
             ),
             task=Task(duration=10.0),
         )  # fmt: skip
-        return named.build(base, **chosen.overrides)
+        return named.build(base, **_apart(chosen, num_robots))
 
     def _changed(self, scenario: Scenario, num_robots: int) -> Scenario:
         """Return the given scenario with what the request changes."""
@@ -128,7 +129,7 @@ class Request:
         if halves != (curve.half_width, curve.half_height) or num_robots != scenario.num_robots:
             speed = robot.top_speed if robot.kind == "car" else self.speed or top_speed(scenario)
             chosen = _best_design(*halves, robot, self.sensor_radius or scenario.sensing_radius, speed, num_robots)
-            given = chosen.overrides.items()
+            given = _apart(chosen, num_robots).items()
             changed |= {name: value for name, value in given if name.split(".")[0] in ("curve", "formation")}
             changed |= {f"faults.{name}": () for name in ("schedule", "removed")}
             changed |= {"robot.count": None, "sensing.radius": self.sensor_radius or scenario.sensing_radius}
@@ -168,6 +169,17 @@ def _best_design(
         steering_max=robot.steering_max,
         lateral_acceleration_max=robot.lateral_acceleration_max,
     )[0]
+
+
+def _apart(candidate: Candidate, num_robots: int) -> dict[str, Any]:
+    """Return the fields of a design, with a place of its own for each robot at the start.
+
+    Four and six robots share places in every stable equilibrium (2) (Lemma 1). They begin equally spaced instead.
+    """
+    given = dict(candidate.overrides)
+    if closed_forms.cluster_size(num_robots, given["formation.p"], given["formation.alpha"]) > 1:
+        given |= {"formation.p": 1, "formation.alpha": 1}
+    return given
 
 
 def _unit(candidate: Candidate) -> float:

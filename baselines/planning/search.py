@@ -13,20 +13,21 @@ from baselines.planning.families.base import Family, Settings, changed
 from baselines.planning.families.known import NAME as KNOWN
 from baselines.planning.families.shipped import NAME as DEFAULTS
 from baselines.planning.optimising import optimise
-from baselines.planning.plans import Plan, Planned
+from baselines.planning.plans import SETTLED, WHOLE, Plan, Planned
 from baselines.planning.playing import Episodes, Look, StoppedError, look_at, play, reason_of
 from baselines.planning.tried import Tried, first_of_each, in_turn, outcome_of, why
+from baselines.policies.settings import PolicySettings
 from lissajous_env.device.devices import cores
 from lissajous_env.parameters.scenario import Scenario
 
 _DEFAULTS, _LOOKING = 0.7, 0.7
 """Shares of the time after which no default is begun, and after which no plan is looked at."""
-_LOOKING_LESS, _MORE = 0.35, 0.2
-"""Share of the time after which no plan is looked at if free-form paths are optimised, and more for these."""
-_TIMED = DEFAULTS, "partition", "lines"
+_LOOKING_LESS, _OPTIMISING = 0.25, 0.9
+"""Shares of the time after which no plan is looked at if free-form paths are optimised, and after which these end."""
+_TIMED = DEFAULTS, KNOWN, "partition", "lines"
 """Families that may have plans of timed paths."""
 _STARTS = 1
-"""Plans from which free-form paths are optimised, the best first."""
+"""Plans from which free-form paths are optimised for each goal besides the default partition, the best first."""
 _LATEST = 0.85
 """Share of the time after which the episodes of the defaults are ended."""
 _CUTOFF = 3.0
@@ -45,10 +46,21 @@ class Search:
         episodes: The episodes of every plan.
         families: The families of plans.
         seed: Seed of the random changes.
+        fixed_start: True for plans alone whose robots begin where the task places them.
+        clock: Returns the time [s].
     """
 
-    def __init__(self, task: Scenario, episodes: Episodes, families: Sequence[Family] = FAMILIES, seed: int = 0):
-        self.task, self.episodes = task, episodes
+    def __init__(
+        self,
+        task: Scenario,
+        episodes: Episodes,
+        families: Sequence[Family] = FAMILIES,
+        seed: int = 0,
+        fixed_start: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        self.task, self.episodes, self.fixed_start, self._seed = task, episodes, fixed_start, seed
+        self._time = clock
         self.finals: list[Planned] = []
         self.interrupted = False
         self.unplayed = 0
@@ -92,8 +104,8 @@ class Search:
         """
         self._is_enough = is_enough
         self._optimises = free_paths and self.task.robot.kind == "car"
-        begin = time.monotonic()
-        self._clock = lambda: time.monotonic() - begin
+        begin = self._time()
+        self._clock = lambda: self._time() - begin
         self._on_progress, self._seconds = on_progress, seconds
         with ThreadPoolExecutor(cores()) as threads:
             for stage in (self._play_defaults, self._look, self._optimise, self._finish):
@@ -187,17 +199,22 @@ class Search:
 
     def _optimise(self, threads: ThreadPoolExecutor) -> None:
         """Improve free-form paths, from the best plans of timed paths."""
-        left = _LOOKING * self._seconds + _MORE * self._seconds - self._clock()
+        left = _OPTIMISING * self._seconds - self._clock()
         if not self._optimises or self._over.is_set() or left <= 0:
             return
         timed = [look for look in self.looks if not look.fails and look.plan.family in _TIMED]
-        best = sorted(timed, key=lambda look: (look.settled, *look.by_worst_case))[:_STARTS]
+        orders = {WHOLE: lambda look: look.by_worst_case, SETTLED: lambda look: (look.settled, *look.by_worst_case)}
+        # The default has a reserve of speed, which the best ones lack.
+        default = Plan(DEFAULTS, self.task, PolicySettings("partition"))
+        starts = {
+            goal: [default, *(look.plan for look in sorted(timed, key=of)[:_STARTS])] for goal, of in orders.items()
+        }
 
         def stopped() -> bool:
             self._on_progress(self._clock())
             return self._over.is_set()
 
-        self._optimised = optimise(self.task, [look.plan for look in best], left, stopped)
+        self._optimised = optimise(starts, left, stopped, self._seed, self._time)
 
     def _cutoff(self) -> float:
         return _CUTOFF * min(self.best, *(tried.best for tried in self._tried.values()))
@@ -230,7 +247,9 @@ class Search:
         except ValueError as error:
             tried.unmade.append(str(error))
             return
-        if plan.key not in self._known:
+        if self.fixed_start and plan.scenario.digest() != self.task.digest():
+            tried.unmade.append("robots would begin elsewhere")
+        elif plan.key not in self._known:
             self._known.add(plan.key)
             yield tried, settings, plan
 

@@ -4,9 +4,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from baselines.benchmark.tables import between
 from baselines.planning.families.known import NAME as KNOWN
 from baselines.planning.planner import Outcome
-from baselines.planning.plans import Planned
+from baselines.planning.plans import Figures, Planned
 from baselines.policies import registry
 from baselines.policies.combinations import COMBINATIONS
 from lissajous_env.console.terminal import Column, print_table
@@ -40,7 +41,7 @@ def print_plans(console: Any, outcome: Outcome, plans: Sequence[Planned]) -> lis
             _time(figures.settled),
             _failed(each) if failures else None,
             _number(each.limit),
-            _number(figures.detection_time),
+            _detection(figures),
             _number(figures.clearance),
             _number(figures.distance),
             figures.messages,
@@ -109,6 +110,12 @@ def _failed(each: Planned) -> str:
 
 def _time(seconds: float) -> str:
     return "no bound" if math.isinf(seconds) else _number(seconds)
+
+
+def _detection(figures: Figures) -> str:
+    """Return the mean detection time with its interval; a time is not negative."""
+    ends = between(max(figures.detection_low, 0.0), figures.detection_high)
+    return f"{_number(figures.detection_time)} ({ends})" if ends else _number(figures.detection_time)
 
 
 def _number(value: float) -> str:

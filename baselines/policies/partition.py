@@ -51,8 +51,49 @@ def take_filtered(
             action_out[w, i, k] = filtered[w, i, k]
 
 
+class FilteredPaths(TimedPaths):
+    """Cars that follow timed paths, at first under the collision filter if they do not know where the others start.
+
+    Args:
+        scenario: The scenario, of cars.
+        num_worlds: W.
+        device: Warp device.
+        tables: The timed paths.
+        filtered_until: Duration of the collision filter [control step].
+        tracking: Gains and limits of the following of the paths.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_worlds: int = 1,
+        device: Any = "cpu",
+        *,
+        tables: PathTables,
+        filtered_until: float = 0.0,
+        tracking: TrackingParameters | None = None,
+    ):
+        super().__init__(scenario, num_worlds, device, tables=tables, parameters=tracking)
+        self._filtered_until = filtered_until
+        self._filter = Safe(Still(self.scenario, num_worlds, self.device)) if filtered_until > 0 else None
+        self.communicates = "nothing" if self._filter is None else self._filter.communicates
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget the time, and what the cars have learned of themselves and seen of others."""
+        super().forget(mask)
+        if self._filter is not None:
+            self._filter.forget(mask)
+
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
+        self.follow(observation)
+        if self._filter is not None:
+            filtered = self._filter.filter(observation, self.action)
+            self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, filtered], [self.action])
+
+
 @register("partition")
-class Partition(TimedPaths):
+class Partition(FilteredPaths):
     """A cell of the rectangle for each car, with loops that are synchronised for the least worst-case undetected time.
 
     Robots that are neighbours on the ring have neighbouring cells where the start leaves the choice. From a start in
@@ -80,23 +121,8 @@ class Partition(TimedPaths):
         tracking: TrackingParameters | None = None,
     ):
         self.parameters = parameters or PartitionParameters()
-        self.partition, tables, self._filtered_until = timed_partition(plain_of(scenario), self.parameters)
-        super().__init__(scenario, num_worlds, device, tables=tables, parameters=tracking)
-        self._filter = Safe(Still(self.scenario, num_worlds, self.device)) if self._filtered_until > 0 else None
-        self.communicates = "nothing" if self._filter is None else self._filter.communicates
-
-    def forget(self, mask: np.ndarray) -> None:
-        """Forget the time, and what the cars have learned of themselves and seen of others."""
-        super().forget(mask)
-        if self._filter is not None:
-            self._filter.forget(mask)
-
-    def decide(self, observation: wp.array) -> None:
-        """Write `action`."""
-        self.follow(observation)
-        if self._filter is not None:
-            filtered = self._filter.filter(observation, self.action)
-            self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, filtered], [self.action])
+        self.partition, tables, until = timed_partition(plain_of(scenario), self.parameters)
+        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until, tracking=tracking)
 
 
 def plain_of(scenario: Scenario) -> Scenario:

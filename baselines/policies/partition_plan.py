@@ -31,6 +31,8 @@ _EXTENTS = (0.0, 0.3, 0.6, 0.9)
 """Extents of loops that are compared, from the smallest to that of the cell."""
 _ALIKE = (0, 0, 0.0, 0.0)
 """Pattern in which all loops have the same direction and phase."""
+_TIMES, _REACH = 256, 0.25
+"""Fewest times of a long period at which motions are compared; most motion between two of them, in sensing radii."""
 _SHAPES, _PATTERNS = 12, 2
 """Shapes whose motion is followed, and how many of these are tried with all directions and phases."""
 
@@ -176,7 +178,9 @@ def _best(room: Room, parameters: PartitionParameters) -> tuple[np.ndarray, np.n
     for shape in _shapes(room, parameters, half):
         placed = shape.placed(half)
         if smallest_distance(placed) >= room.apart:
-            shapes.append((*coverage(placed, half, room.sensing, coarse=True), len(shapes), shape))
+            thin, step = _thinned(placed, room)
+            never, longest = coverage(thin, half, room.sensing, coarse=True)
+            shapes.append((never, longest * step, len(shapes), shape))
     if not shapes:
         return None
     search = _Search(room, half)
@@ -191,7 +195,10 @@ def _best(room: Room, parameters: PartitionParameters) -> tuple[np.ndarray, np.n
     for phases in itertools.product(quarters, quarters):
         search.compare(shape, (turn_x, turn_y, *phases))
     (worst, *_), shape, pattern = search.best
-    return shape.cells, shape.placed(half, *pattern), worst
+    placed = shape.placed(half, *pattern)
+    if math.isfinite(worst) and _thinned(placed, room)[1] > 1:
+        worst = worst_undetected_time(placed, half, room.sensing, room.target_speed, 1.0)
+    return shape.cells, placed, worst
 
 
 class _Search:
@@ -211,11 +218,23 @@ class _Search:
         if smallest_distance(placed) < self.room.apart:
             return
         limit = 1.5 * self.best[0][0] if self.compared else math.inf
-        visits = coverage(placed, self.half, self.room.sensing)
+        thin, step = _thinned(placed, self.room)
+        never, longest = coverage(thin, self.half, self.room.sensing)
         worst = math.inf
-        if visits[0] == 0:
-            worst = worst_undetected_time(placed, self.half, self.room.sensing, self.room.target_speed, 1.0, limit)
-        self.compared.append(((worst, *visits), shape, pattern))
+        if never == 0:
+            worst = worst_undetected_time(thin, self.half, self.room.sensing, self.room.target_speed, step, limit)
+        self.compared.append(((worst, never, longest * step), shape, pattern))
+
+
+def _thinned(placed: np.ndarray, room: Room) -> tuple[np.ndarray, float]:
+    """Return places (N, K', 2) on loops (N, K, 2) of long periods, at fewer times, and the control steps between these.
+
+    At least `_TIMES` remain, and a robot moves at most a part of its sensing radius from one to the next.
+    """
+    count = placed.shape[1]
+    every = max(min(count // _TIMES, math.floor(_REACH * room.sensing / room.speed)), 1)
+    kept = count // every
+    return placed[:, np.arange(kept) * count // kept], count / kept
 
 
 def _shapes(room: Room, parameters: PartitionParameters, half: tuple[float, float]):

@@ -5,7 +5,8 @@ Robot i is to be at
     x(t) = x_0 + sum over k = 1, 2 ... of a_k cos(2 pi k t / T) + b_k sin(2 pi k t / T)
 
 and at y(t) likewise, where T is the common period. The paths are timed (`baselines.policies.timed_paths`), and from a
-start in the equilibrium the cars enter them by a planned transit without collisions, as those of `partition` do.
+start in the equilibrium the cars enter them by a planned transit without collisions, as those of `partition` do, or
+drive to them at once.
 """
 
 import math
@@ -15,16 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from baselines.policies.partition import Partition, start_is_known, starts_of
+from baselines.policies.partition import FilteredPaths, start_is_known, starts_of
 from baselines.policies.partition_plan import PartitionParameters, car_of, required_distance
 from baselines.policies.path_tables import PathTables, path_tables
-from baselines.policies.patrol import Still
 from baselines.policies.registry import register
-from baselines.policies.timed_paths import TimedPaths, TrackingParameters
+from baselines.policies.timed_paths import TrackingParameters
 from baselines.policies.transit import transit
-from baselines.safety.filter import Safe
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import Checked, rows, whole
+from lissajous_env.settings.checks import Checked, flag, rows, whole
 from lissajous_env.theory import closed_forms
 
 _LONGEST = 3.0
@@ -50,6 +49,9 @@ class PathParameters(Checked):
     )
     """Fourier coefficients of the path of each robot: x_0, y_0, and for each harmonic a_k, b_k of x, a_k, b_k of y [m];
     None means the places of the formation on its curve."""
+    planned_ways: bool = flag(True)
+    """True to plan ways without collisions from a known start into the paths, and to select the path of each robot by
+    them; False to drive to the paths at once, which is without collisions only if an episode shows it."""
 
 
 def places_of(paths: np.ndarray, period: int) -> np.ndarray:
@@ -89,21 +91,38 @@ def timed_loops(scenario: Scenario, parameters: PathParameters) -> tuple[PathTab
         ValueError: another number of paths than of robots.
     """
     loop = _loop(scenario, parameters)
-    pieces = np.linalg.norm(np.diff(loop, axis=1, append=loop[:, :1]), axis=2)
-    fastest = float(pieces.max()) / scenario.task.step
-    around = _LONGEST * 2 * (scenario.curve.half_width + scenario.curve.half_height)
-    longest = math.ceil(around / fastest / scenario.task.step) + loop.shape[1]
-    if start_is_known(scenario):
-        start, speed = starts_of(scenario)
-        room = PartitionParameters(speed=max(fastest, 1e-3), clearance=0.2 * scenario.robot.radius)
-        apart = required_distance(scenario, room)
-        for shift in np.arange(_PHASES) * loop.shape[1] // _PHASES:  # the phase of the team is free
-            turned = np.roll(loop, shift, axis=1)
-            found = transit(start, speed, turned, car_of(scenario, room), apart, scenario.task.step, longest)
-            if found is not None:
-                lead_in, chosen = found
-                return path_tables(scenario, np.roll(turned[chosen], -lead_in.shape[1], axis=1), lead_in), 0.0
-    return path_tables(scenario, loop), float(longest)
+    if not start_is_known(scenario):
+        return path_tables(scenario, loop), float(arrival_steps(scenario, loop))
+    if not parameters.planned_ways:
+        return path_tables(scenario, loop), 0.0
+    start, speed = starts_of(scenario)
+    room = PartitionParameters(speed=_speed_on(scenario, loop), clearance=0.2 * scenario.robot.radius)
+    apart = required_distance(scenario, room)
+    longest = math.ceil(_LONGEST * _time_around(scenario, loop)) + loop.shape[1]
+    for shift in np.arange(_PHASES) * loop.shape[1] // _PHASES:  # the phase of the team is free
+        turned = np.roll(loop, shift, axis=1)
+        found = transit(start, speed, turned, car_of(scenario, room), apart, scenario.task.step, longest)
+        if found is not None:
+            lead_in, chosen = found
+            return path_tables(scenario, np.roll(turned[chosen], -lead_in.shape[1], axis=1), lead_in), 0.0
+    return path_tables(scenario, loop), float(arrival_steps(scenario, loop))
+
+
+def arrival_steps(scenario: Scenario, loop: np.ndarray) -> int:
+    """Return the time after which all robots are on loops (..., K, 2) [m] from any start [control step]."""
+    return math.ceil(_time_around(scenario, loop)) + 2 * loop.shape[-2]
+
+
+def _speed_on(scenario: Scenario, loop: np.ndarray) -> float:
+    """Return the largest speed on loops (..., K, 2) [m/s]."""
+    pieces = np.linalg.norm(loop - np.roll(loop, 1, axis=-2), axis=-1)
+    return max(float(pieces.max()) / scenario.task.step, 1e-3)
+
+
+def _time_around(scenario: Scenario, loop: np.ndarray) -> float:
+    """Return the time in which a car at the largest speed of loops drives around the rectangle [control step]."""
+    around = 2 * (scenario.curve.half_width + scenario.curve.half_height)
+    return around / _speed_on(scenario, loop) / scenario.task.step
 
 
 def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
@@ -122,7 +141,7 @@ def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
 
 
 @register("periodic-paths", on_request=True)
-class PeriodicPaths(Partition):
+class PeriodicPaths(FilteredPaths):
     """Cars on timed closed paths of any form, given by Fourier coefficients; by default those of the formation."""
 
     def __init__(
@@ -134,7 +153,5 @@ class PeriodicPaths(Partition):
         tracking: TrackingParameters | None = None,
     ):
         self.parameters = parameters or PathParameters()
-        tables, self._filtered_until = timed_loops(scenario.resolve(), self.parameters)
-        TimedPaths.__init__(self, scenario, num_worlds, device, tables=tables, parameters=tracking)
-        self._filter = Safe(Still(self.scenario, num_worlds, self.device)) if self._filtered_until > 0 else None
-        self.communicates = "nothing" if self._filter is None else self._filter.communicates
+        tables, until = timed_loops(scenario.resolve(), self.parameters)
+        super().__init__(scenario, num_worlds, device, tables=tables, filtered_until=until, tracking=tracking)

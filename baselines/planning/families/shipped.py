@@ -41,7 +41,8 @@ class Shipped:
 def default_policies(task: Scenario) -> list[str]:
     """Return the names of the shipped classical policies that drive the robots of a task.
 
-    Of those with a collision filter, the paper's method alone.
+    Of those with a collision filter, the paper's method alone. Policies that are played on request alone are left out.
     """
     names = [name for name in registry.names(task) if registry.is_classical(name) and registry.ships(name)]
+    names = [name for name in names if registry.made_for(name, task.name)]
     return [name for name in names if not registry.unwrapped(name)[1] or registry.unwrapped(name)[0] == _FILTERED]

@@ -1,0 +1,65 @@
+"""The best known plans of included scenarios: `python benchmarks/known.py NAME --seconds 120 --seed 0`.
+
+Searches for plans of each scenario, as a benchmark plays it, whose robots begin where the scenario places them: the
+stored ones of all scenarios that begin alike, partitions and lines, then free-form paths from the best of these. The
+seconds are those of the processors, so that the result depends little on what else runs. A plan with a shorter
+worst-case undetected time than the stored one, of whole episodes or of their second halves, takes its place in
+`baselines/planning/known`, together with this command and its figures. Plans with a collision, or without a bound, are
+not stored.
+"""
+
+import argparse
+import time
+from collections.abc import Sequence
+
+from baselines.benchmark.standard import as_played
+from baselines.planning import best_known
+from baselines.planning.families.base import Settings
+from baselines.planning.families.known import Known
+from baselines.planning.families.tuned import LINES, PARTITIONS
+from baselines.planning.plans import Plan
+from baselines.planning.playing import Episodes, quietly
+from baselines.planning.search import Search
+from lissajous_env.parameters.scenario import Scenario
+
+
+class Alike(Known):
+    """The stored plans of all scenarios whose robots begin at the same places of the same rectangle."""
+
+    def starts(self, task: Scenario) -> Sequence[Settings]:
+        """Return the stored plans."""
+        start = task.curve, task.formation, task.num_robots
+        known = best_known.all_known()
+        alike = [
+            each for each in known if (each.scenario.curve, each.scenario.formation, each.scenario.num_robots) == start
+        ]
+        return [{"stored": each.name} for each in alike]
+
+    def plan(self, task: Scenario, settings: Settings) -> Plan:
+        """Return a stored plan on the task."""
+        (found,) = (each for each in best_known.all_known() if each.name == settings["stored"])
+        return Plan(self.name, task, found.settings, settings["stored"])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenarios", nargs="+")
+    parser.add_argument("--seconds", type=float, default=120.0)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    for name in options.scenarios:
+        task, families = as_played(name, {}), (Alike(), PARTITIONS, LINES)
+        search = Search(task, Episodes(), families, options.seed, fixed_start=True, clock=time.process_time)
+        with quietly():
+            search.run(options.seconds, free_paths=True)
+        command = f"python benchmarks/known.py {name} --seconds {options.seconds:g} --seed {options.seed}"
+        kept = best_known.keep(name, search.finals, command)
+        print(f"{name}: {len(search.looks)} looks, {len(search.finals)} played, stored: {', '.join(kept) or 'nothing'}")
+        for each in sorted(search.finals, key=lambda each: each.figures.worst_case):
+            of = each.figures
+            words = f"worst {of.worst_case:.3g} s, second half {of.settled:.3g} s, {of.collisions} collisions"
+            print(f"  {each.plan.settings.policy}: {words} ({each.plan.about})", flush=True)
+
+
+if __name__ == "__main__":
+    main()
