@@ -20,9 +20,9 @@ wp.set_module_options(OPTIONS)
 
 OLD, NEW = wp.constant(0), wp.constant(1)
 """Plans of a robot in a step: its old tail goes on; it takes an action, and a new tail follows."""
-STEERINGS = wp.constant(9)
-THROTTLES = wp.constant(3)
-TAILS = wp.constant(9)
+STEERINGS = wp.constant(25)
+THROTTLES = wp.constant(5)
+TAILS = wp.constant(19)
 UNKNOWN, THERE, GONE = wp.constant(0), wp.constant(1), wp.constant(2)
 """Presence of a robot: it has not heard a neighbour yet; it has; it is removed."""
 
@@ -93,7 +93,7 @@ def drive(
     speed: float,
     action: wp.vec2,
     after_steering: float,
-) -> tuple[wp.vec4, wp.vec4, float]:
+) -> tuple[wp.vec4, wp.vec4, wp.vec3]:
     """Tail and tube after an action is held for a step, and the bound by which the step leaves its straight line [m].
 
     v(t) = v e^(-ct) + (push / c) (1 - e^(-ct)); push and curvature are known up to `known` (conditions 1 and 2).
@@ -120,6 +120,9 @@ def drive(
     end = arc_end(here[0], here[1], heading, way, curvature)
     length = after / robot.drag
     swing += bend * way
+    half_left = wp.sqrt(bounds.left)
+    half_way = wp.max(speed * (1.0 - half_left) / robot.drag + push * (0.5 * bounds.step - (1.0 - half_left) / robot.drag) / robot.drag, 0.0)
+    mid = arc_end(here[0], here[1], heading, half_way, curvature)
     turn = cos_sin(steering_angle(robot, after_steering))
     nominal = turn[1] / (turn[0] * robot.wheelbase)
     fastest = wp.max(speed, after)
@@ -127,7 +130,7 @@ def drive(
     curvature = 0.5 * (known[0] + known[1]) * nominal
     bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
     tube = error_tube(curvature, length, place, swing, after_slack / robot.drag, bend)
-    return wp.vec4(end[0], end[1], end[2], length), tube, rate * bounds.step * bounds.step / 8.0
+    return wp.vec4(end[0], end[1], end[2], length), tube, wp.vec3(mid[0], mid[1], rate * bounds.step * bounds.step / 32.0)
 
 
 @wp.func
@@ -147,8 +150,9 @@ def lay_out_old(
     rate = speed * robot.drag + speed * speed * wp.abs(tube[0])
     memory.old_tail[w, i] = tail
     memory.old_tube[w, i] = tube
-    bulge = rate * bounds.step * bounds.step / 8.0
-    lay_out(w, i, OLD, wp.vec2(before[0], before[1]), bulge, tail, tube, points, reach)
+    bulge = rate * bounds.step * bounds.step / 32.0
+    mid = arc_end(before[0], before[1], before[2], (1.0 - wp.sqrt(bounds.left)) * before[3], tube[0])
+    lay_out(w, i, OLD, wp.vec2(before[0], before[1]), wp.vec2(mid[0], mid[1]), bulge, tail, tube, points, reach)
 
 
 @wp.func
@@ -320,12 +324,14 @@ def alternative(robot: RobotStruct, k: int, wanted: wp.vec2) -> wp.vec2:
     """Return an action that may be taken in place of the wanted one, which is the first of them."""
     s = k // int(THROTTLES)
     steering = wanted[0]
-    if s >= 7:
-        steering = float(2 * s - 15)
-    elif s > 0:
-        side = float(2 * (s % 2) - 1)
-        steering += side * wp.where(s <= 2, 0.15, wp.where(s <= 4, 0.4, 0.8))
-    share = 0.5 * float(k % int(THROTTLES))
+    if s >= 1:
+        steering += 0.05 * float((s + 1) // 2) * float(2 * (s % 2) - 1) * (1.0 + 0.1 * float(s))
+    m = k % int(THROTTLES)
+    if m == 3:
+        return wp.vec2(wp.clamp(steering, -1.0, 1.0), wp.min(1.0, wanted[1] + 0.4))
+    if m == 4:
+        return wp.vec2(wp.clamp(steering, -1.0, 1.0), 1.0)
+    share = 0.5 * float(m)
     return wp.vec2(wp.clamp(steering, -1.0, 1.0), wanted[1] - share * (wanted[1] + 1.0))
 
 
@@ -334,19 +340,7 @@ def AFTER(m: int, steering: float, held: float) -> float:
     """x"""
     if m == 1:
         return held
-    if m == 2:
-        return wp.max(steering - 0.4, -1.0)
-    if m == 3:
-        return wp.min(steering + 0.4, 1.0)
-    if m == 4:
-        return -1.0
-    if m == 5:
-        return 1.0
-    if m == 6:
-        return 0.0
-    if m == 7:
-        return wp.max(held - 0.2, -1.0)
-    return wp.min(held + 0.2, 1.0)
+    return float(m - 2) / 8.0 - 1.0
 
 
 @wp.func
@@ -420,7 +414,7 @@ def commit(
                 cost = apart[0] * apart[0] + bounds.throttle_weight * apart[1] * apart[1]
                 if cost < least or most < 0.0:
                     new_tail, new_tube, bulge = drive(bounds, robot, known, here, memory.last[w, i][0], speed, action, after_steering)
-                    lay_out(w, i, NEW, here, bulge, new_tail, new_tube, points, reach)
+                    lay_out(w, i, NEW, here, wp.vec2(bulge[0], bulge[1]), bulge[2], new_tail, new_tube, points, reach)
                     room = room_of(w, i, NEW, most, bounds, memory.presence, decided, points, reach)
                     better = room >= 0.0 and (most < 0.0 or cost < least)
                     if better or (most < 0.0 and room > most):
@@ -435,7 +429,7 @@ def commit(
                         break
             if decided[w, i] == 1:
                 again, again_tube, bulge = drive(bounds, robot, known, here, memory.last[w, i][0], speed, chosen, chosen_after)
-                lay_out(w, i, NEW, here, bulge, again, again_tube, points, reach)
+                lay_out(w, i, NEW, here, wp.vec2(bulge[0], bulge[1]), bulge[2], again, again_tube, points, reach)
             held = chosen_after
         action_out[w, i, 0] = chosen[0]
         action_out[w, i, 1] = chosen[1]

@@ -16,9 +16,9 @@ import warp as wp
 from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.trig import cos_sin
 
-PIECES = wp.constant(8)
+PIECES = wp.constant(16)
 """Pieces of a tail between its sampled points, in equal steps of q."""
-POINTS = wp.constant(int(PIECES) + 2)
+POINTS = wp.constant(int(PIECES) + 3)
 """Sampled points of a plan: where the car is now, and where its tail begins, goes and ends."""
 
 
@@ -61,6 +61,7 @@ def lay_out(
     i: int,
     slot: int,
     now: wp.vec2,
+    half_way: wp.vec2,
     bulge: float,
     tail: wp.vec4,
     tube: wp.vec4,
@@ -75,7 +76,8 @@ def lay_out(
     part = 1.0 / float(PIECES)
     length = tail[3] * part
     points_out[w, i, slot, 0] = wp.vec3(now[0], now[1], 0.0)
-    points_out[w, i, slot, 1] = wp.vec3(tail[0], tail[1], bulge + tube[1])
+    points_out[w, i, slot, 1] = wp.vec3(half_way[0], half_way[1], bulge + tube[1])
+    points_out[w, i, slot, 2] = wp.vec3(tail[0], tail[1], bulge + tube[1])
     sagitta = wp.abs(tube[0]) * length * length / 8.0
     half = 0.5 * length * tube[0]
     end = arc_end(0.0, 0.0, tail[2], length, tube[0])
@@ -86,7 +88,7 @@ def lay_out(
         place += way
         way = wp.vec2(turn[0] * way[0] - turn[1] * way[1], turn[1] * way[0] + turn[0] * way[1])
         q = float(k + 1) * part
-        points_out[w, i, slot, k + 2] = wp.vec3(place[0], place[1], sagitta + tube[1] + q * (tube[2] + q * tube[3]))
+        points_out[w, i, slot, k + 3] = wp.vec3(place[0], place[1], sagitta + tube[1] + q * (tube[2] + q * tube[3]))
     widest = wp.max(bulge, sagitta) + tube[1] + tube[2] + tube[3]
     reach_out[w, i, slot] = wp.length(wp.vec2(tail[0], tail[1]) - now) + tail[3] + widest
 
