@@ -10,7 +10,8 @@ import warp as wp
 
 from baselines.policies.base import Policy
 from baselines.policies.memory import clear_worlds
-from baselines.safety.commitment import Bounds, Memory, commit
+from baselines.safety.commitment import PLANS, Memory, Plans, commit
+from baselines.safety.own_motion import Bounds
 from baselines.safety.tails import POINTS
 from baselines.similarity import motion_scale
 from lissajous_env.device.curve import curve_struct
@@ -23,11 +24,11 @@ from lissajous_env.world.state import allocate
 
 @dataclass(frozen=True)
 class ProvedParameters(Checked):
-    margin: float = number(0.01, 0, 1e3, "m")
+    margin: float = number(0.001, 0, 1e3, "m")
     """Distance that tails keep besides the two radii [m]."""
     deviations: float = number(4.0, 0, 100)
     """Bound of a measurement's noise, in standard deviations of the scenario's."""
-    throttle_weight: float = number(0.5, 1e-6, 1e6)
+    throttle_weight: float = number(0.1, 1e-6, 1e6)
     """Weight of a change of the throttle's action against one of the steering's."""
 
     def of(self, scenario: Scenario) -> "ProvedParameters":
@@ -56,17 +57,17 @@ class Proved(Policy):
         self._widest = wp.array(widest_of(self.scenario), dtype=wp.vec4, device=self.device)
         w, n = self.shape
         self._memory = allocate(Memory, {"steps": (w,), "holds": (w,)}, (w, n), self.device)
-        self._decided = wp.zeros((w, n), dtype=wp.int32, device=self.device)
-        self._points = wp.zeros((w, n, 2, int(POINTS)), dtype=wp.vec3, device=self.device)
-        self._reach = wp.zeros((w, n, 2), dtype=wp.float32, device=self.device)
+        shapes = {"points": (w, n, int(PLANS), int(POINTS)), "reach": (w, n, int(PLANS))}
+        self._plans = allocate(Plans, shapes, (w, n), self.device)
+        self._changes = wp.array(changes_of(self.parameters), dtype=wp.vec2, device=self.device)
 
     @property
     def holds(self):
         return self._memory.holds.numpy() == 1
 
     def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
-        inputs = [self._bounds, self._robot, self._curve, self._widest, observation, wanted, self._memory]
-        outputs = [self._decided, self._points, self._reach, self.action]
+        inputs = [self._bounds, self._robot, self._curve, self._widest, self._changes, observation, wanted, self._memory]
+        outputs = [self._plans, self.action]
         self.launch(commit, self.num_worlds, inputs, outputs)
         return self.action
 
@@ -91,8 +92,8 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters) -> Any:
     bounds.speed_unit = robot.top_speed
     room = 1.0 if scenario.task.boundary == "wall" else 3.9
     bounds.half_width, bounds.half_height = room * curve.half_width, room * curve.half_height
-    bounds.throttle_weight = parameters.throttle_weight
     bounds.loss = noise.message_loss
+    bounds.fails = 0
     bounds.learns = int(noise.actuator == 0)
     return bounds
 
@@ -102,3 +103,13 @@ def widest_of(scenario: Scenario) -> np.ndarray:
     wheel, drive = 3 * noise.wheelbase_spread, 3 * noise.drive_spread
     rows = [(1 / (1 + wheel), 1 / (1 - wheel), f * (1 - drive), f * (1 + drive)) for f in scenario.drive_factors]
     return np.array(rows, dtype=np.float32)
+
+
+STEERING_CHANGES = tuple(0.05 * i * (1 + 0.2 * i) for i in range(13))
+THROTTLE_CHANGES = (0.0, 0.4, 0.7, 1.0, 2.0)
+
+
+def changes_of(parameters: ProvedParameters) -> np.ndarray:
+    pairs = [(s * x, t * y) for x in STEERING_CHANGES for y in THROTTLE_CHANGES for s in (1, -1) for t in (-1, 1)]
+    pairs = sorted(set(pairs), key=lambda pair: (pair[0] ** 2 + parameters.throttle_weight * min(abs(pair[1]), 1.0) ** 2, -pair[0], pair[1]))
+    return np.array(pairs, dtype=np.float32)

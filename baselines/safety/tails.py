@@ -61,8 +61,7 @@ def lay_out(
     i: int,
     slot: int,
     now: wp.vec2,
-    half_way: wp.vec2,
-    bulge: float,
+    middle: wp.vec3,
     tail: wp.vec4,
     tube: wp.vec4,
     points_out: wp.array4d(dtype=wp.vec3),
@@ -70,14 +69,14 @@ def lay_out(
 ):
     """Sample a plan: points x, y and, for the piece before each, how far off the straight line the car can be [m].
 
-    `bulge` is the bound for the step before the tail. Along a piece of the tail an arc leaves its chord by at most
+    `middle` is that of the step before the tail, x, y and the bound for either half of it. Along a piece of the tail an arc leaves its chord by at most
     kappa (L / pieces)^2 / 8. `reach` bounds the distance of the whole plan from where the car is now.
     """
     part = 1.0 / float(PIECES)
     length = tail[3] * part
     points_out[w, i, slot, 0] = wp.vec3(now[0], now[1], 0.0)
-    points_out[w, i, slot, 1] = wp.vec3(half_way[0], half_way[1], bulge + tube[1])
-    points_out[w, i, slot, 2] = wp.vec3(tail[0], tail[1], bulge + tube[1])
+    points_out[w, i, slot, 1] = wp.vec3(middle[0], middle[1], middle[2] + tube[1])
+    points_out[w, i, slot, 2] = wp.vec3(tail[0], tail[1], middle[2] + tube[1])
     sagitta = wp.abs(tube[0]) * length * length / 8.0
     half = 0.5 * length * tube[0]
     end = arc_end(0.0, 0.0, tail[2], length, tube[0])
@@ -89,7 +88,7 @@ def lay_out(
         way = wp.vec2(turn[0] * way[0] - turn[1] * way[1], turn[1] * way[0] + turn[0] * way[1])
         q = float(k + 1) * part
         points_out[w, i, slot, k + 3] = wp.vec3(place[0], place[1], sagitta + tube[1] + q * (tube[2] + q * tube[3]))
-    widest = wp.max(bulge, sagitta) + tube[1] + tube[2] + tube[3]
+    widest = wp.max(middle[2], sagitta) + tube[1] + tube[2] + tube[3]
     reach_out[w, i, slot] = wp.length(wp.vec2(tail[0], tail[1]) - now) + tail[3] + widest
 
 
@@ -101,10 +100,11 @@ def room_between(
     j: int,
     other: int,
     touch: float,
+    enough: float,
     points: wp.array4d(dtype=wp.vec3),
     reach: wp.array3d(dtype=float),
 ) -> float:
-    """Return a lower bound of the distance of two cars at equal times on two plans, less `touch` [m].
+    """Return a lower bound of the distance of two cars at equal times on two plans, less `touch`, or what is below `enough` [m].
 
     Along each piece it is the closest approach of the chords at equal times, less the bounds of both deviations. Two
     plans that are too far apart to meet are told from each other by their reaches alone.
@@ -120,6 +120,8 @@ def room_between(
         a = points[w, i, one, k]
         b = points[w, j, other, k]
         after = wp.vec2(a[0] - b[0], a[1] - b[1])
-        least = wp.min(least, wp.sqrt(closest_approach(before, after)) - a[2] - b[2])
+        least = wp.min(least, wp.sqrt(closest_approach(before, after)) - a[2] - b[2] - touch)
+        if least < enough:
+            break
         before = after
-    return least - touch
+    return least
