@@ -6,7 +6,7 @@
 import warp as wp
 
 from baselines.policies.own_row import hears, own_heading, own_key, own_position, own_speed, own_works
-from baselines.safety.own_motion import Bounds, drive, fastest_in_step, learn, most_steering, tail_from
+from baselines.safety.own_motion import Bounds, drive, learn, tail_from, within_grip
 from baselines.safety.tails import POINTS, arc_end, lay_out, roll_on, room_between
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
@@ -15,12 +15,9 @@ from lissajous_env.device.part_structs import RobotStruct
 
 wp.set_module_options(OPTIONS)
 
-OLD, NEW, FAILED = wp.constant(0), wp.constant(1), wp.constant(2)
-"""Plans of a robot for a step: its old tail goes on; it takes an action, and a new tail follows; it takes the action,
-its motor fails at once, and the new tail follows."""
-PLANS = wp.constant(3)
-TAILS = wp.constant(19)
-"""Steerings that are tried for a tail: the action's own, that of the old tail, and from full right to full left."""
+OLD, NEW = wp.constant(0), wp.constant(1)
+"""Plans of a robot for a step: its old tail goes on; or it takes an action, and a new tail follows."""
+PLANS = wp.constant(2)
 THERE, GONE = wp.constant(1), wp.constant(2)
 """Presence of a robot: it has heard a ring neighbour; it was removed."""
 _FAR = wp.constant(1.0e30)
@@ -34,12 +31,12 @@ class Memory:
     """Committed tail at the beginning of the step: `baselines.safety.tails`."""
     tube: wp.array2d(dtype=wp.vec4)
     """Its tube."""
-    failed_tail: wp.array2d(dtype=wp.vec4)
-    """Tail of a robot whose motor failed in the latest step."""
-    failed_tube: wp.array2d(dtype=wp.vec4)
+    old_tail: wp.array2d(dtype=wp.vec4)
+    """What is left of the tail before: that of a robot whose motor failed in the latest step."""
+    old_tube: wp.array2d(dtype=wp.vec4)
     """Its tube."""
-    steering: wp.array2d(dtype=wp.float32)
-    """Action of the steering on the tail."""
+    steering: wp.array2d(dtype=wp.vec2)
+    """Action of the steering on the tail, and on the tail before."""
     known: wp.array2d(dtype=wp.vec4)
     """Bounds of the robot's own curvature and drive as factors of the nominal: least, most; least, most."""
     last: wp.array2d(dtype=wp.vec4)
@@ -87,8 +84,9 @@ def begin(
     if memory.steps[w] == 0:
         memory.known[w, i] = widest
     elif not works:
-        memory.tail[w, i] = memory.failed_tail[w, i]
-        memory.tube[w, i] = memory.failed_tube[w, i]
+        memory.tail[w, i] = memory.old_tail[w, i]
+        memory.tube[w, i] = memory.old_tube[w, i]
+        memory.steering[w, i] = wp.vec2(memory.steering[w, i][1], memory.steering[w, i][1])
     elif bounds.learns == 1:
         memory.known[w, i] = learn(bounds, robot, memory.known[w, i], widest, memory.last[w, i], car[2], car[3])
     memory.last[w, i] = wp.vec4(car[2], car[3], 0.0, 0.0)
@@ -97,7 +95,7 @@ def begin(
     if memory.steps[w] > 0 and away <= memory.tube[w, i][1] + bounds.place:
         return True
     errors = wp.vec3(bounds.place, bounds.heading, bounds.speed)
-    tail, tube = tail_from(bounds, robot, memory.known[w, i], car, errors, memory.steering[w, i])
+    tail, tube = tail_from(robot, memory.known[w, i], car, errors, memory.steering[w, i][0])
     memory.tail[w, i] = tail
     memory.tube[w, i] = tube
     return memory.presence[w, i] == GONE
@@ -116,8 +114,9 @@ def let_roll(w: int, i: int, bounds: Bounds, robot: RobotStruct, memory: Memory,
     lay_out(w, i, OLD, start, wp.vec3(middle[0], middle[1], bulge), tail, tube, plans.points, plans.reach)
     memory.tail[w, i] = tail
     memory.tube[w, i] = tube
-    memory.failed_tail[w, i] = tail
-    memory.failed_tube[w, i] = tube
+    memory.old_tail[w, i] = tail
+    memory.old_tube[w, i] = tube
+    memory.steering[w, i] = wp.vec2(memory.steering[w, i][0], memory.steering[w, i][0])
 
 
 @wp.func
@@ -133,27 +132,36 @@ def room_inside(w: int, i: int, plan: int, bounds: Bounds, plans: Plans) -> floa
 
 @wp.func
 def room_to(w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, plans: Plans) -> float:
-    """Least room of a plan to all that robot j may do in this step, or something below `enough` [m]."""
-    if plans.decided[w, j] == 0:
-        return room_between(w, i, plan, j, OLD, bounds.touch, enough, plans.points, plans.reach)
-    least = room_between(w, i, plan, j, NEW, bounds.touch, enough, plans.points, plans.reach)
-    if bounds.fails == 1 and least >= enough:
-        failed = room_between(w, i, plan, j, FAILED, bounds.touch, enough, plans.points, plans.reach)
-        least = wp.min(least, failed)
+    """Least room of a plan to all that robot j may do in this step, or something below `enough` [m].
+
+    A robot that has decided can still go on with its old tail, if its motor fails now (condition 5).
+    """
+    least = float(_FAR)
+    if plans.decided[w, j] == 1:
+        least = room_between(w, i, plan, j, NEW, bounds.touch, enough, plans.points, plans.reach)
+    if least >= enough and (plans.decided[w, j] == 0 or bounds.fails == 1):
+        old = room_between(w, i, plan, j, OLD, bounds.touch, enough, plans.points, plans.reach)
+        least = wp.min(least, old)
     return least
 
 
 @wp.func
 def room_of(
-    w: int, i: int, plan: int, enough: float, bounds: Bounds, presence: wp.array2d(dtype=int), plans: Plans
-) -> float:
-    """Least room of a plan to the committed tails of all others, or something below `enough` [m] (condition 4)."""
-    least = room_inside(w, i, plan, bounds, plans)
-    for j in range(presence.shape[1]):
-        if least < enough:
+    w: int, i: int, plan: int, enough: float, first: int, bounds: Bounds, presence: wp.array2d(dtype=int), plans: Plans
+) -> wp.vec2:
+    """Least room of a plan to the committed tails of all others [m], and to which (condition 4).
+
+    It begins with robot `first` and ends at once below `enough`.
+    """
+    least = wp.vec2(room_inside(w, i, plan, bounds, plans), -1.0)
+    for k in range(-1, presence.shape[1]):
+        if least[0] < enough:
             return least
-        if j != i and presence[w, j] != GONE:
-            least = wp.min(least, room_to(w, i, plan, j, enough, bounds, plans))
+        j = wp.where(k < 0, first, k)
+        if j >= 0 and j != i and presence[w, j] != GONE:
+            room = room_to(w, i, plan, j, enough, bounds, plans)
+            if room < least[0]:
+                least = wp.vec2(room, float(j))
     return least
 
 
@@ -161,7 +169,7 @@ def room_of(
 def is_compatible(w: int, bounds: Bounds, presence: wp.array2d(dtype=int), plans: Plans) -> int:
     """Return 1 if the tails of all robots are compatible, with which the induction begins (condition 6)."""
     for i in range(presence.shape[1]):
-        if presence[w, i] != GONE and room_of(w, i, OLD, 0.0, bounds, presence, plans) < 0.0:
+        if presence[w, i] != GONE and room_of(w, i, OLD, 0.0, -1, bounds, presence, plans)[0] < 0.0:
             return 0
     return 1
 
@@ -176,41 +184,6 @@ def hears_all(w: int, i: int, step: int, bounds: Bounds, observation: wp.array3d
         if j != i and randomness.uniform(key, j, randomness.MESSAGE) < bounds.loss:
             return False
     return True
-
-
-@wp.func
-def judge(
-    w: int,
-    i: int,
-    bounds: Bounds,
-    robot: RobotStruct,
-    car: wp.vec4,
-    action: wp.vec2,
-    steering: float,
-    enough: float,
-    memory: Memory,
-    plans: Plans,
-) -> float:
-    """Lay out the plans of an action with a tail of a steering; return their room, or something below `enough` [m]."""
-    known = memory.known[w, i]
-    here = wp.vec2(car[0], car[1])
-    after, errors, middle = drive(bounds, robot, known, car, action)
-    tail, tube = tail_from(bounds, robot, known, after, errors, steering)
-    lay_out(w, i, NEW, here, middle, tail, tube, plans.points, plans.reach)
-    room = room_of(w, i, NEW, enough, bounds, memory.presence, plans)
-    failed_tail = tail
-    failed_tube = tube
-    if bounds.fails == 1 and room >= enough:
-        after, errors, middle = drive(bounds, robot, known, car, wp.vec2(action[0], -1.0))
-        failed_tail, failed_tube = tail_from(bounds, robot, known, after, errors, steering)
-        lay_out(w, i, FAILED, here, middle, failed_tail, failed_tube, plans.points, plans.reach)
-        room = wp.min(room, room_of(w, i, FAILED, enough, bounds, memory.presence, plans))
-    if room >= enough:
-        memory.tail[w, i] = tail
-        memory.tube[w, i] = tube
-        memory.failed_tail[w, i] = failed_tail
-        memory.failed_tube[w, i] = failed_tube
-    return room
 
 
 @wp.func
@@ -229,31 +202,34 @@ def decide(
 
     Where the old tail itself has none, as outside the conditions, what has most room is taken.
     """
-    held = memory.steering[w, i]
+    known = memory.known[w, i]
+    chosen = wp.vec2(memory.steering[w, i][1], -1.0)
     enough = float(0.0)
     if memory.holds[w] == 0:
-        enough = wp.min(room_of(w, i, OLD, -_FAR, bounds, memory.presence, plans), 0.0)
-    chosen = wp.vec2(held, -1.0)
+        enough = wp.min(room_of(w, i, OLD, -_FAR, -1, bounds, memory.presence, plans)[0], 0.0)
+    here = wp.vec2(car[0], car[1])
+    room = wp.vec2(-_FAR, -1.0)
     for k in range(changes.shape[0]):
-        push = wp.clamp(want[1] + changes[k][1], -1.0, 1.0)
-        fastest = fastest_in_step(bounds, robot, memory.known[w, i], car[3], push)
-        most = most_steering(robot, memory.known[w, i], fastest)
-        action = wp.vec2(wp.clamp(want[0] + changes[k][0], -most, most), push)
-        for tail in range(TAILS):
-            steering = action[0]
-            if tail == 1:
-                steering = held
-            elif tail > 1:
-                steering = 2.0 * float(tail - 2) / float(TAILS - 3) - 1.0
-            steering = wp.clamp(steering, -most, most)
-            room = judge(w, i, bounds, robot, car, action, steering, enough, memory, plans)
-            if room >= enough:
-                plans.decided[w, i] = 1
-                memory.steering[w, i] = steering
-                chosen = action
-                if room >= 0.0:
-                    return chosen
-                enough = room
+        action = within_grip(bounds, robot, known, car[3], want + changes[k])
+        if (changes[k][0] != 0.0 and action[0] == want[0]) or (changes[k][1] != 0.0 and action[1] == want[1]):
+            continue  # the box or grip undoes the change
+        after, errors, middle = drive(bounds, robot, known, car, action)
+        tail, tube = tail_from(robot, known, after, errors, action[0])
+        lay_out(w, i, NEW, here, middle, tail, tube, plans.points, plans.reach)
+        room = room_of(w, i, NEW, enough, int(room[1]), bounds, memory.presence, plans)
+        if room[0] >= enough:
+            plans.decided[w, i] = 1
+            memory.tail[w, i] = tail
+            memory.tube[w, i] = tube
+            chosen = action
+            enough = room[0]
+            if enough >= 0.0:
+                break
+    if room[0] < enough and plans.decided[w, i] == 1:
+        # The plan that was laid out last is not the one that is taken.
+        after, errors, middle = drive(bounds, robot, known, car, chosen)
+        tail, tube = tail_from(robot, known, after, errors, chosen[0])
+        lay_out(w, i, NEW, here, middle, tail, tube, plans.points, plans.reach)
     return chosen
 
 
@@ -286,14 +262,14 @@ def commit(
         memory.holds[w] = is_compatible(w, bounds, memory.presence, plans)
     for turn in range(n):
         i = (turn + step) % n
-        chosen = wp.vec2(memory.steering[w, i], -1.0)
+        chosen = wp.vec2(memory.steering[w, i][0], -1.0)
         want = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
         able = own_works(w, i, observation) and wp.isfinite(want[0]) and wp.isfinite(want[1])
         if able and hears_all(w, i, step, bounds, observation):
-            want = wp.vec2(wp.clamp(want[0], -1.0, 1.0), wp.clamp(want[1], -1.0, 1.0))
             here = own_position(w, i, curve, observation)
             car = wp.vec4(here[0], here[1], memory.last[w, i][0], memory.last[w, i][1])
             chosen = decide(w, i, bounds, robot, car, want, changes, memory, plans)
+        memory.steering[w, i] = wp.vec2(chosen[0], memory.steering[w, i][1])
         action_out[w, i, 0] = chosen[0]
         action_out[w, i, 1] = chosen[1]
         for k in range(2, action_out.shape[2]):

@@ -1,4 +1,4 @@
-"""Motion of one's own car over a step, with bounds: where a robot can be after an action, and what it learns of its car.
+"""Motion of one's own car over a step, with bounds: where it can be after an action, and what is learned of it.
 
 Every number is an interval: positions, headings and speeds are measured within `Bounds`, and a robot knows its own
 curvature and drive up to factors, which start as wide as the scenario allows and narrow with each step (`learn`).
@@ -54,15 +54,15 @@ def curvature_of(robot: RobotStruct, steering: float) -> float:
 
 @wp.func
 def tail_from(
-    bounds: Bounds, robot: RobotStruct, known: wp.vec4, place: wp.vec4, errors: wp.vec3, steering: float
+    robot: RobotStruct, known: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float
 ) -> tuple[wp.vec4, wp.vec4]:
     """Tail and tube from x, y, heading, speed and the errors of place [m], heading [rad] and speed [m/s]."""
     nominal = curvature_of(robot, steering)
     curvature = 0.5 * (known[0] + known[1]) * nominal
     bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
-    length = place[3] / robot.drag
+    length = car[3] / robot.drag
     tube = error_tube(curvature, length, errors[0], errors[1], errors[2] / robot.drag, bend)
-    return wp.vec4(place[0], place[1], place[2], length), tube
+    return wp.vec4(car[0], car[1], car[2], length), tube
 
 
 @wp.func
@@ -151,17 +151,14 @@ def learn(
 
 
 @wp.func
-def most_steering(robot: RobotStruct, known: wp.vec4, speed: float) -> float:
-    """Action of the steering up to which grip does not limit the yaw rate at a speed [m/s] (condition 1)."""
-    if not wp.isfinite(robot.lateral_acceleration_max):
-        return 1.0
-    curvature = 0.999 * robot.lateral_acceleration_max / wp.max(speed * speed, 1.0e-20)
-    return wp.min(wp.atan(curvature * robot.wheelbase / known[1]) / robot.steering_max, 1.0)
-
-
-@wp.func
-def fastest_in_step(bounds: Bounds, robot: RobotStruct, known: wp.vec4, speed: float, throttling: float) -> float:
-    """Largest speed during a step [m/s]."""
-    push = wp.max(known[3] * robot.drive * throttle(robot, throttling) - robot.offset, 0.0)
-    measured = speed + bounds.speed
-    return wp.max(measured, measured * bounds.left + push * (1.0 - bounds.left) / robot.drag)
+def within_grip(bounds: Bounds, robot: RobotStruct, known: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
+    """Clip an action to the box, and to where grip limits the yaw rate neither in the step nor after (condition 1)."""
+    throttling = wp.clamp(wanted[1], -1.0, 1.0)
+    most = float(1.0)
+    if wp.isfinite(robot.lateral_acceleration_max):
+        push = wp.max(known[3] * robot.drive * throttle(robot, throttling) - robot.offset, 0.0)
+        fastest = speed + bounds.speed
+        fastest = wp.max(fastest, fastest * bounds.left + push * (1.0 - bounds.left) / robot.drag)
+        curvature = 0.999 * robot.lateral_acceleration_max / wp.max(fastest * fastest, 1.0e-20)
+        most = wp.min(wp.atan(curvature * robot.wheelbase / known[1]) / robot.steering_max, 1.0)
+    return wp.vec2(wp.clamp(wanted[0], -most, most), throttling)

@@ -105,8 +105,8 @@ def widest_of(scenario: Scenario) -> np.ndarray:
     return np.array(rows, dtype=np.float32)
 
 
-STEERING_CHANGES = tuple(0.05 * i * (1 + 0.2 * i) for i in range(13))
-THROTTLE_CHANGES = (0.0, 0.4, 0.7, 1.0, 2.0)
+STEERING_CHANGES = (0.0, 0.06, 0.13, 0.22, 0.33, 0.47, 0.65, 0.9, 1.3, 2.0)
+THROTTLE_CHANGES = (0.0, 0.5, 2.0)
 
 
 def changes_of(parameters: ProvedParameters) -> np.ndarray:
