@@ -128,6 +128,8 @@ class Scenario:
             raise ValueError(f"formation.ring must hold each of the {n} robots once, got {ring}")
         if self.faults.lost > n:
             raise ValueError(f"faults.lost must be at most the {n} robots, got {self.faults.lost}")
+        if self.faults.stop == "coast" and self.robot.kind != "car":
+            raise ValueError(f"faults.stop must be dead for robots of kind {self.robot.kind}, got coast")
 
     def _check_contamination(self) -> None:
         if self.task.contamination is not None and self.targets.custom > 0 and self.targets.speed_limit is None:
@@ -349,4 +351,6 @@ def digest_of(plain: Mapping[str, Any]) -> str:
     numbers = {name: value for name, value in plain.items() if name in made_of and value != ADDED.get(name)}
     if not numbers["robot"].get("drive_factors"):
         numbers["robot"] = {name: value for name, value in numbers["robot"].items() if name != "drive_factors"}
+    if numbers["faults"].get("stop") == "dead":
+        numbers["faults"] = {name: value for name, value in numbers["faults"].items() if name != "stop"}
     return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]
