@@ -95,7 +95,7 @@ def begin(
     if memory.steps[w] > 0 and away <= memory.tube[w, i][1] + bounds.place:
         return True
     errors = wp.vec3(bounds.place, bounds.heading, bounds.speed)
-    tail, tube = tail_from(robot, memory.known[w, i], car, errors, memory.steering[w, i][0])
+    tail, tube = tail_from(bounds, robot, memory.known[w, i], car, errors, memory.steering[w, i][0])
     memory.tail[w, i] = tail
     memory.tube[w, i] = tube
     return memory.presence[w, i] == GONE
@@ -214,7 +214,7 @@ def decide(
         if (changes[k][0] != 0.0 and action[0] == want[0]) or (changes[k][1] != 0.0 and action[1] == want[1]):
             continue  # the box or grip undoes the change
         after, errors, middle = drive(bounds, robot, known, car, action)
-        tail, tube = tail_from(robot, known, after, errors, action[0])
+        tail, tube = tail_from(bounds, robot, known, after, errors, action[0])
         lay_out(w, i, NEW, here, middle, tail, tube, plans.points, plans.reach)
         room = room_of(w, i, NEW, enough, int(room[1]), bounds, memory.presence, plans)
         if room[0] >= enough:
@@ -228,7 +228,7 @@ def decide(
     if room[0] < enough and plans.decided[w, i] == 1:
         # The plan that was laid out last is not the one that is taken.
         after, errors, middle = drive(bounds, robot, known, car, chosen)
-        tail, tube = tail_from(robot, known, after, errors, chosen[0])
+        tail, tube = tail_from(bounds, robot, known, after, errors, chosen[0])
         lay_out(w, i, NEW, here, middle, tail, tube, plans.points, plans.reach)
     return chosen
 

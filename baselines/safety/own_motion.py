@@ -39,6 +39,8 @@ class Bounds:
     """Half of its height [m]."""
     loss: wp.float32
     """Probability that a robot misses the tail of another one in a step."""
+    coarseness: wp.float32
+    """Relative error of the simulation's integration."""
     learns: wp.int32
     """1 where a robot learns its curvature and drive from its own motion."""
     fails: wp.int32
@@ -54,14 +56,15 @@ def curvature_of(robot: RobotStruct, steering: float) -> float:
 
 @wp.func
 def tail_from(
-    robot: RobotStruct, known: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float
+    bounds: Bounds, robot: RobotStruct, known: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float
 ) -> tuple[wp.vec4, wp.vec4]:
     """Tail and tube from x, y, heading, speed and the errors of place [m], heading [rad] and speed [m/s]."""
     nominal = curvature_of(robot, steering)
     curvature = 0.5 * (known[0] + known[1]) * nominal
     bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
     length = car[3] / robot.drag
-    tube = error_tube(curvature, length, errors[0], errors[1], errors[2] / robot.drag, bend)
+    along = errors[2] / robot.drag + bounds.coarseness * length
+    tube = error_tube(curvature, length, errors[0], errors[1], along, bend)
     return wp.vec4(car[0], car[1], car[2], length), tube
 
 
@@ -92,7 +95,7 @@ def drive(
     way_error += 0.5 * bounds.step * bounds.step * wp.max(slack - push, 0.0)  # a car that stops within the step
     swing = bounds.heading + (wp.abs(curvature) + bend) * way_error
     errors = wp.vec3(
-        bounds.place + way_error + swing * way + 0.5 * bend * way * way,
+        bounds.place + bounds.coarseness * way + way_error + swing * way + 0.5 * bend * way * way,
         swing + bend * way,
         bounds.speed * bounds.left + slack * gone / robot.drag,
     )

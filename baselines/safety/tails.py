@@ -1,8 +1,8 @@
 """Tails: how a car rolls to rest with its motor off and its steering held, and bounds of where it can be meanwhile.
 
 A car whose motor is off slows down by v' = -c v, equation (12), whatever its motor and its wheelbase. With its steering
-held it follows an arc of curvature kappa, and with q = 1 - exp(-c t) it has gone q L of the length L = v / c that is left
-to it. All cars share c, so in q, which goes from 0 to 1, every tail runs along its arc at a constant rate. A tail is
+held it follows an arc of curvature kappa, and with q = 1 - exp(-c t) it has gone q L of the length L = v / c that is
+left to it. All cars share c, so in q, from 0 to 1, every tail runs along its arc at a constant rate. A tail is
 
     tail = (x, y, heading, L)        where it begins [m], [rad], and its length [m]
     tube = (kappa, w0, w1, w2)       curvature [1/m], and the bound w(q) = w0 + w1 q + w2 q^2 [m]
@@ -69,8 +69,8 @@ def lay_out(
 ):
     """Sample a plan: points x, y and, for the piece before each, how far off the straight line the car can be [m].
 
-    `middle` is that of the step before the tail, x, y and the bound for either half of it. Along a piece of the tail an arc leaves its chord by at most
-    kappa (L / pieces)^2 / 8. `reach` bounds the distance of the whole plan from where the car is now.
+    `middle` is that of the step before the tail, x, y and the bound for either half of it. Along a piece of the tail an
+    arc leaves its chord by at most kappa (L / pieces)^2 / 8. `reach` bounds the distance of the whole plan from where the car is now.
     """
     part = 1.0 / float(PIECES)
     length = tail[3] * part
@@ -104,9 +104,9 @@ def room_between(
     points: wp.array4d(dtype=wp.vec3),
     reach: wp.array3d(dtype=float),
 ) -> float:
-    """Return a lower bound of the distance of two cars at equal times on two plans, less `touch`, or what is below `enough` [m].
+    """Return a lower bound of the distance of two cars at equal times on two plans, less `touch` [m].
 
-    Along each piece it is the closest approach of the chords at equal times, less the bounds of both deviations. Two
+    Where it is below `enough`, anything below `enough`. Along each piece it is the closest approach of the chords at equal times, less the bounds of both deviations. Two
     plans that are too far apart to meet are told from each other by their reaches alone.
     """
     a = points[w, i, one, 0]
