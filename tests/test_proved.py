@@ -1,4 +1,4 @@
-"""The proved filter: no collisions under its conditions, whatever the policies do; the monitor where they are violated."""
+"""The proved filter: no collisions under its conditions, whatever a policy does, and its monitor where they fail."""
 
 import math
 

@@ -6,7 +6,7 @@
 import warp as wp
 
 from baselines.policies.own_row import hears, own_heading, own_key, own_position, own_speed, own_works
-from baselines.safety.own_motion import Bounds, drive, learn, tail_from, within_grip
+from baselines.safety.own_motion import Bounds, chord_slack, drive, learn, tail_from, within_grip
 from baselines.safety.tails import POINTS, arc_end, lay_out, roll_on, room_between
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
@@ -62,6 +62,13 @@ class Plans:
 
 
 @wp.func
+def is_off_the_wall(bounds: Bounds, car: wp.vec4, speed: float) -> bool:
+    """Return whether a car that had a speed [m/s] a step before cannot have met the wall since."""
+    way = (speed + car[3]) * bounds.step + bounds.place
+    return wp.min(bounds.half_width - wp.abs(car[0]), bounds.half_height - wp.abs(car[1])) > way
+
+
+@wp.func
 def begin(
     w: int,
     i: int,
@@ -79,7 +86,7 @@ def begin(
     works = own_works(w, i, observation)
     if hears(w, i, 0, observation) or hears(w, i, 1, observation):
         memory.presence[w, i] = THERE
-    elif memory.presence[w, i] == THERE and not works:
+    elif not works and (memory.presence[w, i] == THERE or memory.steps[w] == 0):
         memory.presence[w, i] = GONE
     if memory.steps[w] == 0:
         memory.known[w, i] = widest
@@ -87,7 +94,7 @@ def begin(
         memory.tail[w, i] = memory.old_tail[w, i]
         memory.tube[w, i] = memory.old_tube[w, i]
         memory.steering[w, i] = wp.vec2(memory.steering[w, i][1], memory.steering[w, i][1])
-    elif bounds.learns == 1:
+    elif bounds.learns == 1 and is_off_the_wall(bounds, car, memory.last[w, i][1]):
         memory.known[w, i] = learn(bounds, robot, memory.known[w, i], widest, memory.last[w, i], car[2], car[3])
     memory.last[w, i] = wp.vec4(car[2], car[3], 0.0, 0.0)
     tail = memory.tail[w, i]
@@ -107,11 +114,13 @@ def let_roll(w: int, i: int, bounds: Bounds, robot: RobotStruct, memory: Memory,
     before = memory.tail[w, i]
     curvature = memory.tube[w, i][0]
     speed = before[3] * robot.drag
-    bulge = (speed * robot.drag + speed * speed * wp.abs(curvature)) * bounds.step * bounds.step / 32.0
+    rate = speed * (robot.drag + speed * wp.abs(curvature))
+    bulge = rate * (bounds.step * bounds.step / 32.0 + bounds.chord)
     middle = arc_end(before[0], before[1], before[2], (1.0 - wp.sqrt(bounds.left)) * before[3], curvature)
     tail, tube = roll_on(before, memory.tube[w, i], bounds.left)
     start = wp.vec2(before[0], before[1])
-    lay_out(w, i, OLD, start, wp.vec3(middle[0], middle[1], bulge), tail, tube, plans.points, plans.reach)
+    slack = chord_slack(bounds, robot, tail, tube)
+    lay_out(w, i, OLD, start, wp.vec3(middle[0], middle[1], bulge), tail, tube, slack, plans.points, plans.reach)
     memory.tail[w, i] = tail
     memory.tube[w, i] = tube
     memory.old_tail[w, i] = tail
@@ -215,7 +224,8 @@ def decide(
             continue  # the box or grip undoes the change
         after, errors, middle = drive(bounds, robot, known, car, action)
         tail, tube = tail_from(bounds, robot, known, after, errors, action[0])
-        lay_out(w, i, NEW, here, middle, tail, tube, plans.points, plans.reach)
+        slack = chord_slack(bounds, robot, tail, tube)
+        lay_out(w, i, NEW, here, middle, tail, tube, slack, plans.points, plans.reach)
         room = room_of(w, i, NEW, enough, int(room[1]), bounds, memory.presence, plans)
         if room[0] >= enough:
             plans.decided[w, i] = 1
@@ -229,7 +239,8 @@ def decide(
         # The plan that was laid out last is not the one that is taken.
         after, errors, middle = drive(bounds, robot, known, car, chosen)
         tail, tube = tail_from(bounds, robot, known, after, errors, chosen[0])
-        lay_out(w, i, NEW, here, middle, tail, tube, plans.points, plans.reach)
+        slack = chord_slack(bounds, robot, tail, tube)
+        lay_out(w, i, NEW, here, middle, tail, tube, slack, plans.points, plans.reach)
     return chosen
 
 

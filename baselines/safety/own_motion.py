@@ -39,8 +39,10 @@ class Bounds:
     """Half of its height [m]."""
     loss: wp.float32
     """Probability that a robot misses the tail of another one in a step."""
+    chord: wp.float32
+    """Distance by which the simulation's straight sub-steps leave the way, over the acceleration [s^2]."""
     coarseness: wp.float32
-    """Relative error of the simulation's integration."""
+    """Relative error of the way in the simulation's integration."""
     learns: wp.int32
     """1 where a robot learns its curvature and drive from its own motion."""
     fails: wp.int32
@@ -66,6 +68,13 @@ def tail_from(
     along = errors[2] / robot.drag + bounds.coarseness * length
     tube = error_tube(curvature, length, errors[0], errors[1], along, bend)
     return wp.vec4(car[0], car[1], car[2], length), tube
+
+
+@wp.func
+def chord_slack(bounds: Bounds, robot: RobotStruct, tail: wp.vec4, tube: wp.vec4) -> float:
+    """Distance by which the simulation's straight sub-steps leave a tail [m]."""
+    speed = tail[3] * robot.drag
+    return bounds.chord * speed * (robot.drag + speed * wp.abs(tube[0]))
 
 
 @wp.func
@@ -106,7 +115,7 @@ def drive(
     middle = arc_end(car[0], car[1], car[2], half_way, curvature)
     fastest = wp.max(speed, after)
     rate = wp.abs(push - robot.drag * speed) + fastest * fastest * wp.abs(curvature)
-    bulge = rate * bounds.step * bounds.step / 32.0
+    bulge = rate * (bounds.step * bounds.step / 32.0 + bounds.chord)
     return wp.vec4(end[0], end[1], end[2], after), errors, wp.vec3(middle[0], middle[1], bulge)
 
 
@@ -142,7 +151,7 @@ def learn(
     way = (last[1] - speed + push * bounds.step) / robot.drag
     way_error = (2.0 * bounds.speed + push_error * bounds.step) / robot.drag
     unit = way * curvature_of(robot, last[2])
-    if way > 2.0 * way_error and wp.abs(unit) > 10.0 * bounds.heading:
+    if way > 2.0 * way_error and wp.abs(unit) > 10.0 * bounds.heading and wp.abs(unit) < 2.0:
         turned = heading - last[0]
         turned -= 6.2831853 * wp.rint(turned / 6.2831853)
         value = turned / unit

@@ -1,32 +1,32 @@
-"""The proved filter under any car policy: each robot always holds a way to come to rest that is compatible with others'.
+"""The proved filter under any car policy: each robot always has a way to come to rest, clear of all the others' ways.
 
 docs/proved.md has the theorem with its proof; in short:
 
-* A **tail** of a car is to roll to rest with its motor off and its steering held (`baselines.safety.tails`).
-* Two tails are **compatible** if the cars stay 2 r + margin apart at equal times, now and for ever, wherever each is
-  within its error bounds.
+* The **tail** of a car: its motor off and its steering held, it rolls to rest (`baselines.safety.tails`).
+* Two tails are **compatible** if the cars stay 2 r + margin apart at equal times for ever, wherever each is within its
+  error bounds.
 * In every step each robot in its turn takes the wanted action only if the tail after it is compatible with the
-  committed tails of all others; else the least change of the action for which it is; else its old tail goes on
-  (`baselines.safety.commitment`).
+  committed tails of all others; else the least change of the action for which it is; else its old tail goes on.
 
-**Theorem.** If the conditions below hold and all tails are compatible in some step, no two robots collide after it.
+**Theorem.** If conditions 1 to 5 hold, and all tails are compatible in some step (6), no robots collide after it.
 
-| | condition | enforced in |
-|---|---|---|
-| 1 | the car is (12), its drag is known, at action -1 its motor is off | `own_motion.drive`, `own_motion.within_grip`, `commitment.room_inside` |
-| 2 | its wheelbase and drive are within the scenario's spreads; measurements are within bounds | `bounds_of`, `widest_of`, `own_motion.learn`, `tails.error_tube` |
-| 3 | robots decide one after another, and know the tails that were committed before; who misses one does not decide | `commitment.hears_all` |
-| 4 | every robot decides by this filter | `commitment.room_of`, `commitment.decide` |
-| 5 | a robot that fails rolls to rest as it steered (`faults.stop` = `coast`) | `commitment.room_to` |
-| 6 | the induction begins with compatible tails | `commitment.is_compatible`, `Proved.holds` |
+1. A car moves by (12) with the scenario's drag, its motor is off at action -1, and neither grip nor a wall changes its
+   way: `own_motion.drive`, `own_motion.within_grip`, `commitment.room_inside`.
+2. Wheelbase, drive and measurements are within their bounds: `bounds_of`, `widest_of`, `own_motion.learn`,
+   `tails.error_tube`.
+3. Robots decide one after another and know the tails that are committed; who misses one does not decide:
+   `commitment.commit`, `commitment.hears_all`.
+4. Every robot decides by this filter: `commitment.room_of`, `commitment.decide`.
+5. A robot that fails rolls to rest as it steered last, `faults.stop` = `coast`: `commitment.room_to`.
+6. All tails are compatible once: `commitment.is_compatible`, `Proved.holds`.
 
-`unmet_conditions` names those of 1, 2, 3 and 5 that a scenario does not meet: there the filter works as well as it can,
-and promises nothing.
+`unmet_conditions` names those of 1, 2, 3 and 5 that a scenario does not meet. There the filter does what it can, and
+promises nothing.
 
-The tails do not stand in the observation: they are messages of the filter's own, from every robot to every other, which
-`noise.message_loss` can lose. With what a row alone shows no filter can give this promise at the formation's speed:
-two cars that are not neighbours on the ring see each other at the sensing radius, 0.6 m in `evaders`, too late for two
-cars of 1.1 m/s that turn on circles of 0.48 m and have no brakes (`baselines.safety.filter.speed_in_sight`).
+The observation does not contain the tails. They are messages of the filter's own, from every robot to every other, that
+are lost with the probability `noise.message_loss`. From a row alone no filter can keep this promise at the formation's
+speed: two cars that are not neighbours on the ring see each other at the sensing radius, 0.6 m in `evaders`, too late
+for cars of 1.1 m/s without brakes whose tightest circle has a radius of 0.48 m (`filter.speed_in_sight`).
 """
 
 import math
@@ -142,11 +142,13 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters) -> Any:
     size = curve.half_width + curve.half_height
     bounds.place = math.sqrt(2) * parameters.deviations * noise.position + _ROUNDING * size
     bounds.heading = parameters.deviations * noise.heading + _ROUNDING
-    bounds.speed = parameters.deviations * noise.speed + _ROUNDING * robot.top_speed
+    decay_error = (robot.drag * task.step / task.substeps) ** 4 / 120
+    bounds.speed = parameters.deviations * noise.speed + (_ROUNDING + decay_error) * robot.top_speed
     bounds.speed_unit = robot.top_speed
     room = 1.0 if task.boundary == "wall" else _SEEN
     bounds.half_width, bounds.half_height = room * curve.half_width, room * curve.half_height
     bounds.loss = noise.message_loss
+    bounds.chord = (task.step / task.substeps) ** 2 / 8
     bounds.coarseness = integration_error(scenario)
     bounds.learns = int(noise.actuator == 0)
     bounds.fails = int(bool(scenario.faults.schedule) or scenario.faults.rate > 0)

@@ -64,20 +64,22 @@ def lay_out(
     middle: wp.vec3,
     tail: wp.vec4,
     tube: wp.vec4,
+    slack: float,
     points_out: wp.array4d(dtype=wp.vec3),
     reach_out: wp.array3d(dtype=float),
 ):
     """Sample a plan: points x, y and, for the piece before each, how far off the straight line the car can be [m].
 
     `middle` is that of the step before the tail, x, y and the bound for either half of it. Along a piece of the tail an
-    arc leaves its chord by at most kappa (L / pieces)^2 / 8. `reach` bounds the distance of the whole plan from where the car is now.
+    arc leaves its chord by at most kappa (L / pieces)^2 / 8; `slack` is added to this. `reach` bounds the distance of
+    the whole plan from where the car is now.
     """
     part = 1.0 / float(PIECES)
     length = tail[3] * part
     points_out[w, i, slot, 0] = wp.vec3(now[0], now[1], 0.0)
     points_out[w, i, slot, 1] = wp.vec3(middle[0], middle[1], middle[2] + tube[1])
     points_out[w, i, slot, 2] = wp.vec3(tail[0], tail[1], middle[2] + tube[1])
-    sagitta = wp.abs(tube[0]) * length * length / 8.0
+    sagitta = wp.abs(tube[0]) * length * length / 8.0 + slack
     half = 0.5 * length * tube[0]
     end = arc_end(0.0, 0.0, tail[2], length, tube[0])
     turn = cos_sin(2.0 * half)
@@ -106,8 +108,9 @@ def room_between(
 ) -> float:
     """Return a lower bound of the distance of two cars at equal times on two plans, less `touch` [m].
 
-    Where it is below `enough`, anything below `enough`. Along each piece it is the closest approach of the chords at equal times, less the bounds of both deviations. Two
-    plans that are too far apart to meet are told from each other by their reaches alone.
+    Where it is below `enough`, anything below `enough`. Along each piece it is the closest approach of the chords at
+    equal times, less the bounds of both deviations. Two plans that are too far apart to meet are told from each other
+    by their reaches alone.
     """
     a = points[w, i, one, 0]
     b = points[w, j, other, 0]
