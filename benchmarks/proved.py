@@ -147,10 +147,7 @@ def times(worlds=64, steps=300):
     """Time of the filter per robot and step [us] on one thread, and the share of the actions that it changed."""
     rows = []
     for name, scenario in TIMED:
-        policy, simulation = (
-            baselines.make(f"{name}-proved", scenario, worlds),
-            lissajous_env.Simulation(scenario, worlds),
-        )
+        policy, simulation = Proved(baselines.make(name, scenario, worlds)), lissajous_env.Simulation(scenario, worlds)
         policy.act(simulation.observation)
         policy.reset()
         took, changed = [], []
@@ -161,7 +158,12 @@ def times(worlds=64, steps=300):
             took.append((time.perf_counter() - begin) / worlds / policy.num_robots * 1e6)
             changed.append(np.mean(np.abs(action.numpy() - wanted.numpy()).max(axis=-1) > 1e-6))
             simulation.step(action)
-        rows.append([f"{scenario}, `{name}`", *map(number, (np.mean(took), np.median(took), 100 * np.mean(changed)))])
+        rows.append(
+            [
+                f"{scenario}, `{name}`",
+                *(number(float(each)) for each in (np.mean(took), np.median(took), 100 * np.mean(changed))),
+            ]
+        )
     return {"columns": ["filter", "a robot and step [us]", "median [us]", "actions it changed [%]"], "rows": rows}
 
 

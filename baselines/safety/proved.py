@@ -102,6 +102,8 @@ class Proved(Policy):
         self._changes = wp.array(changes_of(self.parameters), dtype=wp.vec2, device=self.device)
         worlds, plans = (self.num_worlds,), (*self.shape, int(PLANS))
         self._memory = allocate(Memory, {"steps": worlds, "holds": worlds}, self.shape, self.device)
+        # A struct of Warp cannot be copied; its arrays, kept by name, go with every copy of the policy.
+        self._kept = {name: getattr(self._memory, name) for name in Memory.vars}
         self._plans = allocate(Plans, {"points": (*plans, int(POINTS)), "reach": plans}, self.shape, self.device)
 
     @property
@@ -129,8 +131,8 @@ class Proved(Policy):
     def forget(self, mask: np.ndarray) -> None:
         """Forget what the policy remembers, and the tails."""
         self.policy.reset(mask)
-        for name in Memory.vars:
-            clear_worlds(getattr(self._memory, name), mask)
+        for array in self._kept.values():
+            clear_worlds(array, mask)
 
 
 def bounds_of(scenario: Scenario, parameters: ProvedParameters) -> Any:
