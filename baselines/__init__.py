@@ -12,6 +12,7 @@ from baselines.policies.patrol import Laps, RandomWaypoint, Still, Sweep
 from baselines.policies.registry import make, names, register, register_opener, register_wrapper
 from baselines.policies.rows import Rows
 from baselines.safety.filter import Safe, close
+from baselines.safety.proved import Proved
 
 __all__ = [
     "NumpyCoordinator",
@@ -35,6 +36,7 @@ register("random", None, RandomWaypoint, about="Random waypoints; for points ran
 register("still", None, Still, about="No motion.")
 register_wrapper("-safe", "car", Safe, "with the collision filter under it")
 register_wrapper("-close", "car", close, "with a filter that gives way late and little")
+register_wrapper("-proved", "car", Proved, "with a filter that is proved to prevent collisions")
 
 # A policy in a file of its own there registers itself.
 for _module in sorted(each.name for each in pkgutil.walk_packages(policies.__path__, f"{policies.__name__}.")):

@@ -1,7 +1,7 @@
-"""Cost and benefit of the collision filter: `python benchmarks/safety.py`.
+"""Cost and benefit of the collision filters: `python benchmarks/safety.py`.
 
 Time of the filter per robot and step on one thread, on observations met in episodes; then collisions, spacing and the
-rest of each policy without a filter, with `-safe` and with `-close`, on the same seeds, in one run. `--seeds 16` makes
+rest of each policy without a filter and with each of them, on the same seeds, in one run. `--seeds 16` makes
 it short, `--store` puts what is found into docs/figures.json.
 """
 
@@ -14,10 +14,12 @@ import numpy as np
 import baselines
 import lissajous_env
 from baselines.benchmark.tables import number
+from baselines.policies import registry
 from baselines.safety.filter import Safe
+from baselines.safety.proved import Proved
 
 POLICIES = ("kuramoto-mpcc", "open-loop-mpcc", "tracked-reference-mpcc", "consensus-gvf", "sweep", "random")
-FILTERS = ("-safe", "-close")
+FILTERS = ("-safe", "-close", "-proved")
 COLUMNS = {
     "collisions": "collisions",
     "min_separation": "smallest distance [m]",
@@ -31,7 +33,7 @@ COLUMNS = {
 def time_per_action(name: str, scenario: str, worlds: int = 64) -> tuple[float, float, float]:
     """Time of a policy's filter per robot and step [us], mean and in the slowest step; the share of actions changed."""
     policy = baselines.make(name, scenario, num_worlds=worlds)
-    assert isinstance(policy, Safe)
+    assert isinstance(policy, (Safe, Proved))
     simulation = lissajous_env.Simulation(scenario, num_worlds=worlds)
     policy.reset()
     seen = simulation.observation
@@ -58,7 +60,7 @@ def as_table(scored: dict[tuple[str, str], dict[str, float]]) -> figures.Table:
     """Scores by scenario and policy as a table; beside the collisions with a filter, their share of those without."""
     rows = []
     for (scenario, name), score in scored.items():
-        plain = scored[scenario, name.removesuffix("-safe").removesuffix("-close")]
+        plain = scored[scenario, registry.unwrapped(name)[0]]
         share = ""
         if score is not plain and plain["collisions"]:
             share = number(100 * score["collisions"] / plain["collisions"])

@@ -44,6 +44,8 @@ class Car:
     """Whether a collision removed it."""
     left: bool = False
     """Whether the edge of the rectangle removed it."""
+    steering: float = 0.0
+    """Angle at which it steered last."""
 
 
 @dataclass
@@ -195,12 +197,14 @@ class World:
             car.speed = float(np.linalg.norm(tangent))
             if rate != 0:
                 car.heading = math.atan2(tangent[1], tangent[0])
-        elif self.at_work[i]:
-            steering = float(command[0]) * robot.steering_max
-            throttle = robot.throttle_min + (float(command[1]) + 1) / 2 * (robot.throttle_max - robot.throttle_min)
+        elif self.at_work[i] or (self.scenario.faults.stop == "coast" and not car.stopped):
+            throttle = 0.0  # a failed car rolls on as it steered last
+            if self.at_work[i]:
+                car.steering = float(command[0]) * robot.steering_max
+                throttle = robot.throttle_min + (float(command[1]) + 1) / 2 * (robot.throttle_max - robot.throttle_min)
             state = np.array([car.position[0], car.position[1], car.heading, car.speed])
             for _ in range(substeps):
-                state = car_runge_kutta(self.bodies[i], state, steering, throttle, self.dt / substeps)
+                state = car_runge_kutta(self.bodies[i], state, car.steering, throttle, self.dt / substeps)
                 if self.scenario.task.boundary == "wall":
                     state = stopped_by_walls(self.scenario.curve, state)
                 car.way.append(np.array([state[0], state[1], 0.0]))

@@ -41,6 +41,16 @@ CASES = {
             "targets.wandering": 0.3,
         },
     ),
+    "failed cars roll on": (
+        "experiment",
+        {
+            "faults.schedule": ((0, 3.0, 4.2), (2, 0.0, 1.0), (3, 6.0, 14.0)),
+            "faults.stop": "coast",
+            "task.on_collision": "stop",
+            **SHORT_SIGHT,
+            **MIXED,
+        },
+    ),
     "intruders": ("intruders", STRAIGHT),
     "slippery": ("intruders", {"robot.lateral_acceleration_max": 1.5, "task.on_collision": "remove", **STRAIGHT}),
     "crashes stop": ("experiment", {"task.on_collision": "stop", **SHORT_SIGHT, **MIXED}),

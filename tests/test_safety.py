@@ -362,9 +362,10 @@ def test_cars_that_leave_the_curve_for_a_patrol_do_not_meet():
 
 def test_names_of_the_safe_policies():
     """Oracle: the naming rule, for every policy of cars and for no policy of points alone."""
-    cars = [name for name in baselines.names("experiment") if not name.endswith(("-safe", "-close"))]
-    safe = [name for name in baselines.names() if name.endswith(("-safe", "-close"))]
-    assert safe == [name + suffix for suffix in ("-safe", "-close") for name in cars]
+    suffixes = ("-safe", "-close", "-proved")
+    cars = [name for name in baselines.names("experiment") if not name.endswith(suffixes)]
+    safe = [name for name in baselines.names() if name.endswith(suffixes)]
+    assert safe == [name + suffix for suffix in suffixes for name in cars]
     assert not set(safe) & set(baselines.names("failure"))
     with pytest.raises(ValueError, match="must drive robots of kind curve"):
         baselines.make("sweep-safe", "failure")

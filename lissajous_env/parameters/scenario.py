@@ -54,8 +54,10 @@ PARTS = {
 }
 ADDED = {"messages": dataclasses.asdict(Messages())}
 """Defaults of the parts that the first scenarios did not have: digests omit them, and files may."""
-_LATER = {"robot": ("drive_factors",), "targets": ("rogues", "sight")}
-"""Fields that the first scenarios did not have: digests omit them where they are empty."""
+_LATER = {"robot": {"drive_factors": None}, "targets": {"rogues": None, "sight": None}, "faults": {"stop": "dead"}}
+"""Fields that the first scenarios did not have, with their defaults (None: empty): digests omit these."""
+
+_NO_DEFAULT = object()
 
 _OUTSIDE = 1.002
 """Factor by which a curve of harmonics may exceed its rectangle; `Curve.through` has an error of up to 0.1 %."""
@@ -132,6 +134,8 @@ class Scenario:
             raise ValueError(f"formation.ring must hold each of the {n} robots once, got {ring}")
         if self.faults.lost > n:
             raise ValueError(f"faults.lost must be at most the {n} robots, got {self.faults.lost}")
+        if self.faults.stop == "coast" and self.robot.kind != "car":
+            raise ValueError(f"faults.stop must be dead for robots of kind {self.robot.kind}, got coast")
 
     def _check_contamination(self) -> None:
         if self.task.contamination is not None and self.targets.custom > 0 and self.targets.speed_limit is None:
@@ -368,5 +372,5 @@ def digest_of(plain: Mapping[str, Any]) -> str:
     numbers = {name: value for name, value in plain.items() if name in made_of and value != ADDED.get(name)}
     for part, later in _LATER.items():
         fields = numbers[part].items()
-        numbers[part] = {name: value for name, value in fields if value or name not in later}
+        numbers[part] = {name: value for name, value in fields if (value or None) != later.get(name, _NO_DEFAULT)}
     return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]

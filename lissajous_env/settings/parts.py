@@ -306,7 +306,8 @@ class Targets(Checked):
 class Faults(Checked):
     """Robots that fail.
 
-    A failed robot stops and senses nothing, but sends its phase and repeats its last message; a removed one disappears.
+    A failed robot stops (`stop`) and senses nothing, but sends its phase and repeats its last message; a removed one
+    disappears.
     """
 
     schedule: tuple[tuple[int, float, float], ...] = rows(
@@ -326,6 +327,9 @@ class Faults(Checked):
     """Mean duration of a random fault, which is exponentially distributed [s]."""
     lost: int = whole(0, 0, 1024)
     """Number of random robots that are removed at a random time in the middle half of the episode."""
+    stop: str = choice("dead", "dead", "coast")
+    """How a car that fails stops: at once (`dead`), or rolling on with its motor off and its steering held, until drag
+    has stopped it (`coast`). Robots that collide stop at once, as points do."""
 
 
 @dataclass(frozen=True)

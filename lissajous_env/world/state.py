@@ -78,6 +78,8 @@ class Robots:
     """Measured x, y [m], heading [rad], speed [m/s]."""
     measured_turn: wp.array2d(dtype=wp.vec4)
     """Cosine and sine of the measured phase, and of the measured heading."""
+    curvature: wp.array2d(dtype=wp.float32)
+    """Curvature of the way of a car in the latest step in which it worked [1/m], for `faults.stop` = `coast`."""
 
 
 @wp.struct

@@ -14,6 +14,7 @@ from lissajous_env.device.abreast import (
     coordinates,
     entries,
     floats,
+    is_in,
     put_floats,
     put_places,
     put_vectors,
@@ -23,12 +24,13 @@ from lissajous_env.device.abreast import (
 from lissajous_env.device.car_input import steering_angle, throttle
 from lissajous_env.device.compilation import MOTION
 from lissajous_env.device.curve import CurveStruct, wrap
-from lissajous_env.device.part_structs import RobotStruct, TaskStruct
+from lissajous_env.device.part_structs import FaultsStruct, RobotStruct, TaskStruct
 from lissajous_env.device.program import BLOCKS
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
 from lissajous_env.settings.parts import Curve, Formation, Noise, Robot, Task
+from lissajous_env.world.robots.faults import COAST, rolling
 from lissajous_env.world.state import WORKING, Clock, Robots
 
 wp.set_module_options(MOTION)
@@ -108,11 +110,12 @@ def move_cars(
     curve: CurveStruct,
     robot: RobotStruct,
     task: TaskStruct,
+    faults: FaultsStruct,
     command: wp.array3d(dtype=float),
     clock: Clock,
     robots: Robots,
 ):
-    """Move cars: steering and throttle are held over the step."""
+    """Move cars: steering and throttle are held over the step; a failed car stands, or rolls on as it steered last."""
     block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
     if block.count == 0:
         return
@@ -122,7 +125,9 @@ def move_cars(
     y = coordinates(block, robots.position, 1)
     heading = floats(block, robots.heading)
     speed = floats(block, robots.speed)
-    moving = block.active_mask & where_equal(block, robots.status, WORKING)
+    working = block.active_mask & where_equal(block, robots.status, WORKING)
+    rolls = block.active_mask & rolling(block, faults, robots)
+    moving = working | rolls
     standing = block.active_mask & ~moving
     if standing != 0:
         put_floats(block, standing, Floats(), robots.speed)
@@ -130,6 +135,14 @@ def move_cars(
             put_places(block, standing, x, y, s, robots.track)
     put_places(block, block.active_mask, x, y, 0, robots.track)
     curvature, push = take_input(block, robot, command, robots)
+    if faults.stop == COAST:
+        put_floats(block, working, curvature, robots.curvature)
+    if rolls != 0:
+        held = floats(block, robots.curvature)
+        for k in range(block.count):
+            if is_in(k, rolls):
+                curvature[k] = held[k]
+                push[k] = 0.0
     for s in range(substeps):
         for k in range(ABREAST):
             if k < width():

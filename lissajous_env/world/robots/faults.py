@@ -3,12 +3,25 @@
 import warp as wp
 
 from lissajous_env.device import randomness
+from lissajous_env.device.abreast import Block, where_equal
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import FaultsStruct, TaskStruct
+from lissajous_env.device.structs import place_of
 from lissajous_env.settings.parts import Faults
 from lissajous_env.world.state import NEVER, REMOVED, STUCK, WORKING, Clock, Robots
 
 wp.set_module_options(OPTIONS)
+
+
+COAST = wp.constant(place_of(Faults, "stop", "coast"))
+
+
+@wp.func
+def rolling(block: Block, faults: FaultsStruct, robots: Robots) -> int:
+    """A bit for each car of a block that has failed and rolls on; one that a collision stopped stands."""
+    if faults.stop != COAST:
+        return 0
+    return where_equal(block, robots.status, STUCK) & ~where_equal(block, robots.stuck_until, NEVER)
 
 
 @wp.func

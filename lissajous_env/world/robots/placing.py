@@ -25,9 +25,10 @@ from lissajous_env.device.curve import (
     tangent2,
     wrap_phase,
 )
-from lissajous_env.device.part_structs import FormationStruct, NoiseStruct, RobotStruct
+from lissajous_env.device.part_structs import FaultsStruct, FormationStruct, NoiseStruct, RobotStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.parts import Formation
+from lissajous_env.world.robots.faults import rolling
 from lissajous_env.world.state import REMOVED, WORKING, Clock, Robots
 
 wp.set_module_options(MOTION)
@@ -59,7 +60,15 @@ def places_of(block: Block, robots: Robots) -> tuple[Floats, Floats, Doubles]:
 
 
 @wp.kernel
-def follow_curve(begin: int, end: int, curve: CurveStruct, formation: FormationStruct, clock: Clock, robots: Robots):
+def follow_curve(
+    begin: int,
+    end: int,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    faults: FaultsStruct,
+    clock: Clock,
+    robots: Robots,
+):
     """Let the phase of a robot that is not bound to the curve follow it along its branch."""
     block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
     if block.count == 0:
@@ -77,7 +86,8 @@ def follow_curve(begin: int, end: int, curve: CurveStruct, formation: FormationS
             start = curve_parameter(alpha, phase[k])
             gamma = project(curve, wp.vec2(x[k], y[k]), start, LARGEST_CORRECTION)
             phase[k] = wrap_phase(phase[k] + wp.float64((gamma - start) / alpha))
-    put_doubles(block, block.active_mask & where_equal(block, robots.status, WORKING), phase, robots.phase)
+    moving = where_equal(block, robots.status, WORKING) | rolling(block, faults, robots)
+    put_doubles(block, block.active_mask & moving, phase, robots.phase)
 
 
 @wp.kernel
@@ -113,6 +123,7 @@ def reset_robots(
         robots.phase[w, i] = wrap_phase(phase)
         robots.status[w, i] = wp.where(robots.removed_at[w, i] < 1, REMOVED, WORKING)
         robots.resumed_at[w, i] = -1
+        robots.curvature[w, i] = 0.0
         place_on_curve(w, i, formation.phase_rate / alpha, curve, alpha, robots)
         body = randomness.stream(key, i, randomness.BODY)
         # A spread is clipped at three deviations, so that no car has a wheelbase of zero.

@@ -1,0 +1,176 @@
+"""Motion of one's own car over a step, with bounds: where it can be after an action, and what is learned of it.
+
+Every number is an interval: positions, headings and speeds are measured within `Bounds`, and a robot knows its own
+curvature and drive up to factors, which start as wide as the scenario allows and narrow with each step (`learn`).
+"""
+
+import warp as wp
+
+from baselines.safety.tails import arc_end, error_tube
+from lissajous_env.device.car_input import steering_angle, throttle
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.trig import cos_sin
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.struct
+class Bounds:
+    """Constants of the theorem, for one scenario."""
+
+    step: wp.float32
+    """Control step, h [s]."""
+    left: wp.float32
+    """exp(-c h), the share of the speed that a rolling car has left after a step."""
+    touch: wp.float32
+    """Distance that is kept, 2 r + margin [m]."""
+    place: wp.float32
+    """Bound of the error of a measured position [m]."""
+    heading: wp.float32
+    """Bound of the error of a measured heading [rad]."""
+    speed: wp.float32
+    """Bound of the error of a measured speed [m/s]."""
+    speed_unit: wp.float32
+    """Unit of observed speeds [m/s]."""
+    half_width: wp.float32
+    """Half of the width of the rectangle that tails stay in [m]."""
+    half_height: wp.float32
+    """Half of its height [m]."""
+    loss: wp.float32
+    """Probability that a robot misses the tail of another one in a step."""
+    chord: wp.float32
+    """Distance by which the simulation's straight sub-steps leave the way, over the acceleration [s^2]."""
+    coarseness: wp.float32
+    """Relative error of the way in the simulation's integration."""
+    learns: wp.int32
+    """1 where a robot learns its curvature and drive from its own motion."""
+    fails: wp.int32
+    """1 where a robot's motor may fail in any step."""
+
+
+@wp.func
+def curvature_of(robot: RobotStruct, steering: float) -> float:
+    """Curvature of the way [1/m] at an action of the steering, for the nominal wheelbase."""
+    turn = cos_sin(steering_angle(robot, steering))
+    return turn[1] / (turn[0] * robot.wheelbase)
+
+
+@wp.func
+def tail_from(
+    bounds: Bounds, robot: RobotStruct, known: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float
+) -> tuple[wp.vec4, wp.vec4]:
+    """Tail and tube from x, y, heading, speed and the errors of place [m], heading [rad] and speed [m/s]."""
+    nominal = curvature_of(robot, steering)
+    curvature = 0.5 * (known[0] + known[1]) * nominal
+    bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
+    length = car[3] / robot.drag
+    along = errors[2] / robot.drag + bounds.coarseness * length
+    tube = error_tube(curvature, length, errors[0], errors[1], along, bend)
+    return wp.vec4(car[0], car[1], car[2], length), tube
+
+
+@wp.func
+def chord_slack(bounds: Bounds, robot: RobotStruct, tail: wp.vec4, tube: wp.vec4) -> float:
+    """Distance by which the simulation's straight sub-steps leave a tail [m]."""
+    speed = tail[3] * robot.drag
+    return bounds.chord * speed * (robot.drag + speed * wp.abs(tube[0]))
+
+
+@wp.func
+def drive(
+    bounds: Bounds, robot: RobotStruct, known: wp.vec4, car: wp.vec4, action: wp.vec2
+) -> tuple[wp.vec4, wp.vec3, wp.vec3]:
+    """Return the car after an action of one step, the bounds of its errors, and the middle of the step.
+
+    `car` is the measured x, y, heading, speed. The middle is x, y and the bound by which either half of the step leaves
+    the straight line [m]. v(t) = v e^(-ct) + (push / c) (1 - e^(-ct)).
+    """
+    nominal = curvature_of(robot, action[0])
+    curvature = 0.5 * (known[0] + known[1]) * nominal
+    bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
+    tau = throttle(robot, action[1])
+    push = float(0.0)
+    slack = float(0.0)
+    if tau > robot.dead_zone:
+        push = 0.5 * (known[2] + known[3]) * robot.drive * tau - robot.offset
+        slack = 0.5 * (known[3] - known[2]) * robot.drive * tau
+    speed = car[3]
+    gone = 1.0 - bounds.left
+    late = (bounds.step - gone / robot.drag) / robot.drag
+    after = wp.max(speed * bounds.left + push * gone / robot.drag, 0.0)
+    way = wp.max(speed * gone / robot.drag + push * late, 0.0)
+    way_error = bounds.speed * gone / robot.drag + slack * late
+    way_error += 0.5 * bounds.step * bounds.step * wp.max(slack - push, 0.0)  # a car that stops within the step
+    swing = bounds.heading + (wp.abs(curvature) + bend) * way_error
+    errors = wp.vec3(
+        bounds.place + bounds.coarseness * way + way_error + swing * way + 0.5 * bend * way * way,
+        swing + bend * way,
+        bounds.speed * bounds.left + slack * gone / robot.drag,
+    )
+    end = arc_end(car[0], car[1], car[2], way, curvature)
+    half_gone = 1.0 - wp.sqrt(bounds.left)
+    half_late = (0.5 * bounds.step - half_gone / robot.drag) / robot.drag
+    half_way = wp.clamp(speed * half_gone / robot.drag + push * half_late, 0.0, way)
+    middle = arc_end(car[0], car[1], car[2], half_way, curvature)
+    fastest = wp.max(speed, after)
+    rate = wp.abs(push - robot.drag * speed) + fastest * fastest * wp.abs(curvature)
+    bulge = rate * (bounds.step * bounds.step / 32.0 + bounds.chord)
+    return wp.vec4(end[0], end[1], end[2], after), errors, wp.vec3(middle[0], middle[1], bulge)
+
+
+@wp.func
+def narrowed(low: float, high: float, value: float, error: float, widest: wp.vec2) -> wp.vec2:
+    """Intersect [low, high] with value -+ error; where they do not meet, the model is not that of the theorem."""
+    lower = wp.max(low, value - error)
+    upper = wp.min(high, value + error)
+    if lower > upper:
+        return widest
+    return wp.vec2(lower, upper)
+
+
+@wp.func
+def learn(
+    bounds: Bounds, robot: RobotStruct, known: wp.vec4, widest: wp.vec4, last: wp.vec4, heading: float, speed: float
+) -> wp.vec4:
+    """Narrow the bounds of curvature and drive by the motion of the latest step (condition 2 of the theorem).
+
+    push = c (v_1 - v_0 e^(-ch)) / (1 - e^(-ch)), way = (v_0 - v_1 + push h) / c, kappa = turn / way.
+    """
+    gone = 1.0 - bounds.left
+    push = robot.drag * (speed - last[1] * bounds.left) / gone
+    push_error = robot.drag * bounds.speed * (1.0 + bounds.left) / gone
+    tau = throttle(robot, last[3])
+    found = known
+    if tau > robot.dead_zone and speed > 0.0:
+        unit = robot.drive * tau
+        value = (push + robot.offset) / unit
+        span = narrowed(known[2], known[3], value, push_error / unit, wp.vec2(widest[2], widest[3]))
+        found[2] = span[0]
+        found[3] = span[1]
+    way = (last[1] - speed + push * bounds.step) / robot.drag
+    way_error = (2.0 * bounds.speed + push_error * bounds.step) / robot.drag
+    unit = way * curvature_of(robot, last[2])
+    if way > 2.0 * way_error and wp.abs(unit) > 10.0 * bounds.heading and wp.abs(unit) < 2.0:
+        turned = heading - last[0]
+        turned -= 6.2831853 * wp.rint(turned / 6.2831853)
+        value = turned / unit
+        error = (2.0 * bounds.heading / wp.abs(unit) + wp.abs(value) * way_error / way) * way / (way - way_error)
+        span = narrowed(known[0], known[1], value, error, wp.vec2(widest[0], widest[1]))
+        found[0] = span[0]
+        found[1] = span[1]
+    return found
+
+
+@wp.func
+def within_grip(bounds: Bounds, robot: RobotStruct, known: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
+    """Clip an action to the box, and to where grip limits the yaw rate neither in the step nor after (condition 1)."""
+    throttling = wp.clamp(wanted[1], -1.0, 1.0)
+    most = float(1.0)
+    if wp.isfinite(robot.lateral_acceleration_max):
+        push = wp.max(known[3] * robot.drive * throttle(robot, throttling) - robot.offset, 0.0)
+        fastest = speed + bounds.speed
+        fastest = wp.max(fastest, fastest * bounds.left + push * (1.0 - bounds.left) / robot.drag)
+        curvature = 0.999 * robot.lateral_acceleration_max / wp.max(fastest * fastest, 1.0e-20)
+        most = wp.min(wp.atan(curvature * robot.wheelbase / known[1]) / robot.steering_max, 1.0)
+    return wp.vec2(wp.clamp(wanted[0], -most, most), throttling)

@@ -1,0 +1,220 @@
+"""The proved filter under any car policy: each robot always has a way to come to rest, clear of all the others' ways.
+
+docs/proved.md has the theorem with its proof; in short:
+
+* The **tail** of a car: its motor off and its steering held, it rolls to rest (`baselines.safety.tails`).
+* Two tails are **compatible** if the cars stay 2 r + margin apart at equal times for ever, wherever each is within its
+  error bounds.
+* In every step each robot in its turn takes the wanted action only if the tail after it is compatible with the
+  committed tails of all others; else the least change of the action for which it is; else its old tail goes on.
+
+**Theorem.** If conditions 1 to 5 hold, and all tails are compatible in some step (6), no robots collide after it.
+
+1. A car moves by (12) with the scenario's drag, its motor is off at action -1, and neither grip nor a wall changes its
+   way: `own_motion.drive`, `own_motion.within_grip`, `commitment.room_inside`.
+2. Wheelbase, drive and measurements are within their bounds: `bounds_of`, `widest_of`, `own_motion.learn`,
+   `tails.error_tube`.
+3. Robots decide one after another and know the tails that are committed; who misses one does not decide:
+   `commitment.commit`, `commitment.hears_all`.
+4. Every robot decides by this filter: `commitment.room_of`, `commitment.decide`.
+5. A robot that fails rolls to rest as it steered last, `faults.stop` = `coast`: `commitment.room_to`.
+6. All tails are compatible once: `commitment.is_compatible`, `Proved.holds`.
+
+`unmet_conditions` names those of 1, 2, 3 and 5 that a scenario does not meet. There the filter does what it can, and
+promises nothing.
+
+The observation does not contain the tails. They are messages of the filter's own, from every robot to every other, that
+are lost with the probability `noise.message_loss`. From a row alone no filter can keep this promise at the formation's
+speed: two cars that are not neighbours on the ring see each other at the sensing radius, 0.6 m in `evaders`, too late
+for cars of 1.1 m/s without brakes whose tightest circle has a radius of 0.48 m (`filter.speed_in_sight`).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from baselines.policies.base import Policy
+from baselines.policies.memory import clear_worlds
+from baselines.safety.commitment import PLANS, Memory, Plans, commit
+from baselines.safety.own_motion import Bounds
+from baselines.safety.tails import POINTS
+from baselines.similarity import motion_scale
+from lissajous_env.device.curve import curve_struct
+from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.structs import to_struct
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import Checked, number
+from lissajous_env.theory.geometry import turning_radius
+from lissajous_env.world.state import allocate
+
+__all__ = ["Proved", "ProvedParameters", "unmet_conditions"]
+
+STEERING_CHANGES = (0.0, 0.06, 0.13, 0.22, 0.33, 0.47, 0.65, 0.9, 1.3, 2.0)
+THROTTLE_CHANGES = (0.0, 0.5, 2.0)
+"""Changes of the wanted action that are tried, to either side; each result is clipped to [-1, 1]."""
+
+_ROUNDING = 4e-6
+"""Bound of the rounding of observed numbers, relative to their range."""
+_COARSEST = 0.01
+"""Largest relative error of the integration for which the bounds of the errors hold."""
+_SEEN = 3.9
+"""Half of the rectangle that tails stay in, in half widths: observations end at 4."""
+
+
+@dataclass(frozen=True)
+class ProvedParameters(Checked):
+    """Parameters of the proved filter; `ProvedParameters.of` scales the defaults to another scenario."""
+
+    margin: float = number(0.001, 0, 1e3, "m")
+    """Distance that tails keep besides the two radii and the error bounds [m]."""
+    deviations: float = number(4.0, 0, 100)
+    """Bound of the noise of a measurement, in standard deviations."""
+    throttle_weight: float = number(0.1, 1e-6, 1e6)
+    """Weight of a change of the throttle's action against one of the steering's."""
+
+    def of(self, scenario: Scenario) -> "ProvedParameters":
+        """Return the same parameters scaled from the paper's experiment to another scenario."""
+        scale = motion_scale(scenario)
+        return self.scaled(scale.length, scale.time)
+
+
+class Proved(Policy):
+    """A policy of cars whose actions pass through the proved filter."""
+
+    kind = "car"
+    arrays = "warp"
+    communicates = "committed tails, from every robot to every other within the step"
+
+    def __init__(self, policy: Policy, parameters: ProvedParameters | None = None):
+        super().__init__(policy.scenario, policy.num_worlds, policy.device)
+        if self.scenario.robot.kind != "car":
+            raise ValueError(f"policy of a filter must drive robots of kind car, got {self.scenario.robot.kind}")
+        self.policy = policy
+        self.name = f"{policy.name}-proved"
+        self.parameters = parameters or ProvedParameters().of(self.scenario)
+        self._bounds = bounds_of(self.scenario, self.parameters)
+        self._robot = to_struct(RobotStruct, self.scenario.robot)
+        self._curve = curve_struct(self.scenario.curve, self.device)
+        self._widest = wp.array(widest_of(self.scenario), dtype=wp.vec4, device=self.device)
+        self._changes = wp.array(changes_of(self.parameters), dtype=wp.vec2, device=self.device)
+        worlds, plans = (self.num_worlds,), (*self.shape, int(PLANS))
+        self._memory = allocate(Memory, {"steps": worlds, "holds": worlds}, self.shape, self.device)
+        # A struct of Warp cannot be copied; its arrays, kept by name, go with every copy of the policy.
+        self._kept = {name: getattr(self._memory, name) for name in Memory.vars}
+        self._plans = allocate(Plans, {"points": (*plans, int(POINTS)), "reach": plans}, self.shape, self.device)
+
+    @property
+    def holds(self) -> np.ndarray:
+        """Whether the committed tails of each world (W,) were compatible before the latest step.
+
+        From a step where they are, by the theorem, they remain so; if they do not, a condition is violated.
+        """
+        return self._memory.holds.numpy() == 1
+
+    def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
+        """Actions for wanted ones (W, N, A) and observations (W, N, D): Warp arrays, the result the filter's own.
+
+        One that is not finite is taken for none, and the old tail goes on. Messages, the entries after steering and
+        throttle, pass unchanged.
+        """
+        inputs = [self._bounds, self._robot, self._curve, self._widest, self._changes, observation, wanted]
+        self.launch(commit, self.num_worlds, [*inputs, self._memory], [self._plans, self.action])
+        return self.action
+
+    def decide(self, observation: wp.array) -> None:
+        """Let the policy act, and filter its actions."""
+        self.filter(observation, self.policy.act(observation))
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what the policy remembers, and the tails."""
+        self.policy.reset(mask)
+        for array in self._kept.values():
+            clear_worlds(array, mask)
+
+
+def bounds_of(scenario: Scenario, parameters: ProvedParameters) -> Any:
+    """Return the constants of the theorem for a scenario (conditions 1 to 3)."""
+    curve, robot, noise, task = scenario.curve, scenario.robot, scenario.noise, scenario.task
+    bounds: Any = Bounds()
+    bounds.step, bounds.left = task.step, math.exp(-robot.drag * task.step)
+    bounds.touch = 2 * robot.radius + parameters.margin
+    size = curve.half_width + curve.half_height
+    bounds.place = math.sqrt(2) * parameters.deviations * noise.position + _ROUNDING * size
+    bounds.heading = parameters.deviations * noise.heading + _ROUNDING
+    decay_error = (robot.drag * task.step / task.substeps) ** 4 / 120
+    bounds.speed = parameters.deviations * noise.speed + (_ROUNDING + decay_error) * robot.top_speed
+    bounds.speed_unit = robot.top_speed
+    room = 1.0 if task.boundary == "wall" else _SEEN
+    bounds.half_width, bounds.half_height = room * curve.half_width, room * curve.half_height
+    bounds.loss = noise.message_loss
+    bounds.chord = (task.step / task.substeps) ** 2 / 8
+    bounds.coarseness = integration_error(scenario)
+    bounds.learns = int(noise.actuator == 0)
+    bounds.fails = int(bool(scenario.faults.schedule) or scenario.faults.rate > 0)
+    return bounds
+
+
+def widest_of(scenario: Scenario) -> np.ndarray:
+    """Return the bounds (N, 4) of each car's curvature and drive as factors of the nominal: least, most; least, most.
+
+    Draws of a spread are clipped at three deviations.
+    """
+    wheelbase, drive = 3 * scenario.noise.wheelbase_spread, 3 * scenario.noise.drive_spread
+    turning = (1 / (1 + wheelbase) - _ROUNDING, 1 / (1 - wheelbase) + _ROUNDING)
+    rows = [(*turning, f * (1 - drive - _ROUNDING), f * (1 + drive + _ROUNDING)) for f in scenario.drive_factors]
+    return np.array(rows, dtype=np.float32)
+
+
+def changes_of(parameters: ProvedParameters) -> np.ndarray:
+    """Return the changes (K, 2) of an action that are tried in place of it, the least first; the first is none."""
+    signed = [(s * x, t * y) for x in STEERING_CHANGES for y in THROTTLE_CHANGES for s in (1, -1) for t in (1, -1)]
+
+    def cost(change: tuple[float, float]) -> tuple[float, ...]:
+        steering, throttle = change
+        return steering**2 + parameters.throttle_weight * min(abs(throttle), 1.0) ** 2, -steering, throttle
+
+    return np.array(sorted(set(signed), key=cost), dtype=np.float32)
+
+
+def integration_error(scenario: Scenario) -> float:
+    """Relative error of the simulation's way against the exact one, for a car at its highest speed.
+
+    The Runge-Kutta method is Simpson's rule for x' = v cos(heading): turn^4 / 2880 of the way, and (c h)^4 / 120.
+    """
+    robot, noise = scenario.robot, scenario.noise
+    fastest = robot.steady_speed(robot.drive * noise.most_drive * float(scenario.drive_factors.max()))
+    h = scenario.task.step / scenario.task.substeps
+    shortest = robot.wheelbase * (1 - 3 * noise.wheelbase_spread)
+    turn = fastest * h / turning_radius(shortest, robot.steering_max)
+    return turn**4 / 2880 + (robot.drag * h) ** 4 / 120
+
+
+def unmet_conditions(scenario: Scenario) -> tuple[str, ...]:
+    """Return the conditions of the theorem that a scenario does not meet, each as a sentence; none where it applies.
+
+    Condition 6, on the start of an episode, is `Proved.holds`.
+    """
+    scenario = scenario.resolve()
+    robot, noise, faults = scenario.robot, scenario.noise, scenario.faults
+    unmet = []
+    if robot.throttle_min > robot.dead_zone:
+        rule = f"must be at most dead_zone, {robot.dead_zone:g}, for the motor to be off"
+        unmet.append(f"1: robot.throttle_min {rule}, got {robot.throttle_min:g}")
+    if noise.actuator > 0:
+        unmet.append(f"1: noise.actuator must be 0, got {noise.actuator:g}")
+    if (error := integration_error(scenario)) > _COARSEST:
+        rule = f"must be short enough for a relative error of {_COARSEST:g} at top speed"
+        unmet.append(f"1: task.step {rule} [s], got {scenario.task.step:g} with {error:.2g}")
+    for field in ("position", "heading", "speed"):
+        if getattr(noise, field) > 0:
+            rule = "must be 0, since normal noise has no bound"
+            unmet.append(f"2: noise.{field} {rule}, got {getattr(noise, field):g}")
+    if round(noise.message_delay / scenario.task.step) > 0:
+        rule = f"must be below half a step of {scenario.task.step:g} s"
+        unmet.append(f"3: noise.message_delay {rule}, got {noise.message_delay:g}")
+    if faults.stop != "coast" and (faults.schedule or faults.rate > 0):
+        unmet.append(f"5: faults.stop must be coast, got {faults.stop}")
+    return tuple(unmet)

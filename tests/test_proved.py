@@ -1,0 +1,267 @@
+"""The proved filter: no collisions under its conditions, whatever a policy does, and its monitor where they fail."""
+
+import math
+
+import numpy as np
+import pytest
+import warp as wp
+
+import baselines
+import lissajous_env
+from baselines.policies.base import Policy
+from baselines.safety.proved import Proved, ProvedParameters, unmet_conditions
+
+EXACT = {"faults.schedule": (), "faults.rate": 0.0, "targets.count": 0, "targets.arrival_rate": 0.0, "task.grid": None}
+RANDOM_STARTS = {"formation.start": "random", "formation.start_noise": 1.0}
+CROWD = {**EXACT, **RANDOM_STARTS, "curve.half_width": 1.8, "curve.half_height": 1.8, "task.contamination": None}
+"""Fifteen cars in a square in which a car that rolls to rest from 1 m/s crosses a third."""
+
+PAIR = lissajous_env.scenario("experiment", **{"robot.count": 2, "formation.ring": None, **EXACT, **RANDOM_STARTS})
+FIVE = lissajous_env.scenario("experiment", **EXACT, **RANDOM_STARTS)
+FIFTEEN = lissajous_env.scenario("team", **CROWD)
+CASES = {
+    "two cars": PAIR,
+    "five cars": FIVE,
+    "five cars of 3 m/s": lissajous_env.scenario(FIVE, **{"robot.throttle_max": 0.177017}),
+    "five cars that cannot differ": lissajous_env.scenario(
+        FIVE, **{"noise.wheelbase_spread": 0.0, "noise.drive_spread": 0.0}
+    ),
+    "fifteen cars": FIFTEEN,
+    "motors that fail": lissajous_env.scenario(FIVE, **{"faults.rate": 0.2, "faults.stop": "coast"}),
+    "lost messages": lissajous_env.scenario(FIVE, **{"noise.message_loss": 0.1}),
+    "a wall": lissajous_env.scenario(FIVE, **{"task.boundary": "wall"}),
+    "little grip": lissajous_env.scenario(FIVE, **{"robot.lateral_acceleration_max": 1.0}),
+    "uneven motors": lissajous_env.scenario(FIVE, **{"robot.drive_factors": ((0, 0.8), (3, 1.3))}),
+    "large and slow": FIVE.scaled(length=30.0, time=7.0),
+    "a robot is removed": lissajous_env.scenario(FIVE, **{"faults.removed": ((1, 2.0),)}),
+}
+
+
+class Idle(Policy):
+    """A policy that leaves deciding to the test."""
+
+    kind = "car"
+    arrays = "warp"
+
+    def decide(self, observation):
+        self.action.zero_()
+
+
+def towards_the_nearest(simulation, _):
+    """Full throttle and full steering towards the nearest other robot, by the true state."""
+    position = simulation.robots.position.numpy()[:, :, :2]
+    offset = position[:, None] - position[:, :, None]
+    square = offset[..., 0] ** 2 + offset[..., 1] ** 2 + 1e9 * np.eye(position.shape[1], dtype=np.float32)
+    w, i = np.indices(square.shape[:2])
+    away = offset[w, i, square.argmin(axis=2)]
+    angle = np.arctan2(away[..., 1], away[..., 0]) - simulation.robots.heading.numpy()
+    angle = (angle + np.pi) % (2 * np.pi) - np.pi
+    return np.stack([np.clip(4 * angle, -1, 1), np.ones_like(angle)], axis=-1).astype(np.float32)
+
+
+def at_random(simulation, rng):
+    """Independent uniform actions, full throttle half of the time."""
+    action = rng.uniform(-1, 1, simulation.action_shape).astype(np.float32)
+    action[..., 1] = np.where(rng.random(action.shape[:2]) < 0.5, 1.0, action[..., 1])
+    return action
+
+
+def driven(scenario, worlds, steps, adversary, seed=0, parameters=None, each=None):
+    """Play adversarial actions through the filter; return (W,) collisions after a proof, proofs, broken proofs.
+
+    Also the least distance after a proof over twice the radius.
+    """
+    simulation = lissajous_env.Simulation(scenario, worlds, seed=seed)
+    policy = Proved(Idle(simulation.scenario, worlds), parameters)
+    rng = np.random.default_rng(seed)
+    policy.reset()
+    proved, broken = np.zeros((2, worlds), dtype=bool)
+    collisions, least = np.zeros(worlds), np.inf
+    for _ in range(steps):
+        wanted = adversary(simulation, rng)
+        action = policy.filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu"))
+        broken |= proved & ~policy.holds
+        proved |= policy.holds
+        simulation.step(action)
+        collisions += proved * simulation.latest.collisions.numpy().sum(axis=1) / 2
+        least = min(least, least_distance(simulation, proved))
+        if each is not None:
+            each(simulation, policy)
+    return collisions, proved, broken, least / (2 * simulation.scenario.robot.radius)
+
+
+def least_distance(simulation, worlds):
+    """Least distance [m] of two robots that are there, in some worlds."""
+    position = simulation.robots.position.numpy()[worlds, :, :2]
+    present = simulation.robots.status.numpy()[worlds] != 2
+    least = np.inf
+    for i in range(1, position.shape[1]):
+        apart = np.linalg.norm(position[:, i:] - position[:, :-i], axis=-1)
+        least = min(least, float(apart[present[:, i:] & present[:, :-i]].min(initial=np.inf)))
+    return least
+
+
+@pytest.mark.parametrize("adversary", [towards_the_nearest, at_random])
+@pytest.mark.parametrize("case", CASES)
+def test_no_two_robots_collide_once_their_tails_are_compatible(case, adversary):
+    """Oracle: the theorem. Sub-steps' closest approach counts, and the same actions unfiltered collide."""
+    scenario = CASES[case]
+    worlds = 300 if scenario.num_robots == 2 else 60
+    collisions, proved, broken, least = driven(scenario, worlds, 100, adversary, seed=11)
+    assert not unmet_conditions(scenario)
+    assert proved.mean() > 0.3
+    assert collisions.sum() == 0
+    assert not broken.any()
+    assert least >= 1
+    if adversary is towards_the_nearest:
+        assert least < 1.1, "the filter is not needed"
+
+
+def played_pairs(worlds, batches):
+    """Pairs of cars and episodes that were played with a proof, and their collisions."""
+    pairs = collisions = 0
+    for batch in range(batches):
+        found, proved, broken, _ = driven(FIFTEEN, worlds, 40, towards_the_nearest, seed=10_000 * batch)
+        assert not broken.any()
+        pairs += int(proved.sum()) * 15 * 14 // 2
+        collisions += found.sum()
+    return pairs, collisions
+
+
+def test_a_hundred_thousand_pairs():
+    """Oracle: the theorem, on fifteen cars that all drive at their nearest."""
+    pairs, collisions = played_pairs(1400, 1)
+    assert pairs > 1e5
+    assert collisions == 0
+
+
+@pytest.mark.long
+def test_ten_million_pairs():
+    """Oracle: the theorem, as above."""
+    pairs, collisions = played_pairs(10_000, 14)
+    assert pairs > 1e7
+    assert collisions == 0
+
+
+def test_fifteen_cars_unfiltered_collide():
+    """What the tests above would see without the filter."""
+    simulation = lissajous_env.Simulation(FIFTEEN, 20, seed=0)
+    for _ in range(60):
+        simulation.step(towards_the_nearest(simulation, None))
+    assert (simulation.tally.collisions.numpy() > 0).mean() > 0.9
+
+
+def test_wheelbase_and_drive_are_learned_within_bounds_that_hold_the_truth():
+    """Oracle: the constants of the simulated cars; the bounds begin 12 % wide."""
+    simulation = lissajous_env.Simulation(FIVE, 40, seed=3)
+    policy = Proved(Idle(simulation.scenario, 40))
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        wanted = wp.array(at_random(simulation, rng), dtype=wp.float32, device="cpu")
+        simulation.step(policy.filter(simulation.observation, wanted))
+    known = policy._memory.known.numpy()
+    curvature = simulation.scenario.robot.wheelbase / simulation.robots.wheelbase.numpy()
+    drive = simulation.robots.drive.numpy() / simulation.scenario.robot.drive
+    for truth, low, high in ((curvature, known[..., 0], known[..., 1]), (drive, known[..., 2], known[..., 3])):
+        assert (low <= truth + 1e-6).all()
+        assert (truth - 1e-6 <= high).all()
+        assert np.median(high - low) < 1e-3
+
+
+def test_far_from_all_the_action_passes_bit_for_bit():
+    """Oracle: the wanted action, of cars whose tails cannot meet."""
+    wide = lissajous_env.scenario(
+        PAIR, **{"curve.half_width": 60.0, "curve.half_height": 60.0, "formation.phase_rate": 0.01}
+    )
+    simulation = lissajous_env.Simulation(wide, 20, seed=2)
+    policy = Proved(Idle(wide, 20))
+    wanted = at_random(simulation, np.random.default_rng(0))
+    action = policy.filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
+    position = simulation.robots.position.numpy()
+    far = np.linalg.norm(position[:, 0] - position[:, 1], axis=-1) > 10
+    assert far.sum() > 10
+    np.testing.assert_array_equal(action[far], wanted[far])
+
+
+def test_who_hears_nothing_comes_to_rest():
+    """Story: every message is lost, so nobody decides; the cars roll out along their first tails."""
+    deaf = lissajous_env.scenario(FIVE, **{"noise.message_loss": 1.0})
+    speeds = []
+    collisions, *_ = driven(
+        deaf, 20, 80, towards_the_nearest, each=lambda s, _: speeds.append(s.robots.speed.numpy().copy())
+    )
+    assert collisions.sum() == 0
+    assert speeds[0].max() > 0.5
+    assert speeds[-1].max() < 0.01
+
+
+def test_an_action_that_is_not_a_number_lets_the_tail_go_on():
+    simulation = lissajous_env.Simulation(FIVE, 2, seed=0)
+    policy = Proved(Idle(FIVE, 2))
+    wanted = np.zeros(simulation.action_shape, dtype=np.float32)
+    wanted[1, 3, 0] = math.nan
+    action = policy.filter(simulation.observation, wp.array(wanted, dtype=wp.float32, device="cpu")).numpy()
+    assert np.isfinite(action).all()
+    assert action[1, 3].tolist() == [0.0, -1.0]
+
+
+def test_similar_scenarios_are_filtered_alike():
+    """Oracle: the similarity law, for a chase of 40 steps."""
+    seen = []
+    for scenario in (FIVE, FIVE.scaled(length=64.0, time=8.0)):
+        simulation = lissajous_env.Simulation(scenario, 20, seed=5)
+        policy = Proved(Idle(simulation.scenario, 20))
+        for _ in range(40):
+            wanted = wp.array(towards_the_nearest(simulation, None), dtype=wp.float32, device="cpu")
+            simulation.step(policy.filter(simulation.observation, wanted))
+        seen.append(simulation.robots.position.numpy()[..., :2] / scenario.curve.half_width)
+    assert np.quantile(np.abs(seen[0] - seen[1]), 0.8) < 1e-3
+
+
+@pytest.mark.parametrize(("changed", "words"), [
+    ({"robot.throttle_min": 0.11}, "1: robot.throttle_min must be at most dead_zone, 0.1"),
+    ({"noise.actuator": 0.05}, "1: noise.actuator must be 0, got 0.05"),
+    ({"task.step": 1.0, "task.substeps": 1}, "1: task.step must be short enough"),
+    ({"noise.position": 0.01}, "2: noise.position must be 0, since normal noise has no bound"),
+    ({"noise.message_delay": 0.1}, "3: noise.message_delay must be below half a step of 0.1 s"),
+    ({"faults.rate": 0.01}, "5: faults.stop must be coast, got dead"),
+])  # fmt: skip
+def test_conditions_that_a_scenario_does_not_meet_are_named(changed, words):
+    unmet = unmet_conditions(lissajous_env.scenario(FIVE, **changed))
+    assert len(unmet) == 1
+    assert unmet[0].startswith(words)
+
+
+def test_shipped_scenarios_to_which_the_theorem_applies():
+    """Oracle: their fields, read by hand."""
+    cars = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).robot.kind == "car"]
+    apply = {name for name in cars if not unmet_conditions(lissajous_env.scenario(name))}
+    assert apply == {
+        "intruders", "intruders-inside", "evaders", "evaders-lost", "evaders-fast", "evaders-uneven", "hall"
+    }  # fmt: skip
+
+
+def test_the_monitor_sees_robots_that_stop_dead():
+    """Story: condition 5 is violated; a robot that stands where its tail said it would roll on breaks the proof."""
+    dead = lissajous_env.scenario(FIVE, **{"faults.rate": 0.2, "task.duration": 10.0})
+    _, proved, broken, _ = driven(dead, 60, 100, towards_the_nearest, seed=11)
+    assert (broken & proved).mean() > 0.5
+
+
+def test_noise_within_its_bound_is_in_the_margin():
+    """Oracle: the theorem with noise of 1 mm, whose bound of six deviations no draw of this test exceeds."""
+    noisy = lissajous_env.scenario(FIVE, **{"noise.position": 1e-3, "noise.heading": 1e-3, "noise.speed": 1e-3})
+    parameters = ProvedParameters(deviations=6.0)
+    collisions, proved, broken, least = driven(noisy, 100, 100, towards_the_nearest, seed=4, parameters=parameters)
+    assert proved.mean() > 0.3
+    assert not broken.any()
+    assert collisions.sum() == 0
+    assert least > 1
+
+
+def test_names_and_kinds():
+    policy = baselines.make("sweep-proved", "experiment")
+    assert isinstance(policy, Proved)
+    assert policy.name == "sweep-proved"
+    with pytest.raises(ValueError, match="must drive robots of kind car, got curve"):
+        Proved(baselines.make("kuramoto", "failure"))
