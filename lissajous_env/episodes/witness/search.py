@@ -1,6 +1,5 @@
 """Search for the way of a rogue that knows the robots' future and stays undetected for longest."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
