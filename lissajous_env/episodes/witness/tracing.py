@@ -1,8 +1,8 @@
 """The labels of the contamination stage, traced backwards: the rough way of its worst rogue.
 
 Of the ways on which the stage lets a rogue of that age go from node to node, the one that stays well away from the
-discs is chosen: the sum over ticks of exp(-8 c) is least, with c the distance from the nearest disc in units of a cell. Nodes
-that a disc only just leaves free are thus avoided where others will do.
+discs is chosen: the sum over ticks of exp(-8 c) is least, with c the distance from the nearest disc in units of a cell.
+Nodes that a disc only just leaves free are thus avoided where others will do.
 """
 
 import math
