@@ -4,9 +4,9 @@ A rogue changes nothing that robots observe before they detect it. So the best a
 after it, from the recorded ways of the sensors:
 
 1. The episode is played once, and the labels of the contamination stage are stored.
-2. The labels are traced backwards from the worst case: a rough way from node to node (`tracing`). Near it, a way that no
-   disc detects, within steps as well, is searched on a lattice that is finer than the cells (`tube`). Where there is
-   none, the place at which the rogue is lost is blocked, and the next rough way is traced.
+2. The labels are traced backwards from the worst case: a rough way from node to node (`tracing`). Near it, a way that
+   no disc detects, within steps as well, is searched on a lattice that is finer than the cells (`tube`). Where there
+   is none, the place at which the rogue is lost is blocked, and the next rough way is traced.
 3. The way is replayed in the same world as an ordinary target. The time at which the simulation detects it is the
    result: a lower bound of the worst case, whatever the search assumed.
 

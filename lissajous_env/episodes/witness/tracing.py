@@ -1,8 +1,8 @@
 """The labels of the contamination stage, traced backwards: the rough way of its worst rogue.
 
-Of the ways on which the stage lets a rogue of that age go from node to node, the one that stays well away from the discs
-is chosen: the sum over ticks of exp(-8 c) is least, with c the distance from the nearest disc in units of a cell. Nodes
-that a disc only just leaves free are thus avoided where others will do.
+Of the ways on which the stage lets a rogue of that age go from node to node, the one that stays well away from the
+discs is chosen: the sum over ticks of exp(-8 c) is least, with c the distance from the nearest disc in units of a cell.
+Nodes that a disc only just leaves free are thus avoided where others will do.
 """
 
 import math
@@ -46,7 +46,7 @@ class Traces:
     first: wp.array(dtype=wp.int32)
     """Index of the first tick."""
     discs: wp.array4d(dtype=wp.vec2)
-    """(K, Q, P, N) centres of the discs at the ends of the P steps that led to a tick [m]; far away if there is none."""
+    """(K, Q, P, N) centres of the discs at the ends of the P steps that led to a tick [m]; far away for none."""
     spacing: wp.vec2
     """Distance of columns and of rows [m]."""
     corner: wp.vec2
@@ -238,7 +238,7 @@ def rough_ways(
 def _moves(hops: Spreading) -> np.ndarray:
     """Return the hops (H, 4) between ticks whose labels are known: columns, rows, whole ticks, remaining fraction."""
     if hops.ticks == 1:
-        each = zip(HOPS, hops.delays, hops.shares)
+        each = zip(HOPS, hops.delays, hops.shares, strict=False)  # none for targets at rest
         found = {(sx * i, sy * j, d, s) for (i, j), d, s in each for sx in (1, -1) for sy in (1, -1)}
         return np.array(sorted(found), dtype=np.int32).reshape(-1, 4)
     far = hops.ticks / (hops.delays[0] + hops.shares[0] / TICK_FRACTIONS) + 0.5

@@ -232,7 +232,7 @@ def add_left(
 
 @wp.func
 def move(k: int, m: int, begin: int, end: int, reach: float, e: Episodes, tubes: Tubes) -> bool:
-    """Find the nodes that a rogue reaches undetected by a move of `reach` [m] at most; returns whether there are any."""
+    """Find the nodes that a rogue reaches undetected by a move of at most `reach` [m]; returns whether any are."""
     corner = corner_at(k, begin, e, tubes)
     after = corner_at(k, end, e, tubes)
     across = tubes.spacing[0]
@@ -339,7 +339,7 @@ def before(k: int, m: int, node: wp.vec2i, reach: float, e: Episodes, tubes: Tub
             continue
         for i in range(2 * width + 1):
             column = node[0] + wp.where(i % 2 == 1, (i + 1) / 2, -i / 2) - corner[0]
-            if column >= 0 and column < SIDE:
+            if column >= 0 and column < SIDE:  # noqa: SIM102 - a shift needs a column of the window
                 if (tubes.bits[k, m, row] >> wp.uint64(column)) & wp.uint64(1) == wp.uint64(1):
                     start = place_at(k, corner[0] + column, corner[1] + row, e, tubes)
                     if is_undetected(k, start, place - start, begin, end, e, tubes):
@@ -443,7 +443,8 @@ def ways_near(
     tubes.way = wp.empty(shape, dtype=wp.vec2i)
     wp.launch(search, dim=count, inputs=[e, tubes])
     moments, nodes, found = tubes.moments.numpy(), tubes.way.numpy(), []
-    for k, (first, last, lost) in enumerate(zip(*(each.numpy() for each in (tubes.first, tubes.last, tubes.lost)))):
+    ends = zip(tubes.first.numpy(), tubes.last.numpy(), tubes.lost.numpy(), strict=True)
+    for k, (first, last, lost) in enumerate(ends):
         if first < 0:
             found.append((None, int(lost)))
             continue
