@@ -35,6 +35,7 @@ def _own_registries(monkeypatch):
         (registry, "_WRAPPERS"),
         (robot_models, "_MODELS"),
         (named, "_REGISTERED"),
+        (named, "_SPACES"),
     ):
         monkeypatch.setattr(module, name, dict(getattr(module, name)))
 
