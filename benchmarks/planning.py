@@ -10,6 +10,7 @@ default: it should say 0.
 import argparse
 import math
 import time
+from typing import Any
 
 import figures
 import numpy as np
@@ -21,7 +22,7 @@ from baselines.planning.playing import play, quietly
 COLUMNS = ["request", "best plan", "worst [s]", "best default", "worst [s]", "wall [s]", "CPU [s]", "looks", "unplayed"]
 
 
-def drawn(seed: int) -> dict[str, float]:
+def drawn(seed: int) -> dict[str, Any]:
     """Return the request of a seed: what is given to `baselines.plan`."""
     random = np.random.default_rng(seed)
 
@@ -39,7 +40,7 @@ def drawn(seed: int) -> dict[str, float]:
     }  # fmt: skip
 
 
-def in_words(request: dict[str, float]) -> str:
+def in_words(request: dict[str, Any]) -> str:
     """Return a request in one line."""
     return (
         f"{request['width']:g} m x {request['height']:g} m, {request['robots']} of {request['robot_radius']:.2g} m and "
@@ -50,7 +51,7 @@ def in_words(request: dict[str, float]) -> str:
 
 def row_of(seed: int, seconds: float) -> tuple[list[str], bool]:
     """Plan a request and play its defaults; return the row, and whether the best plan is worse than a default."""
-    request = {name: float(f"{value:.3g}") for name, value in drawn(seed).items()}
+    request: dict[str, Any] = {name: float(f"{value:.3g}") for name, value in drawn(seed).items()}
     request["robots"] = int(request["robots"])
     outcome = planner.prepare(**request)
     wall, processors = time.monotonic(), time.process_time()

@@ -8,6 +8,8 @@ import pytest
 
 import baselines
 import lissajous_env
+from baselines.planning.request import Request
+from baselines.policies import partition_plan as partition_module
 from baselines.policies.cells import are_adjacent, closed_loop, divisions, evenly_spaced, length_of, tour
 from baselines.policies.dubins import WORDS, dubins_lengths, dubins_places
 from baselines.policies.ideal_motion import undetected_times, worst_undetected_time
@@ -236,3 +238,21 @@ def test_the_undetected_times_grow_from_zero():
     places = np.zeros((1, 21, 2))
     times = undetected_times(places, (1.0, 1.0), 0.5, 0.1, 0.1)
     np.testing.assert_allclose(times, 0.1 * np.arange(21))
+
+
+def test_long_periods_are_compared_at_fewer_times_with_the_same_result(monkeypatch):
+    """Oracle: the comparison at every control step, in a large rectangle of slow cars; its worst case is exact."""
+    request = Request(
+        width=60.0, height=40.0, robots=(2, 2), robot_radius=0.4, sensor_radius=8.0, speed=0.5, turning_radius=1.0,
+        rogue_speed=0.002,
+    )  # fmt: skip
+    task, parameters = plain_of(request.task(2)), PartitionParameters(lanes=4, rows=1)
+    found = partition_plan(task, parameters)
+    assert found.loop.shape[1] > 2 * partition_module._TIMES
+    half = task.curve.half_width, task.curve.half_height
+    exact = worst_undetected_time(found.loop, half, task.sensing_radius, task.rogue_speed, task.task.step)
+    assert found.worst == pytest.approx(exact, rel=1e-6)
+    partition_module._best.cache_clear()
+    monkeypatch.setattr(partition_module, "_TIMES", 10**9)
+    whole = partition_plan(task, parameters)
+    assert found.worst <= 1.02 * whole.worst

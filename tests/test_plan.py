@@ -19,7 +19,7 @@ from baselines.planning.families.lissajous import Lissajous, curves_of
 from baselines.planning.families.shipped import Shipped, default_policies
 from baselines.planning.pareto import dominates, pareto_optimal
 from baselines.planning.planner import Outcome
-from baselines.planning.plans import Figures, Plan, Planned
+from baselines.planning.plans import Figures, Plan, Planned, t_interval
 from baselines.planning.playing import Episodes, play
 from baselines.planning.request import Request
 from baselines.planning.search import Search
@@ -327,6 +327,39 @@ def test_failures_are_at_random_times_and_of_random_robots():
     assert dataclasses.replace(scenario, faults=lissajous_env.scenario("evaders").faults) == lissajous_env.scenario(
         "evaders"
     )
+
+
+def test_the_interval_of_the_detection_time_is_that_of_student():
+    # Oracle: by hand; for four values t is 3.1824, and the standard deviation of 1, 2, 3, 4 is 1.29099.
+    low, high = t_interval([1.0, 2.0, 3.0, math.nan, 4.0])
+    assert (low, high) == pytest.approx((2.5 - 3.1824 * 1.29099 / 2, 2.5 + 3.1824 * 1.29099 / 2), abs=1e-4)
+    assert math.isnan(t_interval([1.0])[0])
+
+
+@pytest.mark.parametrize("robots", [4, 6])
+def test_four_and_six_robots_begin_apart(robots):
+    # Oracle: Lemma 1 gives them shared places in every stable equilibrium; no bodies may overlap at the start.
+    task = Request(**HALL, robots=(robots, robots), turning_radius=1.0).task(robots)
+    places = lissajous_env.Simulation(task).robots.position.numpy()[0, :, :2]
+    first, second = np.triu_indices(robots, 1)
+    assert np.linalg.norm(places[first] - places[second], axis=1).min() > 2 * task.robot.radius
+
+
+def test_plans_without_a_bound_after_failures_say_why():
+    finals = [planned(5.0, failed=math.inf), planned(4.0, settled=2.0, failed=math.inf)]
+    request = Request(lissajous_env.scenario("evaders"))
+    outcome = Outcome(request, Episodes(failures=1), tasks={5: request.task(5)}, finals=finals)
+    (words,) = (each for each in tables.sentences(outcome) if "with 1 lost" in each)
+    assert words.startswith("No plan has a bound with 1 lost: 2 of 2 leave a gap")
+    outcome.finals.append(planned(6.0, failed=7.0))
+    assert not any("with 1 lost:" in each for each in tables.sentences(outcome))
+
+
+def test_a_fixed_start_is_that_of_every_plan(small):
+    outcome = baselines.plan(small, seconds=4, fixed_start=True)
+    task = lissajous_env.scenario(small)
+    assert outcome.finals
+    assert {each.plan.scenario.digest() for each in outcome.finals} == {task.digest()}
 
 
 def test_help_names_the_command(capsys):

@@ -51,7 +51,7 @@ side of the rectangle."""
 _TOLERANCE = 0.01
 """Largest relative violation of a team that becomes a plan: the limits of the cars have a reserve."""
 _WIDER = 1.03
-"""Size of the first paths, over that of the plan: those of a partition often turn as tightly as cars can."""
+"""Size of first paths that break a limit, over that of the plan: partitions often turn as tightly as cars can."""
 _WORLDS = 24
 _FIRST = 0.4
 """Share of the time for the first stage."""
@@ -223,11 +223,12 @@ def _periods(task: Scenario, paths: np.ndarray, period: int) -> list[int]:
 
 
 def _described(task: Scenario, loop: np.ndarray) -> np.ndarray:
-    """Return the Fourier coefficients of loops, a little wider."""
+    """Return the Fourier coefficients of loops, a little wider if these break a limit of the cars."""
     paths = coefficients_of(loop, _HARMONICS[0])
     for count in range(_HARMONICS[0], _HARMONICS[1] + 1):
         paths = coefficients_of(loop, count)
         if np.abs(places_of(paths, loop.shape[1]) - loop).max() < _DESCRIBED * task.sensing_radius:
             break
-    paths[:, 2:] *= _WIDER
+    if violation(paths[None], loop.shape[1], Limits.of(task))[0] >= _TOLERANCE:
+        paths[:, 2:] *= _WIDER
     return paths

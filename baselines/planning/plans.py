@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
 
 from baselines.policies.settings import PolicySettings
 from lissajous_env.episodes.limits import robot_speed_limit
@@ -132,6 +131,8 @@ def t_interval(values: Sequence[float]) -> tuple[float, float]:
 
     There are too few episodes of a plan for a bootstrap. Values that are NaN are left out.
     """
+    from scipy.special import stdtrit  # slow to import
+
     known = np.array([value for value in values if not math.isnan(value)])
     if len(known) < 2:
         return math.nan, math.nan

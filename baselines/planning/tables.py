@@ -82,12 +82,28 @@ def sentences(outcome: Outcome) -> list[str]:
         words.append(f"{len(outcome.broken)} plans failed when they were played to the end: {outcome.broken[0]}.")
     if outcome.plans and all(math.isinf(each.figures.worst_case) for each in outcome.plans):
         words.append("No plan bounds the time for which such a target can stay undetected.")
+    elif outcome.plans and episodes.failures:
+        words += _of_failures(outcome)
+    words.append("Detected in mean: with the 95 % interval over the episodes, by Student's t.")
     if outcome.guarantee is not None:
         words += _of_guarantee(outcome)
     for number, refusals in outcome.refusals.items():
         at = f" ({number} robots)" if len(outcome.tasks) > 1 else ""
         words += [f"No plan of {family}{at}: {reason}." for family, reason in refusals.items() if family != KNOWN]
     return words
+
+
+def _of_failures(outcome: Outcome) -> list[str]:
+    """Return why no plan has a bound with lost robots, and what is needed; nothing if one has."""
+    if any(each.figures.worst_case_failed < math.inf for each in outcome.plans):
+        return []
+    lost, collide = outcome.episodes.failures, sum(each.figures.collisions_failed > 0 for each in outcome.plans)
+    open_ones = len(outcome.plans) - collide
+    words = (
+        f"No plan has a bound with {lost} lost: {open_ones} of {len(outcome.plans)} leave a gap in which a target can"
+    )
+    words += " stay undetected" + (f", {collide} collide" if collide else "")
+    return [f"{words}. More robots or longer sensors are needed, or more --seconds."]
 
 
 def _of_guarantee(outcome: Outcome) -> list[str]:
