@@ -32,7 +32,8 @@ def longest_ways(episodes: Sequence[Played]) -> list[Way | None]:
 
 def _longest_ways(episodes: Sequence[Played]) -> list[Way | None]:
     """Return the ways of episodes of the same length."""
-    rogues, longest = [peaks(each) for each in episodes], [None for _ in episodes]
+    rogues: list[list[Rogue]] = [peaks(each) for each in episodes]
+    longest: list[Way | None] = [None for _ in episodes]
     enough = resolution(episodes[0].scenario) - 1
     blocked: list[dict[Rogue, list[tuple[int, np.ndarray]]]] = [{} for _ in episodes]
     for rank, fineness in _TRIED:
@@ -42,13 +43,13 @@ def _longest_ways(episodes: Sequence[Played]) -> list[Way | None]:
         each = [rogues[k][rank] for k in tried]
         known = [blocked[k].setdefault(rogue, []) for k, rogue in zip(tried, each, strict=True)]
         rough = rough_ways([episodes[k] for k in tried], each, known)
-        there = [j for j, way in enumerate(rough) if way is not None]
+        there = [(j, way) for j, way in enumerate(rough) if way is not None]
         if not there:
             continue
-        chosen = [episodes[tried[j]] for j in there], [each[j] for j in there]
-        found = ways_near(*chosen, np.array([rough[j] for j in there]), fineness)
-        for j, (way, lost) in zip(there, found, strict=True):
-            known[j].append((lost, rough[j][lost]))
+        chosen = [episodes[tried[j]] for j, _ in there], [each[j] for j, _ in there]
+        found = ways_near(*chosen, np.array([way for _, way in there]), fineness)
+        for (j, near), (way, lost) in zip(there, found, strict=True):
+            known[j].append((lost, near[lost]))
             longest[tried[j]] = max(longest[tried[j]], way, key=_time)
     return longest
 
