@@ -70,7 +70,7 @@ def line_shares(plan: Plan, cell: np.ndarray, lines: Lines, room: Room, unit: fl
             centre = cells[robot, :2]
             if 0 < case < len(line):
                 half[lines.along] = reach / (len(line) - case)
-            options = search.alone(half, centre)
+            options = [(*each, search.around(float(least[0, 0]))) for *each, least in search.alone(half, centre)]
             if case == 0:
                 options = [(own[robot], np.zeros(2), search.around(0.0)), *options]
             elif not (options and options[0][2][0, 0] < UNKNOWN):

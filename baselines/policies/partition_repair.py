@@ -36,6 +36,7 @@ from lissajous_env.world.observation import message_start
 class RepairParameters(Checked):
     """Parameters of the repair of a partition, besides those of the partition."""
 
+    mode: str = "close"
     patience: int = whole(2, 1, 100)
     """Control steps without motion after which a ring neighbour counts as failed."""
     reserve: float = number(1.35, 1, 10)
@@ -45,6 +46,15 @@ class RepairParameters(Checked):
     two deviations of noise."""
     drift: float = number(0.5, 0.01, 10)
     """Speed at which a loop moves to another place, as a share of that of the cars on it."""
+
+
+@wp.kernel
+def take_avoiding(count: wp.array2d(dtype=int), filtered: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)):
+    """Take the actions of a collision filter where it changed them."""
+    w, i = wp.tid()
+    if count[w, i] > 0:
+        action_out[w, i, 0] = filtered[w, i, 0]
+        action_out[w, i, 1] = filtered[w, i, 1]
 
 
 @register("partition-repair")
@@ -116,6 +126,11 @@ class PartitionRepair(TimedPaths):
         self._centre = wp.array(self._lines.centre, dtype=wp.vec2, device=self.device)
         self._filtered_until = until
         self._filter = Safe(Still(self.scenario, num_worlds, self.device)) if until > 0 else None
+        import dataclasses
+        from baselines.safety.filter import CLOSE, SafetyParameters
+        par = (CLOSE if self.repair.mode.startswith("close") else SafetyParameters(clearance=.03,growth=.0,horizon=int(self.repair.mode[1:] or 8)) if self.repair.mode.startswith("z") else SafetyParameters()).of(self.scenario)
+        par = dataclasses.replace(par, speed_max=2 * self.scenario.robot.top_speed)
+        self._avoid = Safe(Still(self.scenario, num_worlds, self.device), par, self._watch.still / self.scenario.task.step)
 
     def forget(self, mask: np.ndarray) -> None:
         """Forget the time, what is known of others, and what the cars have learned of themselves."""
@@ -135,10 +150,23 @@ class PartitionRepair(TimedPaths):
             self.launch(case_of_neighbours, self.shape, [self._watched], [self._case])
         drift = self.repair.drift * self.partition.speed * self.scenario.task.step
         inputs = [self.tables.lead_in * FINE, SHAPES, self._required / FINER, self._required, self.takeover.offset]
-        inputs += [drift, self._pose, self._margins, self._away, self._cost, self._case, self._home, observation]
+        inputs += [
+            drift,
+            self._pose,
+            self._margins,
+            self._away,
+            self._cost,
+            self._case,
+            self._memory,
+            self._home,
+            observation,
+        ]
         inputs += [self._standing, self._avoided, self._target, self.plan, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         self.follow(observation)
+        if self.repair.mode != "none":
+            filtered = self._avoid.filter(observation, self.action)
+            self.launch(take_avoiding, self.shape, [self._avoid.count, filtered], [self.action])
         if self._filter is not None:
             filtered = self._filter.filter(observation, self.action)
             self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, filtered], [self.action])
