@@ -19,14 +19,14 @@ from baselines.policies.memory import clear_worlds
 from baselines.policies.neighbour_watch import PLACES, WATCH, Watch, watch_neighbours
 from baselines.policies.news import exchange_news, share_line
 from baselines.policies.partition import arrival_of_all, plain_of, planned_transit, start_is_known, take_filtered
-from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, room_of
+from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, required_distance, room_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.patrol import Still
 from baselines.policies.registry import register
 from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, slowed, takeover
-from baselines.policies.taking_over import FINER, SIDE, case_of_neighbours, take_over
+from baselines.policies.taking_over import FINER, SIDE, case_of_neighbours, take_clear, take_over
 from baselines.policies.timed_paths import TimedPaths, TrackingParameters
-from baselines.safety.filter import Safe
+from baselines.safety.filter import Safe, SafetyParameters
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.world.observation import message_start
@@ -36,7 +36,6 @@ from lissajous_env.world.observation import message_start
 class RepairParameters(Checked):
     """Parameters of the repair of a partition, besides those of the partition."""
 
-    mode: str = "close"
     patience: int = whole(2, 1, 100)
     """Control steps without motion after which a ring neighbour counts as failed."""
     reserve: float = number(1.35, 1, 10)
@@ -45,16 +44,8 @@ class RepairParameters(Checked):
     """Distance of a loop from the body of a robot that stands, besides its own [m]; None is 0.15 radii, and
     two deviations of noise."""
     drift: float = number(0.5, 0.01, 10)
-    """Speed at which a loop moves to another place, as a share of that of the cars on it."""
-
-
-@wp.kernel
-def take_avoiding(count: wp.array2d(dtype=int), filtered: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)):
-    """Take the actions of a collision filter where it changed them."""
-    w, i = wp.tid()
-    if count[w, i] > 0:
-        action_out[w, i, 0] = filtered[w, i, 0]
-        action_out[w, i, 1] = filtered[w, i, 1]
+    """Speed at which a loop moves to another place, as a share of that of the cars on it; at once where loops
+    of different cells cross."""
 
 
 @register("partition-repair")
@@ -68,9 +59,16 @@ class PartitionRepair(TimedPaths):
     its reference comes by. From starts that the robots do not know of one another, the collision filter is under the
     transit, as in `partition`.
 
+    Where the loops of different cells lie apart, collision filters keep cars clear of robots that stand, and a car that
+    is off its place clear of all others, and a loop moves slowly to another place. Loops that cross, as in `evaders`,
+    keep cars apart by their common phase alone, which a filter that expects the others to go straight on does not see:
+    there a robot that stops dead at once before another one is not always avoided in time.
+
     A robot knows of failures what its own row shows (`baselines.policies.neighbour_watch`): of others than its ring
-    neighbours it knows nothing. Where two neighbours fail together, the farther cell may stay open. A robot that stops
-    dead at once before another one, on a stretch that their loops share, is not avoided in time.
+    neighbours it knows nothing, so a cell may stay open whose ring neighbours have failed too, or lie in another line.
+    Where `messages.size` is at least the number of robots and the loops lie apart, robots pass on the news of failures
+    (`baselines.policies.news`), and those of a line of cells that work share the line evenly
+    (`baselines.policies.line_shares`).
 
     Args:
         scenario: The scenario, of cars.
@@ -84,7 +82,7 @@ class PartitionRepair(TimedPaths):
         ValueError: no loops that the cars can drive have room in the rectangle, side by side.
     """
 
-    communicates = "positions of ring neighbours"
+    communicates = "positions of ring neighbours, and news of failures where messages have room for them"
 
     def __init__(
         self,
@@ -97,9 +95,8 @@ class PartitionRepair(TimedPaths):
     ):
         self.parameters = replace(parameters or PartitionParameters(), in_phase=True)
         self.repair = repair or RepairParameters()
-        self.informed = scenario.messages.size >= scenario.num_robots
         self.partition, self.takeover, self._lines, tables, until = timed_repair(
-            plain_of(scenario), self.parameters, self.repair, self.informed
+            plain_of(scenario), self.parameters, self.repair
         )
         plan = np.zeros(num_worlds, dtype=int)
         tracking = tracking or TrackingParameters(waits=True)
@@ -118,19 +115,21 @@ class PartitionRepair(TimedPaths):
         self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
         self._home = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
         self._target = wp.zeros(self.shape, dtype=wp.vec4, device=self.device)
-        self._news = wp.zeros(
-            (*self.shape, self.num_robots if self.informed else 0), dtype=wp.float32, device=self.device
-        )
+        told = self.num_robots if self._lines else 0
+        self._news = wp.zeros((*self.shape, told), dtype=wp.float32, device=self.device)
         self._neighbours = wp.array(self.scenario.neighbours, dtype=wp.int32, device=self.device)
-        self._line = wp.array(self._lines.robots, dtype=wp.int32, device=self.device)
-        self._centre = wp.array(self._lines.centre, dtype=wp.vec2, device=self.device)
+        if self._lines:
+            self._line = wp.array(self._lines.robots, dtype=wp.int32, device=self.device)
+            self._centre = wp.array(self._lines.centre, dtype=wp.vec2, device=self.device)
         self._filtered_until = until
-        self._filter = Safe(Still(self.scenario, num_worlds, self.device)) if until > 0 else None
-        import dataclasses
-        from baselines.safety.filter import CLOSE, SafetyParameters
-        par = (CLOSE if self.repair.mode.startswith("close") else SafetyParameters(clearance=.03,growth=.0,horizon=int(self.repair.mode[1:] or 8)) if self.repair.mode.startswith("z") else SafetyParameters()).of(self.scenario)
-        par = dataclasses.replace(par, speed_max=2 * self.scenario.robot.top_speed)
-        self._avoid = Safe(Still(self.scenario, num_worlds, self.device), par, self._watch.still / self.scenario.task.step)
+        apart = loops_lie_apart(self.partition, required_distance(self.scenario, self.parameters))
+        still = Still(self.scenario, num_worlds, self.device)
+        self._filter = Safe(still) if until > 0 or apart else None
+        self._drift, self._avoidance = math.inf, None
+        if apart:
+            self._drift = self.repair.drift * self.partition.speed * self.scenario.task.step
+            free = replace(SafetyParameters().of(self.scenario), speed_max=2 * self.scenario.robot.top_speed)
+            self._avoidance = Safe(still, free, fastest=self._watch.still / self.scenario.task.step)
 
     def forget(self, mask: np.ndarray) -> None:
         """Forget the time, what is known of others, and what the cars have learned of themselves."""
@@ -144,40 +143,34 @@ class PartitionRepair(TimedPaths):
         """Write `action`."""
         inputs = [self._curve, self._watch, observation, self._watched, self._standing]
         self.launch(watch_neighbours, self.shape, inputs, [])
-        if self.informed:
-            self._share_lines(observation)
+        if self._lines:
+            self._share_lines(self._lines, observation)
         else:
             self.launch(case_of_neighbours, self.shape, [self._watched], [self._case])
-        drift = self.repair.drift * self.partition.speed * self.scenario.task.step
-        inputs = [self.tables.lead_in * FINE, SHAPES, self._required / FINER, self._required, self.takeover.offset]
-        inputs += [
-            drift,
-            self._pose,
-            self._margins,
-            self._away,
-            self._cost,
-            self._case,
-            self._memory,
-            self._home,
-            observation,
-        ]
+        first = self.tables.lead_in * FINE
+        inputs = [first, SHAPES, self._required / FINER, self._required, self.takeover.offset, self._drift]
+        inputs += [self._pose, self._margins, self._away, self._cost, self._case, self._home, observation]
         inputs += [self._standing, self._avoided, self._target, self.plan, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         self.follow(observation)
-        if self.repair.mode != "none":
-            filtered = self._avoid.filter(observation, self.action)
-            self.launch(take_avoiding, self.shape, [self._avoid.count, filtered], [self.action])
-        if self._filter is not None:
-            filtered = self._filter.filter(observation, self.action)
-            self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, filtered], [self.action])
+        if self._filter is None:
+            return
+        clear_of_all = self._filter.filter(observation, self.action)
+        if self._avoidance is None:
+            self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, clear_of_all], [self.action])
+            return
+        clear_of_standing = self._avoidance.filter(observation, self.action)
+        inputs = [self._filtered_until, self.scenario.robot.radius, first, self._curve, self._pose, self.plan]
+        inputs += [self.shift, self._memory, observation, clear_of_all, self._avoidance.count, clear_of_standing]
+        self.launch(take_clear, self.shape, inputs, [self.action])
 
-    def _share_lines(self, observation: wp.array) -> None:
+    def _share_lines(self, lines: Lines, observation: wp.array) -> None:
         """Exchange the news of failures, and compute each robot's share of its line."""
         inputs = [message_start(self.scenario), self.scenario.task.step, self.scenario.time_unit, self._neighbours]
         inputs += [self._memory, observation, self._watched, self._news, self._standing]
         self.launch(exchange_news, self.shape, inputs, [self.action])
-        reach = (self.scenario.curve.half_width, self.scenario.curve.half_height)[self._lines.along]
-        along = wp.vec2(*np.eye(2)[self._lines.along])
+        reach = (self.scenario.curve.half_width, self.scenario.curve.half_height)[lines.along]
+        along = wp.vec2(*np.eye(2)[lines.along])
         inputs = [reach, along, self._line, self._centre, self._news]
         self.launch(share_line, self.shape, inputs, [self._case, self._home])
 
@@ -199,14 +192,21 @@ def _watch_of(scenario: Scenario, plan: Plan, repair: RepairParameters) -> Any:
     return watch
 
 
+def loops_lie_apart(plan: Plan, distance: float) -> bool:
+    """Return whether no places of two loops, at whatever times, are nearer than a distance [m]."""
+    robots, steps = plan.loop.shape[:2]
+    places = plan.loop.reshape(-1, 2)
+    between = np.linalg.norm(places[:, None] - places[None], axis=-1).reshape(robots, steps, robots, steps)
+    return bool(between.min(axis=(1, 3))[np.triu_indices(robots, 1)].min(initial=math.inf) >= distance)
+
+
 @lru_cache(maxsize=64)
 def timed_repair(
-    scenario: Scenario, parameters: PartitionParameters, repair: RepairParameters, informed: bool
-) -> tuple[Plan, Takeover, Lines, PathTables, float]:
+    scenario: Scenario, parameters: PartitionParameters, repair: RepairParameters
+) -> tuple[Plan, Takeover, Lines | None, PathTables, float]:
     """Return the plan, the loops for takeovers, the lines, the timed paths, and how long the filter is needed [step].
 
-    `informed` robots know of all failures and share lines (`baselines.policies.line_shares`), others take over the
-    cells of ring neighbours.
+    Lines are None where robots know of their ring neighbours' failures alone, or their loops cross.
     """
     plan = slowed(partition_plan(scenario, parameters), repair.reserve)
     order = tour(plan.cells)
@@ -218,8 +218,11 @@ def timed_repair(
             lead_in, cell = planned
     unit = scenario.curve.half_height
     offset = _avoided_distance(scenario, repair) * int(SIDE) / FINER / (OFFSETS - 1)
-    lines, room = lines_of(plan, cell), room_of(scenario, parameters)
-    if informed:
+    room, lines = room_of(scenario, parameters), None
+    told = scenario.messages.size >= scenario.num_robots
+    if told and loops_lie_apart(plan, required_distance(scenario, parameters)):
+        lines = lines_of(plan, cell)
+    if lines:
         taken = line_shares(plan, cell, lines, room, unit, offset)
     else:
         taken = takeover(plan, cell, scenario.neighbours, room, unit, offset)

@@ -3,10 +3,11 @@
 import warp as wp
 
 from baselines.policies.neighbour_watch import PLACES, STATE, WORKS
-from baselines.policies.own_row import own_works
+from baselines.policies.own_row import own_position, own_works
 from baselines.policies.path_tables import FINE as SAMPLES
 from baselines.policies.timed_paths import STEPS
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
 
 wp.set_module_options(OPTIONS)
 
@@ -15,13 +16,6 @@ SIDE = wp.constant(6)
 """Shifts that are compared to each side, along x and y."""
 FINER = 5
 """Share of the distance from a robot that stands by which these differ."""
-
-
-@wp.func
-def place_on(path: wp.array(dtype=wp.vec4), first: int, sample: int) -> wp.vec2:
-    """Return the place at a sample of a loop, that goes round [m]."""
-    at = path[first + sample % (path.shape[0] - first)]
-    return wp.vec2(at[0], at[1])
 
 
 @wp.func
@@ -51,42 +45,6 @@ def cost_of(costs: wp.array2d(dtype=float), away: wp.vec2, offset: float) -> flo
     return (1.0 - y) * lower + y * upper
 
 
-@wp.func
-def moved_towards(shift: wp.vec2, target: wp.vec2, drift: float) -> wp.vec2:
-    """Return a shift after a control step in which a loop drifts towards its target by up to `drift` [m]."""
-    rest = target - shift
-    return shift + rest * wp.min(1.0, drift / wp.max(wp.length(rest), 1.0e-9))
-
-
-@wp.func
-def clearance_on_the_way(
-    path: wp.array(dtype=wp.vec4),
-    first: int,
-    sample: int,
-    wait: int,
-    shift: wp.vec2,
-    target: wp.vec2,
-    drift: float,
-    standing: wp.array(dtype=wp.vec3),
-) -> float:
-    """Return the smallest distance from robots that stand of a car whose loop waits some steps and then drifts [m].
-
-    `sample` is the one of the loop where the car is now.
-    """
-    least = float(wp.inf)
-    now = shift
-    ahead = wait + int(wp.length(target - shift) / drift) + 3
-    for k in range(1, ahead + 1):
-        if k > wait:
-            now = moved_towards(now, target, drift)
-        at = place_on(path, first, sample + FINE * k) + now
-        for n in range(standing.shape[0]):
-            if standing[n][2] > 0.0:
-                place = wp.vec2(standing[n][0], standing[n][1])
-                least = wp.min(least, wp.length(at - place))
-    return least
-
-
 @wp.kernel
 def case_of_neighbours(watched: wp.array4d(dtype=float), cases: wp.array2d(dtype=int)):
     """Number the states of each robot's ring neighbours: 1 if the previous one has failed, and 2 if the next has."""
@@ -110,7 +68,6 @@ def take_over(
     away: wp.array2d(dtype=wp.vec2),
     costs: wp.array4d(dtype=float),
     cases: wp.array2d(dtype=int),
-    memory: wp.array3d(dtype=float),
     home: wp.array2d(dtype=wp.vec2),
     observation: wp.array3d(dtype=float),
     standing: wp.array3d(dtype=wp.vec3),
@@ -132,7 +89,6 @@ def take_over(
         return
     now = cases[w, i]
     before = target[w, i]
-    sample = FINE * wp.max(int(memory[w, i, STEPS]) - first / FINE, 0)
     changed = now != plan[w, i] / shapes or wp.length(home[w, i] - wp.vec2(before[2], before[3])) > 0.25 * spacing
     stands = float(0.0)
     for k in range(PLACES):
@@ -166,21 +122,41 @@ def take_over(
                         best_shape = shape
             if stands == 0.0:  # the first is the best
                 break
-        chosen = now * shapes + best_shape
+        plan[w, i] = now * shapes + best_shape
         target[w, i] = wp.vec4(best[0], best[1], home[w, i][0], home[w, i][1])
-        # The new loop begins where the car is on the old one.
-        shift[w, i] += place_on(pose[plan[w, i], i], first, sample) - place_on(pose[chosen, i], first, sample)
-        plan[w, i] = chosen
-    aim = wp.vec2(target[w, i][0], target[w, i][1])
-    wait = int(0)
-    if stands > 0.0 and wp.length(aim - shift[w, i]) > 0.0:
-        path = pose[plan[w, i], i]
-        widest = float(0.0)
-        for tried_wait in range((path.shape[0] - first) / FINE):
-            least = clearance_on_the_way(path, first, sample, tried_wait, shift[w, i], aim, drift, standing[w, i])
-            least = wp.min(least, required)
-            if least > widest:
-                widest = least
-                wait = tried_wait
-    if wait == 0:
-        shift[w, i] = moved_towards(shift[w, i], aim, drift)
+    rest = wp.vec2(target[w, i][0], target[w, i][1]) - shift[w, i]
+    shift[w, i] += rest * wp.min(1.0, drift / wp.max(wp.length(rest), 1.0e-9))
+
+
+@wp.kernel
+def take_clear(
+    until: float,
+    tolerance: float,
+    first: int,
+    curve: CurveStruct,
+    pose: wp.array3d(dtype=wp.vec4),
+    plan: wp.array2d(dtype=int),
+    shift: wp.array2d(dtype=wp.vec2),
+    memory: wp.array3d(dtype=float),
+    observation: wp.array3d(dtype=float),
+    clear_of_all: wp.array3d(dtype=float),
+    count: wp.array2d(dtype=int),
+    clear_of_standing: wp.array3d(dtype=float),
+    action_out: wp.array3d(dtype=float),
+):
+    """Take the actions of collision filters instead: of one that sees all robots, or only those that stand.
+
+    The first counts up to control step `until`, and for a robot that is farther from its reference than `tolerance`
+    [m], for others do not expect it there. `count` is 0 where the second leaves the action as it is.
+    """
+    w, i = wp.tid()
+    steps = memory[w, i, STEPS]  # already those after this control step
+    path = pose[plan[w, i], i]
+    at = path[first + wp.max(FINE * (int(steps) - 1) - first, 0) % (path.shape[0] - first)]
+    off = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(at[0], at[1])
+    if steps <= until or wp.length(off) > tolerance:
+        action_out[w, i, 0] = clear_of_all[w, i, 0]
+        action_out[w, i, 1] = clear_of_all[w, i, 1]
+    elif count[w, i] > 0:
+        action_out[w, i, 0] = clear_of_standing[w, i, 0]
+        action_out[w, i, 1] = clear_of_standing[w, i, 1]
