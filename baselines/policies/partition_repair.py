@@ -126,6 +126,11 @@ class PartitionRepair(TimedPaths):
         still = Still(self.scenario, num_worlds, self.device)
         self._filter = Safe(still) if until > 0 or apart else None
         self._drift, self._avoidance = math.inf, None
+        reach = max(self.scenario.curve.half_width, self.scenario.curve.half_height)
+        self._rest = (
+            0.0 if self._lines is None else reach / (self.repair.drift * self.partition.speed * self.scenario.task.step)
+        )
+        self._resting = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
         if apart:
             self._drift = self.repair.drift * self.partition.speed * self.scenario.task.step
             free = replace(SafetyParameters().of(self.scenario), speed_max=2 * self.scenario.robot.top_speed)
@@ -136,7 +141,7 @@ class PartitionRepair(TimedPaths):
         super().forget(mask)
         if self._filter is not None:
             self._filter.forget(mask)
-        for memory in (self._watched, self._standing, self._avoided, self._target, self._news):
+        for memory in (self._watched, self._standing, self._avoided, self._target, self._news, self._resting):
             clear_worlds(memory, mask)
 
     def decide(self, observation: wp.array) -> None:
@@ -162,6 +167,7 @@ class PartitionRepair(TimedPaths):
         clear_of_standing = self._avoidance.filter(observation, self.action)
         inputs = [self._filtered_until, self.scenario.robot.radius, first, self._curve, self._pose, self.plan]
         inputs += [self.shift, self._memory, observation, clear_of_all, self._avoidance.count, clear_of_standing]
+        inputs += [self._rest, self._resting]
         self.launch(take_clear, self.shape, inputs, [self.action])
 
     def _share_lines(self, lines: Lines, observation: wp.array) -> None:

@@ -142,14 +142,24 @@ def take_clear(
     clear_of_all: wp.array3d(dtype=float),
     count: wp.array2d(dtype=int),
     clear_of_standing: wp.array3d(dtype=float),
+    rest: float,
+    resting: wp.array2d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
     """Take the actions of collision filters instead: of one that sees all robots, or only those that stand.
 
     The first counts up to control step `until`, and for a robot that is farther from its reference than `tolerance`
-    [m], for others do not expect it there. `count` is 0 where the second leaves the action as it is.
+    [m], for others do not expect it there. `count` is 0 where the second leaves the action as it is. A robot that
+    resumes stands for `rest` more control steps, in which the others return to their own shares.
     """
     w, i = wp.tid()
+    if not own_works(w, i, observation):
+        resting[w, i] = rest
+    elif resting[w, i] > 0.0:
+        resting[w, i] -= 1.0
+        action_out[w, i, 0] = 0.0
+        action_out[w, i, 1] = -1.0
+        return
     steps = memory[w, i, STEPS]  # already those after this control step
     path = pose[plan[w, i], i]
     at = path[first + wp.max(FINE * (int(steps) - 1) - first, 0) % (path.shape[0] - first)]
