@@ -14,26 +14,22 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.cells import tour
+from baselines.policies.line_shares import Lines, line_shares, lines_of
 from baselines.policies.memory import clear_worlds
-from baselines.policies.neighbour_watch import PLACES, STATE, WATCH, WORKS, Watch, watch_neighbours
+from baselines.policies.neighbour_watch import PLACES, WATCH, Watch, watch_neighbours
+from baselines.policies.news import exchange_news, share_line
 from baselines.policies.partition import arrival_of_all, plain_of, planned_transit, start_is_known, take_filtered
-from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, room_of
+from baselines.policies.partition_plan import PartitionParameters, Plan, partition_plan, required_distance, room_of
 from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.patrol import Still
 from baselines.policies.registry import register
 from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, slowed, takeover
+from baselines.policies.taking_over import FINER, SIDE, case_of_neighbours, take_clear, take_over
 from baselines.policies.timed_paths import TimedPaths, TrackingParameters
-from baselines.safety.filter import Safe
-from lissajous_env.device.compilation import OPTIONS
+from baselines.safety.filter import Safe, SafetyParameters
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
-
-wp.set_module_options(OPTIONS)
-
-_SIDE = wp.constant(6)
-"""Shifts that are compared to each side, along x and y."""
-_FINER = 5
-"""Share of the distance from a robot that stands by which these differ."""
+from lissajous_env.world.observation import message_start
 
 
 @dataclass(frozen=True)
@@ -47,97 +43,9 @@ class RepairParameters(Checked):
     avoidance: float | None = number(None, 0, 1e4, "m")
     """Distance of a loop from the body of a robot that stands, besides its own [m]; None is 0.15 radii, and
     two deviations of noise."""
-
-
-@wp.func
-def clearance_of(path: wp.array(dtype=wp.vec4), first: int, shift: wp.vec2, standing: wp.array(dtype=wp.vec3)) -> float:
-    """Return the smallest distance of a shifted loop from the robots that stand [m]."""
-    least = float(wp.inf)
-    for k in range(standing.shape[0]):
-        if standing[k][2] > 0.0:
-            place = wp.vec2(standing[k][0], standing[k][1]) - shift
-            for sample in range(first, path.shape[0]):
-                least = wp.min(least, wp.length(wp.vec2(path[sample][0], path[sample][1]) - place))
-    return least
-
-
-@wp.func
-def cost_of(costs: wp.array2d(dtype=float), away: wp.vec2, offset: float) -> float:
-    """Return the cost of a loop whose middle is some way from the best place, between those of a table."""
-    last = float(costs.shape[0] - 1)
-    x = wp.min(wp.abs(away[0]) / offset, last)
-    y = wp.min(wp.abs(away[1]) / offset, last)
-    column = wp.min(int(x), costs.shape[0] - 2)
-    row = wp.min(int(y), costs.shape[0] - 2)
-    x -= float(column)
-    y -= float(row)
-    lower = (1.0 - x) * costs[column, row] + x * costs[column + 1, row]
-    upper = (1.0 - x) * costs[column, row + 1] + x * costs[column + 1, row + 1]
-    return (1.0 - y) * lower + y * upper
-
-
-@wp.kernel
-def take_over(
-    first: int,
-    shapes: int,
-    spacing: float,
-    required: float,
-    offset: float,
-    pose: wp.array3d(dtype=wp.vec4),
-    margins: wp.array2d(dtype=wp.vec4),
-    away: wp.array2d(dtype=wp.vec2),
-    costs: wp.array4d(dtype=float),
-    watched: wp.array4d(dtype=float),
-    standing: wp.array3d(dtype=wp.vec3),
-    avoided: wp.array3d(dtype=wp.vec3),
-    plan: wp.array2d(dtype=int),
-    shift: wp.array2d(dtype=wp.vec2),
-):
-    """Choose each robot's loop and shift by its ring neighbours' states, clear of robots that stand.
-
-    Of those that are clear it is the one of the least cost (`Takeover`), and then of the least shift. `margins` are how
-    far a loop can be moved to the left, down, to the right and up within the rectangle [m].
-    """
-    w, i = wp.tid()
-    case = int(0)
-    for side in range(2):
-        if watched[w, i, side, STATE] != float(WORKS):
-            case += 1 + side
-    changed = case != plan[w, i] / shapes
-    stands = float(0.0)
-    for k in range(PLACES):
-        stands += standing[w, i, k][2]
-        if wp.length(standing[w, i, k] - avoided[w, i, k]) > 0.25 * spacing:
-            changed = True
-    if not changed:
-        return
-    for k in range(PLACES):
-        avoided[w, i, k] = standing[w, i, k]
-    best = wp.vec2(0.0, 0.0)
-    best_shape = int(0)
-    best_cost = float(wp.inf)
-    for shape in range(shapes):
-        path = pose[case * shapes + shape, i]
-        margin = margins[case * shapes + shape, i]
-        for row in range(-_SIDE, _SIDE + 1):
-            for column in range(-_SIDE, _SIDE + 1):
-                x = wp.clamp(float(column) * spacing, margin[0], margin[2])
-                y = wp.clamp(float(row) * spacing, margin[1], margin[3])
-                tried = wp.vec2(x, y)
-                # A collision costs more than any place, and that more than a shift.
-                cost = 0.01 * wp.length(tried) / required
-                cost += cost_of(costs[case * shapes + shape, i], away[case * shapes + shape, i] + tried, offset)
-                if stands > 0.0 and cost < best_cost:
-                    missed = wp.max(required - clearance_of(path, first, tried, standing[w, i]), 0.0)
-                    cost += 1000.0 * missed / required
-                if cost < best_cost and (stands > 0.0 or (row == 0 and column == 0)):
-                    best_cost = cost
-                    best = tried
-                    best_shape = shape
-        if stands == 0.0:  # the first is the best
-            break
-    plan[w, i] = case * shapes + best_shape
-    shift[w, i] = best
+    drift: float = number(0.5, 0.01, 10)
+    """Speed at which a loop moves to another place, as a share of that of the cars on it; at once where loops
+    of different cells cross."""
 
 
 @register("partition-repair")
@@ -151,9 +59,16 @@ class PartitionRepair(TimedPaths):
     its reference comes by. From starts that the robots do not know of one another, the collision filter is under the
     transit, as in `partition`.
 
+    Where the loops of different cells lie apart, collision filters keep cars clear of robots that stand, and a car that
+    is off its place clear of all others, and a loop moves slowly to another place. Loops that cross, as in `evaders`,
+    keep cars apart by their common phase alone, which a filter that expects the others to go straight on does not see:
+    there a robot that stops dead at once before another one is not always avoided in time.
+
     A robot knows of failures what its own row shows (`baselines.policies.neighbour_watch`): of others than its ring
-    neighbours it knows nothing. Where two neighbours fail together, the farther cell may stay open. A robot that stops
-    dead at once before another one, on a stretch that their loops share, is not avoided in time.
+    neighbours it knows nothing, so a cell may stay open whose ring neighbours have failed too, or lie in another line.
+    Where `messages.size` is at least the number of robots and the loops lie apart, robots pass on the news of failures
+    (`baselines.policies.news`), and those of a line of cells that work share the line evenly
+    (`baselines.policies.line_shares`).
 
     Args:
         scenario: The scenario, of cars.
@@ -167,7 +82,7 @@ class PartitionRepair(TimedPaths):
         ValueError: no loops that the cars can drive have room in the rectangle, side by side.
     """
 
-    communicates = "positions of ring neighbours"
+    communicates = "positions of ring neighbours, and news of failures where messages have room for them"
 
     def __init__(
         self,
@@ -180,7 +95,9 @@ class PartitionRepair(TimedPaths):
     ):
         self.parameters = replace(parameters or PartitionParameters(), in_phase=True)
         self.repair = repair or RepairParameters()
-        self.partition, self.takeover, tables, until = timed_repair(plain_of(scenario), self.parameters, self.repair)
+        self.partition, self.takeover, self._lines, tables, until = timed_repair(
+            plain_of(scenario), self.parameters, self.repair
+        )
         plan = np.zeros(num_worlds, dtype=int)
         tracking = tracking or TrackingParameters(waits=True)
         super().__init__(scenario, num_worlds, device, tables=tables, plan=plan, parameters=tracking)
@@ -195,29 +112,73 @@ class PartitionRepair(TimedPaths):
         self._watched = wp.zeros((*self.shape, 2, WATCH), dtype=wp.float32, device=self.device)
         self._standing = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
         self._avoided = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
+        self._case = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
+        self._home = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
+        self._target = wp.zeros(self.shape, dtype=wp.vec4, device=self.device)
+        told = self.num_robots if self._lines else 0
+        self._news = wp.zeros((*self.shape, told), dtype=wp.float32, device=self.device)
+        self._neighbours = wp.array(self.scenario.neighbours, dtype=wp.int32, device=self.device)
+        if self._lines:
+            self._line = wp.array(self._lines.robots, dtype=wp.int32, device=self.device)
+            self._centre = wp.array(self._lines.centre, dtype=wp.vec2, device=self.device)
         self._filtered_until = until
-        self._filter = Safe(Still(self.scenario, num_worlds, self.device)) if until > 0 else None
+        apart = loops_lie_apart(self.partition, required_distance(self.scenario, self.parameters))
+        still = Still(self.scenario, num_worlds, self.device)
+        self._filter = Safe(still) if until > 0 or apart else None
+        self._drift, self._avoidance = math.inf, None
+        reach = max(self.scenario.curve.half_width, self.scenario.curve.half_height)
+        self._rest = (
+            0.0 if self._lines is None else reach / (self.repair.drift * self.partition.speed * self.scenario.task.step)
+        )
+        self._resting = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
+        if apart:
+            self._drift = self.repair.drift * self.partition.speed * self.scenario.task.step
+            free = replace(SafetyParameters().of(self.scenario), speed_max=2 * self.scenario.robot.top_speed)
+            self._avoidance = Safe(still, free, fastest=self._watch.still / self.scenario.task.step)
 
     def forget(self, mask: np.ndarray) -> None:
         """Forget the time, what is known of others, and what the cars have learned of themselves."""
         super().forget(mask)
         if self._filter is not None:
             self._filter.forget(mask)
-        for memory in (self._watched, self._standing, self._avoided):
+        for memory in (self._watched, self._standing, self._avoided, self._target, self._news, self._resting):
             clear_worlds(memory, mask)
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         inputs = [self._curve, self._watch, observation, self._watched, self._standing]
         self.launch(watch_neighbours, self.shape, inputs, [])
-        inputs = [self.tables.lead_in * FINE, SHAPES, self._required / _FINER, self._required, self.takeover.offset]
-        inputs += [self._pose, self._margins, self._away, self._cost, self._watched, self._standing, self._avoided]
-        inputs += [self.plan, self.shift]
+        if self._lines:
+            self._share_lines(self._lines, observation)
+        else:
+            self.launch(case_of_neighbours, self.shape, [self._watched], [self._case])
+        first = self.tables.lead_in * FINE
+        inputs = [first, SHAPES, self._required / FINER, self._required, self.takeover.offset, self._drift]
+        inputs += [self._pose, self._margins, self._away, self._cost, self._case, self._home, observation]
+        inputs += [self._standing, self._avoided, self._target, self.plan, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         self.follow(observation)
-        if self._filter is not None:
-            filtered = self._filter.filter(observation, self.action)
-            self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, filtered], [self.action])
+        if self._filter is None:
+            return
+        clear_of_all = self._filter.filter(observation, self.action)
+        if self._avoidance is None:
+            self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, clear_of_all], [self.action])
+            return
+        clear_of_standing = self._avoidance.filter(observation, self.action)
+        inputs = [self._filtered_until, self.scenario.robot.radius, first, self._curve, self._pose, self.plan]
+        inputs += [self.shift, self._memory, observation, clear_of_all, self._avoidance.count, clear_of_standing]
+        inputs += [self._rest, self._resting]
+        self.launch(take_clear, self.shape, inputs, [self.action])
+
+    def _share_lines(self, lines: Lines, observation: wp.array) -> None:
+        """Exchange the news of failures, and compute each robot's share of its line."""
+        inputs = [message_start(self.scenario), self.scenario.task.step, self.scenario.time_unit, self._neighbours]
+        inputs += [self._memory, observation, self._watched, self._news, self._standing]
+        self.launch(exchange_news, self.shape, inputs, [self.action])
+        reach = (self.scenario.curve.half_width, self.scenario.curve.half_height)[lines.along]
+        along = wp.vec2(*np.eye(2)[lines.along])
+        inputs = [reach, along, self._line, self._centre, self._news]
+        self.launch(share_line, self.shape, inputs, [self._case, self._home])
 
 
 def _avoided_distance(scenario: Scenario, repair: RepairParameters) -> float:
@@ -237,11 +198,22 @@ def _watch_of(scenario: Scenario, plan: Plan, repair: RepairParameters) -> Any:
     return watch
 
 
+def loops_lie_apart(plan: Plan, distance: float) -> bool:
+    """Return whether no places of two loops, at whatever times, are nearer than a distance [m]."""
+    robots, steps = plan.loop.shape[:2]
+    places = plan.loop.reshape(-1, 2)
+    between = np.linalg.norm(places[:, None] - places[None], axis=-1).reshape(robots, steps, robots, steps)
+    return bool(between.min(axis=(1, 3))[np.triu_indices(robots, 1)].min(initial=math.inf) >= distance)
+
+
 @lru_cache(maxsize=64)
 def timed_repair(
     scenario: Scenario, parameters: PartitionParameters, repair: RepairParameters
-) -> tuple[Plan, Takeover, PathTables, float]:
-    """Return the plan, the loops for takeovers, the timed paths, and how long the filter is needed [step]."""
+) -> tuple[Plan, Takeover, Lines | None, PathTables, float]:
+    """Return the plan, the loops for takeovers, the lines, the timed paths, and how long the filter is needed [step].
+
+    Lines are None where robots know of their ring neighbours' failures alone, or their loops cross.
+    """
     plan = slowed(partition_plan(scenario, parameters), repair.reserve)
     order = tour(plan.cells)
     cell, lead_in = _in_ring_order(scenario, order), None
@@ -251,12 +223,20 @@ def timed_repair(
         if planned is not None:
             lead_in, cell = planned
     unit = scenario.curve.half_height
-    offset = _avoided_distance(scenario, repair) * int(_SIDE) / _FINER / (OFFSETS - 1)
-    taken = takeover(plan, cell, scenario.neighbours, room_of(scenario, parameters), unit, offset)
+    offset = _avoided_distance(scenario, repair) * int(SIDE) / FINER / (OFFSETS - 1)
+    room, lines = room_of(scenario, parameters), None
+    told = scenario.messages.size >= scenario.num_robots
+    if told and loops_lie_apart(plan, required_distance(scenario, parameters)):
+        lines = lines_of(plan, cell)
+    if lines:
+        taken = line_shares(plan, cell, lines, room, unit, offset)
+    else:
+        taken = takeover(plan, cell, scenario.neighbours, room, unit, offset)
     if lead_in is None:
-        return plan, taken, path_tables(scenario, taken.loop), arrival_of_all(scenario, plan)
+        return plan, taken, lines, path_tables(scenario, taken.loop), arrival_of_all(scenario, plan)
     loop = np.roll(taken.loop, -lead_in.shape[1], axis=2)
-    return plan, taken, path_tables(scenario, loop, np.repeat(lead_in[None], len(loop), axis=0)), 0.0
+    lead_in = np.repeat(lead_in[None], len(loop), axis=0)
+    return plan, taken, lines, path_tables(scenario, loop, lead_in), 0.0
 
 
 def _in_ring_order(scenario: Scenario, order: np.ndarray) -> np.ndarray:

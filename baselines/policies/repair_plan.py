@@ -77,7 +77,7 @@ def takeover(plan: Plan, cell: np.ndarray, neighbours: np.ndarray, room: Room, u
     adjacent = are_adjacent(cells)
     loop = np.repeat(own[None], 4 * SHAPES, axis=0)
     away, cost = np.zeros((4 * SHAPES, count, 2)), np.zeros((4 * SHAPES, count, OFFSETS, OFFSETS))
-    search = _Search(room, own.shape[1], offset / unit)
+    search = LoopSearch(room, own.shape[1], offset / unit)
     for robot, case in itertools.product(range(count), range(4)):
         taken = [neighbours[robot, side] for side in range(2) if case >> side & 1]
         taken = [other for other in taken if other >= 0 and adjacent[robot, other]]
@@ -86,7 +86,7 @@ def takeover(plan: Plan, cell: np.ndarray, neighbours: np.ndarray, room: Room, u
         options = search.alone((high - low) / 2, (low + high) / 2)
         if taken and not (options and options[0][2][:2, :2].max() < UNKNOWN):
             towards = (cells[taken, :2] - cells[robot, :2]).sum(axis=0)
-            options = search.beside((high - low) / 2, _middle(own[robot]) + TOWARDS * towards, towards)
+            options = search.beside((high - low) / 2, middle_of(own[robot]) + TOWARDS * towards, towards)
         if not taken:  # the loop of the plan comes first
             options = [(own[robot], np.zeros(2), search.around(0.0)), *options]
         others = own[np.delete(np.arange(count), [robot, *taken])]
@@ -99,7 +99,7 @@ def takeover(plan: Plan, cell: np.ndarray, neighbours: np.ndarray, room: Room, u
     return Takeover(loop * unit, away * unit, cost, offset)
 
 
-class _Search:
+class LoopSearch:
     """Loops of the period of the plan, each with its middle less the best place for it, and the costs around that."""
 
     def __init__(self, room: Room, count: int, offset: float):
@@ -115,7 +115,7 @@ class _Search:
         found = []
         for around, cost in self._alone[key]:
             placed = self._inside(around, middle)
-            found.append((placed, _middle(placed) - middle, cost))
+            found.append((placed, middle_of(placed) - middle, cost))
         return found
 
     def beside(self, half: np.ndarray, middle: np.ndarray, towards: np.ndarray) -> list:
@@ -143,10 +143,10 @@ class _Search:
 
     def _inside(self, around: np.ndarray, middle: np.ndarray) -> np.ndarray:
         limit = np.maximum(np.array([self.room.half_width, 1.0]) - np.ptp(around, axis=0) / 2, 0)
-        return np.clip(middle, -limit, limit) + around - _middle(around)
+        return np.clip(middle, -limit, limit) + around - middle_of(around)
 
 
-def _middle(loop: np.ndarray) -> np.ndarray:
+def middle_of(loop: np.ndarray) -> np.ndarray:
     """Return the middle (2,) of the extent of a loop [m]."""
     return (loop.min(axis=0) + loop.max(axis=0)) / 2
 

@@ -76,7 +76,7 @@ class Safe(Policy):
     arrays = "warp"
     communicates = "positions of ring neighbours"
 
-    def __init__(self, policy: Policy, parameters: SafetyParameters | None = None):
+    def __init__(self, policy: Policy, parameters: SafetyParameters | None = None, fastest: float = math.inf):
         super().__init__(policy.scenario, policy.num_worlds, policy.device)
         if self.scenario.robot.kind != "car":
             raise ValueError(f"policy of a filter must drive robots of kind car, got {self.scenario.robot.kind}")
@@ -88,9 +88,9 @@ class Safe(Policy):
             self.parameters = dataclasses.replace(self.parameters, speed_max=limit)
         self._safety = to_struct(SafetyStruct, self.parameters)
         formation = top_speed(self.scenario.curve, self.scenario.formation.phase_rate)
-        self._listens = int(speed_in_sight(self.scenario, self.parameters) < formation)
+        self._listens = int(math.isinf(fastest) and speed_in_sight(self.scenario, self.parameters) < formation)
         self._robot = to_struct(RobotStruct, self.scenario.robot)
-        self._seen = _scales(self.scenario)
+        self._seen = _scales(self.scenario, fastest)
         self._curve = curve_struct(self.scenario.curve, self.device)
         self._memory = wp.zeros((*self.shape, 2), dtype=wp.vec3, device=self.device)
         near, paths = (int(NEAREST),), (2 * int(MANOEUVRES), self.parameters.horizon + 1)
@@ -150,9 +150,9 @@ def speed_in_sight(scenario: Scenario, parameters: SafetyParameters) -> float:
     return (scenario.sensing_radius - 2 * reach) / (2 * scenario.task.step)
 
 
-def _scales(scenario: Scenario) -> Any:
+def _scales(scenario: Scenario, fastest: float) -> Any:
     scales: Any = Scales()
     scales.speed, scales.radius = scenario.robot.top_speed, scenario.sensing_radius
     scales.step, scales.robots_seen = scenario.task.step, scenario.sensing.robots_seen
-    scales.age_unit = scenario.time_unit
+    scales.age_unit, scales.fastest = scenario.time_unit, fastest
     return scales

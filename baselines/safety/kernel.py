@@ -40,7 +40,7 @@ class Scales:
     """Scales of the entries of an observation, and the number of robots that it lists.
 
     `speed` is the top speed of a car [m/s], `radius` that of the disc [m], `step` the control step [s], `age_unit`
-    that of a message's age [s].
+    that of a message's age [s]. Robots in the disc that drive at `fastest` [m/s] or faster are not kept clear of.
     """
 
     speed: wp.float32
@@ -48,6 +48,7 @@ class Scales:
     step: wp.float32
     age_unit: wp.float32
     robots_seen: wp.int32
+    fastest: wp.float32
 
 
 @wp.func
@@ -254,8 +255,9 @@ def see(
         if sees(w, i, k, observation):
             away = offset_seen(w, i, k, scales.radius, observation)
             velocity = velocity_seen(w, i, k, scales.speed, observation) + own
-            others_out[w, i, n] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
-            n += 1
+            if wp.length(velocity) < scales.fastest:
+                others_out[w, i, n] = wp.vec4(away[0], away[1], velocity[0], velocity[1])
+                n += 1
     return n
 
 

@@ -1,0 +1,172 @@
+"""The choice of a loop, and of a place for it, by what a robot knows of those that have failed."""
+
+import warp as wp
+
+from baselines.policies.neighbour_watch import PLACES, STATE, WORKS
+from baselines.policies.own_row import own_position, own_works
+from baselines.policies.path_tables import FINE as SAMPLES
+from baselines.policies.timed_paths import STEPS
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.curve import CurveStruct
+
+wp.set_module_options(OPTIONS)
+
+FINE = wp.constant(SAMPLES)
+SIDE = wp.constant(6)
+"""Shifts that are compared to each side, along x and y."""
+FINER = 5
+"""Share of the distance from a robot that stands by which these differ."""
+
+
+@wp.func
+def clearance_of(path: wp.array(dtype=wp.vec4), first: int, shift: wp.vec2, standing: wp.array(dtype=wp.vec3)) -> float:
+    """Return the smallest distance of a shifted loop from the robots that stand [m]."""
+    least = float(wp.inf)
+    for k in range(standing.shape[0]):
+        if standing[k][2] > 0.0:
+            place = wp.vec2(standing[k][0], standing[k][1]) - shift
+            for sample in range(first, path.shape[0]):
+                least = wp.min(least, wp.length(wp.vec2(path[sample][0], path[sample][1]) - place))
+    return least
+
+
+@wp.func
+def cost_of(costs: wp.array2d(dtype=float), away: wp.vec2, offset: float) -> float:
+    """Return the cost of a loop whose middle is some way from the best place, between those of a table."""
+    last = float(costs.shape[0] - 1)
+    x = wp.min(wp.abs(away[0]) / offset, last)
+    y = wp.min(wp.abs(away[1]) / offset, last)
+    column = wp.min(int(x), costs.shape[0] - 2)
+    row = wp.min(int(y), costs.shape[0] - 2)
+    x -= float(column)
+    y -= float(row)
+    lower = (1.0 - x) * costs[column, row] + x * costs[column + 1, row]
+    upper = (1.0 - x) * costs[column, row + 1] + x * costs[column + 1, row + 1]
+    return (1.0 - y) * lower + y * upper
+
+
+@wp.kernel
+def case_of_neighbours(watched: wp.array4d(dtype=float), cases: wp.array2d(dtype=int)):
+    """Number the states of each robot's ring neighbours: 1 if the previous one has failed, and 2 if the next has."""
+    w, i = wp.tid()
+    cases[w, i] = 0
+    for side in range(2):
+        if watched[w, i, side, STATE] != float(WORKS):
+            cases[w, i] += 1 + side
+
+
+@wp.kernel
+def take_over(
+    first: int,
+    shapes: int,
+    spacing: float,
+    required: float,
+    offset: float,
+    drift: float,
+    pose: wp.array3d(dtype=wp.vec4),
+    margins: wp.array2d(dtype=wp.vec4),
+    away: wp.array2d(dtype=wp.vec2),
+    costs: wp.array4d(dtype=float),
+    cases: wp.array2d(dtype=int),
+    home: wp.array2d(dtype=wp.vec2),
+    observation: wp.array3d(dtype=float),
+    standing: wp.array3d(dtype=wp.vec3),
+    avoided: wp.array3d(dtype=wp.vec3),
+    target: wp.array2d(dtype=wp.vec4),
+    plan: wp.array2d(dtype=int),
+    shift: wp.array2d(dtype=wp.vec2),
+):
+    """Choose each robot's loop and shift for its case, clear of robots that stand, and move towards that shift.
+
+    Of those that are clear it is the one of the least cost (`Takeover`), and then the nearest to `home`, the shift that
+    is best if nobody stands there. The loop drifts by up to `drift` [m] in a control step, so that the car stays in
+    phase with the others. `margins` are how far a loop can be moved to the left, down, to the right and up within the
+    rectangle [m], and `target` is the shift that was chosen, and the home that it was chosen for. A robot that has
+    failed keeps its loop, for which the others leave room when it resumes.
+    """
+    w, i = wp.tid()
+    if not own_works(w, i, observation):
+        return
+    now = cases[w, i]
+    before = target[w, i]
+    changed = now != plan[w, i] / shapes or wp.length(home[w, i] - wp.vec2(before[2], before[3])) > 0.25 * spacing
+    stands = float(0.0)
+    for k in range(PLACES):
+        stands += standing[w, i, k][2]
+        if wp.length(standing[w, i, k] - avoided[w, i, k]) > 0.25 * spacing:
+            changed = True
+    if changed:
+        for k in range(PLACES):
+            avoided[w, i, k] = standing[w, i, k]
+        best = wp.vec2(0.0, 0.0)
+        best_shape = int(0)
+        best_cost = float(wp.inf)
+        for shape in range(shapes):
+            path = pose[now * shapes + shape, i]
+            margin = margins[now * shapes + shape, i]
+            for row in range(-SIDE, SIDE + 1):
+                for column in range(-SIDE, SIDE + 1):
+                    x = wp.clamp(home[w, i][0] + float(column) * spacing, margin[0], margin[2])
+                    y = wp.clamp(home[w, i][1] + float(row) * spacing, margin[1], margin[3])
+                    tried = wp.vec2(x, y)
+                    moved = tried - home[w, i]
+                    # A collision costs more than any place, and that more than a shift.
+                    cost = 0.01 * wp.length(moved) / required
+                    cost += cost_of(costs[now * shapes + shape, i], away[now * shapes + shape, i] + moved, offset)
+                    if stands > 0.0 and cost < best_cost:
+                        missed = wp.max(required - clearance_of(path, first, tried, standing[w, i]), 0.0)
+                        cost += 1000.0 * missed / required
+                    if cost < best_cost and (stands > 0.0 or (row == 0 and column == 0)):
+                        best_cost = cost
+                        best = tried
+                        best_shape = shape
+            if stands == 0.0:  # the first is the best
+                break
+        plan[w, i] = now * shapes + best_shape
+        target[w, i] = wp.vec4(best[0], best[1], home[w, i][0], home[w, i][1])
+    rest = wp.vec2(target[w, i][0], target[w, i][1]) - shift[w, i]
+    shift[w, i] += rest * wp.min(1.0, drift / wp.max(wp.length(rest), 1.0e-9))
+
+
+@wp.kernel
+def take_clear(
+    until: float,
+    tolerance: float,
+    first: int,
+    curve: CurveStruct,
+    pose: wp.array3d(dtype=wp.vec4),
+    plan: wp.array2d(dtype=int),
+    shift: wp.array2d(dtype=wp.vec2),
+    memory: wp.array3d(dtype=float),
+    observation: wp.array3d(dtype=float),
+    clear_of_all: wp.array3d(dtype=float),
+    count: wp.array2d(dtype=int),
+    clear_of_standing: wp.array3d(dtype=float),
+    rest: float,
+    resting: wp.array2d(dtype=float),
+    action_out: wp.array3d(dtype=float),
+):
+    """Take the actions of collision filters instead: of one that sees all robots, or only those that stand.
+
+    The first counts up to control step `until`, and for a robot that is farther from its reference than `tolerance`
+    [m], for others do not expect it there. `count` is 0 where the second leaves the action as it is. A robot that
+    resumes stands for `rest` more control steps, in which the others return to their own shares.
+    """
+    w, i = wp.tid()
+    if not own_works(w, i, observation):
+        resting[w, i] = rest
+    elif resting[w, i] > 0.0:
+        resting[w, i] -= 1.0
+        action_out[w, i, 0] = 0.0
+        action_out[w, i, 1] = -1.0
+        return
+    steps = memory[w, i, STEPS]  # already those after this control step
+    path = pose[plan[w, i], i]
+    at = path[first + wp.max(FINE * (int(steps) - 1) - first, 0) % (path.shape[0] - first)]
+    off = own_position(w, i, curve, observation) - shift[w, i] - wp.vec2(at[0], at[1])
+    if steps <= until or wp.length(off) > tolerance:
+        action_out[w, i, 0] = clear_of_all[w, i, 0]
+        action_out[w, i, 1] = clear_of_all[w, i, 1]
+    elif count[w, i] > 0:
+        action_out[w, i, 0] = clear_of_standing[w, i, 0]
+        action_out[w, i, 1] = clear_of_standing[w, i, 1]

@@ -1,0 +1,79 @@
+"""News of failures that messages carry: who learns of what, the shares of a line, and what comes of them."""
+
+import numpy as np
+import pytest
+
+import baselines
+import lissajous_env
+from baselines.policies.cells import divisions
+from baselines.policies.line_shares import lines_of
+from baselines.policies.partition_plan import Plan
+from baselines.policies.partition_repair import PartitionRepair, loops_lie_apart
+from lissajous_env.episodes.guarantee import worst_undetected_times
+
+NEWS = {"messages.size": 15, "task.contamination": (40, 40)}
+
+
+def play(schedule, seeds, **overrides):
+    """(steps + 1, W) worst-case undetected times, and the collisions that begin after the drive into the cells (W,)."""
+    overrides = {**NEWS, "faults.schedule": schedule, "task.duration": 38.0, **overrides}
+    scenario = lissajous_env.scenario("team", **overrides)
+    policy = baselines.make("partition-repair", scenario, len(seeds))
+    times = worst_undetected_times(policy, scenario, seeds).T
+    whole = [row["collisions"] for row in lissajous_env.evaluate(policy, scenario, seeds)]
+    before = lissajous_env.scenario("team", **{**overrides, "task.duration": 14.0})
+    short = lissajous_env.evaluate(baselines.make("partition-repair", before, len(seeds)), before, seeds)
+    return times, np.array(whole) - [row["collisions"] for row in short]
+
+
+def test_news_of_a_failure_reach_every_robot():
+    """Oracle: the ring of 15, on which two robots that fail together leave one way round of 13 hops, one a step."""
+    scenario = lissajous_env.scenario("team", **NEWS)
+    policy, simulation = PartitionRepair(scenario), lissajous_env.Simulation(scenario)
+    for step in range(1, 281):
+        simulation.step(policy.act(simulation.observation))
+        failed = policy._news.numpy()[0] < 0
+        if step == 150:
+            assert not failed.any()
+        if step in (170, 249):
+            np.testing.assert_array_equal(failed, [np.arange(15) < 2] * 15)
+    assert not failed.any(), "2 s after they resumed all know that they work"
+
+
+def test_two_that_fail_leave_no_cell_open():
+    """Oracle: the same without messages, where the cell of robot 0 stays open for the whole stop of 10 s."""
+    stops = ((0, 15.0, 25.0), (1, 15.0, 25.0))
+    informed, collisions = play(stops, range(40, 48))
+    alone, _ = play(stops, range(40, 48), **{"messages.size": 0})
+    assert informed.max() <= 9.0
+    assert alone.max() > 10.0
+    assert collisions.sum() == 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("robot", range(15))
+def test_any_robot_that_fails_is_replaced(robot):
+    """Oracle: the stop of 10 s, for which its cell would be open."""
+    times, _ = play(((robot, 15.7, 25.7),), range(60, 64))
+    assert times.max() < 9.0
+
+
+def test_lines_are_rows_or_columns_whichever_are_longer():
+    """Oracle: the cells of a grid of 5 x 3 and of its mirror image in the diagonal."""
+    for along, half in ((0, (5.0, 3.0)), (1, (3.0, 5.0))):
+        cells = next(each for each in divisions(15, half) if len(np.unique(each[:, along].round(9))) == 5
+                     and len(np.unique(each[:, 1 - along].round(9))) == 3)  # fmt: skip
+        lines = lines_of(Plan(cells, np.zeros((15, 4, 2)), 1.0, 1.0), np.arange(15))
+        assert (lines.along, lines.robots.shape) == (along, (15, 5))
+        places = cells[lines.robots]
+        assert (np.diff(places[..., along], axis=1) > 0).all()
+        assert np.ptp(places[..., 1 - along], axis=1).max() < 1e-9
+
+
+def test_loops_that_cross_do_not_lie_apart():
+    """Oracle: circles of radius 1 in phase, whose centres are 3 and 1 apart."""
+    angle = 2 * np.pi * np.arange(24) / 24
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    for distance, apart in ((3.0, True), (1.0, False)):
+        loops = np.stack([circle, circle + np.array([distance, 0.0])])
+        assert loops_lie_apart(Plan(np.zeros((2, 6)), loops, 1.0, 1.0), 0.5) == apart
