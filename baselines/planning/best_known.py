@@ -62,8 +62,8 @@ def known_plans(scenario: Scenario) -> list[BestKnown]:
 
 def ranked(figures: Figures | BestKnown, goal: str) -> tuple[float, float]:
     """Return the numbers of which a plan that is better for a goal has less."""
-    pair = figures.worst_case, figures.settled
-    return pair if goal == WHOLE else pair[::-1]
+    whole, settled = figures.worst_case, figures.settled
+    return (whole, settled) if goal == WHOLE else (settled, whole)
 
 
 def keep(name: str, finals: Sequence[Planned], command: str) -> list[str]:

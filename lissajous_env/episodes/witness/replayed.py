@@ -80,8 +80,7 @@ def _with_rogue(scenario: Scenario, motion: TargetMotion, prove: bool) -> Scenar
     """Return a scenario whose targets move along a table, with the proved bound of its worst case or with none."""
     inside = scenario.targets.entry if scenario.targets.entry == "boundary" else "inside"
     moved = {"drifting": 0.0, "wandering": 0.0, "fleeing": 0.0, "custom": 1.0, "speed_limit": scenario.rogue_speed}
-    moved["rogues"] = None
-    targets = replace(scenario.targets, entry=inside, **moved)
+    targets = replace(scenario.targets, entry=inside, rogues=None, **moved)
     grid = scenario.task.contamination if prove else None
     task = replace(scenario.task, conservative=prove, contamination=grid)
     return replace(scenario, targets=targets, task=task, extensions=(motion,))

@@ -61,7 +61,7 @@ def _best_samples(
     turn_across, turn_up = np.exp(1j * curve.a * spacing), np.exp(1j * curve.b * spacing)
     nearest, squares = np.zeros(first.shape, dtype=np.int8), np.full(first.shape, np.inf)
     for sample in range(_SAMPLES):
-        square = (x - curve.half_width * across.real) ** 2 + (y - curve.half_height * up.imag) ** 2
+        square = (x - curve.half_width * np.real(across)) ** 2 + (y - curve.half_height * np.imag(up)) ** 2
         nearer = square < squares
         nearest[nearer] = sample
         np.minimum(squares, square, out=squares)
@@ -79,8 +79,8 @@ def _newton(
     """
     for _ in range(4):
         across, up = np.exp(1j * curve.a * phases), np.exp(1j * curve.b * phases)
-        point_x, point_y = curve.half_width * across.real, curve.half_height * up.imag
-        tangent_x, tangent_y = -curve.a * curve.half_width * across.imag, curve.b * curve.half_height * up.real
+        point_x, point_y = curve.half_width * np.real(across), curve.half_height * np.imag(up)
+        tangent_x, tangent_y = -curve.a * curve.half_width * np.imag(across), curve.b * curve.half_height * np.real(up)
         away_x, away_y = x - point_x, y - point_y
         square = tangent_x**2 + tangent_y**2
         slope = np.maximum(square + curve.a**2 * point_x * away_x + curve.b**2 * point_y * away_y, square / 2)
