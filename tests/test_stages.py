@@ -39,7 +39,7 @@ def test_the_stages_print_in_their_order():
     ]  # fmt: skip
     assert printed[4].split()[1] == "robot"
     assert "Move cars" in printed[4]
-    assert printed[4].endswith("curve, robot, task, command, clock, robots")
+    assert printed[4].endswith("curve, robot, task, faults, command, clock, robots")
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ class _Reading:
                     f"got {topic}{hint}"
                 )
             if (kind := self._connections[topic].msgtype) not in _POSES:
-                raise _RefusedError(f"topic {topic} must be of type {', '.join(_POSES)}, got {kind}")
+                raise _RefusedError(f"topic {topic} of {self._name} must be of type {', '.join(_POSES)}, got {kind}")
 
     def _messages(self, topic: str) -> list[tuple[float, Any]]:
         """Return time [s] and content of each message of a topic, the time of its header if it has one."""
@@ -136,10 +136,12 @@ class _Reading:
             rows.append((time, place.x, place.y, place.z, heading, speed))
         values = _in_order(np.array(rows, dtype=float).reshape(-1, 6))
         if len(values) < _FEWEST:
-            raise _RefusedError(f"topic {topic} must have at least {_FEWEST} poses, got {len(values)}")
+            raise _RefusedError(f"topic {topic} of {self._name} must have at least {_FEWEST} poses, got {len(values)}")
         if not np.isfinite(values[:, :5]).all():
             at = values[~np.isfinite(values[:, :5]).all(axis=1)][0, 0]
-            raise _RefusedError(f"topic {topic} must have finite poses, got one that is not at {at:.3f} s")
+            raise _RefusedError(
+                f"topic {topic} of {self._name} must have finite poses, got one that is not at {at:.3f} s"
+            )
         return self._moved(values)
 
     def _moved(self, values: np.ndarray) -> Track:

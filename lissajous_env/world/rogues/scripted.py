@@ -200,7 +200,9 @@ def _deciding(rule: Any) -> Any:
     return decide
 
 
-register_rogue(Rogue("wander", _deciding(wander), "goes straight, turning at random", PARTS))
-register_rogue(Rogue("flee", _deciding(flee), "goes away from the nearest working robot", PARTS))
-register_rogue(Rogue("shadow", _deciding(shadow), "stays just outside the nearest disc", PARTS))
-register_rogue(Rogue("follow-gap", _deciding(follow_gap), "stays in the largest gap between discs", PARTS))
+WANDER, FLEE, SHADOW, FOLLOW_GAP = map(_deciding, (wander, flee, shadow, follow_gap))
+
+register_rogue(Rogue("wander", WANDER, "goes straight, turning at random", PARTS))
+register_rogue(Rogue("flee", FLEE, "goes away from the nearest working robot", PARTS))
+register_rogue(Rogue("shadow", SHADOW, "stays just outside the nearest disc", PARTS))
+register_rogue(Rogue("follow-gap", FOLLOW_GAP, "stays in the largest gap between discs", PARTS))
