@@ -95,7 +95,7 @@ def gist_of(policies: Table) -> Table:
             if scenario == name:
                 cells.setdefault(row[1], {})[f"`{scenario}`: {column}"] = row[at[column]]
     titles = [f"`{scenario}`: {column}" for scenario, column in GIST]
-    rows = [[policy, *(of[title] for title in titles)] for policy, of in cells.items()]
+    rows = [[policy, *(of.get(title, "") for title in titles)] for policy, of in cells.items()]
     return {"columns": ["policy", *titles], "rows": rows}
 
 
