@@ -80,8 +80,7 @@ def _with_rogue(scenario: Scenario, motion: TargetMotion) -> Scenario:
     """Return a scenario whose targets move along a table, and whose worst case is a proved bound."""
     inside = scenario.targets.entry if scenario.targets.entry == "boundary" else "inside"
     moved = {"drifting": 0.0, "wandering": 0.0, "fleeing": 0.0, "custom": 1.0, "speed_limit": scenario.rogue_speed}
-    moved["rogues"] = None
-    targets = replace(scenario.targets, entry=inside, **moved)
+    targets = replace(scenario.targets, entry=inside, rogues=None, **moved)
     task = replace(scenario.task, conservative=True)
     return replace(scenario, targets=targets, task=task, extensions=(motion,))
 
