@@ -75,7 +75,7 @@ def tables(options: Options) -> dict[str, Table]:
     rows += rows_of(times, options.worlds, TAG)
     columns = ["", "worlds", "step of a world [us]", "best [us]", "million steps of a world per second", "rival",
                "its step of a world [us]", "ratio"]  # fmt: skip
-    return {"rogues": {"columns": columns, "rows": rows}}
+    return {"rogue-speed": {"columns": columns, "rows": rows}}
 
 
 PART = Part(
