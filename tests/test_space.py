@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import lissajous_env
+from baselines.policies.factories import split_scenarios_and_policy
 from lissajous_env import ScenarioSpace, register_scenario_space, scenario, scenario_space
 from lissajous_env.parameters.named import expanded
 from lissajous_env.parameters.space import SPLITS
@@ -178,6 +179,13 @@ def test_a_registered_space_is_known_by_name(monkeypatch):
         register_scenario_space(space("of-mine", draw={}))
     with pytest.raises(ValueError, match=r"space must be one of .*did you mean of-mine\?"):
         scenario_space("of-min")
+
+
+def test_a_command_takes_the_scenario_of_a_space_beside_a_policy():
+    for name in ("monitoring-v1-17", "monitoring-v1-larger-3", "mine.toml:4", "mine.toml:wide-4"):
+        assert split_scenarios_and_policy(["kuramoto-mpcc", name]) == ((name,), "kuramoto-mpcc")
+    with pytest.raises(ValueError, match="scenario must be one of"):
+        split_scenarios_and_policy(["monitoring-v2-17", "nothing"])
 
 
 def test_the_shipped_space_never_changes():

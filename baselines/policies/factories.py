@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from baselines.policies import registry
-from lissajous_env import scenarios
 from lissajous_env.episodes.evaluation import ActingPolicy, FunctionPolicy
 from lissajous_env.identity import parts_of
 from lissajous_env.parameters import named as named_scenarios
+from lissajous_env.parameters.named import denotes_scenario
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import import_attribute
 from lissajous_env.wording import few_of, shown
@@ -28,13 +28,13 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
         ValueError: there is no policy among them, more than one, no scenario, or a name that is neither.
     """
     for name in names:
-        if not (_is_scenario(name) or is_ones_own(name)):
+        if not (denotes_scenario(name) or is_ones_own(name)):
             named_scenarios.bring_scenario(name)
             registry.bring(name)
     either = [name for name in names if is_imported(name)]
     policies = [name for name in names if name in registry.names() or registry.is_folder(name)]
-    policies = [name for name in policies if not _is_scenario(name)] or either[-1:]
-    asked = [name for name in names if name not in policies and (name in either or _is_scenario(name))]
+    policies = [name for name in policies if not denotes_scenario(name)] or either[-1:]
+    asked = [name for name in names if name not in policies and (name in either or denotes_scenario(name))]
     unknown = [name for name in names if name not in policies and name not in asked]
     if unknown and len(policies) + len(unknown) > 1:
         # One of them may be the policy; of the others none is.
@@ -103,16 +103,12 @@ def parts(factory: Factory) -> dict[str, str]:
 
 def is_imported(name: str) -> bool:
     """Return whether a name has the form `module:factory`."""
-    return ":" in name and not _is_scenario(name) and name not in registry.names() and not registry.is_folder(name)
+    return ":" in name and not denotes_scenario(name) and name not in registry.names() and not registry.is_folder(name)
 
 
 def is_ones_own(name: str) -> bool:
     """Return whether a name is not registered but is a folder or `module:factory`."""
     return is_imported(name) or registry.is_folder(name)
-
-
-def _is_scenario(name: str) -> bool:
-    return name in scenarios() or named_scenarios.is_scenario_file(name)
 
 
 def _acts(policy: Any) -> bool:

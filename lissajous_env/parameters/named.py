@@ -30,6 +30,8 @@ _SPACES: dict[str, ScenarioSpace] = {}
 """Spaces of scenarios by name: those of users, and those shipped that were used."""
 _SHIPPED_SPACES = {"monitoring-v1": str(Path(__file__).with_name("monitoring-v1.toml"))}
 """Files of the shipped spaces, by name."""
+_SAMPLED = re.compile(rf"(.+\{SUFFIX}):(?:(.+)-)?(\d+)")
+"""FILE.toml:SEED or FILE.toml:SHIFT-SEED, a scenario of the space in a file."""
 _reported: set[str] = set()
 """Violated assumptions about which this process has already warned."""
 
@@ -207,6 +209,11 @@ def is_scenario_file(name: Any) -> bool:
     return isinstance(name, str) and name.lower().endswith(SUFFIX)
 
 
+def denotes_scenario(name: str) -> bool:
+    """Return True for a known name, also SPACE-SEED, for the path of a file, and for FILE.toml:SEED."""
+    return _is_known(name) or is_scenario_file(name) or _SAMPLED.fullmatch(name) is not None
+
+
 def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
     """Return a scenario whose episodes last `max_cycles` steps instead of `task.duration`; None changes nothing.
 
@@ -237,7 +244,7 @@ def _found(name: Any) -> Scenario:
     given = os.fspath(name) if isinstance(name, os.PathLike) else name
     if is_scenario_file(given):
         return _of_file(given)
-    if isinstance(given, str) and (part := re.fullmatch(rf"(.+\{SUFFIX}):(?:(.+)-)?(\d+)", given)):
+    if isinstance(given, str) and (part := _SAMPLED.fullmatch(given)):
         space = scenario_space(part[1])
         return (space.shifted(part[2]) if part[2] else space).sample(int(part[3]))
     if isinstance(given, str) and ":" in given:
