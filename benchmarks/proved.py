@@ -1,4 +1,4 @@
-"""What the proved filter keeps, costs, and does where its conditions are violated: `python benchmarks/proved.py`.
+"""Guarantee, cost and limits of the proved filter: `python benchmarks/proved.py`.
 
 Worst-case undetected time and collisions of the paper's method on `evaders` under each filter; time of the filter per
 robot and step; then collisions of cars that all drive at their nearest neighbour, with each condition violated in turn.

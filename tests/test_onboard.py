@@ -32,11 +32,12 @@ AGILE = {"robot.steering_max": 0.8, "robot.model_offset": None, "formation.start
 
 
 def play(scenario, policy, steps=None, seed=3):
-    """Compare rows and actions of every robot with those of the simulation, over an episode."""
+    """Compare rows and actions of every robot with those of the simulation; return the number of decisions."""
     made = lissajous_env.scenario(scenario).resolve()
     simulation = lissajous_env.Simulation(made, seed=seed)
     together = baselines.make(policy, made)
     alone = [baselines.Onboard(policy, made, i, limits=Limits.none()) for i in range(made.num_robots)]
+    decisions = 0
     for k in range(steps or made.task.steps):
         observed = simulation.observation.numpy()[0].copy()
         action = together.act(simulation.observation).numpy().copy()
@@ -48,13 +49,16 @@ def play(scenario, policy, steps=None, seed=3):
                 np.testing.assert_array_equal(output.row, observed[i], err_msg=f"row of robot {i} in step {k}")
                 np.testing.assert_array_equal(output.action, action[0, i], err_msg=f"robot {i} in step {k}")
                 assert bool(output.stopped) != inputs.works
+                decisions += 1
         simulation.step(action)
+    return decisions
 
 
 @pytest.mark.parametrize(("scenario", "policy"), PAIRS)
 def test_actions_are_those_of_the_simulation(scenario, policy):
     # Oracle: the simulation with the team's policy; every bit, with noise, losses, delays, faults and removals.
-    play(scenario, policy, steps=260 if scenario != "team" else 60)
+    steps = 260 if scenario != "team" else 60
+    assert play(scenario, policy, steps) > steps
 
 
 @pytest.mark.long
@@ -65,18 +69,18 @@ def test_actions_of_every_policy_are_those_of_the_simulation(scenario):
             baselines.make(policy, scenario)
         except ValueError:  # it does not fit
             continue
-        play(scenario, policy)
+        assert play(scenario, policy) > lissajous_env.scenario(scenario).task.steps
 
 
 def test_messages_of_policies_are_heard():
     # Oracle: the simulation, whose random policy sends random numbers, some of which are lost or late.
     messages = {"messages.size": 3, "noise.message_loss": 0.3, "noise.message_delay": 0.2}
-    play(lissajous_env.scenario("rough", **messages), "random", steps=40)
+    assert play(lissajous_env.scenario("rough", **messages), "random", steps=40) == 40 * 5
 
 
 def test_two_robots_hear_each_other_once():
     two = {"robot.count": 2, "formation.p": 1, "formation.ring": (0, 1), "faults.schedule": ()}
-    play(lissajous_env.scenario("experiment", **two), "kuramoto-mpcc", steps=40)
+    assert play(lissajous_env.scenario("experiment", **two), "kuramoto-mpcc", steps=40) == 40 * 2
 
 
 def test_the_phase_follows_the_curve_without_being_given():

@@ -41,6 +41,7 @@ def test_gymnasiums_checker_passes_for_both_sides():
     for settings in ({"rogues": "flee"}, {"robots": "still", "rogues": "agents"}):
         env = gymnasium.make("lissajous/experiment-v0", **{"task.duration": 3.0}, **settings)
         check_env(env.unwrapped, skip_render_check=True)
+        assert env.observation_space.contains(env.reset(seed=0)[0])
 
 
 def test_rogues_are_agents_from_their_appearance_to_their_detection():

@@ -19,7 +19,9 @@ SHORT = FEW | {"task.duration": 2.0}
 @pytest.mark.parametrize("discrete", [False, True])
 def test_torchrls_checks_pass(discrete):
     # Oracle: TorchRL's contract checker.
-    check_env_specs(TwoSidedTorchEnv("experiment", 2, seed=0, discrete_actions=discrete, state=True, **SHORT))
+    env = TwoSidedTorchEnv("experiment", 2, seed=0, discrete_actions=discrete, state=True, **SHORT)
+    check_env_specs(env)
+    assert env.group_map.keys() == {"adversary", "agent"}
 
 
 def test_a_rollout_is_that_of_the_simulation():

@@ -1,4 +1,4 @@
-"""What a robot of a simulation measures, hears and sees, as input of `Onboard`."""
+"""Convert the measurements, messages and detections of a simulated robot to input of `Onboard`."""
 
 from typing import NamedTuple
 

@@ -142,7 +142,7 @@ def ways_between(begin: np.ndarray, end: np.ndarray, radius: float, lead: float)
 
 
 class Pace(NamedTuple):
-    """How fast a car can change its speed: v' from -c v to c (v_max - v)."""
+    """Limits on the change of a car's speed: v' from -c v to c (v_max - v)."""
 
     drag: float
     """c [1/s]."""

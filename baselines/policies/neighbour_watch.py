@@ -1,4 +1,4 @@
-"""What a robot knows of its ring neighbours' states, by the messages that it hears from them.
+"""Estimate the states of a robot's ring neighbours, by the messages that it hears from them.
 
 A robot that has failed still sends its place, which does not move; a robot that has been removed sends nothing, so the
 age of its last message grows. Nobody tells a robot more: of robots that are not its ring neighbours it knows nothing

@@ -32,7 +32,7 @@ class Memory:
     tube: wp.array2d(dtype=wp.vec4)
     """Its tube."""
     old_tail: wp.array2d(dtype=wp.vec4)
-    """What is left of the tail before: that of a robot whose motor failed in the latest step."""
+    """The rest of the previous tail: that of a robot whose motor failed in the latest step."""
     old_tube: wp.array2d(dtype=wp.vec4)
     """Its tube."""
     steering: wp.array2d(dtype=wp.vec2)

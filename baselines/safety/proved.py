@@ -108,7 +108,7 @@ class Proved(Policy):
 
     @property
     def holds(self) -> np.ndarray:
-        """Whether the committed tails of each world (W,) were compatible before the latest step.
+        """True for each world (W,) whose committed tails were compatible before the latest step.
 
         From a step where they are, by the theorem, they remain so; if they do not, a condition is violated.
         """

@@ -40,7 +40,7 @@ class Scored:
     start: float
     """Time of the log at which the episode begins [s]."""
     notes: tuple[str, ...]
-    """What a reader of the scores should know."""
+    """Remarks for readers of the scores."""
     found: np.ndarray
     """Times until the virtual targets were detected, of all rows [s]."""
     unfound: np.ndarray

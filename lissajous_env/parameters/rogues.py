@@ -25,7 +25,7 @@ class Rogue:
     `lissajous_env.world.rogues.rows`, as NumPy arrays; or a Warp kernel over the targets, which writes `rogues.action`
     and whose arguments are matched by name, see `lissajous_env.world.stages`."""
     about: str = ""
-    """What it does, in a line."""
+    """Description of its motion in one line."""
     layout: str = LANES
     """Layout of the kernel, one of those of `lissajous_env.device.program`."""
     needs_contamination: bool = False

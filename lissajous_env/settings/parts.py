@@ -328,8 +328,8 @@ class Faults(Checked):
     lost: int = whole(0, 0, 1024)
     """Number of random robots that are removed at a random time in the middle half of the episode."""
     stop: str = choice("dead", "dead", "coast")
-    """How a car that fails stops: at once (`dead`), or rolling on with its motor off and its steering held, until drag
-    has stopped it (`coast`). Robots that collide stop at once, as points do."""
+    """Way in which a failed car stops: at once (`dead`), or rolling on with its motor off and its steering held, until
+    drag has stopped it (`coast`). Robots that collide stop at once, as points do."""
 
 
 @dataclass(frozen=True)
