@@ -136,3 +136,9 @@ def test_a_file_and_a_command_line_give_the_same(tmp_path):
     read, given = lissajous_env.scenario(str(path)), lissajous_env.scenario("intruders", **changed)
     assert read.digest() == given.digest() != lissajous_env.scenario("intruders").digest()
     assert read.resolve().digest() == given.resolve().resolve().digest()
+
+
+def test_parts_are_frozen():
+    for part in (*(kind() for kind in PARTS.values()), Scenario()):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(part, dataclasses.fields(part)[0].name, 1)

@@ -396,9 +396,3 @@ def test_capacity_leaves_six_deviations():
     assert Scenario(targets=Targets(count=3)).target_capacity == 3
     scenario = Scenario(targets=Targets(count=3, arrival_rate=0.5), task=Task(duration=72))
     assert scenario.target_capacity == 3 + 36 + 36
-
-
-def test_parts_are_frozen():
-    for part in (*(kind() for kind in PARTS.values()), Scenario()):
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            setattr(part, dataclasses.fields(part)[0].name, 1)
