@@ -12,7 +12,8 @@ from baselines.similarity import motion_scale
 from lissajous_env.episodes.guarantee import CELLS
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.parts import Formation, Robot, Targets, Task
+from lissajous_env.settings.parts import Formation, Robot, Targets
+from lissajous_env.settings.task import Task
 from lissajous_env.theory import closed_forms
 from lissajous_env.theory import design as theory
 from lissajous_env.theory.candidate import Candidate

@@ -1,7 +1,7 @@
 """The parts of a scenario as kernels see them."""
 
 from lissajous_env.device.structs import struct_of
-from lissajous_env.settings import parts
+from lissajous_env.settings import parts, task
 
 FormationStruct = struct_of(parts.Formation)
 RobotStruct = struct_of(parts.Robot)
@@ -9,4 +9,4 @@ SensingStruct = struct_of(parts.Sensing)
 TargetStruct = struct_of(parts.Targets)
 FaultsStruct = struct_of(parts.Faults)
 NoiseStruct = struct_of(parts.Noise)
-TaskStruct = struct_of(parts.Task)
+TaskStruct = struct_of(task.Task)

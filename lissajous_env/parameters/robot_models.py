@@ -9,7 +9,8 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.program import LANES
-from lissajous_env.settings.parts import Curve, Formation, Noise, Robot, Task
+from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
+from lissajous_env.settings.task import Task
 from lissajous_env.wording import few_of, shown
 
 

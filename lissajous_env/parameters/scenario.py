@@ -30,8 +30,8 @@ from lissajous_env.settings.parts import (
     Robot,
     Sensing,
     Targets,
-    Task,
 )
+from lissajous_env.settings.task import Task
 from lissajous_env.theory import closed_forms
 
 __all__ = [

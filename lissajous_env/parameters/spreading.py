@@ -13,7 +13,8 @@ import math
 from dataclasses import dataclass
 
 from lissajous_env.parameters.reaches import Reaches, reaches_of
-from lissajous_env.settings.parts import Curve, Task
+from lissajous_env.settings.parts import Curve
+from lissajous_env.settings.task import Task
 
 TICK_FRACTIONS = 255
 """Number of fractions of a tick."""

@@ -16,7 +16,7 @@ from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
-from lissajous_env.settings.parts import Task
+from lissajous_env.settings.task import Task
 from lissajous_env.world.state import NOWHERE, REMOVED, Clock, Robots, StepEvents
 
 wp.set_module_options(OPTIONS)

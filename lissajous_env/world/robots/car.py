@@ -29,7 +29,8 @@ from lissajous_env.device.program import BLOCKS
 from lissajous_env.device.structs import place_of
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
-from lissajous_env.settings.parts import Curve, Formation, Noise, Robot, Task
+from lissajous_env.settings.parts import Curve, Formation, Noise, Robot
+from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.faults import COAST, rolling
 from lissajous_env.world.state import WORKING, Clock, Robots
 

@@ -9,7 +9,7 @@ from lissajous_env.device.approach import closest_approach
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
-from lissajous_env.settings.parts import Task
+from lissajous_env.settings.task import Task
 from lissajous_env.world.robots.bins import Bins, columns_of, rows_of
 from lissajous_env.world.robots.sight import max_displacement
 from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Robots, StepEvents
