@@ -1,15 +1,18 @@
 """Rogues that know the future beside the worst case of the grid: `python benchmarks/witness.py`.
 
-In each episode a rogue stays undetected for as long as it can and is replayed as an ordinary target. Its time is a
-lower bound of the worst case, `task.conservative` is an upper bound, `guaranteed_detection_time` rounds to the cells of
-its grid. The table has, over the episodes, how far the rogue is from the latter; how many are within the time in which
-a rogue crosses a cell, above it, and below it; and the median of its time over the upper bound. A rogue is detected
-within a step, and the grid counts whole steps, so that up to a step more is no difference. `--store` puts the table
-into docs/figures.json, `--out` writes a line of JSON for each episode.
+In each episode a rogue stays undetected for about as long as the contamination stage reports, and is replayed as an
+ordinary target. The table has, for each scenario, over its episodes: how many rogues are undetected for the reported
+time, up to the bound (the time in which a rogue crosses a cell, and a control step); how many for longer, and for
+less; the median, least and greatest difference. `--cost` measures the time of a witness beside that of the
+contamination stage. `--out` appends a line of JSON for each episode, and goes on where an earlier call stopped.
+`--store` puts the table into docs/figures.json.
 """
 
 import argparse
 import json
+import statistics
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,64 +22,113 @@ import numpy as np
 import baselines
 import lissajous_env
 from lissajous_env.episodes.witness import Witness, witnesses_of
+from lissajous_env.episodes.witness.nearest import longest_ways
+from lissajous_env.episodes.witness.played import Played, play
+from lissajous_env.episodes.witness.replayed import replay
 
-PLAYED = {
-    "evaders": ("kuramoto-mpcc", "open-loop-mpcc", "kuramoto-gvf", "sweep", "laps", "random"),
-    "evaders-failure": ("kuramoto-mpcc", "open-loop-mpcc", "laps"),
-    "team": ("kuramoto-mpcc", "open-loop-mpcc", "laps"),
-    "redundant": ("kuramoto", "open-loop"),
-}
-TITLES = (
-    "episodes",
-    "rogue less grid [s], median",
-    "least",
-    "most",
-    "within a cell",
-    "above",
-    "below",
-    "over the proved",
-)
+CARS = ("kuramoto-mpcc", "open-loop-mpcc", "consensus-mpcc", "arc-mpcc", "kuramoto-gvf", "open-loop-gvf", "sweep")
+CARS = (*CARS, "laps", "random", "still", "line-abreast", "partition", "partition-repair", "periodic-paths")
+POINTS = "kuramoto", "open-loop", "tracked-reference", "consensus", "arc", "random", "still"
+TITLES = ("scenario", "episodes", "within the bound", "longer", "shorter", "bound [s]")
+TITLES = (*TITLES, "rogue less grid [s], median", "least", "greatest")
+COST_TITLES = ("", "contamination stage [ms per episode]", "witness [ms per episode]", "ratio")
+COSTS = ("evaders", "kuramoto-mpcc"), ("evaders", "open-loop-mpcc"), ("evaders-failure", "kuramoto-mpcc")
+COSTS = (*COSTS, ("team", "kuramoto-mpcc"), ("redundant", "kuramoto"), ("hall", "kuramoto-mpcc"))
 _EXACT = 1e-6
+_ROUNDS = 3
 
 
 def row_of(rogue: Witness) -> dict[str, Any]:
     """Return the times of a rogue and of the grid [s]."""
-    times = {"rogue": rogue.undetected, "grid": rogue.stated, "proved": rogue.proved, "cell": rogue.resolution}
-    return {"scenario": rogue.played.scenario.name, "policy": rogue.policy, "seed": rogue.played.seed, **times}
+    bound = rogue.resolution + rogue.played.scenario.task.step
+    found = {"scenario": rogue.played.scenario.name, "policy": rogue.policy, "seed": rogue.played.seed}
+    return found | {"rogue": rogue.undetected, "grid": rogue.stated, "bound": bound}
 
 
-def cells_of(rows: list[dict[str, Any]], step: float) -> list[str]:
-    """Return the cells of a table for the episodes of a policy."""
-    rogue, grid, proved, cell = (np.array([row[name] for row in rows]) for name in ("rogue", "grid", "proved", "cell"))
-    more = rogue - grid
-    above, below = more > cell + step + _EXACT, more < -cell - _EXACT
-    shares = [f"{100 * np.mean(each):.3g} %" for each in (~above & ~below, above, below)]
-    spread = [f"{value:.2f}" for value in (np.median(more), more.min(), more.max())]
-    return [str(len(rows)), *spread, *shares, f"{np.median(rogue / np.maximum(proved, step)):.2f}"]
+def table_of(rows: Sequence[dict[str, Any]]) -> figures.Table:
+    """Return the table of some episodes: a row for each scenario, and one for all."""
+    lines = []
+    for name in [*dict.fromkeys(row["scenario"] for row in rows), "all"]:
+        of = [row for row in rows if name in (row["scenario"], "all")]
+        more, bound = np.array([row["rogue"] - row["grid"] for row in of]), np.array([row["bound"] for row in of])
+        longer, shorter = more > bound + _EXACT, more < -bound - _EXACT
+        counts = [len(of), np.count_nonzero(~longer & ~shorter), np.count_nonzero(longer), np.count_nonzero(shorter)]
+        size = f"{bound[0]:.2g}" if name != "all" else ""
+        spread = [f"{value:.2f}" for value in (np.median(more), more.min(), more.max())]
+        lines.append([name if name == "all" else f"`{name}`", *map(str, counts), size, *spread])
+    return {"columns": TITLES, "rows": lines}
+
+
+def measured(names: Sequence[str], seeds: int, together: int, out: Path | None) -> list[dict[str, Any]]:
+    """Play the episodes, some seeds of every policy before further seeds, and return a row for each."""
+    lines = out.read_text(encoding="utf-8").splitlines() if out is not None and out.exists() else []
+    rows = [json.loads(line) for line in lines]
+    done = {(row["scenario"], row["policy"], row["seed"]) for row in rows}
+    for first in range(0, seeds, together):
+        for name in names:
+            scenario = lissajous_env.scenario(name)
+            for policy in [each for each in dict.fromkeys((*CARS, *POINTS)) if each in baselines.names(scenario)]:
+                batch = [seed for seed in range(first, first + together) if (name, policy, seed) not in done]
+                if batch:
+                    acting = baselines.make(policy, scenario, len(batch))
+                    found = witnesses_of(acting, scenario, batch, prove=False)
+                    new = [row_of(rogue) for rogue in found if rogue is not None]
+                    rows += new
+                    if out is not None:
+                        with out.open("a", encoding="utf-8") as file:
+                            file.writelines(json.dumps(row) + "\n" for row in new)
+                    print(name, policy, f"seeds {batch[0]} to {batch[-1]}", flush=True)
+    return rows
+
+
+def costs_of(name: str, policy: str, worlds: int) -> list[str]:
+    """Return a row of the costs of the stage and of a witness, measured by turns on the same episodes."""
+    scenario = lissajous_env.scenario(name)
+    bare = lissajous_env.scenario(scenario, **{"task.contamination": None})
+    episodes = play(baselines.make(policy, scenario, worlds), scenario, list(range(worlds)))
+    sides: list[tuple[Callable[[], Any], list[float]]] = [
+        (lambda made=made: repeat(made, episodes), []) for made in (scenario, bare)
+    ]
+    sides.append(
+        (lambda: replay(episodes, [way for way in longest_ways(episodes) if way is not None], prove=False), [])
+    )
+    for _ in range(_ROUNDS):
+        for act, times in sides:
+            began = time.perf_counter()
+            act()
+            times.append(time.perf_counter() - began)
+    whole, alone, witness = (1e3 * statistics.median(times) / worlds for _, times in sides)
+    cells = [f"{whole - alone:.3g}", f"{witness:.3g}", f"{witness / (whole - alone):.2g}"]
+    return [f"`{name}`, `{policy}`", *cells]
+
+
+def repeat(scenario: lissajous_env.Scenario, episodes: Sequence[Played]) -> None:
+    """Repeat episodes by their actions."""
+    simulation = lissajous_env.Simulation(scenario, len(episodes), threads=1)
+    simulation.reset(seeds=[each.seed for each in episodes])
+    for now in range(1, episodes[0].steps + 1):
+        simulation.step(np.stack([each.action[now] for each in episodes]))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    known = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).task.contamination]
     parser.add_argument("--seeds", type=int, default=32)
-    parser.add_argument("--scenarios", nargs="+", default=tuple(PLAYED))
+    parser.add_argument("--together", type=int, default=16, help="episodes that are played together")
+    parser.add_argument("--scenarios", nargs="+", default=known)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--cost", action="store_true", help="measure times instead")
     parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
-    table, lines = [], []
-    for name in options.scenarios:
-        scenario = lissajous_env.scenario(name)
-        for policy in PLAYED[name]:
-            acting = baselines.make(policy, scenario, options.seeds)
-            rows = [row_of(rogue) for rogue in witnesses_of(acting, scenario, range(options.seeds)) if rogue]
-            lines += [json.dumps(row) for row in rows]
-            table.append([f"`{name}`, `{policy}`", *cells_of(rows, scenario.task.step)])
-            print(*table[-1], sep="  ", flush=True)
-    made = {"columns": ["", *TITLES], "rows": table}
-    figures.show(f"{options.seeds} seeds", made)
-    if options.out is not None:
-        options.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    if options.cost:
+        rows = [costs_of(*each, options.together) for each in COSTS if each[0] in options.scenarios]
+        made, name = {"columns": COST_TITLES, "rows": rows}, "witness cost"
+    else:
+        rows = measured(options.scenarios, options.seeds, options.together, options.out)
+        made, name = table_of(rows), "witness"
+    figures.show(name, made)
     if options.store:
-        figures.store({"witness": made})
+        figures.store({name: made})
 
 
 if __name__ == "__main__":

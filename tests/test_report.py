@@ -140,7 +140,7 @@ def test_replays_are_the_worst_the_chosen_and_their_partners(small_one):
     wanted |= {("evaders", "kuramoto-mpcc", seed) for s, _, seed in wanted if s == "evaders"}
     found = {
         (data["scenarios"][s]["name"], data["policies"][p]["name"], seed)
-        for s, p, seed, same in data["replays"].values()
+        for s, p, seed, same, _ in data["replays"].values()
         if same
     }
     assert found == wanted
@@ -150,11 +150,11 @@ def test_a_replay_is_the_episode_as_it_was_scored(small_one):
     # Oracle: the episode recorded alone, by the policy of one world.
     blocks = small_one[2]
     data = blocks["data"]
-    key_of = lambda s, p, seed, _: (data["scenarios"][s]["name"], data["policies"][p]["name"], seed)  # noqa: E731
+    key_of = lambda s, p, seed, *_: (data["scenarios"][s]["name"], data["policies"][p]["name"], seed)  # noqa: E731
     (name,) = [name for name, of in data["replays"].items() if key_of(*of) == ("evaders", "laps", 2)]
     scenario = lissajous_env.scenario("evaders", **SHORT)
     alone = contents(record(baselines.make("laps", scenario), scenario, 2), BRIEF)
-    same = [key for key in alone if key not in ("policy", "score")]
+    same = [key for key in alone if key not in ("policy", "score", "rogue")]
     assert {key: blocks[name][key] for key in same} == json.loads(json.dumps({key: alone[key] for key in same}))
     assert blocks[name]["robots"]["watched"] == 0
     assert len(json.dumps(blocks[name])) < 60_000
@@ -220,7 +220,7 @@ def test_hostile_names_and_policies_of_ones_own(tmp_path):
     data = blocks_of(tmp_path)["data"]
     mine = [each for each in data["policies"] if each["name"] == HOSTILE]
     assert [each["named"] for each in mine] == [False]  # no command can name it
-    assert sorted(same for *_, same in data["replays"].values())[0] is False
+    assert sorted(same for *_, same, _ in data["replays"].values())[0] is False
 
 
 def test_a_policy_that_fails_when_it_is_played_again_is_told(tmp_path):

@@ -8,9 +8,11 @@ from typing import Any
 
 from baselines.benchmark.clairvoyant import Clairvoyant
 from baselines.benchmark.types import Cell
+from lissajous_env.episodes import witness
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.episodes.recording import Recorder, Recording
 from lissajous_env.replay.contents import BRIEF, contents
+from lissajous_env.world.columns import WORST_CASE
 from lissajous_env.world.simulation import Simulation, fold_seed
 
 WORDS = ("none", "few", "each", "all")
@@ -33,6 +35,8 @@ class Played:
     """Content that the page needs to play it."""
     same: bool
     """True if it had the same scores as in the benchmark; a policy may draw its own numbers, or round differently."""
+    rogue: float | None = None
+    """Time at which the rogue that the policy misses appears [s]; None if the replay shows none."""
 
 
 def check(asked: Sequence[str], cells: Iterable[Cell], seeds: range) -> None:
@@ -104,25 +108,30 @@ def make(
                 return
             on_begin(cell)
             try:
-                recordings = record_together(cell, seeds, device)
+                recorded = record_together(cell, seeds, device)
+                rogues = _missed(cell, [played for _, played in recorded])
             except (Exception, SystemExit) as error:
                 on_failure(cell, error)
                 continue
-            for recording in recordings:
+            for (recording, _), rogue in zip(recorded, rogues, strict=True):
                 key = (cell.scenario.name, cell.policy, int(recording.score["seed"]))
                 done.add(key)
-                kept = contents(recording, BRIEF)
+                kept = contents(recording, BRIEF, rogue)
                 size += _size(kept)
-                yield key, Played(kept, _agree(recording.score, rows[key]))
+                yield key, Played(kept, _agree(recording.score, rows[key]), None if rogue is None else rogue.appears)
 
 
-def record_together(cell: Cell, seeds: Sequence[int], device: Any = "cpu") -> list[Recording]:
-    """Play some episodes of a cell side by side and record them."""
+def record_together(
+    cell: Cell, seeds: Sequence[int], device: Any = "cpu"
+) -> list[tuple[Recording, witness.Played | None]]:
+    """Play some episodes of a cell side by side and record them, for rogues that know the future where they matter."""
     policy = cell.factory(cell.scenario, len(seeds), device)
     simulation = Simulation(cell.scenario, policy.num_worlds, device=device)
     if isinstance(policy, Clairvoyant):
         policy.watch(simulation)
-    runner, recordings = EpisodeRunner(policy, simulation), []
+    runner, recorded = EpisodeRunner(policy, simulation), []
+    task = cell.scenario.task
+    watcher = witness.Watcher(simulation) if task.contamination is not None and not task.conservative else None
     # A policy that was made already plays as many worlds as it was made for.
     for first in range(0, len(seeds), policy.num_worlds):
         batch = [fold_seed(seed) for seed in seeds[first : first + policy.num_worlds]]
@@ -133,10 +142,22 @@ def record_together(cell: Cell, seeds: Sequence[int], device: Any = "cpu") -> li
             for recorder in recorders:
                 if steps[recorder.world] == taken:  # it may end before its time
                     recorder.take()
+            if watcher is not None:
+                watcher.keep(taken)
 
         runner.play(batch + batch[-1:] * (policy.num_worlds - len(batch)), take)
-        recordings += [recorder.recording(cell.policy) for recorder in recorders]
-    return recordings
+        played = watcher.episodes(batch) if watcher is not None else [None for _ in batch]
+        recorded += zip((recorder.recording(cell.policy) for recorder in recorders), played, strict=True)
+    return recorded
+
+
+def _missed(cell: Cell, episodes: Sequence[witness.Played | None]) -> list[witness.Witness | None]:
+    """Return the rogues that a policy misses for longer than T_max, the detection-time bound of the paper."""
+    bound = cell.scenario.detection_time_bound
+    long = [k for k, each in enumerate(episodes) if each is not None and each.score[WORST_CASE.name] > bound]
+    chosen = [each for k, each in enumerate(episodes) if k in long and each is not None]
+    found = dict(zip(long, witness.witnesses_in(chosen, cell.policy, prove=False) if chosen else [], strict=True))
+    return [found.get(k) for k in range(len(episodes))]
 
 
 def _batches(

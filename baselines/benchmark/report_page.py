@@ -93,7 +93,7 @@ class Report:
             "total": len(ranked),
             "episodes": _episodes(kept, columns, scenario_of, number_of),
             "replays": {
-                name: [scenario_of[s], number_of[p], seed, played.same]
+                name: [scenario_of[s], number_of[p], seed, played.same, played.rogue]
                 for name, ((s, p, seed), played) in replayed.items()
             },
         }

@@ -1,7 +1,9 @@
 """The spreading of contamination over a grid: the hops of an evading target between cells, and their durations.
 
-The target hops between centres of cells that are a move of a chess king or knight apart, at its speed limit. In square
-cells such a path is at most 2.7 % longer than the straight line, so the target is too slow by at most that much.
+Each cell has a node, and the target hops between nodes that are a move of a chess king or knight apart, at its speed
+limit. On a square grid such a path is at most 2.7 % longer than the straight line, so the target is too slow by at most
+that much. The outermost nodes lie on the edges of the rectangle, because targets can: a corner that discs leave free
+may be smaller than half a cell. Nodes are therefore a little farther apart than centres of cells.
 
 The duration of a hop is not a whole number of control steps. It is counted in ticks (several per step for a target
 that passes more than a cell in one step, one per several steps for a slow target), and the remainder is carried along
@@ -46,6 +48,11 @@ class Spreading:
     """Replacement of hops for `task.conservative`."""
 
     @property
+    def inset(self) -> float:
+        """Distance of the outermost nodes from the edges [cell]; one row or column of nodes is in the middle."""
+        return 0.0 if min(self.columns, self.rows) > 1 else 0.5
+
+    @property
     def history_length(self) -> int:
         """Number of past ticks whose labels are stored."""
         return max(self.reaches.lags, default=max(self.delays, default=0) + 1) + 1
@@ -67,18 +74,20 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
         return Spreading(1, 1, 0.0, 1, 1, (), ())
     columns, rows = task.contamination
     sides = 2 * curve.half_width / columns, 2 * curve.half_height / rows
-    shortest = min(sides)
-    if max(sides) > _STRETCH_MAX * shortest:
+    if max(sides) > _STRETCH_MAX * min(sides):
         rule = f"must make cells whose sides differ by {_STRETCH_MAX} times at most"
         raise ValueError(f"task.contamination {rule}, got {columns} x {rows} of {sides[0]:.3g} m x {sides[1]:.3g} m")
     moved = speed * task.step
-    ticks = math.ceil(moved / shortest)
-    if ticks > _TICKS_MAX:
+    if math.ceil(moved / min(sides)) > _TICKS_MAX:
         rule = f"must make cells of at least 1/{_TICKS_MAX} of what an evading target moves in a step, {moved:.3g} m"
-        raise ValueError(f"task.contamination {rule}, got {columns} x {rows} of {shortest:.3g} m")
+        raise ValueError(f"task.contamination {rule}, got {columns} x {rows} of {min(sides):.3g} m")
     if task.conservative:
         reaches = reaches_of(sides, moved, task.steps)
         return Spreading(columns, rows, radius, 1, reaches.period, (), (), reaches)
+    if min(columns, rows) > 1:
+        sides = 2 * curve.half_width / (columns - 1), 2 * curve.half_height / (rows - 1)
+    shortest = min(sides)
+    ticks = math.ceil(moved / shortest)
     if moved * task.steps < shortest:  # no target leaves its cell
         return Spreading(columns, rows, radius, 1, 1, (), ())
     period = max(int(shortest / moved / _SHORTEST), 1)

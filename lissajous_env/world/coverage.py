@@ -11,7 +11,7 @@ import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.discs import visit_disc
+from lissajous_env.device.discs import CENTRE, visit_disc
 from lissajous_env.device.part_structs import SensingStruct
 from lissajous_env.world.state import NOWHERE, Cells, Clock, Robots, StepEvents
 from lissajous_env.world.tally import EpisodeTotals
@@ -114,13 +114,13 @@ def cover(
     w = first + tid
     if clock.active[w] == 0:
         return
-    columns = cells.sensed_at.shape[2]
+    columns, radius = cells.sensed_at.shape[2], sensing.radius
     fresh_each = wp.int64(0)
     for i in range(robots.sensor.shape[1]):
         place = robots.sensor[w, i]
         if place[0] < 0.5 * NOWHERE:
             fresh_each += wp.int64(
-                visit_disc(w, i, place, lane, lanes, curve, sensing.radius, columns, cells.coming, cells.sensed_by)
+                visit_disc(w, i, place, lane, lanes, curve, radius, columns, CENTRE, cells.coming, cells.sensed_by)
             )
     counts = count_visits(w, lane, lanes, clock.step[w], cells)
     ended = counts[0]

@@ -1,33 +1,36 @@
 """The rogue that a policy misses: the way on which a target that knows the robots' future stays undetected for longest.
 
 A rogue changes nothing that robots observe before they detect it. So the best answer to an episode can be computed
-after it, from the recorded ways of the sensors, and it is exact up to a fine lattice:
+after it, from the recorded ways of the sensors:
 
-1. The episode is played once. The contamination stage reports when the worst case began and ended.
-2. On a lattice that is finer than its cells, the nodes are followed in which a rogue of that time can be undetected. A
-   move is allowed if no disc can detect the rogue on it, within steps as well (`Search`). If the rogue of that time is
-   detected too early, since the stage rounds to its cells, the search covers all times.
-3. The way is traced back through these nodes, and replayed in the same world as an ordinary target. The time at which
-   the simulation detects it is the result: a lower bound of the worst case, whatever the search assumed.
+1. The episode is played once, and the labels of the contamination stage are stored.
+2. The labels are traced backwards from the worst case: a rough way from node to node (`tracing`). Near it, a way that
+   no disc detects, within steps as well, is searched on a lattice that is finer than the cells (`tube`). Where there
+   is none, the place at which the rogue is lost is blocked, and the next rough way is traced.
+3. The way is replayed in the same world as an ordinary target. The time at which the simulation detects it is the
+   result: a lower bound of the worst case, whatever the search assumed.
 
-The same replay computes the bound of `task.conservative`, which no rogue exceeds. The worst case lies between the two.
+`thorough` searches the whole lattice instead (`search`), which takes seconds. The replay can compute the bound of
+`task.conservative`, too, which no rogue exceeds. The worst case lies between the two.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from lissajous_env.episodes.evaluation import ActingPolicy, name_of
 from lissajous_env.episodes.guarantee import check_follows
-from lissajous_env.episodes.witness.played import Played, play
+from lissajous_env.episodes.witness.nearest import longest_ways
+from lissajous_env.episodes.witness.played import Played, Watcher, Way, play, resolution
 from lissajous_env.episodes.witness.replayed import Replayed, replay
-from lissajous_env.episodes.witness.search import Way, longest_way, resolution
+from lissajous_env.episodes.witness.search import longest_way
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
 from lissajous_env.world.simulation import fold_seed
 
-__all__ = ["Played", "Replayed", "Way", "Witness", "witness_of", "witnesses_of"]
+__all__ = ["Played", "Replayed", "Watcher", "Way", "Witness", "witness_of", "witnesses_in", "witnesses_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +73,12 @@ class Witness:
 
 
 def witness_of(
-    policy: ActingPolicy, scenario: str | Scenario, seed: int = 0, device: Any = "cpu", thorough: bool = False
+    policy: ActingPolicy,
+    scenario: str | Scenario,
+    seed: int = 0,
+    device: Any = "cpu",
+    thorough: bool = False,
+    prove: bool = True,
 ) -> Witness | None:
     """Return the rogue that a policy misses for longest in an episode; None if no rogue is undetected at any moment.
 
@@ -79,12 +87,13 @@ def witness_of(
         scenario: The scenario, with `task.contamination`.
         seed: Seed of the episode.
         device: Warp device of the simulation.
-        thorough: True to search all times, also where the rogue of the reported worst case is undetected as stated.
+        thorough: True to search the whole rectangle at all times, which takes seconds.
+        prove: True to compute the bound of `task.conservative`, too.
 
     Raises:
         ValueError: `task.contamination` of the scenario is None.
     """
-    return witnesses_of(policy, scenario, [seed] * policy.num_worlds, device, thorough)[0]
+    return witnesses_of(policy, scenario, [seed] * policy.num_worlds, device, thorough, prove)[0]
 
 
 def witnesses_of(
@@ -93,16 +102,26 @@ def witnesses_of(
     seeds: Sequence[int],
     device: Any = "cpu",
     thorough: bool = False,
+    prove: bool = True,
 ) -> list[Witness | None]:
     """Return the rogue of `witness_of` for each seed; the policy has as many worlds as there are seeds."""
     scenario = named.scenario(scenario)
     check_follows(scenario)
+    scenario = dataclasses.replace(scenario, task=dataclasses.replace(scenario.task, conservative=False))
     episodes = play(policy, scenario, [fold_seed(seed) for seed in seeds], device)
-    ways = [longest_way(each, thorough) for each in episodes]
+    return witnesses_in(episodes, name_of(policy), device, thorough, prove)
+
+
+def witnesses_in(
+    episodes: Sequence[Played], policy: str, device: Any = "cpu", thorough: bool = False, prove: bool = True
+) -> list[Witness | None]:
+    """Return the rogue of `witness_of` in each of some episodes of a scenario, which a policy of this name played."""
+    ways = [longest_way(each, True) for each in episodes] if thorough else longest_ways(episodes)
     there = [k for k, way in enumerate(ways) if way is not None]
-    found = replay([episodes[k] for k in there], [way for way in ways if way is not None], device) if there else []
+    chosen = [episodes[k] for k in there], [way for way in ways if way is not None]
+    found = replay(*chosen, device, prove) if there else []
     replayed = dict(zip(there, found, strict=True))
     return [
-        None if way is None else Witness(name_of(policy), played, way, replayed[k])
+        None if way is None else Witness(policy, played, way, replayed[k])
         for k, (played, way) in enumerate(zip(episodes, ways, strict=True))
     ]

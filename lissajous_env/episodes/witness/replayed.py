@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lissajous_env.episodes.recording import Recorder, Recording
-from lissajous_env.episodes.witness.played import Played
-from lissajous_env.episodes.witness.search import Way
+from lissajous_env.episodes.witness.played import Played, Way
 from lissajous_env.parameters.extensions import TargetMotion, target_motion
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import WORST_CASE
@@ -23,16 +22,17 @@ class Replayed(NamedTuple):
     """Time from its appearance to its detection, or to the end of the episode [s]."""
     detected: bool
     proved: float
-    """Worst-case undetected time of `task.conservative`, which no rogue exceeds [s]."""
+    """Worst-case undetected time of `task.conservative`, which no rogue exceeds [s]; NaN if it was not computed."""
 
 
-def replay(episodes: Sequence[Played], ways: Sequence[Way], device: Any = "cpu") -> list[Replayed]:
+def replay(episodes: Sequence[Played], ways: Sequence[Way], device: Any = "cpu", prove: bool = True) -> list[Replayed]:
     """Repeat episodes of one scenario by their actions, each with its rogue as the only target.
 
     Args:
         episodes: The episodes, of the same length.
         ways: The way of the rogue in each of them; after its end the rogue stands still.
         device: Warp device of the simulation.
+        prove: True to compute the bound of `task.conservative`, too, which takes longer than all the rest.
 
     Raises:
         RuntimeError: the robots do not move as they did.
@@ -46,7 +46,7 @@ def replay(episodes: Sequence[Played], ways: Sequence[Way], device: Any = "cpu")
         places[:, 0] = table[np.arange(len(table)), np.minimum(world.clock.step, steps)]
         return places
 
-    scenario = _with_rogue(episodes[0].scenario, target_motion(follow))
+    scenario = _with_rogue(episodes[0].scenario, target_motion(follow), prove)
     simulation = Simulation(scenario, len(episodes), device=device)
     simulation.reset(seeds=[each.seed for each in episodes])
     _introduce(simulation, ways)
@@ -76,12 +76,13 @@ def record_again(played: Played, policy: str) -> Recording:
     return recorder.recording(policy)
 
 
-def _with_rogue(scenario: Scenario, motion: TargetMotion) -> Scenario:
-    """Return a scenario whose targets move along a table, and whose worst case is a proved bound."""
+def _with_rogue(scenario: Scenario, motion: TargetMotion, prove: bool) -> Scenario:
+    """Return a scenario whose targets move along a table, with the proved bound of its worst case or with none."""
     inside = scenario.targets.entry if scenario.targets.entry == "boundary" else "inside"
     moved = {"drifting": 0.0, "wandering": 0.0, "fleeing": 0.0, "custom": 1.0, "speed_limit": scenario.rogue_speed}
     targets = replace(scenario.targets, entry=inside, rogues=None, **moved)
-    task = replace(scenario.task, conservative=True)
+    grid = scenario.task.contamination if prove else None
+    task = replace(scenario.task, conservative=prove, contamination=grid)
     return replace(scenario, targets=targets, task=task, extensions=(motion,))
 
 

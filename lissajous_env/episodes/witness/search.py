@@ -1,13 +1,11 @@
 """Search for the way of a rogue that knows the robots' future and stays undetected for longest."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from lissajous_env.episodes.witness.lattice import COARSE, FINE, Fineness, Window, lattice_of, packed, unpacked
-from lissajous_env.episodes.witness.played import Played, peaks
-from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.episodes.witness.played import Played, Way, peaks, resolution
 
 _ROUNDING = 2e-6
 """Share of all lengths by which discs are made larger, for numbers of 32 bits."""
@@ -15,20 +13,6 @@ _TOGETHER = 64
 """Number of moves that are tested together."""
 _TRIED = {COARSE: 4, FINE: 2}
 """Number of the stage's worst rogues that are tried on each lattice before a search of all times."""
-
-
-class Way(NamedTuple):
-    """A rogue's way: it appears at the end of a step and is undetected at the end of all steps until the last."""
-
-    appears_at: int
-    """Step at whose end it appears."""
-    places: np.ndarray
-    """(K + 1, 2) its positions at the ends of the steps from then on [m]."""
-
-    @property
-    def unseen_until(self) -> int:
-        """Last step at whose end it is undetected."""
-        return self.appears_at + len(self.places) - 1
 
 
 class Reached(NamedTuple):
@@ -226,14 +210,6 @@ class Search:
         for place in self.played.track[then, self.played.works[then], -1].astype(np.float64):
             away = np.minimum(away, np.linalg.norm(self.lattice.places(nodes) - place, axis=1))
         return nodes[np.argmax(away)]
-
-
-def resolution(scenario: Scenario) -> int:
-    """Return the time in which a rogue crosses a cell of the contamination grid, at least a step [step]."""
-    columns, rows = scenario.task.contamination or (1, 1)
-    side = 2 * max(scenario.curve.half_width / columns, scenario.curve.half_height / rows)
-    moved = scenario.rogue_speed * scenario.task.step
-    return max(min(math.ceil(side / moved), scenario.task.steps), 1) if moved > 0 else 1
 
 
 def longest_way(played: Played, thorough: bool = False) -> Way | None:

@@ -145,12 +145,18 @@ export class Episodes {
 
   actions(k, scenario, policy) {
     const made = element("td", "actions"),
-      { episodes } = this.report;
+      { report } = this,
+      { episodes } = report;
     const replay = this.replayOf.get(`${episodes.scenario[k]} ${episodes.policy[k]} ${episodes.seed[k]}`);
-    const command = commandOf(this.report, scenario, policy, episodes.seed[k]);
+    const command = commandOf(report, scenario, policy, episodes.seed[k]);
     if (replay) {
       made.append(button("play", "Replay", () => this.onReplay(replay)));
       made.firstChild.dataset.replay = replay;
+      const appears = report.replays[replay][4];
+      if (appears !== null) {
+        made.append(button("play rogue", "Rogue", () => this.onReplay(replay, `t=${appears.toFixed(1)}`)));
+        made.lastChild.title = "Replay from where the rogue appears that this policy misses";
+      }
     } else if (command) {
       made.append(button("quiet", "Command", () => tell(made, command)));
       made.firstChild.title = "Show the command for a replay";

@@ -13,7 +13,7 @@ const at = (name) => document.getElementById(name);
 
 function begin(report) {
   const viewer = new Viewer(...replaysOf(report));
-  const episodes = new Episodes(report, (id) => viewer.open(id));
+  const episodes = new Episodes(report, (id, place) => viewer.open(id, place));
   showRankings(report);
   showFailures(report, (wanted) => episodes.narrow(wanted));
   at("scenarios").append(

@@ -18,7 +18,7 @@ import warp as wp
 from lissajous_env.device.bits import half_of, run_of_bits
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
-from lissajous_env.device.discs import along, mark_disc, mark_way
+from lissajous_env.device.discs import along, mark_disc, mark_way, points_per_metre
 from lissajous_env.device.part_structs import TargetStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings import parts
@@ -70,7 +70,9 @@ def clear_cells(
     rows = contamination.sensed.shape[2]
     for row in range(lane, rows, lanes):
         forget_seen(w, row, latest, contamination.sensed, contamination.swept, contamination.there)
-    cell = 2.0 * wp.min(curve.half_width / float(hops.columns), curve.half_height / float(rows))
+    across = points_per_metre(hops.columns, hops.inset, curve.half_width)
+    up = points_per_metre(rows, hops.inset, curve.half_height)
+    cell = 1.0 / wp.max(across, up)
     for i in range(robots.sensor.shape[1]):
         if robots.sensor[w, i][0] < 0.5 * NOWHERE:
             end = robots.sensor[w, i]
@@ -78,13 +80,15 @@ def clear_cells(
             if hops.ticks > 1:
                 end = along(robots.track, w, i, float(tick + 1) / float(hops.ticks))
                 start = along(robots.track, w, i, float(tick) / float(hops.ticks))
-            mark_disc(w, end, lane, lanes, curve, hops.radius, hops.columns, contamination.sensed)
+            mark_disc(w, end, lane, lanes, curve, hops.radius, hops.columns, hops.inset, contamination.sensed)
             # On a short way the disc passes over no more than what it covers at its ends, but for a sliver.
             if wp.length_sq(end - start) > hops.radius * cell:
                 pieces = robots.track.shape[2] - 1
                 for piece in range(1, pieces + 1):
                     end = along(robots.track, w, i, (float(tick) + float(piece) / float(pieces)) / float(hops.ticks))
-                    mark_way(w, start, end, lane, lanes, curve, hops.radius, hops.columns, contamination.swept)
+                    mark_way(
+                        w, start, end, lane, lanes, curve, hops.radius, hops.columns, hops.inset, contamination.swept
+                    )
                     start = end
 
 

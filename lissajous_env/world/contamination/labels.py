@@ -34,12 +34,13 @@ class Hops:
     history_length: int
     delays: wp.array(dtype=wp.int32)
     shares: wp.array(dtype=wp.int32)
+    inset: float
 
 
 def as_hops(spreading: Spreading, device: Any) -> Hops:
     """Copy hops to a device."""
     hops = Hops()
-    for name in ("columns", "radius", "ticks", "period", "history_length"):
+    for name in ("columns", "radius", "ticks", "period", "history_length", "inset"):
         setattr(hops, name, getattr(spreading, name))
     hops.delays = wp.array(spreading.delays, dtype=wp.int32, device=device)
     hops.shares = wp.array(spreading.shares, dtype=wp.int32, device=device)
