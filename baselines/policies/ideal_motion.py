@@ -92,10 +92,11 @@ class _Field:
     def __init__(self, half: tuple[float, float], radius: float, moved: float, field_cells: int = _MOST_CELLS):
         finer = math.sqrt(field_cells / _MOST_CELLS)
         side = max(radius / _CELLS_IN_RADIUS / finer, 2 * math.sqrt(half[0] * half[1] / field_cells))
-        columns, rows = (max(round(2 * length / side), 1) for length in half)
-        self.x = ((np.arange(columns) + 0.5) / columns * 2 - 1) * half[0]
-        self.y = ((np.arange(rows) + 0.5) / rows * 2 - 1) * half[1]
-        self.radius, self.rate = radius, moved / (2 * half[0] / columns)
+        columns, rows = (max(round(2 * length / side), 1) + 1 for length in half)
+        # The outermost nodes lie on the edges, where a target can hide that discs leave a corner for.
+        self.x = np.linspace(-half[0], half[0], columns)
+        self.y = np.linspace(-half[1], half[1], rows)
+        self.radius, self.rate = radius, moved / (2 * half[0] / (columns - 1))
         self.born = np.zeros((rows, columns))
         self.now, self.hops, self.longest, self.age = 0, 0, 0, 0
         self.cleared_at = 0

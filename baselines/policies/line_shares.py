@@ -81,7 +81,7 @@ def line_shares(plan: Plan, cell: np.ndarray, lines: Lines, room: Room, unit: fl
             for shape in range(SHAPES):
                 row = SHAPES * case + shape
                 loop[row, robot], away[row, robot], cost[row, robot] = options[min(shape, len(options) - 1)]
-    return Takeover(loop * unit, away * unit, cost, offset)
+    return Takeover(loop * unit, away * unit, cost, offset, np.zeros(loop.shape[:2], dtype=int))
 
 
 def _passes(loop: np.ndarray, strangers: np.ndarray, along: int, apart: float) -> bool:

@@ -24,12 +24,23 @@ from baselines.policies.path_tables import FINE, PathTables, path_tables
 from baselines.policies.patrol import Still
 from baselines.policies.registry import register
 from baselines.policies.repair_plan import OFFSETS, SHAPES, Takeover, slowed, takeover
-from baselines.policies.taking_over import FINER, SIDE, case_of_neighbours, take_clear, take_over
+from baselines.policies.taking_over import (
+    FINER,
+    SEEN,
+    SIDE,
+    case_of_neighbours,
+    rest_after_failure,
+    take_clear,
+    take_over,
+)
 from baselines.policies.timed_paths import TimedPaths, TrackingParameters
 from baselines.safety.filter import Safe, SafetyParameters
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.world.observation import message_start
+
+_SPARSE = 0.1
+"""Most distance of two places on a loop that are compared with those of robots that stand, in required distances."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +54,9 @@ class RepairParameters(Checked):
     avoidance: float | None = number(None, 0, 1e4, "m")
     """Distance of a loop from the body of a robot that stands, besides its own [m]; None is 0.15 radii, and
     two deviations of noise."""
-    drift: float = number(0.5, 0.01, 10)
-    """Speed at which a loop moves to another place, as a share of that of the cars on it; at once where loops
-    of different cells cross."""
+    drift: float = number(1.0, 0.01, 10)
+    """Speed at which a loop moves to another place, as a share of that of the cars on it. Where loops of different
+    cells cross, a robot returns to its own loop at once."""
 
 
 @register("partition-repair")
@@ -106,8 +117,13 @@ class PartitionRepair(TimedPaths):
         half = np.array([self.scenario.curve.half_width, self.scenario.curve.half_height])
         low, high = self.takeover.loop.min(axis=2), self.takeover.loop.max(axis=2)
         margins = np.concatenate([np.minimum(-half - low, 0), np.maximum(half - high, 0)], axis=-1)
+        longest = self.partition.speed * self.scenario.task.step / FINE
+        self._every = max(int(_SPARSE * self._required / longest), 1)
         self._margins = wp.array(margins, dtype=wp.vec4, device=self.device)
+        middle = (low + high) / 2
+        self._middles = wp.array(middle, dtype=wp.vec2, device=self.device)
         self._away = wp.array(self.takeover.away, dtype=wp.vec2, device=self.device)
+        self._corners = wp.array(self.takeover.corners, dtype=wp.int32, device=self.device)
         self._cost = wp.array(self.takeover.cost, dtype=wp.float32, device=self.device)
         self._watched = wp.zeros((*self.shape, 2, WATCH), dtype=wp.float32, device=self.device)
         self._standing = wp.zeros((*self.shape, int(PLACES)), dtype=wp.vec3, device=self.device)
@@ -125,14 +141,13 @@ class PartitionRepair(TimedPaths):
         apart = loops_lie_apart(self.partition, required_distance(self.scenario, self.parameters))
         still = Still(self.scenario, num_worlds, self.device)
         self._filter = Safe(still) if until > 0 or apart else None
-        self._drift, self._avoidance = math.inf, None
-        reach = max(self.scenario.curve.half_width, self.scenario.curve.half_height)
-        self._rest = (
-            0.0 if self._lines is None else reach / (self.repair.drift * self.partition.speed * self.scenario.task.step)
-        )
+        self._drift, self._avoidance = self.repair.drift * self.partition.speed * self.scenario.task.step, None
+        self._back, self._rest = math.inf, 0.0
         self._resting = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
         if apart:
-            self._drift = self.repair.drift * self.partition.speed * self.scenario.task.step
+            self._back = self._drift
+            shifted = math.sqrt(2) * int(SIDE) * self._required / FINER
+            self._rest = (float(np.linalg.norm(middle - middle[:1], axis=-1).max()) + shifted) / self._drift
             free = replace(SafetyParameters().of(self.scenario), speed_max=2 * self.scenario.robot.top_speed)
             self._avoidance = Safe(still, free, fastest=self._watch.still / self.scenario.task.step)
 
@@ -153,21 +168,34 @@ class PartitionRepair(TimedPaths):
         else:
             self.launch(case_of_neighbours, self.shape, [self._watched], [self._case])
         first = self.tables.lead_in * FINE
-        inputs = [first, SHAPES, self._required / FINER, self._required, self.takeover.offset, self._drift]
-        inputs += [self._pose, self._margins, self._away, self._cost, self._case, self._home, observation]
+        inputs = [
+            first,
+            self._every,
+            SHAPES,
+            self._required / FINER,
+            self._required,
+            self.takeover.offset,
+            self._drift,
+            self._back,
+        ]
+        inputs += [self._pose, self._margins, self._middles, self._away, self._cost, self._case, self._home]
+        inputs += [self._curve, SEEN * self.scenario.sensing_radius, self._corners, observation]
         inputs += [self._standing, self._avoided, self._target, self.plan, self.shift]
         self.launch(take_over, self.shape, inputs, [])
         self.follow(observation)
-        if self._filter is None:
-            return
-        clear_of_all = self._filter.filter(observation, self.action)
+        if self._filter is not None:
+            self._take_filtered(self._filter, first, observation)
+        self.launch(rest_after_failure, self.shape, [self._rest, observation], [self._resting, self.action])
+
+    def _take_filtered(self, of_all: Safe, first: int, observation: wp.array) -> None:
+        """Take the actions of the collision filters where they are needed."""
+        clear_of_all = of_all.filter(observation, self.action)
         if self._avoidance is None:
             self.launch(take_filtered, self.shape, [self._filtered_until, self._memory, clear_of_all], [self.action])
             return
         clear_of_standing = self._avoidance.filter(observation, self.action)
         inputs = [self._filtered_until, self.scenario.robot.radius, first, self._curve, self._pose, self.plan]
         inputs += [self.shift, self._memory, observation, clear_of_all, self._avoidance.count, clear_of_standing]
-        inputs += [self._rest, self._resting]
         self.launch(take_clear, self.shape, inputs, [self.action])
 
     def _share_lines(self, lines: Lines, observation: wp.array) -> None:

@@ -27,6 +27,8 @@ UNKNOWN = 10.0
 TOWARDS = 0.3
 """Share of the way to a neighbour's cell by which a robot that cannot watch both alone moves its loop."""
 _SHARES = (0.0, 0.3, 0.6, 1.0)
+_ALIKE = 1e-6
+"""Difference of two places, in half heights of the rectangle, up to which they are the same."""
 _DISTINCT = 0.1
 """Difference of two shapes' half extents, in turning radii, from which on they count as different."""
 
@@ -42,6 +44,9 @@ class Takeover(NamedTuple):
     """(4 SHAPES, N, OFFSETS, OFFSETS) cost of a loop whose middle lies k, l times `offset` from that place."""
     offset: float
     """Spacing of these distances [m]."""
+    corners: np.ndarray
+    """(4 SHAPES, N) corners of the rectangle that only this robot watches, as bits: 1 at the left and bottom, 2 at the
+    right and bottom, 4 at the left and top, 8 at the right and top."""
 
 
 def slowed(plan: Plan, reserve: float) -> Plan:
@@ -77,12 +82,14 @@ def takeover(plan: Plan, cell: np.ndarray, neighbours: np.ndarray, room: Room, u
     adjacent = are_adjacent(cells)
     loop = np.repeat(own[None], 4 * SHAPES, axis=0)
     away, cost = np.zeros((4 * SHAPES, count, 2)), np.zeros((4 * SHAPES, count, OFFSETS, OFFSETS))
+    corners = np.zeros(loop.shape[:2], dtype=int)
     search = LoopSearch(room, own.shape[1], offset / unit)
     for robot, case in itertools.product(range(count), range(4)):
         taken = [neighbours[robot, side] for side in range(2) if case >> side & 1]
         taken = [other for other in taken if other >= 0 and adjacent[robot, other]]
         low = (cells[[robot, *taken], :2] - cells[[robot, *taken], 2:4]).min(axis=0)
         high = (cells[[robot, *taken], :2] + cells[[robot, *taken], 2:4]).max(axis=0)
+        corners[SHAPES * case : SHAPES * (case + 1), robot] = _corners_of(low, high, room.half_width)
         options = search.alone((high - low) / 2, (low + high) / 2)
         if taken and not (options and options[0][2][:2, :2].max() < UNKNOWN):
             towards = (cells[taken, :2] - cells[robot, :2]).sum(axis=0)
@@ -96,7 +103,14 @@ def takeover(plan: Plan, cell: np.ndarray, neighbours: np.ndarray, room: Room, u
         for shape in range(SHAPES):
             row = SHAPES * case + shape
             loop[row, robot], away[row, robot], cost[row, robot] = options[min(shape, len(options) - 1)]
-    return Takeover(loop * unit, away * unit, cost, offset)
+    return Takeover(loop * unit, away * unit, cost, offset, corners)
+
+
+def _corners_of(low: np.ndarray, high: np.ndarray, half_width: float) -> int:
+    """Return the corners of the rectangle that a part of it has, as bits (`Takeover.corners`)."""
+    left, right = low[0] < -half_width + _ALIKE, high[0] > half_width - _ALIKE
+    bottom, top = low[1] < -1.0 + _ALIKE, high[1] > 1.0 - _ALIKE
+    return sum(bool(each) << k for k, each in enumerate((left & bottom, right & bottom, left & top, right & top)))
 
 
 class LoopSearch:
@@ -177,7 +191,7 @@ def _loops_in(half: np.ndarray, room: Room, count: int) -> list[np.ndarray]:
     largest = np.maximum(np.minimum(half, (room.half_width, 1.0)), room.turning)
     for share_x, share_y in itertools.product(_SHARES, _SHARES):
         size = room.turning + np.array([share_x, share_y]) * (largest - room.turning)
-        for corner in dict.fromkeys((room.turning, float(size.min()))):
+        for corner in dict.fromkeys(np.linspace(room.turning, size.min(), 4).tolist()):
             loop = closed_loop(size[0], size[1], corner)
             if loop is None or length_of(loop) > speed_on(corner, room) * count * (1 + 1e-9):
                 continue

@@ -12,22 +12,53 @@ from lissajous_env.device.curve import CurveStruct
 wp.set_module_options(OPTIONS)
 
 FINE = wp.constant(SAMPLES)
-SIDE = wp.constant(6)
+SIDE = wp.constant(12)
 """Shifts that are compared to each side, along x and y."""
-FINER = 5
+FINER = 10
 """Share of the distance from a robot that stands by which these differ."""
+
+SEEN = 0.98
+"""Share of the sensing radius within which a loop passes by corners, for cars that do not follow it exactly."""
 
 
 @wp.func
-def clearance_of(path: wp.array(dtype=wp.vec4), first: int, shift: wp.vec2, standing: wp.array(dtype=wp.vec3)) -> float:
+def clearance_of(
+    path: wp.array(dtype=wp.vec4), first: int, every: int, shift: wp.vec2, standing: wp.array(dtype=wp.vec3)
+) -> float:
     """Return the smallest distance of a shifted loop from the robots that stand [m]."""
     least = float(wp.inf)
     for k in range(standing.shape[0]):
         if standing[k][2] > 0.0:
             place = wp.vec2(standing[k][0], standing[k][1]) - shift
-            for sample in range(first, path.shape[0]):
+            for sample in range(first, path.shape[0], every):
                 least = wp.min(least, wp.length(wp.vec2(path[sample][0], path[sample][1]) - place))
     return least
+
+
+@wp.func
+def unseen_corners(
+    path: wp.array(dtype=wp.vec4),
+    first: int,
+    every: int,
+    shift: wp.vec2,
+    corners: int,
+    curve: CurveStruct,
+    sensing: float,
+) -> float:
+    """Return the sum of the distances of a shifted loop from corners that it never senses [sensing radii]."""
+    unseen = float(0.0)
+    for k in range(4):
+        if ((corners >> k) & 1) == 1:
+            corner = wp.vec2(
+                wp.where(k % 2 == 1, curve.half_width, -curve.half_width),
+                wp.where(k / 2 == 1, curve.half_height, -curve.half_height),
+            )
+            least = float(wp.inf)
+            for sample in range(first, path.shape[0], every):
+                least = wp.min(least, wp.length(wp.vec2(path[sample][0], path[sample][1]) + shift - corner))
+            if least > sensing:
+                unseen += least / sensing
+    return unseen
 
 
 @wp.func
@@ -58,17 +89,23 @@ def case_of_neighbours(watched: wp.array4d(dtype=float), cases: wp.array2d(dtype
 @wp.kernel
 def take_over(
     first: int,
+    every: int,
     shapes: int,
     spacing: float,
     required: float,
     offset: float,
     drift: float,
+    back: float,
     pose: wp.array3d(dtype=wp.vec4),
     margins: wp.array2d(dtype=wp.vec4),
+    middles: wp.array2d(dtype=wp.vec2),
     away: wp.array2d(dtype=wp.vec2),
     costs: wp.array4d(dtype=float),
     cases: wp.array2d(dtype=int),
     home: wp.array2d(dtype=wp.vec2),
+    curve: CurveStruct,
+    sensing: float,
+    corners: wp.array2d(dtype=int),
     observation: wp.array3d(dtype=float),
     standing: wp.array3d(dtype=wp.vec3),
     avoided: wp.array3d(dtype=wp.vec3),
@@ -78,11 +115,15 @@ def take_over(
 ):
     """Choose each robot's loop and shift for its case, clear of robots that stand, and move towards that shift.
 
-    Of those that are clear it is the one of the least cost (`Takeover`), and then the nearest to `home`, the shift that
-    is best if nobody stands there. The loop drifts by up to `drift` [m] in a control step, so that the car stays in
-    phase with the others. `margins` are how far a loop can be moved to the left, down, to the right and up within the
-    rectangle [m], and `target` is the shift that was chosen, and the home that it was chosen for. A robot that has
-    failed keeps its loop, for which the others leave room when it resumes.
+    Of those that are clear it is the one of the least cost (`Takeover`), in which a corner of the rectangle that the
+    robot alone watches counts for more than any place if the loop never senses it. Then it is the nearest to `home`,
+    the shift that is best if nobody stands there. The middle of the loop drifts by up to `drift` [m] in a control step,
+    and by up to `back` towards the robot's own loop, so that the car stays in phase with the others.
+
+    `every` is how many samples of a path are passed over at a time, `margins` how far a loop can be moved to the left,
+    down, to the right and up within the rectangle [m], `middles` are the middles of all loops, `corners` those of
+    `Takeover`, and `target` is the shift that was chosen, and the home that it was chosen for. A robot that has failed
+    keeps its loop, for which the others leave room when it resumes.
     """
     w, i = wp.tid()
     if not own_works(w, i, observation):
@@ -110,22 +151,29 @@ def take_over(
                     y = wp.clamp(home[w, i][1] + float(row) * spacing, margin[1], margin[3])
                     tried = wp.vec2(x, y)
                     moved = tried - home[w, i]
-                    # A collision costs more than any place, and that more than a shift.
+                    # A collision costs more than a corner where targets hide, that more than any place, and that more
+                    # than a shift.
                     cost = 0.01 * wp.length(moved) / required
                     cost += cost_of(costs[now * shapes + shape, i], away[now * shapes + shape, i] + moved, offset)
                     if stands > 0.0 and cost < best_cost:
-                        missed = wp.max(required - clearance_of(path, first, tried, standing[w, i]), 0.0)
+                        missed = wp.max(required - clearance_of(path, first, every, tried, standing[w, i]), 0.0)
                         cost += 1000.0 * missed / required
+                    if stands > 0.0 and cost < best_cost:
+                        seen_from = corners[now * shapes + shape, i]
+                        cost += 20.0 * unseen_corners(path, first, every, tried, seen_from, curve, sensing)
                     if cost < best_cost and (stands > 0.0 or (row == 0 and column == 0)):
                         best_cost = cost
                         best = tried
                         best_shape = shape
             if stands == 0.0:  # the first is the best
                 break
-        plan[w, i] = now * shapes + best_shape
+        chosen = now * shapes + best_shape
+        shift[w, i] += middles[plan[w, i], i] - middles[chosen, i]
+        plan[w, i] = chosen
         target[w, i] = wp.vec4(best[0], best[1], home[w, i][0], home[w, i][1])
     rest = wp.vec2(target[w, i][0], target[w, i][1]) - shift[w, i]
-    shift[w, i] += rest * wp.min(1.0, drift / wp.max(wp.length(rest), 1.0e-9))
+    most = wp.where(now == 0, back, drift)
+    shift[w, i] += rest * wp.min(1.0, most / wp.max(wp.length(rest), 1.0e-9))
 
 
 @wp.kernel
@@ -142,24 +190,14 @@ def take_clear(
     clear_of_all: wp.array3d(dtype=float),
     count: wp.array2d(dtype=int),
     clear_of_standing: wp.array3d(dtype=float),
-    rest: float,
-    resting: wp.array2d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
     """Take the actions of collision filters instead: of one that sees all robots, or only those that stand.
 
     The first counts up to control step `until`, and for a robot that is farther from its reference than `tolerance`
-    [m], for others do not expect it there. `count` is 0 where the second leaves the action as it is. A robot that
-    resumes stands for `rest` more control steps, in which the others return to their own shares.
+    [m], for others do not expect it there. `count` is 0 where the second leaves the action as it is.
     """
     w, i = wp.tid()
-    if not own_works(w, i, observation):
-        resting[w, i] = rest
-    elif resting[w, i] > 0.0:
-        resting[w, i] -= 1.0
-        action_out[w, i, 0] = 0.0
-        action_out[w, i, 1] = -1.0
-        return
     steps = memory[w, i, STEPS]  # already those after this control step
     path = pose[plan[w, i], i]
     at = path[first + wp.max(FINE * (int(steps) - 1) - first, 0) % (path.shape[0] - first)]
@@ -170,3 +208,17 @@ def take_clear(
     elif count[w, i] > 0:
         action_out[w, i, 0] = clear_of_standing[w, i, 0]
         action_out[w, i, 1] = clear_of_standing[w, i, 1]
+
+
+@wp.kernel
+def rest_after_failure(
+    rest: float, observation: wp.array3d(dtype=float), resting: wp.array2d(dtype=float), action: wp.array3d(dtype=float)
+):
+    """Let a robot that resumes stand for `rest` more control steps, in which the others return to their own shares."""
+    w, i = wp.tid()
+    if not own_works(w, i, observation):
+        resting[w, i] = rest
+    elif resting[w, i] > 0.0:
+        resting[w, i] -= 1.0
+        action[w, i, 0] = 0.0
+        action[w, i, 1] = -1.0

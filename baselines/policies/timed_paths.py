@@ -228,7 +228,7 @@ def follow_paths(
         # A car that starts falls behind by half of the time in which it reaches the speed of its path.
         pull = wp.max(robot.drive * robot.throttle_max - robot.model_offset, least_speed / tracking.step)
         early = -behind / wp.max(at[3] * tracking.step, least_speed * tracking.step)
-        start = 0.5 * at[3] / (pull * tracking.step)
+        start = 0.25 * at[3] / (pull * tracking.step)
         if early > start + 0.5 or early < -1.0:
             push = -robot.model_offset
     steering = wp.atan(robot.wheelbase * curvature / (1.0 + known[TURN_RATIO]))
