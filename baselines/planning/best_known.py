@@ -87,6 +87,15 @@ def keep(name: str, finals: Sequence[Planned], command: str) -> list[str]:
     return written
 
 
+def keep_figures(stored_plan: BestKnown, figures: Figures) -> None:
+    """Store figures of a stored plan in place of its own; remove the plan if it collides or has no bound."""
+    if figures.collisions or not math.isfinite(figures.worst_case):
+        shutil.rmtree(FOLDER / stored_plan.name)
+    else:
+        _write_figures(FOLDER / stored_plan.name, figures, stored_plan.command)
+    all_known.cache_clear()
+
+
 def _shorter(figures: Figures, goal: str) -> tuple[float, float]:
     """Return `ranked` of figures as they are stored."""
     first, second = ranked(figures, goal)
@@ -97,12 +106,15 @@ def _write(folder: str, name: str, best: Planned, command: str) -> None:
     path = FOLDER / folder
     shutil.rmtree(path, ignore_errors=True)
     path.mkdir(parents=True)
-    figures = best.figures
-    found = {"command": command, "worst_case": _short(figures.worst_case), "settled": _short(figures.settled)}
     home = [f'name = "{folder}-best-known"', f'base = "{name}"']
     home += [f"\n[task]\ncontamination = {list(GRIDS[name])}"] if name in GRIDS else []
     write_atomically(path / stored.HOME, "\n".join(home) + "\n")
     write_atomically(path / stored.FILE, stored.as_toml(best.plan.settings))
+    _write_figures(path, best.figures, command)
+
+
+def _write_figures(path: Path, figures: Figures, command: str) -> None:
+    found = {"command": command, "worst_case": _short(figures.worst_case), "settled": _short(figures.settled)}
     write_atomically(path / FOUND, "".join(f"{key} = {toml_value(key, value)}\n" for key, value in found.items()))
 
 
