@@ -89,10 +89,10 @@ def test_a_named_scenario_is_played_as_in_the_standard_comparison(tmp_path):
         settings = Benchmark(("intruders",), ("still",), 1, out=tmp_path / str(len(overrides)), overrides=overrides)
         return measure(settings, console=Console(quiet=True)).held_scenarios["intruders"].task.contamination
 
-    assert played(**{"task.duration": 0.5}) == (162, 72)
+    assert played(**{"task.duration": 0.5}) == (108, 48)
     assert played(**{"task.duration": 0.5, "task.contamination": None}) is None
     page = (tmp_path / "1" / "report.html").read_text()
-    assert "--set 'task.contamination=(162, 72)' task.duration=0.5" in page
+    assert "--set 'task.contamination=(108, 48)' task.duration=0.5" in page
 
 
 def test_policies_that_users_registered_are_played_beside_the_standard_ones_and_all_plays_every_one():

@@ -22,7 +22,7 @@ POLICIES = (
 )  # fmt: skip
 """Each is played where it drives the robots, also where it was not made for; the clairvoyant goes with them."""
 
-GRIDS = {"intruders": (162, 72), "intruders-inside": (162, 72), "rough": (90, 40), "rough-lost": (90, 40)}
+GRIDS = {"intruders": (108, 48), "intruders-inside": (108, 48), "rough": (90, 40), "rough-lost": (90, 40)}
 """Columns and rows of `task.contamination` of scenarios that do not follow the guarantee by themselves, as that makes
 their steps slower: a benchmark has a number for the guarantee on all of them."""
 

@@ -5,6 +5,10 @@ limit. On a square grid such a path is at most 2.7 % longer than the straight li
 that much. The outermost nodes lie on the edges of the rectangle, because targets can: a corner that discs leave free
 may be smaller than half a cell. Nodes are therefore a little farther apart than centres of cells.
 
+A hop to the next node must not pass over a place that a disc covers thinly, as where it only just reaches a wall. The
+nodes are therefore sensed within a radius of sqrt(r^2 + s^2) instead of r, where s is their spacing: the two nodes on
+both sides of a place that a disc touches are then within it. This is larger by s^2 / 2 r at most, 1 mm on `evaders`.
+
 The duration of a hop is not a whole number of control steps. It is counted in ticks (several per step for a target
 that passes more than a cell in one step, one per several steps for a slow target), and the remainder is carried along
 as a fraction of a tick, so that rounding does not accumulate. A target introduced between two ticks counts from the
@@ -35,7 +39,7 @@ class Spreading:
     columns: int
     rows: int
     radius: float
-    """Sensing radius of the robots [m]."""
+    """Radius within which nodes are sensed [m]."""
     ticks: int
     """Ticks per control step."""
     period: int
@@ -94,4 +98,4 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
     takes = [max(math.hypot(i * sides[0], j * sides[1]) / moved * ticks / period, 1.0) for i, j in HOPS]
     delays = tuple(int(time) for time in takes)
     shares = tuple(int((time - whole) * TICK_FRACTIONS) for time, whole in zip(takes, delays, strict=True))
-    return Spreading(columns, rows, radius, ticks, period, delays, shares)
+    return Spreading(columns, rows, math.hypot(radius, max(sides)), ticks, period, delays, shares)
