@@ -17,6 +17,7 @@ from baselines.policies.line_path import (
     speed_limit,
     turn_of,
 )
+from lissajous_env.parameters import named
 
 INTRUDERS = lissajous_env.scenario("intruders", **{"task.contamination": (108, 48), "targets.speed_limit": 0.6})
 SEVEN = {"robot.count": 7, "task.duration": 60.0}
@@ -106,6 +107,15 @@ def test_the_guarantee_is_that_of_the_ideal_motion_and_no_cars_collide():
     assert max(worst) <= 18
     np.testing.assert_allclose(worst, ideal, rtol=0.03)
     assert sum(row["collisions"] for row in rows) == 0
+
+
+@pytest.mark.parametrize("grid", [(54, 24), (81, 36), (135, 60), (216, 96)])
+def test_rogues_do_not_pass_where_discs_only_just_reach_the_walls(grid):
+    """Law: the guarantee hardly depends on the grid, down to spacings of 0.4 sensing radii."""
+    scenario = named.build(INTRUDERS, **{"task.contamination": grid})
+    fine = lissajous_env.evaluate(LineAbreast(INTRUDERS), INTRUDERS, seeds=[0])[0]["guaranteed_detection_time"]
+    found = lissajous_env.evaluate(LineAbreast(scenario), scenario, seeds=[0])[0]["guaranteed_detection_time"]
+    assert found == pytest.approx(fine, abs=0.3)
 
 
 def test_uneven_cars_keep_the_line():

@@ -181,7 +181,7 @@ def played(name, overrides, worlds=4):
 
 
 def test_robots_drive_around_those_that_have_failed_and_keep_the_guarantee():
-    """Oracle: the partition without reaction, whose robots drive into those that stand on their loops."""
+    """Oracle: the partition without reaction, whose robots drive into those that stand; the grid has the corners."""
     schedule = lissajous_env.scenario("evaders-failure").faults.schedule
     overrides = {"faults.schedule": schedule, "task.duration": 45.0}
     (collisions, repaired), (others, _) = (played(name, overrides) for name in ("partition-repair", "partition"))

@@ -8,6 +8,7 @@ may be smaller than half a cell. Nodes are therefore a little farther apart than
 A hop to the next node must not pass over a place that a disc covers thinly, as where it only just reaches a wall. The
 nodes are therefore sensed within a radius of sqrt(r^2 + s^2) instead of r, where s is their spacing: the two nodes on
 both sides of a place that a disc touches are then within it. This is larger by s^2 / 2 r at most, 1 mm on `evaders`.
+Where r is not even 2 s, no disc is so wide that it could clear an area, and r remains.
 
 The duration of a hop is not a whole number of control steps. It is counted in ticks (several per step for a target
 that passes more than a cell in one step, one per several steps for a slow target), and the remainder is carried along
@@ -29,6 +30,8 @@ HOPS = ((1, 0), (0, 1), (1, 1), (2, 1), (1, 2))
 _SHORTEST, _TICKS_MAX = 0.99, 32
 """Least duration of the shortest hop where a tick lasts several steps [tick]; limit on the ticks per step."""
 _STRETCH_MAX = 1.5
+_COARSE = 2.0
+"""Sensing radius up to which it remains as it is, in spacings of the nodes."""
 _STILL = Reaches(1, 0.0, (), ())
 
 
@@ -98,4 +101,6 @@ def spreading_of(curve: Curve, task: Task, radius: float, speed: float) -> Sprea
     takes = [max(math.hypot(i * sides[0], j * sides[1]) / moved * ticks / period, 1.0) for i, j in HOPS]
     delays = tuple(int(time) for time in takes)
     shares = tuple(int((time - whole) * TICK_FRACTIONS) for time, whole in zip(takes, delays, strict=True))
-    return Spreading(columns, rows, math.hypot(radius, max(sides)), ticks, period, delays, shares)
+    if radius > _COARSE * max(sides):
+        radius = math.hypot(radius, max(sides))
+    return Spreading(columns, rows, radius, ticks, period, delays, shares)
