@@ -1,10 +1,11 @@
-"""Rogues that know the future beside the worst case of the grid: `python benchmarks/witness.py`.
+"""Rogues that know the future, compared with the worst case of the grid: `python benchmarks/witness.py`.
 
 In each episode a rogue stays undetected for as long as it can and is replayed as an ordinary target. Its time is a
 lower bound of the worst case, `task.conservative` is an upper bound, `guaranteed_detection_time` rounds to the cells of
-its grid. The table has, over the episodes, how far the rogue is from the latter; how many are within the time in which
-a rogue crosses a cell, above it, and below it; and the median of its time over the upper bound. A rogue is detected
-within a step, and the grid counts whole steps, so that up to a step more is no difference. `--store` puts the table
+its grid. The table has the difference of the rogue's time from the latter over the episodes; the numbers of episodes in
+which it is within the time in which a rogue crosses a cell, above it, and below it; and the median of the rogue's time
+divided by the upper bound. A rogue is detected within a step, and the grid counts whole steps, so a difference of up to
+one step is ignored. `--store` puts the table
 into docs/figures.json, `--out` writes a line of JSON for each episode.
 """
 
