@@ -1,4 +1,4 @@
-"""The paper's experiment: what Fig. 9 reports beside what is simulated, with and without feedback.
+"""The paper's experiment: the results of Fig. 9 compared with simulated ones, with and without feedback.
 
 Command: `python benchmarks/experiment.py`, which stores the rows without the fault as the table `experiment` of
 docs/figures.json.

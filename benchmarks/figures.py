@@ -1,17 +1,17 @@
-"""Numbers of the documentation: kept in docs/figures.json by the programs that compute them, written from there.
+"""Numbers of the documentation, which the programs that compute them store in docs/figures.json.
 
     python benchmarks/figures.py            writes what docs/figures.json holds into README.md and docs/*.md
     python benchmarks/figures.py --paper    simulates the paper first, seed 0, and stores the table of its claims
 
-A page marks a place, and what stands there is replaced:
+The text between two marks of a page is replaced:
 
     <!-- figures: NAME --> ... <!-- end -->                  the table NAME
     <!-- figures: NAME, NAME ... --> ... <!-- end -->        tables with the same columns, one below the other
     <!-- figures: NAME / ROW / COLUMN --> ... <!-- end -->   one cell, in a line of text
 
-ROW is the first cell of a row, or the beginning of one row's alone. Another program adds its tables by `store`. What
-the code itself says (`observation`, `reward`, `score`) and what is picked from another table (`gist`) is not stored,
-but made when the pages are written.
+ROW is the first cell of a row, or a beginning that only one row has. Other programs add their tables by `store`. The
+tables that are made from the code (`observation`, `reward`, `score`) or picked from another one (`gist`) are not
+stored, but made when the pages are written.
 """
 
 import argparse
@@ -39,10 +39,10 @@ GIST = (
     ("intruders", "detection [s]"),
     ("rough", "collisions"),
 )
-"""Scenario and column of what the README shows of the table of the policies."""
+"""Scenario and column of each number that the README shows of the table of the policies."""
 
 Table = Mapping[str, Sequence[Any]]
-"""`columns`, their titles, and `rows` of as many cells, all of them text."""
+"""A table: `columns`, the titles, and `rows` with as many cells; all are text."""
 
 
 def load() -> dict[str, Table]:
@@ -85,7 +85,7 @@ def made_now() -> dict[str, Table]:
 
 
 def gist_of(policies: Table) -> Table:
-    """The few columns of the table `policies` that tell most: a row for each policy that drives cars."""
+    """Return the most informative columns of the table `policies`, with a row for each policy that drives cars."""
     at = {title: k for k, title in enumerate(policies["columns"])}
     cells: dict[str, dict[str, str]] = {}
     name = ""
@@ -100,7 +100,7 @@ def gist_of(policies: Table) -> Table:
 
 
 def store(tables: Mapping[str, Table]) -> None:
-    """Put tables into docs/figures.json, in place of those of the same names."""
+    """Store tables in docs/figures.json; they replace those of the same names."""
     for name, table in tables.items():
         if any(len(row) != len(table["columns"]) for row in table["rows"]):
             raise ValueError(f"rows of table {name} must have a cell for each of its columns")
@@ -110,7 +110,7 @@ def store(tables: Mapping[str, Table]) -> None:
 
 def show(title: str, table: Table) -> None:
     """Print a table."""
-    # As text: rich would take what stands in brackets, as units do, for its own marks.
+    # Cells are passed as text, because rich would interpret brackets, such as those of units, as markup.
     shown = Printed(title=title)
     for k, column in enumerate(table["columns"]):
         shown.add_column(Text(column), no_wrap=not k)
@@ -120,7 +120,7 @@ def show(title: str, table: Table) -> None:
 
 
 def of_claims(claims: Sequence[Any]) -> dict[str, Table]:
-    """Table of each part of the paper, from the claims that `baselines.reproduce` returns."""
+    """Return the table of each part of the paper, from the claims that `baselines.reproduce` returns."""
     columns = ["claim", "paper", "ours", "agrees", "why, or what was chosen"]
     tables: dict[str, Table] = {}
     for claim in claims:
@@ -131,7 +131,7 @@ def of_claims(claims: Sequence[Any]) -> dict[str, Table]:
 
 
 def filled(page: str, tables: Mapping[str, Table]) -> str:
-    """Return a page with what its marks ask for; a ValueError names one that asks for what is not there."""
+    """Return a page with the tables and cells that its marks name; a ValueError names a mark of an unknown one."""
     return _PLACE.sub(lambda match: f"<!-- figures: {match[1]} -->{_content(match[1], tables)}<!-- end -->", page)
 
 

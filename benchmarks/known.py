@@ -1,9 +1,9 @@
 """The best known plans of included scenarios: `python benchmarks/known.py NAME --seconds 120 --seed 0`.
 
-Searches for plans of each scenario, as a benchmark plays it, whose robots begin where the scenario places them: the
-stored ones of all scenarios that begin alike, partitions and lines, then free-form paths from the best of these. The
-seconds are those of the processors, so that the result depends little on what else runs. A plan with a shorter
-worst-case undetected time than the stored one, of whole episodes or of their second halves, takes its place in
+Searches for plans of each scenario, as a benchmark plays it, whose robots begin where the scenario places them. The
+candidates are the stored plans of all scenarios with the same start, partitions and lines, and then free-form paths
+from the best of these. The seconds are processor time, so the result depends little on other programs. A plan with a
+shorter worst-case undetected time than the stored one, of whole episodes or of their second halves, takes its place in
 `baselines/planning/known`, together with this command and its figures. Plans with a collision, or without a bound, are
 not stored. `--again` first plays the stored plans of the scenario and stores their figures, which a change of the
 simulation or of the contamination grid alters.
@@ -25,7 +25,7 @@ from lissajous_env.parameters.scenario import Scenario
 
 
 class Alike(Known):
-    """The stored plans of all scenarios whose robots begin at the same places of the same rectangle."""
+    """Return the stored plans of all scenarios whose robots begin at the same places of the same rectangle."""
 
     def starts(self, task: Scenario) -> Sequence[Settings]:
         """Return the stored plans."""

@@ -1,9 +1,9 @@
-"""Shipped policies against the classical ones, as they are and tuned: `python benchmarks/learned.py`.
+"""Shipped policies compared with the classical ones, with default and tuned parameters: `python benchmarks/learned.py`.
 
 Every policy plays the same 64 held-out seeds, which neither the training nor the tuning saw, in one run. The tuned
 classical policies are those of `benchmarks/tuned.json`, which `python benchmarks/tuning.py` writes. `--touches` counts
-how rare collisions are, over many more episodes. `--store` puts what is found into docs/figures.json, and how each
-shipped policy was made, from its card.
+rare collisions over many more episodes. `--store` puts the tables into docs/figures.json, together with the settings of
+the training of each shipped policy, from its card.
 """
 
 import argparse
@@ -35,7 +35,7 @@ COLUMNS = {"detection_time_mean": "detection [s]", "collisions": "collisions", "
 
 
 def candidates(scenario: str, worlds: int) -> dict[str, Policy]:
-    """Policies that play a scenario, by what the table calls them."""
+    """Policies that play a scenario, by their names in the table."""
     made = lissajous_env.scenario(scenario)
     found = {LEARNED[scenario]: baselines.make(LEARNED[scenario], made, worlds)}
     found |= {name: baselines.make(name, made, worlds) for name in OTHERS[scenario]}
@@ -50,7 +50,7 @@ def candidates(scenario: str, worlds: int) -> dict[str, Policy]:
 
 
 def compare(scenario: str, episodes: int) -> dict[str, dict[str, Statistics]]:
-    """Play, return the statistics of each policy."""
+    """Play, and return the statistics of each policy."""
     seeds = HELD_OUT[:episodes]
     scores: dict[str, dict[str, Statistics]] = {}
     for label, policy in candidates(scenario, len(seeds)).items():
@@ -60,7 +60,7 @@ def compare(scenario: str, episodes: int) -> dict[str, dict[str, Statistics]]:
 
 
 def as_table(scores: dict[str, dict[str, dict[str, Statistics]]]) -> figures.Table:
-    """What each policy scored by scenario, and the detection time of the learned one, without a filter, beside its."""
+    """Return each policy's scores by scenario, and the relative detection time of the learned one without a filter."""
     rows = []
     for scenario, policies in scores.items():
         own = policies[LEARNED[scenario]]["detection_time_mean"].iqm
@@ -73,7 +73,7 @@ def as_table(scores: dict[str, dict[str, dict[str, Statistics]]]) -> figures.Tab
 
 
 def ratios(scenario: str, scores: dict[str, dict[str, Statistics]], console: Console) -> None:
-    """Print what the learned policy's numbers are as shares of the others'."""
+    """Print the learned policy's numbers as shares of those of the others."""
     own = scores[LEARNED[scenario]]
     console.print(f"{LEARNED[scenario]} on {scenario}")
     for label, other in scores.items():
@@ -90,7 +90,7 @@ def ratios(scenario: str, scores: dict[str, dict[str, Statistics]], console: Con
 
 
 def touches(scenario: str, seeds: range) -> list[list[str]]:
-    """Row of the learned policy, and of it behind the filter: in how many episodes of many robots touch."""
+    """Return a row for the learned policy without and with the filter: the number of episodes with collisions."""
     rows = []
     for name in (LEARNED[scenario], f"{LEARNED[scenario]}-safe"):
         policy = baselines.make(name, scenario, len(seeds))
@@ -102,7 +102,7 @@ def touches(scenario: str, seeds: range) -> list[list[str]]:
 
 
 def made(name: str) -> list[str]:
-    """Row of a shipped policy: what it is, by its card, and how long it was trained."""
+    """Return the row of a shipped policy: its kind, by its card, and the duration of its training."""
     card, text = checkpoint.read(find(name))[1:]
     stages = {point.get("stage", 1) for point in text["curve"]}
     learner = "PPO with a central critic" if card.settings.get("critic", "robot") != "robot" else "PPO"

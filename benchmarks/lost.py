@@ -1,4 +1,4 @@
-"""The worst case if a robot is lost, for each of the robots: `python benchmarks/lost.py --store`.
+"""The worst case if a robot is removed, for each of the robots: `python benchmarks/lost.py --store`.
 
 One robot of `evaders` is removed after 20 s. A cell shows the longest worst-case undetected time of all seeds, `>` if
 it was still growing at the end of one of them, and the mean number of collisions.

@@ -1,8 +1,8 @@
-"""Optimality of the MPCC against CasADi + IPOPT on the same problems, which `python benchmarks/speed.py` times, too.
+"""Optimality of the MPCC against CasADi + IPOPT on the same problems, which `python benchmarks/speed.py` also times.
 
-Two sets of problems, started from the same guess on both sides: states met in closed loop on the paper's experiment
-(guess: the last solution shifted by a stage) and random states near its curve (guess: straight on at the speed wanted
-at the start).
+There are two sets of problems, and both solvers start from the same guess: states from a closed loop in the paper's
+experiment (guess: the last solution shifted by a stage), and random states near its curve (guess: straight on at the
+speed that is wanted at the start).
 """
 
 import time
@@ -38,7 +38,7 @@ class Problems:
 
 
 class Ipopt:
-    """Problem (11)-(15) once more, in float64 by CasADi, with the states as variables (multiple shooting)."""
+    """Problem (11)-(15) in float64 by CasADi, with the states as variables (multiple shooting)."""
 
     def __init__(self, curve: Curve, p: MpccParameters):
         self.curve, self.p = curve, p
@@ -98,18 +98,18 @@ class Ipopt:
         return (rate - z[3] / speed) ** 2 + self.p.weight_lag * lag**2 + self.p.weight_lateral * lateral**2
 
     def rollout(self, state, control):
-        """Trajectory (M + 1, 5) of the model from one state under controls (M, 2)."""
+        """Return the trajectory (M + 1, 5) of the model from one state under controls (M, 2)."""
         path = [np.asarray(state, float)]
         for u in control:
             path.append(np.array(self.advance(path[-1], u)).ravel())
         return np.array(path)
 
     def cost(self, state, phase_rate, control) -> float:
-        """(11a) of controls (M, 2), in float64."""
+        """Return the cost (11a) of controls (M, 2), in float64."""
         return float(self.total(self.rollout(state, control).T, np.asarray(control, float).T, phase_rate))
 
     def solve(self, state, phase_rate, guess):
-        """Cost and controls (M, 2) that IPOPT finds from the guess."""
+        """Return cost and controls (M, 2) that IPOPT finds from the guess."""
         p = self.p
         low, high = (-p.steering_max, p.throttle_min), (p.steering_max, p.throttle_max)
         x0 = np.r_[self.rollout(state, guess).ravel(), np.ravel(guess)]
@@ -119,7 +119,7 @@ class Ipopt:
 
 
 def plant_step(robot: Robot, z: np.ndarray, u: np.ndarray, h: float) -> np.ndarray:
-    """Drive the cars (n, 4) on by h under (n, 2) controls: the plant, with its dead zone and no reversing."""
+    """Return the cars (n, 4) after h under controls (n, 2): the simulated car, with its dead zone and no reversing."""
     push = np.where(u[:, 1] > robot.dead_zone, robot.drive * u[:, 1] - robot.offset, 0.0)
 
     def rates(z):
@@ -139,7 +139,7 @@ def plant_step(robot: Robot, z: np.ndarray, u: np.ndarray, h: float) -> np.ndarr
 
 
 def tangent(curve: Curve, gamma: np.ndarray) -> np.ndarray:
-    """r'(gamma), (n, 2) [m/rad]."""
+    """Return r'(gamma), (n, 2) [m/rad]."""
     return np.stack(
         [
             -curve.half_width * curve.a * np.sin(curve.a * gamma),
@@ -150,7 +150,7 @@ def tangent(curve: Curve, gamma: np.ndarray) -> np.ndarray:
 
 
 def closed_loop(mpcc: Mpcc, curve: Curve, steps: int):
-    """Run the experiment of Section VII with our solver; returns the problems met and the time per warm solve [s]."""
+    """Run the experiment of Section VII with our solver; return its problems and the time per warm solve [s]."""
     robot, n, h = Robot(), len(RING), mpcc.parameters.step
     phase = closed_forms.equilibrium_phases(n, 2, RING)
     d = tangent(curve, phase)
@@ -184,7 +184,7 @@ def closed_loop(mpcc: Mpcc, curve: Curve, steps: int):
 
 
 def random_problems(count: int, curve: Curve, p: MpccParameters, rng: np.random.Generator) -> Problems:
-    """States near the curve, with a guess of straight on at the speed wanted."""
+    """Return random states near the curve, with a guess of straight on at the wanted speed."""
     gamma = rng.uniform(0, 2 * np.pi, count)
     d = tangent(curve, gamma)
     speed = np.hypot(d[:, 0], d[:, 1])
@@ -201,7 +201,7 @@ def random_problems(count: int, curve: Curve, p: MpccParameters, rng: np.random.
 
 
 def accuracy(problems: Problems, solution: Solution, costs: np.ndarray, ipopt: Ipopt) -> dict[str, str]:
-    """What a solution costs above IPOPT's costs (n,) on a set, in words."""
+    """Return in words the cost of a solution relative to IPOPT's costs (n,) on a set."""
     controls = solution.control.astype(float)
     ours = [ipopt.cost(*each) for each in zip(problems.state, problems.phase_rate, controls, strict=True)]
     excess = np.array(ours) / costs - 1

@@ -1,10 +1,9 @@
-"""The defaults of `lissajous train` on scenarios that are not shipped, against the paper's method on each.
+"""The defaults of `lissajous train` on scenarios that are not shipped, compared with the paper's method.
 
 `python benchmarks/own_scenarios.py` trains each of `benchmarks/own_scenarios/*.toml` for some seeds, and plays the best
-checkpoint and the rival on the same held-out seeds; a policy for cars is played with the collision filter. FOLDER holds
-a folder for each training, the rows of its episodes, and `own_scenarios.json`, which is written anew after each
-training. Killed and called again, the command goes on. Options that this script does not know are those of
-`lissajous train`.
+checkpoint and the rival on the same held-out seeds; a policy for cars is played with the collision filter. FOLDER
+contains a folder for each training, the rows of its episodes, and `own_scenarios.json`, which is written after each
+training. If the command is interrupted and called again, it resumes. Unknown options are passed to `lissajous train`.
 """
 
 import argparse
@@ -37,7 +36,7 @@ KEPT = ("seed", *COLUMNS)
 
 
 def rows_of(path: Path, policy: Any, scenario: Path) -> list[dict[str, Any]]:
-    """Rows of the held-out episodes of a policy that `policy()` makes; kept in a file, and read from there again."""
+    """Return the rows of the held-out episodes of the policy that `policy()` makes; they are stored in a file."""
     if not path.exists():
         played = lissajous_env.evaluate(policy(), lissajous_env.scenario(scenario), HELD_OUT)
         write_atomically(path, json.dumps(plain([{name: row[name] for name in KEPT} for row in played])) + "\n")
@@ -45,7 +44,7 @@ def rows_of(path: Path, policy: Any, scenario: Path) -> list[dict[str, Any]]:
 
 
 def trained(out: Path, scenario: Path, seed: int, steps: int, more: Sequence[str]) -> Path:
-    """Train by the command, as far as it has not been done; returns the folder."""
+    """Train by the command, unless that was done before, and return the folder."""
     folder = out / f"{scenario.stem}-{seed}"
     command = [sys.executable, "-m", "lissajous_env", "train", "--scenario", str(scenario), "--steps", str(steps),
                "--seed", str(seed), "--out", str(folder), *more]  # fmt: skip
@@ -54,7 +53,7 @@ def trained(out: Path, scenario: Path, seed: int, steps: int, more: Sequence[str
 
 
 def judged(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[str, Any]:
-    """Means of both, and the differences seed by seed with their intervals."""
+    """Return the means of both, and the differences seed by seed with their intervals."""
     found = {}
     for name in COLUMNS:
         pair = [np.array([row[name] for row in rows], dtype=float) for rows in (ours, theirs)]  # None is NaN
@@ -64,7 +63,7 @@ def judged(ours: list[dict[str, Any]], theirs: list[dict[str, Any]]) -> dict[str
 
 
 def as_table(results: Sequence[dict[str, Any]]) -> figures.Table:
-    """A row for each training: detection and collisions of both, and on which share of the seeds it is faster."""
+    """Return a row for each training: detection and collisions of both, and the share of seeds where it is faster."""
     rows = []
     for each in results:
         time_of, collisions = each["columns"]["detection_time_mean"], each["columns"]["collisions"]

@@ -1,10 +1,10 @@
-"""Plans of random requests beside every default policy: `python benchmarks/planning.py --requests 12`.
+"""Plans of random requests compared with every default policy: `python benchmarks/planning.py --requests 12`.
 
 Draws rectangles, robots, sensors and targets by seed, plans each for some seconds, then plays every included classical
 policy with its default parameters on the same scenario and the same seeds, without a time limit. A row is printed after
-each request: the worst-case undetected time of the best plan and of the best default without collisions, what the
-planning took, and how many defaults it did not play. The last line counts the requests whose best plan is worse than a
-default: it should say 0.
+each request: the worst-case undetected time of the best plan and of the best default without collisions, the
+duration of the planning, and the number of defaults that it did not play. The last line has the number of requests
+whose best plan is worse than a default; it should be 0.
 """
 
 import argparse
@@ -23,7 +23,7 @@ COLUMNS = ["request", "best plan", "worst [s]", "best default", "worst [s]", "wa
 
 
 def drawn(seed: int) -> dict[str, Any]:
-    """Return the request of a seed: what is given to `baselines.plan`."""
+    """Return the request of a seed, which is passed to `baselines.plan`."""
     random = np.random.default_rng(seed)
 
     def between(low: float, high: float) -> float:

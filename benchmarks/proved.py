@@ -1,8 +1,8 @@
 """Guarantee, cost and limits of the proved filter: `python benchmarks/proved.py`.
 
-Worst-case undetected time and collisions of the paper's method on `evaders` under each filter; time of the filter per
-robot and step; then collisions of cars that all drive at their nearest neighbour, with each condition violated in turn.
-`--seeds 16 --worlds 50` makes it short.
+Prints the worst-case undetected time and collisions of the paper's method on `evaders` under each filter, the time of
+the filter per robot and step, and the collisions of cars that all drive towards their nearest neighbour while each
+condition in turn is violated. `--seeds 16 --worlds 50` makes it short.
 """
 
 import argparse
@@ -28,12 +28,12 @@ NOISY = {"noise.position": 0.01, "noise.heading": 0.01, "noise.speed": 0.02}
 
 
 class Chasing(Policy):
-    """Every car drives at full throttle towards the nearest robot that it sees."""
+    """Policy whose cars drive at full throttle towards the nearest robot that they sense."""
 
     kind = "car"
 
     def decide(self, observation):
-        """Steer at the nearest robot, in a circle where there is none."""
+        """Steer towards the nearest robot, or in a circle without one."""
         rows = baselines.Rows(observation, self.scenario)
         away = rows.robot_offset[..., 0, :]
         angle = np.arctan2(away[..., 1], away[..., 0]) - rows.heading
@@ -42,7 +42,7 @@ class Chasing(Policy):
 
 
 class Alone:
-    """The filter without its messages: each robot decides as if no other one did, and as it sees them go on."""
+    """The filter without its messages: each robot assumes that the others continue as it observes them."""
 
     def __init__(self, scenario, worlds):
         self.chasing = Chasing(scenario, worlds)
@@ -50,11 +50,11 @@ class Alone:
 
     @property
     def holds(self):
-        """Worlds (W,) in which every robot took the tails that it assumed to be compatible."""
+        """Return the worlds (W,) in which all assumed tails are compatible."""
         return np.all([policy.holds for policy in self.each], axis=0)
 
     def act(self, observation):
-        """Let robot i decide in the i-th filter, where the others let their tails go on."""
+        """Let robot i decide in the i-th filter, in which the others continue their tails."""
         wanted, action = self.chasing.act(observation.numpy()), np.zeros(self.chasing.action.shape, np.float32)
         for i, policy in enumerate(self.each):
             own = np.full_like(wanted, np.nan)
@@ -64,17 +64,17 @@ class Alone:
 
 
 class OneUnfiltered(Proved):
-    """The filter under all robots but robot 0."""
+    """The filter under all robots except robot 0."""
 
     def decide(self, observation):
-        """Pass the action of robot 0 on."""
+        """Return the filtered actions, with the unfiltered one of robot 0."""
         wanted = self.policy.act(observation)
         filtered = self.filter(observation, wanted).numpy()
         filtered[:, 0] = wanted.numpy()[:, 0]
 
 
 def with_wrong_drag(scenario, worlds, factor):
-    """The filter for cars whose drag is a factor of what it takes it to be."""
+    """Return the filter for cars whose drag is a factor of the assumed one."""
     policy = Proved(Chasing(scenario, worlds))
     policy._robot.drag = policy.scenario.robot.drag / factor
     policy._bounds.left = math.exp(-policy._robot.drag * policy.scenario.task.step)
@@ -82,14 +82,14 @@ def with_wrong_drag(scenario, worlds, factor):
 
 
 def of(changes=None, believed=None, **parameters):
-    """Scenario and filter, which may believe another scenario."""
+    """Return scenario and filter; the filter may be made for another scenario."""
     scenario = lissajous_env.scenario(CHASE, **(changes or {}))
     taken = lissajous_env.scenario(scenario, **(believed or {}))
     return scenario, lambda w: Proved(Chasing(taken, w), ProvedParameters(**parameters) if parameters else None)
 
 
 def cases():
-    """Name, scenario and filter of every violation, after those that are none."""
+    """Return name, scenario and filter of every violation, after those without one."""
     uneven = {"noise.wheelbase_spread": 0.1, "noise.drive_spread": 0.1}
     return [
         ("none", *of()),
@@ -107,7 +107,7 @@ def cases():
 
 
 def violated(scenario, make, worlds):
-    """Collisions of an episode with and without compatible tails before, and the share of proofs that broke."""
+    """Return collisions per episode with and without compatible tails before, and the share of broken guarantees."""
     policy, simulation = make(worlds), lissajous_env.Simulation(scenario, worlds, seed=1)
     proved, broken, collisions = np.zeros(worlds, bool), np.zeros(worlds, bool), np.zeros((2, worlds))
     for _ in range(simulation.scenario.task.steps):
@@ -127,7 +127,7 @@ def violated(scenario, make, worlds):
 
 
 def guarantees(seeds):
-    """Scores of the paper's method on `evaders` under each filter."""
+    """Return the scores of the paper's method on `evaders` under each filter."""
     rows, plain = [], np.ones(seeds)
     for suffix in FILTERS:
         policy = baselines.make(f"kuramoto-mpcc{suffix}", "evaders", seeds)
@@ -144,7 +144,7 @@ def guarantees(seeds):
 
 
 def times(worlds=64, steps=300):
-    """Time of the filter per robot and step [us] on one thread, and the share of the actions that it changed."""
+    """Return the time of the filter per robot and step [us] on one thread, and the share of actions that it changed."""
     rows = []
     for name, scenario in TIMED:
         policy, simulation = Proved(baselines.make(name, scenario, worlds)), lissajous_env.Simulation(scenario, worlds)

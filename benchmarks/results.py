@@ -1,9 +1,9 @@
 """Scores of every policy on every scenario, for the pages of the scenarios: `python benchmarks/results.py --store`.
 
-Every policy plays each shipped scenario that it can drive, on few seeds, the same for
-all; `benchmarks/table.py` plays fewer of them on more seeds. FOLDER holds the benchmark of each scenario; killed and
-called again it goes on. A number is the interquartile mean over the episodes with its 95 % bootstrap interval, of
-collisions the mean.
+Every policy plays each shipped scenario whose robots it drives, on the same few seeds; `benchmarks/table.py` plays
+fewer of them on more seeds. FOLDER contains the benchmark of each scenario. If the command is interrupted and called
+again, it resumes. A number is the interquartile mean over the episodes with its 95 % bootstrap interval; for
+collisions, the mean.
 """
 
 import argparse
@@ -24,19 +24,19 @@ from lissajous_env.console.terminal import make_console
 from lissajous_env.world.columns import WORST_CASE
 
 LARGE = 10_000_000
-"""Robots times targets from which a scenario is played on one seed, by the paper's method and its nearest rivals."""
+"""Robots times targets from which on a scenario is played on one seed, by the paper's method and close competitors."""
 RIVALS = ("kuramoto", "consensus", "open-loop")
 
 
 def settings_for(scenario: lissajous_env.Scenario, episodes: int, out: Path) -> Benchmark:
-    """What is played on a scenario: on a large one less."""
+    """Return the benchmark of a scenario; that of a large one is smaller."""
     if scenario.num_robots * scenario.target_capacity >= LARGE:
         return Benchmark((scenario.name,), RIVALS, episodes=1, out=out / scenario.name)
     return Benchmark((scenario.name,), ("all",), episodes=episodes, batch=episodes, out=out / scenario.name)
 
 
 def as_table(outcome: Outcome) -> dict[str, list]:
-    """A row for each policy, and one of the best known plan; columns without any number are left out."""
+    """Return a row for each policy and one for the best known plan; columns without any number are left out."""
     comparisons = compare(outcome.rows, outcome.scenarios)
     (cells,), (bounds,) = comparisons.cells.values(), comparisons.bounds.values()
     there = [each for each in SHOWN if any(of[each.name].n_finite for of in cells.values() if each.name in of)]

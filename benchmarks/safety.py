@@ -1,8 +1,8 @@
 """Cost and benefit of the collision filters: `python benchmarks/safety.py`.
 
-Time of the filter per robot and step on one thread, on observations met in episodes; then collisions, spacing and the
-rest of each policy without a filter and with each of them, on the same seeds, in one run. `--seeds 16` makes
-it short, `--store` puts what is found into docs/figures.json.
+Measures the time of the filter per robot and step on one thread, for observations of episodes. Then each policy is
+played without a filter and with each of them, on the same seeds, in one run. `--seeds 16` makes it short, and `--store`
+puts the tables into docs/figures.json.
 """
 
 import argparse
@@ -31,7 +31,7 @@ COLUMNS = {
 
 
 def time_per_action(name: str, scenario: str, worlds: int = 64) -> tuple[float, float, float]:
-    """Time of a policy's filter per robot and step [us], mean and in the slowest step; the share of actions changed."""
+    """Return a filter's time per robot and step [us], mean and slowest, and the share of actions that it changed."""
     policy = baselines.make(name, scenario, num_worlds=worlds)
     assert isinstance(policy, (Safe, Proved))
     simulation = lissajous_env.Simulation(scenario, num_worlds=worlds)
@@ -50,14 +50,14 @@ def time_per_action(name: str, scenario: str, worlds: int = 64) -> tuple[float, 
 
 
 def scores(name: str, scenario: str, seeds: int) -> dict[str, float]:
-    """Mean score of a policy over the seeds."""
+    """Return the mean score of a policy over the seeds."""
     policy = baselines.make(name, scenario, num_worlds=seeds)
     rows = lissajous_env.evaluate(policy, scenario, range(seeds))
     return {column: float(np.nanmean([row[column] for row in rows])) for column in COLUMNS}
 
 
 def as_table(scored: dict[tuple[str, str], dict[str, float]]) -> figures.Table:
-    """Scores by scenario and policy as a table; beside the collisions with a filter, their share of those without."""
+    """Return the scores by scenario and policy; collisions with a filter also as a share of those without."""
     rows = []
     for (scenario, name), score in scored.items():
         plain = scored[scenario, registry.unwrapped(name)[0]]

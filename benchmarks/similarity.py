@@ -31,7 +31,7 @@ def means(name: str, scenario: lissajous_env.Scenario, length: float, time: floa
 
 
 def largest_differences(name: str, scenario: lissajous_env.Scenario, seeds: int) -> list[float]:
-    """Return how far the means at another scale are from those at the scenario's own: relative, but of collisions."""
+    """Return the differences of the means at two scales, relative except for collisions."""
     own = means(name, scenario, 1.0, 1.0, seeds)
     others = np.array([means(name, scenario, length, time, seeds) for length, time in SCALES])
     off = np.abs(others - own).max(axis=0)

@@ -1,11 +1,11 @@
-"""All figures of speed, each beside what a user would pick instead or beside another checkout, both sides in one run.
+"""All figures of speed, each compared with an alternative or with another checkout in the same run.
 
     pip install ".[bench,train,cluster]" && git worktree add ../before COMMIT
     python benchmarks/speed.py --against ../before --store
 
-The sides of a part take turns, so that a slow moment of the machine hits them alike; a ratio is that of their pairs,
-with its 95 % interval. Each part has a process of its own, in which no other left anything behind. One whose rival is
-not there is left out, which is said. `--store` puts the tables into docs/figures.json as soon as their part is done.
+The sides of a part take turns, so that a slow moment of the machine affects both; a ratio is computed over their pairs,
+with its 95 % interval. Each part runs in a process of its own. A part whose alternative is not installed is left out
+with a message. `--store` puts the tables into docs/figures.json as soon as their part is done.
 """
 
 import argparse
@@ -42,7 +42,7 @@ PARTS = {each.PART.name: each.PART for each in _MODULES}
 
 
 def machine(threads: int) -> figures.Table:
-    """What is measured on."""
+    """Return the table of the machine and the versions of a measurement."""
     told = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
     models = [line.partition(": ")[2] for line in told.splitlines() if line.startswith("model name")]
     of = {
@@ -56,27 +56,27 @@ def machine(threads: int) -> figures.Table:
 
 
 def measured(part: Part, options: Options) -> dict[str, figures.Table]:
-    """The tables of a part, measured in a process of its own."""
+    """Return the tables of a part, measured in a process of its own."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(part.tables, options).result()
 
 
 def at_least_one(text: str) -> int:
-    """A whole number from the command line."""
+    """Return a whole number from the command line."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, got {text}")
     return int(text)
 
 
 def checkout(text: str) -> Path:
-    """A folder from the command line that holds another version of this project."""
+    """Return a folder from the command line that contains another version of this project."""
     if not (Path(text) / "lissajous_env" / "__init__.py").is_file():
         raise argparse.ArgumentTypeError(f"must be a checkout of this project, got {text}")
     return Path(text).resolve()
 
 
 def parser() -> argparse.ArgumentParser:
-    """The options."""
+    """Return the options of the command line."""
     words = "\n".join(f"  {name:14}{part.what}" for name, part in PARTS.items())
     made = argparse.ArgumentParser(description=f"{__doc__}\nparts:\n{words}",
                                    formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
@@ -95,7 +95,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def options_of(part: Part, given: argparse.Namespace) -> Options:
-    """What the command line asks of a part."""
+    """Return the settings of a part from the command line."""
     return Options(
         rounds=given.rounds or (2 if given.quick else part.rounds),
         worlds=given.worlds or (8 if given.quick else 4096),

@@ -1,7 +1,7 @@
 """The README's table: `python benchmarks/table.py --store`.
 
-Plays what `lissajous benchmark` plays where nothing is named (`baselines.benchmark.standard`), on the same seeds, and
-puts the table that this writes, `table.md`, into docs/figures.json as well. Killed and called again it goes on.
+Plays the default cells of `lissajous benchmark` (`baselines.benchmark.standard`) on the same seeds, and puts the
+resulting table, `table.md`, into docs/figures.json as well. If the command is interrupted and called again, it resumes.
 """
 
 import argparse

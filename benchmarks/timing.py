@@ -1,4 +1,4 @@
-"""Times that hold on a noisy machine: all sides take turns in one process; a ratio of two is that of their pairs."""
+"""Times on a noisy machine: all sides take turns in one process, and a ratio is computed over their pairs."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -8,7 +8,7 @@ import numpy as np
 from baselines.benchmark.tables import between, number
 
 Side = tuple[Callable[[], object], int]
-"""A step, and how often it is called in a round."""
+"""A step, and the number of its calls in a round."""
 Times = list[float]
 """Time of a call in each round [us]."""
 
@@ -22,7 +22,7 @@ def microseconds(step: Callable[[], object], calls: int) -> float:
 
 
 def by_turns(sides: Mapping[str, Side], rounds: int) -> dict[str, Times]:
-    """Mean time of a call of each side in each round [us]; they take turns, so that a slow moment hits them alike."""
+    """Return the mean time of a call of each side in each round [us]; a slow moment affects all, as they take turns."""
     for step, _ in sides.values():
         step()
     times: dict[str, Times] = {name: [] for name in sides}
@@ -33,7 +33,7 @@ def by_turns(sides: Mapping[str, Side], rounds: int) -> dict[str, Times]:
 
 
 def ratio(own: Sequence[float], others: Sequence[float]) -> tuple[float, float, float]:
-    """Median of others / own over the rounds, and its 95 % interval by bootstrap over the rounds."""
+    """Return the median of others / own over the rounds, and its 95 % interval by bootstrap over the rounds."""
     ratios = np.asarray(others, dtype=float) / np.asarray(own, dtype=float)
     drawn = np.random.default_rng(0).choice(ratios, (5000, len(ratios)))
     low, high = np.quantile(np.median(drawn, axis=1), [0.025, 0.975])
@@ -41,7 +41,7 @@ def ratio(own: Sequence[float], others: Sequence[float]) -> tuple[float, float, 
 
 
 def ratio_in_words(own: Sequence[float], others: Sequence[float]) -> str:
-    """The ratio others / own and its interval, as a table has them."""
+    """Return the ratio others / own and its interval as the text of a cell."""
     middle, low, high = ratio(own, others)
     ends = between(low, high)
     return f"{number(middle)} ({ends})" if ends else number(middle)

@@ -1,13 +1,13 @@
-"""One command of training, run for several seeds, against the paper's method: `python benchmarks/trainings.py`.
+"""One training command, run for several seeds, compared with the paper's method: `python benchmarks/trainings.py`.
 
-A training is a random thing, as an episode is: this says what the README's command promises, not what one lucky run of
-it reached. Every training is judged after 5 and after 15 million steps of a robot, by its best checkpoint, on the same
-held-out episodes, which neither the trainings nor any tuning saw. What is said of all of them has an interval over
-trainings and episodes (`two_level_interval`).
+A single training run is one random draw, so this shows the distribution of the results of the README's command. The
+best checkpoint of every training after 5 and after 15 million robot steps plays the same held-out episodes, which
+neither the trainings nor any tuning saw. Results over all trainings have an interval over trainings and episodes
+(`two_level_interval`).
 
-FOLDER holds a folder for each seed, as `lissajous train` leaves it, the rows of its episodes, and `trainings.json`.
-Killed and called again it goes on, and what is there is neither trained nor played again. Options that this script does
-not know are those of `lissajous train`. `--store` puts the table into docs/figures.json, and the curves of all
+FOLDER contains the folder that `lissajous train` writes for each seed, the rows of its episodes, and `trainings.json`.
+If the command is interrupted and called again, it resumes, and trains and plays nothing twice. Unknown options are
+passed to `lissajous train`. `--store` puts the table into docs/figures.json, and the curves of all
 trainings, by their own evaluations, into docs/trainings.png.
 """
 
@@ -40,11 +40,11 @@ COLUMNS = {
     "collisions": ("collisions", "fewer"),
     "sensed_fraction": ("sensed", "more"),
 }
-"""Titles of a column, and of the probability that it is better than the reference's."""
+"""Titles of each column and of its probability of being better than the reference's."""
 REFERENCE = "kuramoto-mpcc"
 _PANELS = {"detection_time": "detection time [s]", "collisions": "collisions an episode"}
 _ROLLOUT = 200_000
-"""Steps by which a training may go beyond what it was asked for: it ends with a rollout."""
+"""Largest number of steps beyond the requested ones, because a training ends with a rollout."""
 
 
 def two_level_interval(
@@ -56,21 +56,22 @@ def two_level_interval(
 ) -> tuple[float, float]:
     """Percentile bootstrap interval of the interquartile mean over trainings and the seeds that they all played.
 
-    Both are samples, of which either alone would make the interval too short: A. B. Owen, "The Pigeonhole Bootstrap"
-    (Annals of Applied Statistics, 2007).
+    Trainings and seeds are both samples. If only one of them were drawn again, the interval would be too short: A. B.
+    Owen, "The Pigeonhole Bootstrap" (Annals of Applied Statistics, 2007).
 
-    In each resample trainings are drawn again, and seeds, the same ones for every training: a seed that is hard for one
-    is hard for all. With K trainings the interval is too short by about sqrt((K - 1) / K), as every bootstrap's is.
+    In each resample trainings and seeds are drawn again, the same seeds for every training, because a seed that is hard
+    for one is hard for all. As with every bootstrap, with K trainings the interval is too short by about
+    sqrt((K - 1) / K).
 
     Args:
         rows_by_training: (K, n) numbers, a row for each training and a column for each seed.
         confidence: Share of the resamples within the interval.
-        resamples: How many.
-        seed: Of the draws.
-        cut: Share that is left out at either end; 0 for the mean.
+        resamples: Number of resamples.
+        seed: Seed of the draws.
+        cut: Share of the values that is left out at either end; 0 for the mean.
 
     Raises:
-        ValueError: fewer than two trainings or seeds, rows of different lengths, or what is no number.
+        ValueError: fewer than two trainings or seeds, rows of different lengths, or a value that is not a number.
     """
     try:
         table = np.array([list(row) for row in rows_by_training], dtype=float)
@@ -87,10 +88,10 @@ def two_level_interval(
 
 
 def scored(out: Path, scenario: str, seed: int, steps: int, episodes: int, more: Sequence[str]) -> list[dict[str, Any]]:
-    """Train to a number of steps, play the best checkpoint on the held-out seeds, and keep the rows beside it.
+    """Train to a number of steps, play the best checkpoint on the held-out seeds, and store the rows beside it.
 
     Raises:
-        ValueError: the folder holds a training that is beyond these steps and was not played then.
+        ValueError: the training in the folder is beyond these steps and was not played at them.
     """
     folder, kept = out / f"seed-{seed}", out / f"seed-{seed}-{steps}.json"
     if kept.exists() and len(rows := read_json(kept)) == episodes:
@@ -108,15 +109,15 @@ def scored(out: Path, scenario: str, seed: int, steps: int, episodes: int, more:
 
 
 def played(policy: Any, scenario: str, episodes: int) -> list[dict[str, Any]]:
-    """Rows of the held-out episodes."""
+    """Return the rows of the held-out episodes."""
     return lissajous_env.evaluate(policy, scenario, HELD_OUT[:episodes])
 
 
 def judged(rows_by_training: Sequence[list[dict[str, Any]]], reference: list[dict[str, Any]]) -> dict[str, Any]:
-    """What is known of some trainings, column by column: of all together, of each alone, beside the reference.
+    """Return statistics of some trainings by column: of all, of each, and compared with the reference.
 
-    Of collisions, which are rare, the mean is taken, of all else the interquartile mean. `better` is the probability
-    that an episode of a training is better than the reference's of the same seed, ties half.
+    They are means for collisions, which are rare, and interquartile means for all other columns. `better` is the
+    probability that an episode of a training is better than the reference's of the same seed; ties count half.
     """
     found = {}
     for column in COLUMNS:
@@ -140,7 +141,7 @@ def judged(rows_by_training: Sequence[list[dict[str, Any]]], reference: list[dic
 
 
 def as_table(after: dict[str, dict[str, Any]]) -> figures.Table:
-    """What was judged after some numbers of steps: a row for each training, for all, and one for the reference."""
+    """Return the results after some numbers of steps: rows for each training, for all, and for the reference."""
     rows = []
     for steps, judgement in after.items():
         where, columns = f"after {int(steps) / 1e6:g} million steps", [judgement["columns"][name] for name in COLUMNS]
@@ -194,7 +195,7 @@ def draw(out: Path, seeds: Sequence[int], path: Path) -> None:
         axis.spines[["top", "right"]].set_visible(False)
     axes[0].set_ylim(bottom=0)
     axes[0].legend(frameon=False, fontsize=8, ncols=3)
-    # Linear up to a collision in ten episodes, so that none is on the picture, too.
+    # Linear up to a collision in ten episodes, so that zero collisions are shown, too.
     axes[1].set_yscale("symlog", linthresh=0.1)
     axes[1].set_ylim(bottom=-0.01)
     axes[1].set(xlabel="steps of a robot [million]")

@@ -1,23 +1,24 @@
 """Scores of the classical policies after tuning: `python benchmarks/tuning.py --out FOLDER`.
 
-Learned policies are trained on a scenario, so the classical ones that they are compared with are tuned on it, on
-training seeds (0, 1 ...) alone: each by as many trials, and by four times as many where no controller is to be solved,
-which costs a tenth. A setting is scored by the interquartile mean over episodes of the detection time, and by
-collisions an episode; two are chosen for each policy:
+Learned policies are trained on a scenario, so the classical ones that they are compared with are tuned on it, only on
+training seeds (0, 1 ...). Each policy has the same number of trials, and those without a model predictive controller
+have four times as many, at a tenth of the cost. A setting is scored by the interquartile mean of the detection time
+over episodes, and by collisions per episode. Two settings are chosen for each policy:
 
 * `fast`: the shortest detection time of those that collide no more than the default does;
 * `careful`, where the default collides: the fewest collisions of those that detect no later than the default does.
 
-Both, and the default, then play the held-out seeds once. A trial changes what belongs to the policy and never the
-world, which is always the scenario as it is: the policy is made from it with another `formation.phase_rate` and
-`coupling`, and with parameters of its own. Left as they are: `alpha` and `ring`, which are the world's (they say what
-the observed phase means, and who hears whom), and `p`, which permutes the robots over the same places.
+Both, and the default, then play the held-out seeds once. A trial changes only the policy, never the simulated scenario:
+the policy is made from it with another `formation.phase_rate` and `coupling`, and with parameters of its own. `alpha`
+and `ring` belong to the simulation (they define the observed phase and the communication graph), and `p` permutes the
+robots over the same places, so these are not tuned.
 
-The search: what was chosen for the policies before, as far as it applies, and random settings around the default;
-then generations of changed copies of the best; all on the first quarter of the training seeds, and the best of these
-on all of them. The paper's method comes after those with the same controller, and `-safe` after the policy under it.
-FOLDER holds every trial (`trials.jsonl`, `trials.csv`), the chosen settings (`tuned.json`) and the table (`tuned.md`);
-killed and called again with the same FOLDER and options, it goes on. After a change of the code take another FOLDER.
+The search begins with the settings that were chosen for earlier policies, as far as they apply, and random settings
+around the default. Then follow generations of changed copies of the best ones. All play the first quarter of the
+training seeds, and the best of them all training seeds. The paper's method is tuned after the policies with the same
+controller, and `-safe` after the policy under it. FOLDER contains every trial (`trials.jsonl`, `trials.csv`), the
+chosen settings (`tuned.json`) and the table (`tuned.md`). If the command is interrupted and called again with the same
+FOLDER and options, it resumes. Use another FOLDER after a change of the code.
 """
 
 import argparse
@@ -61,9 +62,9 @@ HELD_OUT = range(10_000, 10_064)
 BATCH = 64
 COLUMNS = ("detection_time_mean", "detection_time_p95", "collisions", "return_mean")
 SLACK = 0.05
-"""Collisions an episode that are not worth a choice: one in twenty minutes."""
+"""Difference in collisions per episode that is ignored: one in twenty minutes."""
 ELITE = 3
-"""Settings that go on, by each goal."""
+"""Number of settings that are changed in the next generation, by each goal."""
 NAMES = ("trials.jsonl", "trials.csv", "tuned.json", "tuned.md")
 """Files of the results."""
 PATROLS = {"sweep": Sweep, "laps": Laps}
@@ -106,9 +107,9 @@ def make(name: str, scenario: Scenario, settings: Settings, num_worlds: int = 1,
 
 
 def space(name: str, scenario: Scenario) -> dict[str, tuple[float, float] | list[int]]:
-    """What a trial may change: a range, drawn from evenly in the logarithm, or a list of choices.
+    """Return the values that a trial may change: a range with logarithmic draws, or a list of choices.
 
-    Rates and speeds that the cars cannot reach are among them: asked for too much, a car goes as fast as it can.
+    They include rates and speeds that the cars cannot reach; a car then drives as fast as it can.
     """
     rate, top = scenario.formation.phase_rate, scenario.robot.top_speed
     found: dict[str, tuple[float, float] | list[int]] = {}
@@ -150,7 +151,7 @@ def space(name: str, scenario: Scenario) -> dict[str, tuple[float, float] | list
 
 
 def drawn(bounds: Any, random: np.random.Generator, near: float | None = None) -> float | int:
-    """Draw a value within bounds; where `near` is given, within a factor of about 1.3 of it."""
+    """Draw a value within bounds; if `near` is given, within a factor of about 1.3 of it."""
     if isinstance(bounds, list):
         return int(random.choice(bounds))
     low, high = bounds
@@ -160,7 +161,7 @@ def drawn(bounds: Any, random: np.random.Generator, near: float | None = None) -
 
 
 def changed(settings: Settings, bounds: dict[str, Any], random: np.random.Generator) -> Settings:
-    """Copy of settings in which about a third of the values are others, one of ten the default."""
+    """Return a copy of settings with about a third of the values changed, a tenth of these to the default."""
     child = dict(settings)
     for key in random.permutation(list(bounds))[: 1 + random.binomial(len(bounds) - 1, 0.33)]:
         if key in child and random.random() < 0.1:
@@ -171,7 +172,7 @@ def changed(settings: Settings, bounds: dict[str, Any], random: np.random.Genera
 
 
 class Trials:
-    """Plays settings, and remembers in a journal what was played."""
+    """Plays settings, and stores the results in a journal."""
 
     def __init__(self, journal: Journal, device: Any):
         self.journal, self.device = journal, device
@@ -186,7 +187,7 @@ class Trials:
             policy = make(name, scenario, settings, min(len(seeds), BATCH), self.device)
             rows = lissajous_env.evaluate(policy, scenario, seeds, self.device)
             entry["seconds"] = round(time.perf_counter() - begin, 2)
-            # An episode in which no target came has no detection time.
+            # An episode without targets has no detection time.
             entry |= {column: [row[column] for row in rows if math.isfinite(row[column])] for column in COLUMNS}
             self.journal.append([entry])
             self.entries[self._key(entry)] = entry
@@ -198,17 +199,17 @@ class Trials:
 
 
 def detection(entry: dict[str, Any]) -> float:
-    """Interquartile mean of the detection time [s]."""
+    """Return the interquartile mean of the detection time [s]."""
     return interquartile_mean(entry["detection_time_mean"])
 
 
 def collisions(entry: dict[str, Any]) -> float:
-    """Collisions an episode, mean."""
+    """Return the mean number of collisions per episode."""
     return float(np.mean(entry["collisions"]))
 
 
 def ranked(entries: list[dict[str, Any]], default: dict[str, Any], goal: str) -> list[dict[str, Any]]:
-    """Sort entries, the best first, by a goal relative to the default's entry on the same seeds."""
+    """Return entries sorted, the best first, by a goal relative to the default's entry on the same seeds."""
     if goal == "fast":
         allowed = max(collisions(default), SLACK)
         return sorted(entries, key=lambda entry: (max(collisions(entry) - allowed, 0.0), detection(entry)))
@@ -219,17 +220,17 @@ def ranked(entries: list[dict[str, Any]], default: dict[str, Any], goal: str) ->
 def tune(
     trials: Trials, name: str, scenario: Scenario, known: list[Settings], options: argparse.Namespace
 ) -> tuple[dict[str, Settings], list[dict[str, Any]]]:
-    """Settings of a policy by goal, `default` among them, and the finalists' entries on all training seeds."""
+    """Return the settings of a policy by goal and `default`, and the finalists' entries on all training seeds."""
     random = np.random.default_rng([options.seed, zlib.crc32(f"{scenario.name}/{name}".encode())])
     bounds, few = space(name, scenario), range(max(options.seeds // 4, 1))
     default = trials.play(name, scenario, {}, few)
     goals = ["fast", "careful"] if collisions(default) > SLACK else ["fast"]
-    # The latest are the nearest kin; half of the trials at least are new.
+    # The latest settings come first, as those of the most similar policies; at least half of the trials are new.
     begin = _distinct([{key: value for key, value in one.items() if key in bounds} for one in reversed(known)])
     begin = begin[: options.random // 2]
     effort = 1 if "mpcc" in name else 4
     for k in range(effort * options.random - len(begin)):
-        # A few values, some, and all others than the default's, in turn: many values at once are seldom all good.
+        # Change a few, some, and all values in turn, because many random values are seldom all good.
         count = (1 + k % 2, math.ceil(0.4 * len(bounds)), len(bounds))[k % 3]
         begin.append({key: drawn(bounds[key], random) for key in random.permutation(list(bounds))[:count]})
     played = [default] + [trials.play(name, scenario, settings, few) for settings in begin]
@@ -249,18 +250,18 @@ def tune(
 
 
 def _elite(played: list[dict[str, Any]], default: dict[str, Any], goals: list[str]) -> list[Settings]:
-    """Settings that are best by each goal, `ELITE` of each."""
+    """Return the best settings by each goal, `ELITE` of each."""
     best = [_distinct([entry["settings"] for entry in ranked(played, default, goal)])[:ELITE] for goal in goals]
     return [settings for few in best for settings in few] or [{}]
 
 
 def _distinct(settings: list[Settings]) -> list[Settings]:
-    """Settings without repetitions and the default."""
+    """Return settings without repetitions and without the default."""
     return [one for k, one in enumerate(settings) if one and one not in settings[:k]]
 
 
 def front(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Entries to which no other is better in one of detection time and collisions, and no worse in the other."""
+    """Return the Pareto front of entries in detection time and collisions."""
     kept: list[dict[str, Any]] = []
     for entry in sorted(entries, key=lambda entry: (detection(entry), collisions(entry))):
         if not kept or collisions(entry) < collisions(kept[-1]):
@@ -269,12 +270,12 @@ def front(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def described(settings: Settings) -> str:
-    """Settings on one line."""
+    """Return settings as one line."""
     return ", ".join(f"{key} {value:g}" for key, value in sorted(settings.items())) or "-"
 
 
 def table(results: dict[str, dict[str, dict[str, Any]]]) -> list[str]:
-    """Lines of the table of the held-out seeds of one scenario, in Markdown; `*` is on the front of all policies."""
+    """Return the table of a scenario's held-out seeds as lines of Markdown; `*` marks the front of all policies."""
     best = front([entry for by_goal in results.values() for entry in by_goal.values()])
     lines = ["| policy | chosen | detection time, IQM [s] | 95 % interval | collisions | return | settings |",
              "|---|---|---|---|---|---|---|"]  # fmt: skip
@@ -327,7 +328,7 @@ def main():
                 chosen[name], entries = tune(trials, name, scenario, known, options)
                 finalists += entries
                 print(f"{scenario.name:12s}{name:26s}{time.perf_counter() - begin:7.0f} s", flush=True)
-            # Only now, when everything is chosen, are the held-out seeds looked at, once.
+            # The held-out seeds are played only once, when everything has been chosen.
             results = {
                 name: {goal: trials.play(name, scenario, settings, HELD_OUT) for goal, settings in by_goal.items()}
                 for name, by_goal in chosen.items()

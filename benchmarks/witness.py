@@ -1,4 +1,4 @@
-"""Rogues that know the future beside the worst case of the grid: `python benchmarks/witness.py`.
+"""Rogues that know the future, compared with the worst case of the grid: `python benchmarks/witness.py`.
 
 In each episode a rogue stays undetected for about as long as the contamination stage reports, and is replayed as an
 ordinary target. The table has, for each scenario, over its episodes: how many rogues are undetected for the reported

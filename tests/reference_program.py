@@ -1,5 +1,7 @@
 """The program of the collision filter, solved by CasADi and by HiGHS."""
 
+from functools import lru_cache
+
 import casadi as ca
 import numpy as np
 from scipy.optimize import linprog
@@ -11,17 +13,22 @@ QUIET = {"print_iter": False, "print_header": False, "print_info": False, "print
 WEIGHT = SafetyParameters().throttle_weight
 
 
+@lru_cache
+def solver_of(count):
+    """Active-set solver of programs with so many rows; to make one takes longer than to solve its program."""
+    return ca.conic("program", "qrqp", {"h": ca.Sparsity.diag(2), "a": ca.Sparsity.dense(count, 2)}, QUIET)
+
+
 def program_by_casadi(rows, top, wanted, slack):
     """Solve the program with every row relaxed by `slack`, by CasADi's active-set solver in float64."""
-    u = ca.SX.sym("u", 2)
     scale = 1 / np.linalg.norm(rows[:, :2], axis=1).clip(1e-6)  # the solver likes its rows of length one
-    cost = (u[0] - wanted[0]) ** 2 + WEIGHT * (u[1] - wanted[1]) ** 2
-    solver = ca.qpsol(
-        "program", "qrqp", {"x": u, "f": cost, "g": ca.mtimes(ca.DM(scale[:, None] * rows[:, :2]), u)}, QUIET
-    )
+    weights, solver = np.array([1.0, WEIGHT]), solver_of(len(rows))
+    cost = {"h": ca.diag(2 * weights), "g": -2 * weights * wanted[:2]}
+    box = {"lbx": [-1, -1], "ubx": [1, top]}
     low = scale * (rows[:, 2] - slack)
-    found = np.array(solver(lbx=[-1, -1], ubx=[1, top], lbg=low, ubg=np.inf)["x"]).ravel()
-    return found, solver.stats()["success"] and (rows[:, 2] - slack - rows[:, :2] @ found).max() < 1e-6
+    found = solver(**cost, **box, a=scale[:, None] * rows[:, :2], lba=low, uba=np.inf)
+    u = np.array(found["x"]).ravel()
+    return u, solver.stats()["success"] and (rows[:, 2] - slack - rows[:, :2] @ u).max() < 1e-6
 
 
 def least_violation_by_linprog(rows, top):

@@ -39,7 +39,10 @@ def folder(tmp_path):
 
 
 def write(folder, text):
-    (folder / checkpoint.FILE).write_text(json.dumps(text))
+    # Not emptied first: a file that is, is flushed to the disk when it is closed.
+    with open(folder / checkpoint.FILE, "r+") as file:
+        file.write(json.dumps(text))
+        file.truncate()
 
 
 def play(folder):
@@ -76,9 +79,9 @@ def changed(text, place, value=None, removed=False):
     """Copy of a JSON value with another one at a place, or none."""
     if not place:
         return value
-    text = copy.deepcopy(text)
-    inner = text
+    text = inner = copy.copy(text)
     for name in place[:-1]:
+        inner[name] = copy.copy(inner[name])
         inner = inner[name]
     if removed:
         del inner[place[-1]]

@@ -121,7 +121,7 @@ def test_bad_input_is_one_clear_line_and_exit_code_2(arguments, words, tmp_path,
     assert not list(tmp_path.iterdir())
 
 
-def test_benchmark_prints_a_table_and_resumes(tmp_path):
+def test_benchmark_prints_a_table_and_resumes(tmp_path, capsys):
     first = lissajous(*BENCHMARK, "--set", "task.duration=2", "--out", tmp_path)
     again = lissajous(*BENCHMARK, "--set", "task.duration=2.0", "--out", tmp_path)
     assert first.returncode == again.returncode == 0
@@ -133,9 +133,10 @@ def test_benchmark_prints_a_table_and_resumes(tmp_path):
     assert "kuramoto" in tables[0]
     with open(tmp_path / "episodes.csv", newline="") as file:
         assert tuple(next(csv.reader(file))) == NAMES
-    refused = lissajous(*BENCHMARK, "--set", "task.duration=3", "--out", tmp_path)
-    assert refused.returncode == 2
-    assert re.search(r"scenarios.failure.task.duration +2\.0 +3\.0", refused.stderr)
+    with pytest.raises(SystemExit) as refused:
+        main([*BENCHMARK, "--set", "task.duration=3", "--out", str(tmp_path)])
+    assert refused.value.code == 2
+    assert re.search(r"scenarios.failure.task.duration +2\.0 +3\.0", capsys.readouterr().err)
 
 
 def test_a_policy_that_raises_ends_with_exit_code_1(tmp_path):

@@ -79,31 +79,47 @@ def test_an_extension_that_exits_is_an_error():
         simulation.step(np.zeros(simulation.action_shape))
 
 
+LEAVING = """
+import sys, lissajous_env
+
+@lissajous_env.reward_term()
+def leaves(world): sys.exit(7)
+
+def act(observation): sys.exit(7)
+
+class Leaves:
+    def __init__(self, scenario, num_worlds, device): sys.exit(3)
+"""
+
+
+def test_an_exit_within_ends_a_process_with_words(tmp_path):
+    # Oracle: exit code 1 and one line that names who left.
+    (tmp_path / "mine.py").write_text(LEAVING)
+    done = command(
+        tmp_path, "benchmark", "--scenarios", "ideal", "--policies", "mine:act", "--episodes", "1", "--quiet"
+    )
+    assert done.returncode == 1
+    assert "mine:act on ideal failed" in done.stderr.splitlines()[-1]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["run", "ideal", "kuramoto", "--out", "a.npz", "--set", "extensions=mine:leaves"], "reward term leaves"),
-        (["evaluate", "ideal", "mine:act", "--episodes", "1"], "mine:act failed on ideal: SystemExit: 7"),
-        (["evaluate", "ideal", "mine:Leaves", "--episodes", "1"], "mine:Leaves failed on ideal: SystemExit: 3"),
-        (
-            ["benchmark", "--scenarios", "ideal", "--policies", "mine:act", "--episodes", "1"],
-            "mine:act on ideal failed",
-        ),
+        (["run", "ideal", "kuramoto", "--out", "a.npz", "--set", "extensions=leaving:leaves"], "reward term leaves"),
+        (["evaluate", "ideal", "leaving:act", "--episodes", "1"], "leaving:act failed on ideal: SystemExit: 7"),
+        (["evaluate", "ideal", "leaving:Leaves", "--episodes", "1"], "leaving:Leaves failed on ideal: SystemExit: 3"),
     ],
 )
-def test_an_exit_within_ends_a_command_with_words(tmp_path, arguments, words):
-    # Oracle: exit code 1 and one line that names who left.
-    (tmp_path / "mine.py").write_text(
-        "import sys, lissajous_env\n"
-        "@lissajous_env.reward_term()\n"
-        "def leaves(world): sys.exit(7)\n"
-        "def act(observation): sys.exit(7)\n"
-        "class Leaves:\n"
-        "    def __init__(self, scenario, num_worlds, device): sys.exit(3)\n"
-    )
-    done = command(tmp_path, *arguments, "--quiet")
-    assert done.returncode == 1
-    assert words in done.stderr.splitlines()[-1]
+def test_an_exit_within_ends_a_command_with_words(tmp_path, monkeypatch, capsys, arguments, words):
+    # Oracle: the same, of a command that is called in this process.
+    (tmp_path / "leaving.py").write_text(LEAVING)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "leaving", raising=False)
+    with pytest.raises(SystemExit) as ended:
+        main([*arguments, "--quiet"])
+    assert ended.value.code == 1
+    assert words in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_lists_of_names_are_short(monkeypatch):

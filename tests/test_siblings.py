@@ -83,7 +83,14 @@ def test_a_script_beside_modules_of_our_names(first, last, tmp_path):
     assert "siblings.py:" not in ended.stderr
 
 
-@pytest.mark.parametrize("names", [[TRAINING], [BASELINES], ["training/of_mine.py"]])
+@pytest.mark.parametrize(
+    "names",
+    [
+        pytest.param([TRAINING], marks=pytest.mark.long),
+        pytest.param([BASELINES], marks=pytest.mark.long),
+        ["training/of_mine.py"],
+    ],
+)
 def test_one_of_them_alone(names, tmp_path):
     # A folder without __init__.py hides nothing, for a package that lies later on the path goes before it.
     write(tmp_path, *names)

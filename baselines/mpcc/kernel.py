@@ -1,12 +1,13 @@
-"""The solver of problem (11)-(15) on the device: one thread takes one problem to its optimum.
+"""The solver of problem (11)-(15) on the device: each thread solves one problem to its optimum.
 
 Method: iterative LQR with input bounds (control-limited differential dynamic programming; Tassa, Mansard, Todorov,
 "Control-Limited Differential Dynamic Programming", ICRA 2014) with the Gauss-Newton Hessian of the cost. A backward
-sweep linearises the stages and solves a 2 x 2 bounded quadratic program in each; a forward sweep rolls the model out
-with the feedback found, and is halved until the true cost (11a) falls. Levenberg damping grows where that fails.
+sweep linearises the stages and solves a bounded quadratic program of two inputs in each. A forward sweep simulates the
+model with the resulting feedback, and its step is halved until the true cost (11a) decreases. If it does not decrease,
+the Levenberg damping grows.
 
-Scratch arrays are indexed [row, problem]; the host lays them out so that a problem's rows are neighbours on a CPU and
-the problems of a row are neighbours on CUDA.
+Scratch arrays are indexed [row, problem]. The host lays them out so that the rows of a problem are adjacent on a CPU,
+and the problems of a row are adjacent on CUDA.
 """
 
 import warp as wp
@@ -50,18 +51,18 @@ PROBE = wp.constant(0.13)
 """Share of the throttle's range by which `probe` opens it."""
 
 PROBE_MARGIN = wp.constant(1.1)
-"""A probe is followed where its cost is below this many times the best."""
+"""Factor of the best cost below which the cost of a probe must be for the probe to be optimised."""
 
 NEAREST = wp.constant(0.003)
-"""Square of the smallest distance to a place that is pursued, in wheelbases."""
+"""Square of the smallest distance to a pursued point, in wheelbases."""
 
 WORST = wp.constant(3.0e38)
-"""Cost reported where there is no solution: finite, and above every other."""
+"""Cost that is reported without a solution; it is finite and above every other."""
 
 
 @wp.struct
 class Scratch:
-    """Working memory, [row, problem]; trajectories and controls come in two slots, the accepted and the tried."""
+    """Working memory, [row, problem]; trajectories and controls have two slots, one accepted and one tried."""
 
     state: wp.array2d(dtype=vec5)
     control: wp.array2d(dtype=wp.vec2)
@@ -81,7 +82,7 @@ def backward(
     k: int,
     scratch: Scratch,
 ) -> float:
-    """Sweep from the last stage to the first; writes changes and gains, returns the expected fall of the cost."""
+    """Sweep from the last stage to the first, write changes and gains, and return the expected decrease of the cost."""
     M = p.stages
     expected = float(0.0)
     end = scratch.state[slot * (M + 1) + M, k]
@@ -115,7 +116,7 @@ def backward(
         du = box_step(d11, h12, d22, g, low, high)
         free0 = du[0] > low[0] and du[0] < high[0]
         free1 = du[1] > low[1] and du[1] < high[1]
-        # gains of the inputs that stay off their bounds
+        # gains of the inputs that are not at their bounds
         c11 = wp.where(free0, 1.0 / d11, 0.0)
         c22 = wp.where(free1, 1.0 / d22, 0.0)
         c12 = float(0.0)
@@ -154,7 +155,7 @@ def forward(
     k: int,
     scratch: Scratch,
 ) -> float:
-    """Roll out u + length * change + gain (z - old z) into the other slot; returns the cost (11a)."""
+    """Simulate u + length * change + gain (z - old z) into the other slot, and return the cost (11a)."""
     M = p.stages
     cost = float(0.0)
     z = scratch.state[slot * (M + 1), k]
@@ -177,10 +178,10 @@ def forward(
 def along_curve(
     p: MpccStruct, curve: CurveStruct, table: Table, state: vec5, phase_rate: float, early: bool
 ) -> wp.vec2:
-    """Pure pursuit of a point of the curve ahead, throttled to the speed wanted there.
+    """Return the control of pure pursuit of a point ahead on the curve, at the speed that is wanted there.
 
-    `early` slows down ahead of the turns, else the car keeps close to the curve at the full rate. Both look ahead by
-    a fraction of an oscillation.
+    With `early` the car slows down before the turns, otherwise it stays close to the curve at the full rate. Both look
+    ahead by a fraction of an oscillation.
     """
     oscillation = 1.0 / float(wp.max(curve.a, curve.b))
     ahead = wp.where(early, 0.9, 0.24) * oscillation
@@ -190,7 +191,7 @@ def along_curve(
     facing = cos_sin(state[2])
     left = facing[0] * to[1] - facing[1] * to[0]
     front = wp.dot(facing, to)
-    # A point behind is reached by the tightest turn.
+    # The tightest turn leads to a point behind the car.
     pursuit = wp.atan(2.0 * p.wheelbase * left / wp.max(wp.dot(to, to), NEAREST * p.wheelbase * p.wheelbase))
     steering = wp.where(front > 0.0, pursuit, wp.sign(left) * p.steering_max)
     wanted = pace / phase_per_metre(table, (state[4] + lead) * table.per_radian)
@@ -212,7 +213,7 @@ def lay_out(
     scratch: Scratch,
     control: wp.array3d(dtype=float),
 ) -> float:
-    """Roll a first trajectory into a slot, from a guess in `control` or along the curve; returns its cost."""
+    """Simulate a first trajectory into a slot, from a guess in `control` or along the curve, and return its cost."""
     M = p.stages
     cost = float(0.0)
     z = start
@@ -240,10 +241,10 @@ def lay_out(
 def probe(
     p: MpccStruct, rk: Speeds, curve: CurveStruct, table: Table, phase_rate: float, slot: int, k: int, scratch: Scratch
 ) -> float:
-    """Open the first throttle a little and let the gains answer, into the other slot; returns the cost.
+    """Open the first throttle a little, simulate with the gains into the other slot, and return the cost.
 
-    A car that coasts towards a tight turn can be in an optimum of its own at the throttle's lower bound, next to a
-    better one a little off it.
+    A car that coasts towards a tight turn can be in a local optimum at the throttle's lower bound, close to a better
+    one inside the bounds.
     """
     for i in range(p.stages):
         scratch.change[i, k] = wp.vec2(0.0, 0.0)
@@ -264,7 +265,7 @@ def descend(
     k: int,
     scratch: Scratch,
 ):
-    """Iterate to convergence; returns cost, slot and iterations. Gives up what will not come below `best`."""
+    """Iterate to convergence, unless the cost will not fall below `best`; return cost, slot and iterations."""
     cost = first_cost
     slot = first_slot
     damping = float(0.0)
@@ -313,7 +314,7 @@ def solve(
     failed_out: wp.array(dtype=int),
     failures_out: wp.array(dtype=int),
 ):
-    """Solve problem `first` + thread from up to three starts and keep the best."""
+    """Solve problem `first` + thread from up to three starts, and store the best solution."""
     k = first + wp.tid()
     M = p.stages
     rk = speeds_of(p)
@@ -330,7 +331,7 @@ def solve(
         poor = p.poor * float(M + 1) * rate * rate
         limit = poor
         if kind == SHIFT:
-            # A warm start that does about as well as the last solution has not left its optimum.
+            # A warm start that costs about as much as the last solution is still near its optimum.
             limit = wp.max(poor, 2.0 * cost_out[k])
         # the guess, and where that is poor the better of it and the start along the curve
         cost = float(WORST)

@@ -1,6 +1,6 @@
 """Problem (11)-(15) on the device: the car and the curve inside it, its cost, one stage and its derivatives.
 
-A state is x, y [m], heading [rad], speed v [m/s], gamma [rad], a control is steering delta [rad], throttle tau.
+A state is x, y [m], heading [rad], speed v [m/s], gamma [rad]; a control is steering delta [rad] and throttle tau.
 """
 
 import math
@@ -37,7 +37,8 @@ class Speeds:
 class Table:
     """1 / ||r'(gamma)|| as cubic pieces over equal cells of gamma; their number is a power of two, `last` + 1.
 
-    The Runge-Kutta stages of gamma wait for one another, and a piece is there sooner than sines, a root and a quotient.
+    The Runge-Kutta stages of gamma depend on one another, and a piece takes less time than sines, a root and a
+    quotient.
     """
 
     pieces: wp.array(dtype=wp.vec4)
@@ -78,8 +79,8 @@ class Frame:
 class Stage:
     """Derivatives of a stage's end by its start's heading, speed and gamma, and by steering and throttle.
 
-    By x and y they are unit vectors. Left out is what is constant: by heading, the heading has 1 and speed and gamma
-    have 0; by gamma only gamma itself is not 0; by steering, speed and gamma have 0.
+    Those by x and y are unit vectors. Constant derivatives are left out: by heading, that of the heading is 1 and those
+    of speed and gamma are 0; by gamma, only that of gamma is not 0; by steering, those of speed and gamma are 0.
     """
 
     by_heading: wp.vec2
@@ -143,7 +144,7 @@ def control_cost(p: MpccStruct, control: wp.vec2) -> float:
 
 @wp.func
 def clip(p: MpccStruct, control: wp.vec2) -> wp.vec2:
-    """Hold a control inside (11c)."""
+    """Clip a control to its bounds (11c)."""
     return wp.vec2(
         wp.clamp(control[0], -p.steering_max, p.steering_max), wp.clamp(control[1], p.throttle_min, p.throttle_max)
     )
@@ -170,14 +171,14 @@ def phase_per_metre_slope(table: Table, x: float) -> wp.vec2:
 
 @wp.func
 def travels(p: MpccStruct, speeds: wp.vec4) -> wp.vec4:
-    """Distance from the start of the step to each of its Runge-Kutta stages."""
+    """Return the distance from the start of the step to each of its Runge-Kutta stages."""
     half = 0.5 * p.step
     return wp.vec4(0.0, half * speeds[0], half * speeds[1], p.step * speeds[2])
 
 
 @wp.func
 def cos_sin_4(heading: float, turned: wp.vec4):
-    """Cosines and sines of the heading at the four Runge-Kutta stages."""
+    """Return the cosines and sines of the heading at the four Runge-Kutta stages."""
     d1 = cos_sin(heading)
     d2 = cos_sin(heading + turned[1])
     d3 = cos_sin(heading + turned[2])
@@ -189,7 +190,7 @@ def cos_sin_4(heading: float, turned: wp.vec4):
 def advance(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.vec2) -> vec5:
     """One Runge-Kutta step of (12), gamma' = v / ||r'(gamma)|| by (14) as its last row.
 
-    The model is smooth: nothing keeps v from passing below 0, which full braking can do by up to 0.13 m/s.
+    The model is smooth, so v may fall below 0; full braking leads to up to 0.13 m/s below it.
     """
     push = p.drive * control[1] - p.offset
     v = rk.from_speed * state[3] + rk.from_push * push
@@ -198,7 +199,7 @@ def advance(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.ve
     turned = wp.dot(rk.weight, v) * curvature
     cos, sin = cos_sin_4(state[2], travels(p, v) * curvature)
     wv = wp.cw_mul(rk.weight, v)
-    # gamma is summed in cells of the table, which spares a product in each link of the chain
+    # gamma is summed in cells of the table, which saves a product in each stage
     x = state[4] * table.per_radian
     full = v * (p.step * table.per_radian)
     half = 0.5 * full
@@ -224,7 +225,7 @@ def rate_by(v: float, inverse: wp.vec2, from_speed: float, from_push: float, by:
 
 @wp.func
 def linearise(p: MpccStruct, rk: Speeds, table: Table, state: vec5, control: wp.vec2) -> Stage:
-    """Differentiate `advance`, stage by stage of its Runge-Kutta step."""
+    """Differentiate `advance` through the stages of its Runge-Kutta step."""
     push = p.drive * control[1] - p.offset
     v = rk.from_speed * state[3] + rk.from_push * push
     w = rk.weight

@@ -20,7 +20,7 @@ class MpccParameters(Checked):
     stages: int = whole(15, 1, 200)
     """M, stages of the horizon."""
     step: float = number(0.1, 1e-4, 100, "s")
-    """Length of a stage [s]. The paper does not print it, and it matters: `lissajous reproduce printed`."""
+    """Length of a stage [s]. The paper does not print it, but it matters: see `lissajous reproduce printed`."""
     weight_lateral: float = number(0.01, 0, 1e6, "1/(m s)^2")
     """Weight on the squared lateral error [1/(m s)^2].
 
@@ -48,16 +48,16 @@ class MpccParameters(Checked):
     throttle_max: float = number(0.25, -1e3, 1e3)
     """Largest throttle."""
     max_iterations: int = whole(100, 1, 10_000)
-    """Iterations after which a start is given up."""
+    """Largest number of iterations from one start."""
     tolerance: float = number(1e-4, 1e-12, 1)
-    """A start has converged when an iteration lowers its cost by less than this fraction."""
+    """Relative decrease of the cost in an iteration below which a start has converged."""
     poor: float = number(0.05, 0, 1e6)
-    """A cost above this fraction of (M + 1) phase_rate^2, the cost of standing still, is tried from another start too.
+    """Fraction of (M + 1) phase_rate^2, the cost of standing still, above which another start is tried too.
 
-    Only there has the problem several optima: before the tight turns, which a car can pass early or late.
+    Only such problems have several optima: those before tight turns, where a car can slow down early or late.
     """
     shift: float = number(1.0, 0, 1)
-    """Share of a stage that passes between two solves, by which the last solution is shifted to start from."""
+    """Share of a stage that passes between two solves, by which the last solution is shifted as a new start."""
 
     def _check_together(self) -> None:
         self._require(self.throttle_max > self.throttle_min, "throttle_max", "must be above throttle_min")
@@ -66,9 +66,10 @@ class MpccParameters(Checked):
     def of(cls, scenario: Scenario, **overrides: Any) -> "MpccParameters":
         """Return the parameters for the cars of a scenario, scaled from those of the paper's experiment.
 
-        The error of the phase rate counts over omega, the errors of place over the scale of the motion, and the inputs
-        over the largest. A stage lasts as long as a control step, longer where slow cars need more time for a turn.
-        The car's constants are the scenario's, the model's offset as its designer measured it.
+        The error of the phase rate is relative to omega, the position errors are relative to the scale of the motion,
+        and the inputs are relative to their largest values. A stage lasts as long as a control step, or longer where
+        slow cars need more time for a turn. The car's constants are those of the scenario, with the offset of the model
+        as its designer measured it.
         """
         robot, tuned = scenario.robot, EXPERIMENT.robot
         rate, scale = scenario.formation.phase_rate / EXPERIMENT.formation.phase_rate, motion_scale(scenario)
@@ -89,5 +90,5 @@ class MpccParameters(Checked):
         return cls(**{**{name: getattr(robot, name) for name in shared}, **found, **overrides})
 
     def replace(self, **overrides: Any) -> "MpccParameters":
-        """Copy with some fields changed."""
+        """Return a copy with some fields changed."""
         return dataclasses.replace(self, **overrides)

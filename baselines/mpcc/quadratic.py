@@ -7,7 +7,7 @@ from baselines.mpcc.model import Frame, MpccStruct, Stage, vec5
 
 @wp.struct
 class Quadratic:
-    """A quadratic function of the state, s.z + z.V z / 2; of the symmetric V each row from its diagonal on."""
+    """A quadratic function of the state, s.z + z.V z / 2; the rows of the symmetric V begin at its diagonal."""
 
     s: vec5
     x: vec5
@@ -114,7 +114,8 @@ def add_state_cost(p: MpccStruct, frame: Frame, state: vec5, errors: wp.vec3, q:
 def box_step(h11: float, h12: float, h22: float, g: wp.vec2, low: wp.vec2, high: wp.vec2) -> wp.vec2:
     """Minimise g.u + u.H u / 2 over low <= u <= high.
 
-    A bound that the free minimum violates is active at the bounded one: of two such, the better edge is taken.
+    A bound that the free minimum violates is active at the bounded minimum; if two are violated, the better edge is
+    returned.
     """
     inverse = 1.0 / (h11 * h22 - h12 * h12)
     free = wp.vec2((h12 * g[1] - h22 * g[0]) * inverse, (h12 * g[0] - h11 * g[1]) * inverse)

@@ -7,12 +7,12 @@ gamma' = v / ||r'(gamma)|| by (14) as the last row:
              + sum_{k=0..M-1}  q_3 delta_k^2 + q_4 tau_k^2                                                        (11a)
     subject to X_{k+1} = f(X_k, delta_k, tau_k), X_0 given, delta_k and tau_k in their bounds (11c)
 
-The errors are those of (x, y) against r(gamma), along and across the tangent there; heading and gamma run on without
-wrapping, and nothing is projected on the curve, which crosses itself. The model is smooth and may predict a speed
-slightly below 0 (down to -0.13 m/s at the smallest throttle), where the plant would stand.
+The errors are those of (x, y) relative to r(gamma), along and across the tangent there. Heading and gamma are not
+wrapped, and no point is projected on the curve, which crosses itself. The model is smooth and may predict a speed
+slightly below 0 (down to -0.13 m/s at the smallest throttle), where the simulated car would stand still.
 
-Differs from the paper: gamma stands for the arc length s, as the same model and without inverting (14); the inputs are
-summed up to M - 1, since those of stage M move nothing.
+Differs from the paper: gamma replaces the arc length s, which gives the same model without inverting (14); the inputs
+are summed up to M - 1, since those of stage M have no effect.
 """
 
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ from lissajous_env.parameters.scenario import Curve
 __all__ = ["Mpcc", "MpccParameters", "Solution"]
 
 SMALLEST_SHARE = 64
-"""Problems that a further thread must have to be worth its hand-over."""
+"""Smallest number of problems for which another thread is used."""
 
 
 class Solution(NamedTuple):
@@ -49,17 +49,19 @@ class Solution(NamedTuple):
     iterations: Any
     """(K,) iterations, summed over the starts."""
     failed: Any
-    """(K,) 1 where the state or every start's cost was not finite: the control brakes straight on, else 0."""
+    """(K,) 1 where the state or the cost of every start was not finite, and the control brakes straight on; else 0."""
 
 
 class Mpcc(Copyable):
     """K problems (11)-(15) on one device, each warm-started from its last solution.
 
-    `solve` is the convenient way. In a control loop write to the Warp arrays `state` (K, 5) and `phase_rate` (K,),
+    `solve` is the convenient method. In a control loop, write to the Warp arrays `state` (K, 5) and `phase_rate` (K,),
     call `launch()`, and read `control` (K, M, 2), `trajectory` (K, M + 1, 5), `cost`, `iterations`, `failed` and
-    `failures` (K,), all on the device; nothing passes through the host. `threads` (all cores) bounds those of a CPU.
+    `failures` (K,), all on the device; no data passes through the host. `threads` limits the threads of a CPU; by
+    default, all cores are used.
 
-    A failed solve brakes (steering 0, smallest throttle), is counted in `failures`, and the next one starts afresh.
+    If a solve fails, the control brakes (steering 0, smallest throttle), the failure is counted in `failures`, and the
+    next solve starts without a guess.
     """
 
     def __init__(
@@ -114,7 +116,7 @@ class Mpcc(Copyable):
         return Solution(*results)
 
     def launch(self) -> None:
-        """Solve for what stands in `state` and `phase_rate`; on a CPU, large batches are split over the cores."""
+        """Solve the problems given by `state` and `phase_rate`; on a CPU, large batches are split over the cores."""
         self._work()
 
     def reset(self, mask: Any = None) -> None:
@@ -128,7 +130,7 @@ class Mpcc(Copyable):
         self._begin.assign(np.where(chosen, EARLY, self._begin.numpy()).astype(np.int32))
 
     def restrict(self, problem: int) -> None:
-        """Solve one problem alone from now on; the results of the others are no longer written."""
+        """Solve only one problem from now on; the results of the others are no longer written."""
         if not 0 <= problem < self.batch:
             raise ValueError(f"problem must be from 0 to {self.batch - 1}, got {problem}")
         self._work = self._record(problem, 1)
@@ -145,7 +147,7 @@ class Mpcc(Copyable):
             ("change", M, wp.vec2),
             ("gain", 2 * M, vec5),
         ):
-            # A CPU thread wants its own rows side by side, the threads of a GPU the same row of all.
+            # On a CPU, the rows of a thread are adjacent; on a GPU, the elements of a row of all threads are.
             cpu = self.device.is_cpu
             array = self._zeros((self.batch, rows) if cpu else (rows, self.batch), dtype)
             setattr(scratch, name, array.transpose() if cpu else array)

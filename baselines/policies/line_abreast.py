@@ -21,6 +21,7 @@ from baselines.policies.line_transit import Effort, Pace, angle_steps, effort_of
 from baselines.policies.memory import clear_worlds
 from baselines.policies.neighbour_watch import WATCH
 from baselines.policies.own_row import own_phase
+from baselines.policies.partition import plain_of
 from baselines.policies.path_tables import PathTables, path_tables
 from baselines.policies.registry import register
 from baselines.policies.timed_paths import STEPS, TimedPaths, TrackingParameters
@@ -140,9 +141,8 @@ class LineAbreast(TimedPaths):
         parameters: LineParameters | None = None,
         tracking: TrackingParameters | None = None,
     ):
-        resolved = scenario.resolve()
         self.parameters = parameters or LineParameters()
-        self.lines, tables = line_tables(resolved, self.parameters)
+        self.lines, tables = line_tables(plain_of(scenario), self.parameters)
         super().__init__(
             scenario, num_worlds, device, tables=tables, plan=np.zeros(num_worlds, int), parameters=tracking
         )

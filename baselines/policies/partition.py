@@ -29,6 +29,7 @@ from baselines.safety.filter import Safe
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.parts import Faults
 from lissajous_env.theory import closed_forms
 
 wp.set_module_options(OPTIONS)
@@ -127,7 +128,7 @@ class Partition(FilteredPaths):
 
 def plain_of(scenario: Scenario) -> Scenario:
     """Return a scenario without what a plan does not depend on, resolved."""
-    return dataclasses.replace(scenario.resolve(), name="", description="", extensions=())
+    return dataclasses.replace(scenario.resolve(), name="", description="", extensions=(), faults=Faults())
 
 
 @lru_cache(maxsize=64)

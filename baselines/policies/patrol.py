@@ -31,7 +31,7 @@ wp.set_module_options(OPTIONS)
 
 @wp.func
 def nearest_on_loop(loop: wp.array(dtype=wp.vec2), place: wp.vec2) -> int:
-    """Index of the loop's point nearest to a place."""
+    """Return the index of the nearest point of the loop to a position."""
     nearest = int(0)
     least = float(1.0e30)
     for k in range(loop.shape[0]):
@@ -51,9 +51,10 @@ def slot_of(
     equilibrium: wp.array(dtype=float),
     loop: wp.array(dtype=wp.vec2),
 ) -> float:
-    """Index on the loop where robot i's place in the file begins.
+    """Return the index on the loop where robot i's place in the file begins.
 
-    The file keeps the order in which the formation's places, known from the robot's own phase, lie along the loop.
+    The robots of the file have the order of the formation's places along the loop, which a robot knows from its own
+    phase.
     """
     n = equilibrium.shape[0]
     size = loop.shape[0]
@@ -85,9 +86,10 @@ def follow_loop(
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Chase robot i's place in the file, which goes around the loop at cruising speed [m/s].
+    """Drive to robot i's place in the file, which moves around the loop at cruising speed [m/s].
 
-    A robot's memory is where its place began (an index on the loop) and, plus one, the steps since then.
+    The memory of a robot is the index on the loop where its place began, and one more than the number of steps since
+    then.
     """
     w, i = wp.tid()
     size = loop.shape[0]
@@ -100,7 +102,7 @@ def follow_loop(
     goal = loop[((int(wp.floor(place)) % size) + size) % size]
     position = own_position(w, i, curve, observation)
     speed = own_speed(w, i, steady_speed(robot), observation)
-    # At cruising speed the goal stays `lookahead` away; a car that is further from it speeds up.
+    # At cruising speed the distance of the goal stays `lookahead`; a car that is farther from it drives faster.
     wanted = cruise * wp.length(goal - position) / lookahead
     action = drive_towards(robot, driving, position, own_heading(w, i, observation), speed, goal, wanted)
     action_out[w, i, 0] = action[0]
@@ -119,9 +121,9 @@ def go_around(
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Chase the loop's point that lies `ahead` points further than the nearest one, at cruising speed [m/s].
+    """Drive to the point of the loop that is `ahead` points beyond the nearest one, at cruising speed [m/s].
 
-    A robot's memory is the index of the nearest point, plus one: the next is looked for around it.
+    The memory of a robot is one more than the index of the nearest point, around which the next one is searched.
     """
     w, i = wp.tid()
     size = loop.shape[0]
@@ -154,7 +156,7 @@ def wander(
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Drive to a random place in the rectangle and, there, choose the next."""
+    """Drive to a random place in the rectangle, and choose the next one on arrival."""
     w, i = wp.tid()
     position = own_position(w, i, curve, observation)
     goal = goals[w, i]
@@ -168,7 +170,7 @@ def wander(
     speed_max = steady_speed(robot)
     speed = own_speed(w, i, speed_max, observation)
     to = wp.vec2(goal[0], goal[1])
-    # A car that would circle around a near goal slows down.
+    # Slow down where the car would otherwise circle around a near goal.
     wanted = speed_max * wp.min(1.0, wp.length(to - position) / driving.near)
     action = drive_towards(robot, driving, position, own_heading(w, i, observation), speed, to, wanted)
     action_out[w, i, 0] = action[0]
@@ -179,7 +181,7 @@ def wander(
 def wander_on_curve(
     robot: RobotStruct, rate: float, observation: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)
 ):
-    """Go on along the curve at a phase rate drawn anew in each step from [0, 2 rate) [rad/s]."""
+    """Move along the curve at a phase rate that is drawn in each step from [0, 2 rate) [rad/s]."""
     w, i = wp.tid()
     draw = randomness.uniform(own_key(w, i, observation), i, randomness.WANDER)
     action_out[w, i, 0] = wp.min(2.0 * rate * draw / robot.phase_rate_max, 1.0)
@@ -187,7 +189,7 @@ def wander_on_curve(
 
 @wp.kernel
 def act_at_random(observation: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)):
-    """Draw each component of the action anew in each step."""
+    """Draw each component of the action in each step."""
     w, i = wp.tid()
     key = own_key(w, i, observation)
     for k in range(action_out.shape[2]):
@@ -196,7 +198,7 @@ def act_at_random(observation: wp.array3d(dtype=float), action_out: wp.array3d(d
 
 
 class Sweep(Policy):
-    """Cars in file, evenly spaced, around a loop: along the boundary if targets enter there, else up and down lanes."""
+    """Cars in single file, evenly spaced, on a loop: along the boundary if targets enter there, else along lanes."""
 
     kind = "car"
     arrays = "warp"
@@ -223,7 +225,7 @@ class Sweep(Policy):
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what is kept of these worlds."""
+        """Reset the memory of these worlds."""
         clear_worlds(self._memory, mask)
 
     def decide(self, observation: wp.array) -> None:
@@ -234,9 +236,9 @@ class Sweep(Policy):
 
 
 class Laps(Policy):
-    """Cars that go around the loop of `Sweep` from where they are, each for itself, as fast as the formation's fastest.
+    """Cars that drive around the loop of `Sweep` from their positions, each on its own, at the formation's top speed.
 
-    Nobody keeps a distance: cars that come to the loop together stay together.
+    They do not keep a distance, so cars that reach the loop together stay together.
     """
 
     kind = "car"
@@ -261,7 +263,7 @@ class Laps(Policy):
         self._memory = wp.zeros(self.shape, dtype=wp.int32, device=self.device)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what is kept of these worlds."""
+        """Reset the memory of these worlds."""
         clear_worlds(self._memory, mask)
 
     def decide(self, observation: wp.array) -> None:
@@ -282,8 +284,8 @@ class Laps(Policy):
 class RandomWaypoint(Policy):
     """Cars that drive to one random place after another; points that take a random phase rate in each step.
 
-    The rates of points are omega / alpha in the mean, so that chance does not win by speed. Robots of a model that is
-    neither take any action in each step.
+    The mean rate of points is omega / alpha, so that the policy has no advantage in speed. Robots of any other model
+    take a random action in each step.
     """
 
     arrays = "warp"
@@ -297,7 +299,7 @@ class RandomWaypoint(Policy):
         self._goals = wp.zeros(self.shape, dtype=wp.vec3, device=self.device)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what is kept of these worlds."""
+        """Reset the memory of these worlds."""
         clear_worlds(self._goals, mask)
 
     def decide(self, observation: wp.array) -> None:

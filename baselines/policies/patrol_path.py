@@ -1,4 +1,4 @@
-"""The loop that a patrol goes around, with corners that a car can drive."""
+"""The loop of a patrol, with corners that a car can drive."""
 
 import math
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from lissajous_env.settings.checks import Checked, number, whole
 from lissajous_env.theory.geometry import top_speed, turning_radius
 
 _CRUISE = 0.85
-"""Share of the limit at which a patrol goes, so that a car which fell behind can catch up."""
+"""Speed of a patrol as a share of the limit, so that a car that fell behind can catch up."""
 _ROOM = 1.15
-"""Corners are wider than a car's tightest turn by this factor."""
+"""Radius of the corners, in radii of a car's tightest turn."""
 
 
 @dataclass(frozen=True)
@@ -24,29 +24,29 @@ class SweepParameters(Checked):
     """Speed of the patrol [m/s]; None is `cruising_speed`."""
     inset: float | None = number(None, 0, 1e4, "m")
     """Distance of the loop from the boundary [m]; None is 0.1 sensing radii where targets enter at the
-    boundary, else 0.7. Less where the corners would not fit."""
+    boundary, else 0.7, or less if the corners would not fit."""
     lanes: int | None = whole(None, 2, 64)
-    """Lanes of the loop, an even number; 2 goes around the rectangle. None is what `patrol_loop` says."""
+    """Lanes of the loop, an even number; 2 goes around the rectangle. None is described in `patrol_loop`."""
     lookahead: float | None = number(None, 1e-3, 1e4, "m")
-    """Distance of the goal ahead of a car's place [m]; None is what the patrol drives in 0.3 s,
-    in the time scale of the paper's experiment, and 4 wheelbases at least."""
+    """Distance of the goal ahead of a car's place [m]; None is the distance that the patrol drives in
+    0.3 s, in the time scale of the paper's experiment, and at least 4 wheelbases."""
 
     def _check_together(self) -> None:
         self._require(self.lanes is None or self.lanes % 2 == 0, "lanes", "must be even")
 
 
 def fastest_speed(scenario: Scenario) -> float:
-    """The cars' top speed, or the formation's where the curve is fastest, if that is less [m/s]."""
+    """Return the smaller one of the cars' top speed and the formation's speed where the curve is fastest [m/s]."""
     return min(scenario.robot.top_speed, top_speed(scenario.curve, scenario.formation.phase_rate))
 
 
 def cruising_speed(scenario: Scenario) -> float:
-    """Speed of a patrol [m/s]: so far below the fastest that a car can catch up with its place."""
+    """Return the speed of a patrol [m/s], which is so far below the limit that a car can catch up with its place."""
     return _CRUISE * fastest_speed(scenario)
 
 
 def corner_radius(scenario: Scenario, cruise: float | None = None) -> float:
-    """Radius of the loop's corners [m]: what steering and, at cruising speed, grip allow, with some room."""
+    """Return the radius of the loop's corners [m], which steering and, at cruising speed, grip allow with some room."""
     robot = scenario.robot
     by_steering = turning_radius(robot.wheelbase, robot.steering_max)
     by_grip = (cruise or cruising_speed(scenario)) ** 2 / robot.lateral_acceleration_max
@@ -54,20 +54,20 @@ def corner_radius(scenario: Scenario, cruise: float | None = None) -> float:
 
 
 def lookahead(scenario: Scenario, cruise: float, parameters: SweepParameters) -> float:
-    """Distance of the goal ahead of a car [m]."""
+    """Return the distance of the goal ahead of a car [m]."""
     return parameters.lookahead or max(4 * scenario.robot.wheelbase, 0.3 * motion_scale(scenario).time * cruise)
 
 
 def loop_spacing(loop: np.ndarray) -> float:
-    """Distance between the points of a loop [m]."""
+    """Return the distance between the points of a loop [m]."""
     return float(np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()) / len(loop)
 
 
 def patrol_loop(scenario: Scenario, points: int = 2048, parameters: SweepParameters | None = None) -> np.ndarray:
     """Return evenly spaced points (points, 2) of the loop [m], counter-clockwise.
 
-    Around the rectangle, where targets enter at the boundary, close to it, or where a disc that reaches the boundary
-    reaches the middle too; else up and down in lanes two sensing radii apart and back along one side.
+    It goes around the rectangle if targets enter at the boundary (then close to it), or if a disc that reaches the
+    boundary also reaches the middle. Otherwise it goes along lanes, two sensing radii apart, and back along one side.
     """
     parameters = parameters or SweepParameters()
     curve, radius = scenario.curve, scenario.sensing_radius
@@ -77,7 +77,7 @@ def patrol_loop(scenario: Scenario, points: int = 2048, parameters: SweepParamet
     wanted = (0.1 if at_boundary else 0.7) * radius if parameters.inset is None else parameters.inset
     inset = max(min(wanted, B - corner, A - corner), 0.0)
     around = at_boundary or B - inset <= radius
-    # An even number of lanes ends on the side where it began; the way back runs beside their turns.
+    # With an even number of lanes, the last one ends on the side of the first; the way back is beside their turns.
     lanes = parameters.lanes or (2 if around else 2 * math.ceil((B - inset) / (2 * radius) + 0.5))
     if lanes == 2:
         corners = [(-A + inset, -B + inset), (A - inset, -B + inset), (A - inset, B - inset), (-A + inset, B - inset)]
@@ -86,7 +86,7 @@ def patrol_loop(scenario: Scenario, points: int = 2048, parameters: SweepParamet
         corners = [(-A + inset, B - inset), (-A + inset, -B + inset)]
         for k, y in enumerate(np.linspace(-B + inset, B - inset, lanes)):
             corners += [(near, y), (far, y)] if k % 2 == 0 else [(far, y), (near, y)]
-        del corners[2]  # the first lane goes straight on from the way back
+        del corners[2]  # the first lane continues the way back
         corners.pop()  # and the last one into it
     return _resampled(_rounded(np.array(corners), corner), points)
 

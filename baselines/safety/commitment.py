@@ -1,6 +1,6 @@
 """The decisions of the proved filter: each robot in its turn takes an action only if a tail remains after it.
 
-`baselines.safety.proved` states the theorem; here stands where its conditions are enforced.
+`baselines.safety.proved` states the theorem, whose conditions this module enforces.
 """
 
 import warp as wp
@@ -16,7 +16,7 @@ from lissajous_env.device.part_structs import RobotStruct
 wp.set_module_options(OPTIONS)
 
 OLD, NEW = wp.constant(0), wp.constant(1)
-"""Plans of a robot for a step: its old tail goes on; or it takes an action, and a new tail follows."""
+"""Plans of a robot for a step: it continues its old tail, or it takes an action and a new tail follows."""
 PLANS = wp.constant(2)
 THERE, GONE = wp.constant(1), wp.constant(2)
 """Presence of a robot: it has heard a ring neighbour; it was removed."""
@@ -32,11 +32,11 @@ class Memory:
     tube: wp.array2d(dtype=wp.vec4)
     """Its tube."""
     old_tail: wp.array2d(dtype=wp.vec4)
-    """The rest of the previous tail: that of a robot whose motor failed in the latest step."""
+    """The rest of the previous tail, which a robot follows whose motor failed in the latest step."""
     old_tube: wp.array2d(dtype=wp.vec4)
     """Its tube."""
     steering: wp.array2d(dtype=wp.vec2)
-    """Action of the steering on the tail, and on the tail before."""
+    """Action of the steering on the tail, and on the previous tail."""
     known: wp.array2d(dtype=wp.vec4)
     """Bounds of the robot's own curvature and drive as factors of the nominal: least, most; least, most."""
     last: wp.array2d(dtype=wp.vec4)
@@ -56,7 +56,7 @@ class Plans:
     points: wp.array4d(dtype=wp.vec3)
     """(W, N, PLANS, POINTS) as `baselines.safety.tails.lay_out` writes them."""
     reach: wp.array3d(dtype=wp.float32)
-    """Distance from where the robot is within which the plan stays [m]."""
+    """Largest distance of the plan from the position of the robot [m]."""
     decided: wp.array2d(dtype=wp.int32)
     """(W, N) 1 where the robot has taken a new action, in its turn of this step; its old tail is void."""
 
@@ -81,7 +81,7 @@ def begin(
 ) -> bool:
     """Bring a robot's memory to the step that begins; return whether it is where its tail says (condition 6).
 
-    One that is not, as at the beginning of an episode, begins a tail where it is.
+    A robot that is elsewhere, as at the beginning of an episode, begins a tail at its position.
     """
     works = own_works(w, i, observation)
     if hears(w, i, 0, observation) or hears(w, i, 1, observation):
@@ -110,7 +110,7 @@ def begin(
 
 @wp.func
 def let_roll(w: int, i: int, bounds: Bounds, robot: RobotStruct, memory: Memory, plans: Plans):
-    """Lay out a robot's old plan, in which its tail goes on, and let it be what is committed until it decides."""
+    """Lay out a robot's old plan, in which it continues its tail, and commit to it until the robot decides."""
     before = memory.tail[w, i]
     curvature = memory.tube[w, i][0]
     speed = before[3] * robot.drag
@@ -130,7 +130,7 @@ def let_roll(w: int, i: int, bounds: Bounds, robot: RobotStruct, memory: Memory,
 
 @wp.func
 def room_inside(w: int, i: int, plan: int, bounds: Bounds, plans: Plans) -> float:
-    """Least distance of a plan from the edge of the rectangle that tails stay in [m] (condition 1)."""
+    """Return the least distance of a plan from the edge of the rectangle that tails stay in [m] (condition 1)."""
     least = float(_FAR)
     for k in range(1, POINTS):
         place = plans.points[w, i, plan, k]
@@ -141,9 +141,9 @@ def room_inside(w: int, i: int, plan: int, bounds: Bounds, plans: Plans) -> floa
 
 @wp.func
 def room_to(w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, plans: Plans) -> float:
-    """Least room of a plan to all that robot j may do in this step, or something below `enough` [m].
+    """Return the least distance of a plan from all plans of robot j in this step, or a value below `enough` [m].
 
-    A robot that has decided can still go on with its old tail, if its motor fails now (condition 5).
+    A robot that has decided continues its old tail if its motor fails in this step (condition 5).
     """
     least = float(_FAR)
     if plans.decided[w, j] == 1:
@@ -158,9 +158,9 @@ def room_to(w: int, i: int, plan: int, j: int, enough: float, bounds: Bounds, pl
 def room_of(
     w: int, i: int, plan: int, enough: float, first: int, bounds: Bounds, presence: wp.array2d(dtype=int), plans: Plans
 ) -> wp.vec2:
-    """Least room of a plan to the committed tails of all others [m], and to which (condition 4).
+    """Return the least distance of a plan from the committed tails of the others [m], and the robot (condition 4).
 
-    It begins with robot `first` and ends at once below `enough`.
+    The search begins with robot `first` and ends at a value below `enough`.
     """
     least = wp.vec2(room_inside(w, i, plan, bounds, plans), -1.0)
     for k in range(-1, presence.shape[1]):
@@ -207,9 +207,9 @@ def decide(
     memory: Memory,
     plans: Plans,
 ) -> wp.vec2:
-    """Take the first of the changed actions after which a tail has room, or let the old tail go on.
+    """Take the first of the changed actions after which a tail has room, or continue the old tail.
 
-    Where the old tail itself has none, as outside the conditions, what has most room is taken.
+    If the old tail has no room either, which can happen outside of the conditions, the plan with most room is taken.
     """
     known = memory.known[w, i]
     chosen = wp.vec2(memory.steering[w, i][1], -1.0)
@@ -236,7 +236,7 @@ def decide(
             if enough >= 0.0:
                 break
     if room[0] < enough and plans.decided[w, i] == 1:
-        # The plan that was laid out last is not the one that is taken.
+        # The plan that was laid out last is not the chosen one.
         after, errors, middle = drive(bounds, robot, known, car, chosen)
         tail, tube = tail_from(bounds, robot, known, after, errors, chosen[0])
         slack = chord_slack(bounds, robot, tail, tube)
@@ -257,7 +257,7 @@ def commit(
     plans: Plans,
     action_out: wp.array3d(dtype=float),
 ):
-    """Decide on the actions of a world's robots, one after another, in an order that turns by one in each step."""
+    """Decide on the actions of a world's robots, one after another, in an order that shifts by one in each step."""
     w = wp.tid()
     n = observation.shape[1]
     step = memory.steps[w]

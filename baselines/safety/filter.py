@@ -1,15 +1,15 @@
 """A filter under any car policy that changes its actions as little as keeps the cars apart.
 
-The paper's Section IV-A (i), "implement a lower level controller for collision avoidance", at the price that it names,
+The paper's Section IV-A (i), "implement a lower level controller for collision avoidance", at the cost that it names,
 "deviating from the Lissajous path or from the desired velocity": a car that swerves leaves the curve by decimetres, the
 formation opens for a while, and targets between two cars are found later. `SafetyParameters` holds the constants.
 
-The car has no brakes: from 1.1 m/s it coasts 1.2 m, so what saves it is steering, and that in time. The filter
-therefore judges an action u by what can still be done after it. The car takes u for one step and then one of nine
+The car has no brakes: from 1.1 m/s it coasts 1.2 m, so it must steer, and in time. The filter therefore judges an
+action u by the manoeuvres that remain after it. The car takes u for one step and then one of nine
 ways out b (full right, straight on, full left; each coasting, at its speed, or driving on). Another car k goes
-straight on: one in the disc, whose place and velocity are seen; or, where the disc is too short for the speed of the
-formation (`speed_in_sight`), a ring neighbour beyond it, whose messages give its place and, by their difference, its
-velocity. With d_k(t) their distance and D = 2 r + clearance,
+straight on. It is a car within the sensing radius, whose position and velocity are observed, or, where that radius is
+too short for the speed of the formation (`speed_in_sight`), a ring neighbour beyond it, whose messages contain its
+position and, by their difference, its velocity. With d_k(t) their distance and D = 2 r + clearance,
 
     m_k(u; b) = min over t in [0, horizon) of d_k(t) - D - growth t        [m]
     V(u)      = max_b min_k m_k(u; b)
@@ -23,18 +23,18 @@ the wanted action w is not below 0, w passes unchanged, bit for bit. Elsewhere a
 is solved exactly, by active sets, for v = w and up to `passes` times, v being the last solution; where the rows
 contradict one another, all give way by the same least amount. `top` is the throttle that leads to `speed_limit`.
 
-The limit leaves a car room above the formation's speed (`HEADROOM`): without it a car that gave way never catches up,
-and the detection-time bound grows several times. With the parameters `CLOSE` (the names with `-close`) a
-car gives way late and little, which keeps that time best. Cars whose motor hardly lets them catch up lose it with
-either.
+The limit is above the formation's speed (`HEADROOM`): otherwise a car that gave way could not catch up, and the
+worst-case undetected time would be several times as long. With the parameters `CLOSE` (policies with `-close` in their
+name) a car gives way late and little, which preserves that time best. Cars whose motor hardly lets them catch up lose
+it with both.
 
-Two cars that avoid each other must not choose alike, so b is what both of them compute: the best pair of ways out for
-the two (`agreed_way_out`). A symmetric pair passes on the right.
+Two cars that avoid each other must not choose the same side, so both compute the same best pair of ways out
+(`agreed_way_out`). A symmetric pair passes on the right.
 
-What it cannot do: it sees `sensing.robots_seen` robots and, beyond the disc, knows of its ring neighbours alone, while
-their messages come at once; others that are met at 2 m/s in `intruders` are seen too late; a car that stops dead less
-than about 0.45 m ahead cannot be driven around; the ways out are nine, so a car between two others may find none; and
-three cars may agree in pairs on what does not suit the third.
+Limits: the filter takes `sensing.robots_seen` robots into account and, beyond the sensing radius, only ring neighbours,
+as long as their messages arrive without delay. Other cars that approach at 2 m/s in `intruders` are sensed too late. A
+car that stops abruptly less than about 0.45 m ahead cannot be avoided. There are only nine ways out, so a car between
+two others may find none. Of three cars, two may agree on ways out that do not suit the third.
 """
 
 import dataclasses
@@ -57,18 +57,19 @@ from lissajous_env.theory.geometry import top_speed, turning_radius
 __all__ = ["CLOSE", "Safe", "SafetyParameters", "close", "speed_limit"]
 
 HEADROOM = 1.5
-"""Speed that a car is left, as a multiple of the formation's: one that fell behind has to catch up, or the formation,
-and with it the bound of the detection time, is lost."""
+"""Lower bound of `speed_limit` as a multiple of the formation's speed: a car that fell behind has to catch up, or the
+formation, and with it the bound on the detection time, is lost."""
 
 CLOSE = SafetyParameters(clearance=0.02, growth=0.05)
-"""Parameters of `-close`, which gives way late and little: the formation is kept best, chance meetings end worse."""
+"""Parameters of `-close`, which gives way late and little: it preserves the formation best, but avoids fewer collisions
+in chance meetings."""
 
 
 class Safe(Policy):
-    """A policy of cars whose actions pass through the filter; it remembers where its ring neighbours were.
+    """A policy of cars whose actions pass through the filter, which stores the positions of ring neighbours.
 
     After `act`, the last program of each robot can be read: `rows` (W, N, 8) of g_0, g_1, c for g.u >= c, `count`
-    (W, N) of how many of them hold (0 where there was no program), `top` (W, N), and the wanted action in
+    (W, N), the number of these rows (0 where there was no program), `top` (W, N), and the wanted action in
     `policy.action`.
     """
 
@@ -116,7 +117,7 @@ class Safe(Policy):
         self.filter(observation, self.policy.act(observation))
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what the policy remembers, and where its ring neighbours were."""
+        """Reset the memory of the policy and the positions of ring neighbours."""
         self.policy.reset(mask)
         clear_worlds(self._memory, mask)
 
@@ -129,7 +130,7 @@ def close(policy: Policy) -> Safe:
 def speed_limit(scenario: Scenario, parameters: SafetyParameters) -> float:
     """Speed [m/s] that the filter does not drive above: `speed_in_sight`.
 
-    Not below `HEADROOM` times what the formation drives, nor above what the car can.
+    It is at least `HEADROOM` times the formation's speed, and at most the top speed of the car.
     """
     formation = top_speed(scenario.curve, scenario.formation.phase_rate)
     limit = max(speed_in_sight(scenario, parameters), HEADROOM * formation)

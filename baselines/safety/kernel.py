@@ -28,7 +28,7 @@ wp.set_module_options(OPTIONS)
 MANOEUVRES = wp.constant(9)
 """Ways out: full right, straight on, full left; each while coasting, at this speed, and driving on."""
 NEAREST = wp.constant(8)
-"""Most robots that are kept clear of, the nearest first."""
+"""Largest number of robots that are avoided, the nearest first."""
 _DIFFERENCE = wp.constant(0.05)
 _NONE = wp.constant(1.0e30)
 
@@ -40,7 +40,8 @@ class Scales:
     """Scales of the entries of an observation, and the number of robots that it lists.
 
     `speed` is the top speed of a car [m/s], `radius` that of the disc [m], `step` the control step [s], `age_unit`
-    that of a message's age [s]. Robots in the disc that drive at `fastest` [m/s] or faster are not kept clear of.
+    that of a message's age [s]. Robots within the sensing radius that drive at `fastest` [m/s] or faster are not
+    avoided.
     """
 
     speed: wp.float32
@@ -53,7 +54,7 @@ class Scales:
 
 @wp.func
 def drive_on(robot: RobotStruct, speed_max: float, car: wp.vec4, action: wp.vec2, h: float) -> wp.vec4:
-    """Car x, y, heading, v after h [s] at a constant action: (12) by the midpoint rule, not driven above speed_max."""
+    """Return x, y, heading, v after h [s] at a constant action: (12) by the midpoint rule, with v up to speed_max."""
     given = steering_and_throttle(robot, action)
     steering = cos_sin(given[0])
     curvature = steering[1] / (steering[0] * robot.wheelbase)
@@ -70,13 +71,13 @@ def drive_on(robot: RobotStruct, speed_max: float, car: wp.vec4, action: wp.vec2
 
 @wp.func
 def throttle_action(robot: RobotStruct, push: float) -> float:
-    """Throttle's action that pushes the car by `push` [m/s^2], in [-1, 1]."""
+    """Return the action of the throttle, in [-1, 1], that accelerates the car by `push` [m/s^2]."""
     return car_action(robot, 0.0, (push + robot.offset) / robot.drive)[1]
 
 
 @wp.func
 def manoeuvre(robot: RobotStruct, k: int, speed: float) -> wp.vec2:
-    """Action of manoeuvre k of a car that has a speed [m/s] when it begins."""
+    """Return the action of manoeuvre k of a car with some speed [m/s] at its beginning."""
     throttle = float(1.0)
     if k // 3 == 0:
         throttle = -1.0
@@ -87,7 +88,7 @@ def manoeuvre(robot: RobotStruct, k: int, speed: float) -> wp.vec2:
 
 @wp.func
 def price(safety: SafetyStruct, k: int) -> float:
-    """Margin that manoeuvre k must be worth [m]."""
+    """Return the margin that manoeuvre k must add to be chosen [m]."""
     cost = 0.5 * safety.effort * wp.abs(float(k // 3) - 1.0)
     if k % 3 != 1:
         cost += safety.effort
@@ -139,7 +140,7 @@ def barrier(
     way_out: wp.vec2,
     step: float,
 ) -> float:
-    """Least margin to the n others."""
+    """Return the least margin to the n others."""
     least = float(_NONE)
     for k in range(n):
         least = wp.min(least, margin(safety, robot, car, others[w, i, k], action, way_out, step))
@@ -158,10 +159,11 @@ def agreed_way_out(
     step: float,
     path: wp.array4d(dtype=wp.vec2),
 ) -> int:
-    """Manoeuvre b that two cars which both look for the best pair of manoeuvres will agree on.
+    """Return the manoeuvre b that two cars agree on if both compute the best pair of manoeuvres.
 
     b = argmax min_k max_{b'} min(m_k(b, b'), ample) - price(b) - price(b'), where m_k(b, b') is the margin when this
-    car takes b and the other b' from now on. Both cars of a pair see the same two states, so both find the same pair.
+    car takes b and the other b' from now on. Both cars of a pair observe the same two states, so they find the same
+    pair.
     """
     keep = 2.0 * robot.radius + safety.clearance
     score = scores()
@@ -248,7 +250,7 @@ def see(
     observation: wp.array3d(dtype=float),
     others_out: wp.array3d(dtype=wp.vec4),
 ) -> int:
-    """Write x, y less one's own [m] and velocity [m/s] of the robots in the disc; returns how many."""
+    """Write relative x, y [m] and velocity [m/s] of the robots within the sensing radius, and return their number."""
     own = speed * cos_sin(heading)
     n = int(0)
     for k in range(wp.min(scales.robots_seen, NEAREST)):
@@ -272,9 +274,10 @@ def hear(
     observation: wp.array3d(dtype=float),
     others_out: wp.array3d(dtype=wp.vec4),
 ) -> int:
-    """Add the ring neighbours beyond the disc that sent in this step and in the one before; returns how many there are.
+    """Add the ring neighbours beyond the sensing radius that sent in this step and the one before; return the number.
 
-    Velocity is the difference of the two places that they sent. Memory is the place sent last, and 1 if there is one.
+    Their velocity is the difference of the two positions that they sent. The memory is the latest position, and 1 if
+    there is one.
     """
     own = own_position(w, i, curve, observation)
     found = int(n)
@@ -309,7 +312,7 @@ def keep_clear(
     top_out: wp.array2d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
-    """Pass the wanted action on, or the nearest one that keeps clear of the other robots."""
+    """Write the wanted action, or the nearest one that avoids the other robots."""
     w, i = wp.tid()
     u = wp.vec2(wanted[w, i, 0], wanted[w, i, 1])
     count_out[w, i] = 0
@@ -347,7 +350,7 @@ def keep_clear(
         u = wp.vec2(found[0], found[1])
         at = u
         if turn == 0 and found[2] > 0.0:
-            # From where the margins cannot be seen to vanish, begin again at the way out itself.
+            # The linearised rows contradict one another there: begin again at the way out itself.
             at = way_out
         elif barrier(safety, robot, car, w, i, n, others, u, way_out, step) >= -TOLERANCE * safety.unit:
             break

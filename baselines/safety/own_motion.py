@@ -1,7 +1,8 @@
-"""Motion of one's own car over a step, with bounds: where it can be after an action, and what is learned of it.
+"""Motion of a robot's own car over a step, with bounds on where it can be after an action.
 
-Every number is an interval: positions, headings and speeds are measured within `Bounds`, and a robot knows its own
-curvature and drive up to factors, which start as wide as the scenario allows and narrow with each step (`learn`).
+Every number is an interval: the errors of measured positions, headings and speeds are within `Bounds`. A robot knows
+bounds on the factors of its own curvature and drive, which are as wide as the scenario allows at first and narrow with
+each step (`learn`).
 """
 
 import warp as wp
@@ -24,7 +25,7 @@ class Bounds:
     left: wp.float32
     """exp(-c h), the share of the speed that a rolling car has left after a step."""
     touch: wp.float32
-    """Distance that is kept, 2 r + margin [m]."""
+    """Least distance of two cars, 2 r + margin [m]."""
     place: wp.float32
     """Bound of the error of a measured position [m]."""
     heading: wp.float32
@@ -40,9 +41,9 @@ class Bounds:
     loss: wp.float32
     """Probability that a robot misses the tail of another one in a step."""
     chord: wp.float32
-    """Distance by which the simulation's straight sub-steps leave the way, over the acceleration [s^2]."""
+    """Distance of the simulation's straight sub-steps from the path, divided by the acceleration [s^2]."""
     coarseness: wp.float32
-    """Relative error of the way in the simulation's integration."""
+    """Relative error of the path in the simulation's integration."""
     learns: wp.int32
     """1 where a robot learns its curvature and drive from its own motion."""
     fails: wp.int32
@@ -51,7 +52,7 @@ class Bounds:
 
 @wp.func
 def curvature_of(robot: RobotStruct, steering: float) -> float:
-    """Curvature of the way [1/m] at an action of the steering, for the nominal wheelbase."""
+    """Return the curvature of the path [1/m] at an action of the steering, for the nominal wheelbase."""
     turn = cos_sin(steering_angle(robot, steering))
     return turn[1] / (turn[0] * robot.wheelbase)
 
@@ -60,7 +61,7 @@ def curvature_of(robot: RobotStruct, steering: float) -> float:
 def tail_from(
     bounds: Bounds, robot: RobotStruct, known: wp.vec4, car: wp.vec4, errors: wp.vec3, steering: float
 ) -> tuple[wp.vec4, wp.vec4]:
-    """Tail and tube from x, y, heading, speed and the errors of place [m], heading [rad] and speed [m/s]."""
+    """Return tail and tube for x, y, heading, speed and the errors of position [m], heading [rad] and speed [m/s]."""
     nominal = curvature_of(robot, steering)
     curvature = 0.5 * (known[0] + known[1]) * nominal
     bend = 0.5 * (known[1] - known[0]) * wp.abs(nominal)
@@ -72,7 +73,7 @@ def tail_from(
 
 @wp.func
 def chord_slack(bounds: Bounds, robot: RobotStruct, tail: wp.vec4, tube: wp.vec4) -> float:
-    """Distance by which the simulation's straight sub-steps leave a tail [m]."""
+    """Return the largest distance of the simulation's straight sub-steps from a tail [m]."""
     speed = tail[3] * robot.drag
     return bounds.chord * speed * (robot.drag + speed * wp.abs(tube[0]))
 
@@ -121,7 +122,7 @@ def drive(
 
 @wp.func
 def narrowed(low: float, high: float, value: float, error: float, widest: wp.vec2) -> wp.vec2:
-    """Intersect [low, high] with value -+ error; where they do not meet, the model is not that of the theorem."""
+    """Intersect [low, high] with value -+ error; if the intersection is empty, the conditions are violated."""
     lower = wp.max(low, value - error)
     upper = wp.min(high, value + error)
     if lower > upper:
@@ -164,7 +165,7 @@ def learn(
 
 @wp.func
 def within_grip(bounds: Bounds, robot: RobotStruct, known: wp.vec4, speed: float, wanted: wp.vec2) -> wp.vec2:
-    """Clip an action to the box, and to where grip limits the yaw rate neither in the step nor after (condition 1)."""
+    """Clip an action to the box, and so that grip never limits the yaw rate, in the step or after it (condition 1)."""
     throttling = wp.clamp(wanted[1], -1.0, 1.0)
     most = float(1.0)
     if wp.isfinite(robot.lateral_acceleration_max):

@@ -21,32 +21,32 @@ class SafetyParameters(Checked):
     """
 
     clearance: float = number(0.07, 0, 1e3, "m")
-    """Distance to keep besides the two radii [m]."""
+    """Least distance of two cars besides the two radii [m]."""
     growth: float = number(0.2, 0, 1e3, "m/s")
-    """Growth of the required distance with the prediction time, as the prediction gets worse [m/s]."""
+    """Growth of the required distance with the prediction time, because predictions get less accurate [m/s]."""
     horizon: int = whole(8, 1, 100)
-    """Control steps that are looked ahead."""
+    """Horizon of the prediction [control steps]."""
     ample: float = number(0.1, 0, 1e3, "m")
-    """Margin beyond which a way out does not get better [m]."""
+    """Margin above which all ways out are equally good [m]."""
     effort: float = number(0.1, 0, 1e3, "m")
-    """Margin that full steering must be worth in a way out, and coasting or full throttle half of it [m]."""
+    """Margin that full steering must add to a way out; coasting and full throttle must add half of it [m]."""
     right: float = number(0.01, -1e3, 1e3, "m")
-    """Margin by which a way out to the right counts as better: what breaks a symmetric meeting [m]."""
+    """Margin that is added to a way out to the right, to break the symmetry of a meeting [m]."""
     throttle_weight: float = number(0.5, 1e-6, 1e6)
-    """Weight of a change of the throttle's action against one of the steering's."""
+    """Weight of a change of the throttle's action relative to one of the steering's."""
     passes: int = whole(3, 1, 20)
-    """Most linearisations of the margins, each a quadratic program."""
+    """Largest number of linearisations of the margins, each of which is a quadratic program."""
     resting: float = number(0.05, 0, 1e3, "m/s")
-    """Speed below which another robot is taken to stay where it is [m/s]."""
+    """Speed below which another robot is assumed to stand still [m/s]."""
     unit: float = number(1.0, 1e-9, 1e6, "m")
-    """Length that margins are measured in when an action is sought [m]."""
+    """Unit of the margins in the quadratic program [m]."""
     speed_max: float | None = number(None, 1e-9, 1e5, "m/s")
-    """Speed that the throttle may not lead above [m/s]; None is `baselines.safety.filter.speed_limit`."""
+    """Largest speed to which the throttle may lead [m/s]; None is `baselines.safety.filter.speed_limit`."""
 
     def of(self, scenario: Scenario) -> "SafetyParameters":
         """Return the same parameters scaled from the paper's experiment to another scenario.
 
-        Slow cars are looked ahead for longer, in control steps, so that what they can do still shows.
+        The horizon of slow cars has more control steps, so that their ways out still differ.
         """
         scale = motion_scale(scenario)
         seconds = self.horizon * EXPERIMENT.task.step * scale.time

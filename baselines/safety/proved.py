@@ -1,12 +1,13 @@
-"""The proved filter under any car policy: each robot always has a way to come to rest, clear of all the others' ways.
+"""The proved filter under any car policy: each robot can always come to rest without meeting the others.
 
 docs/proved.md has the theorem with its proof; in short:
 
-* The **tail** of a car: its motor off and its steering held, it rolls to rest (`baselines.safety.tails`).
+* The **tail** of a car is its path to rest with the motor off and the steering held (`baselines.safety.tails`).
 * Two tails are **compatible** if the cars stay 2 r + margin apart at equal times for ever, wherever each is within its
   error bounds.
 * In every step each robot in its turn takes the wanted action only if the tail after it is compatible with the
-  committed tails of all others; else the least change of the action for which it is; else its old tail goes on.
+  committed tails of all others. Otherwise it takes the least change of the action for which it is, and without one it
+  continues its old tail.
 
 **Theorem.** If conditions 1 to 5 hold, and all tails are compatible in some step (6), no robots collide after it.
 
@@ -14,19 +15,20 @@ docs/proved.md has the theorem with its proof; in short:
    way: `own_motion.drive`, `own_motion.within_grip`, `commitment.room_inside`.
 2. Wheelbase, drive and measurements are within their bounds: `bounds_of`, `widest_of`, `own_motion.learn`,
    `tails.error_tube`.
-3. Robots decide one after another and know the tails that are committed; who misses one does not decide:
+3. Robots decide one after another and know the committed tails; a robot that misses one does not decide:
    `commitment.commit`, `commitment.hears_all`.
 4. Every robot decides by this filter: `commitment.room_of`, `commitment.decide`.
 5. A robot that fails rolls to rest as it steered last, `faults.stop` = `coast`: `commitment.room_to`.
 6. All tails are compatible once: `commitment.is_compatible`, `Proved.holds`.
 
-`unmet_conditions` names those of 1, 2, 3 and 5 that a scenario does not meet. There the filter does what it can, and
-promises nothing.
+`unmet_conditions` names those of 1, 2, 3 and 5 that a scenario does not meet. In such scenarios the
+filter acts in the same way, without a guarantee.
 
-The observation does not contain the tails. They are messages of the filter's own, from every robot to every other, that
-are lost with the probability `noise.message_loss`. From a row alone no filter can keep this promise at the formation's
-speed: two cars that are not neighbours on the ring see each other at the sensing radius, 0.6 m in `evaders`, too late
-for cars of 1.1 m/s without brakes whose tightest circle has a radius of 0.48 m (`filter.speed_in_sight`).
+The observation does not contain the tails. The filter sends them in messages of its own, from every robot to every
+other, which are lost with the probability `noise.message_loss`. No filter that uses only the observation can give this
+guarantee at the formation's speed: two cars that are not ring neighbours observe each other within the sensing radius,
+0.6 m in `evaders`, which is too late for cars of 1.1 m/s without brakes whose tightest circle has a radius of 0.48 m
+(`filter.speed_in_sight`).
 """
 
 import math
@@ -57,11 +59,11 @@ THROTTLE_CHANGES = (0.0, 0.5, 2.0)
 """Changes of the wanted action that are tried, to either side; each result is clipped to [-1, 1]."""
 
 _ROUNDING = 4e-6
-"""Bound of the rounding of observed numbers, relative to their range."""
+"""Bound on the rounding error of observed numbers, relative to their range."""
 _COARSEST = 0.01
 """Largest relative error of the integration for which the bounds of the errors hold."""
 _SEEN = 3.9
-"""Half of the rectangle that tails stay in, in half widths: observations end at 4."""
+"""Half size of the rectangle of the tails, in half widths; observations are clipped at 4."""
 
 
 @dataclass(frozen=True)
@@ -69,11 +71,11 @@ class ProvedParameters(Checked):
     """Parameters of the proved filter; `ProvedParameters.of` scales the defaults to another scenario."""
 
     margin: float = number(0.001, 0, 1e3, "m")
-    """Distance that tails keep besides the two radii and the error bounds [m]."""
+    """Least distance of tails besides the two radii and the error bounds [m]."""
     deviations: float = number(4.0, 0, 100)
     """Bound of the noise of a measurement, in standard deviations."""
     throttle_weight: float = number(0.1, 1e-6, 1e6)
-    """Weight of a change of the throttle's action against one of the steering's."""
+    """Weight of a change of the throttle's action relative to one of the steering's."""
 
     def of(self, scenario: Scenario) -> "ProvedParameters":
         """Return the same parameters scaled from the paper's experiment to another scenario."""
@@ -102,7 +104,7 @@ class Proved(Policy):
         self._changes = wp.array(changes_of(self.parameters), dtype=wp.vec2, device=self.device)
         worlds, plans = (self.num_worlds,), (*self.shape, int(PLANS))
         self._memory = allocate(Memory, {"steps": worlds, "holds": worlds}, self.shape, self.device)
-        # A struct of Warp cannot be copied; its arrays, kept by name, go with every copy of the policy.
+        # A struct of Warp cannot be copied; its arrays, stored by name, are copied with the policy.
         self._kept = {name: getattr(self._memory, name) for name in Memory.vars}
         self._plans = allocate(Plans, {"points": (*plans, int(POINTS)), "reach": plans}, self.shape, self.device)
 
@@ -117,8 +119,8 @@ class Proved(Policy):
     def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
         """Actions for wanted ones (W, N, A) and observations (W, N, D): Warp arrays, the result the filter's own.
 
-        One that is not finite is taken for none, and the old tail goes on. Messages, the entries after steering and
-        throttle, pass unchanged.
+        If an action is not finite, the robot continues its old tail. Messages, the entries after steering and throttle,
+        pass unchanged.
         """
         inputs = [self._bounds, self._robot, self._curve, self._widest, self._changes, observation, wanted]
         self.launch(commit, self.num_worlds, [*inputs, self._memory], [self._plans, self.action])
@@ -129,7 +131,7 @@ class Proved(Policy):
         self.filter(observation, self.policy.act(observation))
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what the policy remembers, and the tails."""
+        """Reset the memory of the policy and the tails."""
         self.policy.reset(mask)
         for array in self._kept.values():
             clear_worlds(array, mask)
@@ -160,7 +162,7 @@ def bounds_of(scenario: Scenario, parameters: ProvedParameters) -> Any:
 def widest_of(scenario: Scenario) -> np.ndarray:
     """Return the bounds (N, 4) of each car's curvature and drive as factors of the nominal: least, most; least, most.
 
-    Draws of a spread are clipped at three deviations.
+    The draws of a spread are clipped at three standard deviations.
     """
     wheelbase, drive = 3 * scenario.noise.wheelbase_spread, 3 * scenario.noise.drive_spread
     turning = (1 / (1 + wheelbase) - _ROUNDING, 1 / (1 - wheelbase) + _ROUNDING)
@@ -169,7 +171,7 @@ def widest_of(scenario: Scenario) -> np.ndarray:
 
 
 def changes_of(parameters: ProvedParameters) -> np.ndarray:
-    """Return the changes (K, 2) of an action that are tried in place of it, the least first; the first is none."""
+    """Return the changes (K, 2) of an action that are tried, in order of size; the first is no change."""
     signed = [(s * x, t * y) for x in STEERING_CHANGES for y in THROTTLE_CHANGES for s in (1, -1) for t in (1, -1)]
 
     def cost(change: tuple[float, float]) -> tuple[float, ...]:
@@ -180,9 +182,9 @@ def changes_of(parameters: ProvedParameters) -> np.ndarray:
 
 
 def integration_error(scenario: Scenario) -> float:
-    """Relative error of the simulation's way against the exact one, for a car at its highest speed.
+    """Return the relative error of the simulated path, compared with the exact one, for a car at its highest speed.
 
-    The Runge-Kutta method is Simpson's rule for x' = v cos(heading): turn^4 / 2880 of the way, and (c h)^4 / 120.
+    The Runge-Kutta method is Simpson's rule for x' = v cos(heading): turn^4 / 2880 of the path, and (c h)^4 / 120.
     """
     robot, noise = scenario.robot, scenario.noise
     fastest = robot.steady_speed(robot.drive * noise.most_drive * float(scenario.drive_factors.max()))

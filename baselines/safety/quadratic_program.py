@@ -1,4 +1,4 @@
-"""A quadratic program of two variables: the nearest action in a box that keeps some half-planes, by active sets."""
+"""A quadratic program of two variables: the nearest action in a box and some half-planes, by active sets."""
 
 import warp as wp
 
@@ -9,7 +9,7 @@ _NONE = wp.constant(1.0e30)
 
 @wp.func
 def line(w: int, i: int, n: int, k: int, rows: wp.array3d(dtype=wp.vec3), top: float) -> wp.vec3:
-    """Row k of n, then the four sides of the box [-1, 1] x [-1, top], as g.u >= c."""
+    """Return row k of n, or a side of the box [-1, 1] x [-1, top] for the next four k, as g.u >= c."""
     if k < n:
         return rows[w, i, k]
     if k == n:
@@ -23,7 +23,7 @@ def line(w: int, i: int, n: int, k: int, rows: wp.array3d(dtype=wp.vec3), top: f
 
 @wp.func
 def violation(w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), u: wp.vec2) -> float:
-    """max_k c - g.u, and at least 0."""
+    """Return max_k c - g.u, and at least 0."""
     most = float(0.0)
     for k in range(n):
         row = rows[w, i, k]
@@ -39,13 +39,13 @@ def in_box(u: wp.vec2, top: float) -> bool:
 
 @wp.func
 def into_box(u: wp.vec2, top: float) -> wp.vec2:
-    """Nearest action of the box."""
+    """Return the nearest action of the box."""
     return wp.vec2(wp.clamp(u[0], -1.0, 1.0), wp.clamp(u[1], -1.0, top))
 
 
 @wp.func
 def least_violation(w: int, i: int, n: int, rows: wp.array3d(dtype=wp.vec3), top: float) -> float:
-    """Smallest s >= 0 for which g.u >= c - s has a solution in the box: the vertices of that linear program."""
+    """Return the smallest s >= 0 for which g.u >= c - s has a solution in the box, by its vertices."""
     least = violation(w, i, n, rows, wp.vec2(-1.0, -1.0))
     for a in range(n):
         first = line(w, i, n, a, rows, top)
@@ -80,7 +80,7 @@ def nearer(
     u: wp.vec2,
     best: wp.vec3,
 ) -> wp.vec3:
-    """The better of an action and the best so far (steering, throttle, cost), if it keeps the rows and the box."""
+    """Return the better of an action within the rows and the box, and the best so far (steering, throttle, cost)."""
     chosen = best
     if in_box(u, top):
         inside = into_box(u, top)
@@ -130,7 +130,7 @@ def solve_quadratic_program(
 ) -> wp.vec3:
     """Minimise (u0 - w0)^2 + weight (u1 - w1)^2 over the box with g.u >= c for n rows; (steering, throttle, s).
 
-    Where the rows contradict one another or the box, all give way by the same least s > 0.
+    If the rows contradict one another or the box, all are relaxed by the same least s > 0.
     """
     best = nearest_action(w, i, n, rows, TOLERANCE, weight, top, wanted)
     missing = float(0.0)

@@ -1,10 +1,10 @@
-"""Tails: how a car rolls to rest with its motor off and its steering held, and bounds of where it can be meanwhile.
+"""Tails: the paths of cars that roll to rest with the motor off and the steering held, with bounds on their errors.
 
 A car whose motor is off slows down by v' = -c v, equation (12), whatever its motor and its wheelbase. With its steering
 held it follows an arc of curvature kappa, and with q = 1 - exp(-c t) it has gone q L of the length L = v / c that is
-left to it. All cars share c, so in q, from 0 to 1, every tail runs along its arc at a constant rate. A tail is
+left to it. All cars have the same c, so for q from 0 to 1 every car moves along its arc at a constant rate. A tail is
 
-    tail = (x, y, heading, L)        where it begins [m], [rad], and its length [m]
+    tail = (x, y, heading, L)        beginning [m], [rad], and length [m]
     tube = (kappa, w0, w1, w2)       curvature [1/m], and the bound w(q) = w0 + w1 q + w2 q^2 [m]
 
 and the car is within w(q) of the arc's point at q, for every position, heading, speed and curvature that the bounds of
@@ -19,12 +19,12 @@ from lissajous_env.device.trig import cos_sin
 PIECES = wp.constant(16)
 """Pieces of a tail between its sampled points, in equal steps of q."""
 POINTS = wp.constant(int(PIECES) + 3)
-"""Sampled points of a plan: where the car is now, and where its tail begins, goes and ends."""
+"""Sampled points of a plan: the position of the car, and the beginning, inner points and end of its tail."""
 
 
 @wp.func
 def arc_end(x: float, y: float, heading: float, length: float, curvature: float) -> wp.vec3:
-    """Place and heading (x, y [m], heading [rad]) after a way along an arc."""
+    """Return position and heading (x, y [m], heading [rad]) after a path along an arc."""
     half = 0.5 * length * curvature
     turn = cos_sin(half)
     chord = length * wp.where(wp.abs(half) < 1.0e-3, 1.0 - half * half / 6.0, turn[1] / half)
@@ -34,7 +34,7 @@ def arc_end(x: float, y: float, heading: float, length: float, curvature: float)
 
 @wp.func
 def roll_on(tail: wp.vec4, tube: wp.vec4, left: float) -> tuple[wp.vec4, wp.vec4]:
-    """Return what remains of a tail when the share `left` = exp(-c t) of its length is left."""
+    """Return the rest of a tail when the share `left` = exp(-c t) of its length is left."""
     gone = 1.0 - left
     end = arc_end(tail[0], tail[1], tail[2], gone * tail[3], tube[0])
     w0 = tube[1] + gone * (tube[2] + gone * tube[3])
@@ -44,9 +44,9 @@ def roll_on(tail: wp.vec4, tube: wp.vec4, left: float) -> tuple[wp.vec4, wp.vec4
 
 @wp.func
 def error_tube(curvature: float, length: float, place: float, heading: float, along: float, bend: float) -> wp.vec4:
-    """Tube of a tail from the bounds of its errors: place [m], heading [rad], length [m], curvature [1/m].
+    """Return the tube of a tail for bounds on its errors: position [m], heading [rad], length [m], curvature [1/m].
 
-    Two cars that begin apart by these roll on apart by at most
+    The distance of two cars that begin with these differences is at most
 
         |p_1 - p_2|(q) <= place + integral of (along + L |heading_1 - heading_2|) dq,
         |heading_1 - heading_2|(q) <= heading + bend L q + (|kappa| + bend) along q.
@@ -68,7 +68,7 @@ def lay_out(
     points_out: wp.array4d(dtype=wp.vec3),
     reach_out: wp.array3d(dtype=float),
 ):
-    """Sample a plan: points x, y and, for the piece before each, how far off the straight line the car can be [m].
+    """Sample a plan: points x, y, each with a bound on the deviation from the straight line before it [m].
 
     `middle` is that of the step before the tail, x, y and the bound for either half of it. Along a piece of the tail an
     arc leaves its chord by at most kappa (L / pieces)^2 / 8; `slack` is added to this. `reach` bounds the distance of
@@ -108,9 +108,9 @@ def room_between(
 ) -> float:
     """Return a lower bound of the distance of two cars at equal times on two plans, less `touch` [m].
 
-    Where it is below `enough`, anything below `enough`. Along each piece it is the closest approach of the chords at
-    equal times, less the bounds of both deviations. Two plans that are too far apart to meet are told from each other
-    by their reaches alone.
+    If the bound is below `enough`, any value below `enough` is returned. Along each piece it is the closest approach of
+    the chords at equal times, less the bounds on both deviations. For two plans that are too far apart to meet, their
+    reaches suffice.
     """
     a = points[w, i, one, 0]
     b = points[w, j, other, 0]

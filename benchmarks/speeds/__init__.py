@@ -10,22 +10,22 @@ from figures import Table
 
 @dataclass(frozen=True)
 class Options:
-    """What is asked of every part."""
+    """Settings of all parts."""
 
     rounds: int
-    """How often the sides take turns."""
+    """Number of rounds in which the sides take turns."""
     worlds: int
-    """Worlds of a batch."""
+    """Number of worlds of a batch."""
     threads: int
-    """Threads of a batch, and of one large world."""
+    """Number of threads of a batch, and of one large world."""
     against: Path | None = None
     """Another checkout of this project, or None."""
     rivals: bool = True
-    """Whether others are measured too."""
+    """True if alternatives are measured too."""
     quick: bool = False
-    """Whether everything is so small that the figures say nothing: to try the commands."""
+    """True for a trial of the commands, with sizes so small that the figures mean nothing."""
     store: bool = False
-    """Whether a part keeps its pictures in docs/."""
+    """True if a part saves its pictures in docs/."""
 
 
 @dataclass(frozen=True)
@@ -33,22 +33,22 @@ class Part:
     """One thing whose speed is measured."""
 
     name: str
-    """What it is called on the command line."""
+    """Name on the command line."""
     what: str
-    """What is measured beside what, in one line."""
+    """Description in one line."""
     tables: Callable[[Options], dict[str, Table]]
-    """Measures, and returns the tables by their names in docs/figures.json."""
+    """Function that measures and returns the tables by their names in docs/figures.json."""
     rounds: int = 15
-    """Rounds where none are asked for."""
+    """Default number of rounds."""
     needs: Mapping[str, str] = field(default_factory=dict)
-    """Libraries without which nothing can be measured, each with the extra that brings it."""
+    """Libraries that the part requires, each with the extra that installs it."""
     rivals: Mapping[str, str] = field(default_factory=dict)
-    """Libraries that are rivals, each with the extra that brings it."""
+    """Libraries that are alternatives, each with the extra that installs it."""
     against: bool = False
-    """Whether the rival is another checkout."""
+    """True if the part is compared with another checkout."""
 
     def missing(self, options: Options) -> str | None:
-        """What to install or to pass, in words; None where the part can be measured."""
+        """Return in words what must be installed or passed; None if the part can be measured."""
         asked = self.needs | self.rivals if options.rivals else self.needs
         absent = [library for library in asked if find_spec(library) is None]
         rival_alone = all(library in self.rivals for library in absent)

@@ -1,4 +1,4 @@
-"""The time of a learned policy's `act` and of its network alone, beside products of matrices by NumPy."""
+"""The time of a learned policy's `act` and of its network, compared with matrix products by NumPy."""
 
 import statistics
 
@@ -16,7 +16,7 @@ WORLDS = (1, 32, 1024)
 
 
 def times_per_row(name: str, worlds: int, calls: int, rounds: int) -> list[float]:
-    """Times per robot [us], the median of the rounds: `act`, the network's kernel alone, and its matrices by NumPy."""
+    """Return times per robot [us], the median of the rounds: `act`, the network's kernel, and its matrices by NumPy."""
     policy = training.load(name, num_worlds=worlds)
     simulation = lissajous_env.Simulation(policy.scenario, worlds)
     seen, network = simulation.observation.numpy(), policy.network
@@ -38,7 +38,7 @@ def times_per_row(name: str, worlds: int, calls: int, rounds: int) -> list[float
 
 
 def tables(options: Options) -> dict[str, Table]:
-    """Measure; the table `learned-act`."""
+    """Measure, and return the table `learned-act`."""
     rows = []
     for name in POLICIES:
         for worlds in WORLDS:

@@ -1,4 +1,4 @@
-"""A benchmark over a Ray cluster of one node and of two, of one processor each, by turns."""
+"""The time of a benchmark on Ray clusters of one node and of two nodes, with one processor each."""
 
 import tempfile
 import time
@@ -23,7 +23,7 @@ _NODE = {"num_cpus": 1, "object_store_memory": 80_000_000}
 
 @contextmanager
 def cluster_of(nodes: int) -> Iterator[str]:
-    """A cluster of so many nodes on this machine; its address."""
+    """Start a cluster of some nodes on this machine, and yield its address."""
     from ray.cluster_utils import Cluster
 
     cluster: Any = Cluster(initialize_head=True, head_node_args=_NODE | {"include_dashboard": False})
@@ -36,7 +36,7 @@ def cluster_of(nodes: int) -> Iterator[str]:
 
 
 def seconds(nodes: int, episodes: int) -> float:
-    """Time of a benchmark on a cluster of so many nodes, from its command to its report [s]."""
+    """Return the time of a benchmark on a cluster of some nodes, from its command to its report [s]."""
     with cluster_of(nodes) as address, tempfile.TemporaryDirectory() as folder:
         settings = Benchmark(
             scenarios=(SCENARIO,), policies=(POLICY,), episodes=episodes, batch=BATCH, replays=("none",),
@@ -48,7 +48,7 @@ def seconds(nodes: int, episodes: int) -> float:
 
 
 def tables(options: Options) -> dict[str, Table]:
-    """Measure; the table `cluster`."""
+    """Measure, and return the table `cluster`."""
     episodes = 2 * BATCH if options.quick else EPISODES
     times: dict[int, list[float]] = {1: [], 2: []}
     for _ in range(options.rounds):

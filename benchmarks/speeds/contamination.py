@@ -1,4 +1,4 @@
-"""Cost of the contamination field, beside the same steps without it."""
+"""Cost of the contamination field, compared with the same steps without it."""
 
 import statistics
 from collections.abc import Callable
@@ -14,11 +14,11 @@ from speeds import Options, Part
 
 GRIDS = {"without": None, "36 x 16 cells": (36, 16), "90 x 40 cells": (90, 40)}
 _STEPS = 100
-"""Steps after which the worlds begin again."""
+"""Number of steps after which the worlds are reset."""
 
 
 def in_formation(worlds: int, threads: int, grid: tuple[int, int] | None) -> Callable[[], object]:
-    """The experiment as the paper's method drives it, all worlds alike; what costs time is where rogues may be."""
+    """Return a step of the experiment under the paper's method; the cost depends on where rogues may be."""
     made = lissajous_env.scenario("experiment", **{"task.contamination": grid})
     alone, policy = lissajous_env.Simulation(made), baselines.make("kuramoto-mpcc", made)
     actions = []
@@ -41,7 +41,7 @@ def in_formation(worlds: int, threads: int, grid: tuple[int, int] | None) -> Cal
 
 
 def rows_of(times: dict[str, Times], where: str, worlds: int) -> list[list[str]]:
-    """A row for each grid, beside the side that is called `without`."""
+    """Return a row for each grid, compared with the side `without`."""
     rows, without = [], times["without"]
     for name, own in times.items():
         more = (statistics.median(own) - statistics.median(without)) / worlds
@@ -52,7 +52,7 @@ def rows_of(times: dict[str, Times], where: str, worlds: int) -> list[list[str]]
 
 
 def tables(options: Options) -> dict[str, Table]:
-    """Measure; the table `contamination`."""
+    """Measure, and return the table `contamination`."""
     rows, often = [], 10 if options.quick else _STEPS
     for where, worlds in (("one world", 1), ("batch", options.worlds)):
         sides = {name: (in_formation(worlds, options.threads, grid), often) for name, grid in GRIDS.items()}

@@ -1,7 +1,7 @@
-"""A solve of the contouring controller beside CasADi + IPOPT on the same problems, and what both cost.
+"""Time and cost of a solve of the contouring controller, compared with CasADi + IPOPT on the same problems.
 
-All on one thread. Of our times the shortest of the rounds is taken, of IPOPT's the median over the problems, each
-solved once.
+Both use one thread. The time of this package is the shortest of the rounds, that of IPOPT the median over the
+problems, each of which is solved once.
 """
 
 import time
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from mpcc import Ipopt, Problems
 
 STATES = 500
-"""Problems in each set."""
+"""Number of problems in each set."""
 _SEED = 0
 
 
 def timed(mpcc: Mpcc, problems: "Problems", guess: bool, rounds: int) -> tuple[Solution, float]:
-    """Solve a set; the solution and the shortest time per problem [s]."""
+    """Solve a set, and return the solution and the shortest time per problem [s]."""
     solutions, times = [], []
     for _ in range(rounds):
         mpcc.reset()
@@ -35,7 +35,7 @@ def timed(mpcc: Mpcc, problems: "Problems", guess: bool, rounds: int) -> tuple[S
 
 
 def timed_ipopt(ipopt: "Ipopt", problems: "Problems") -> tuple[np.ndarray, float]:
-    """Costs (n,) that IPOPT finds from the guesses, and the median of the time that it takes [s]."""
+    """Return the costs (n,) that IPOPT finds from the guesses, and the median of its times [s]."""
     costs, times = [], []
     for each in zip(problems.state, problems.phase_rate, problems.guess, strict=True):
         begin = time.perf_counter()
@@ -45,7 +45,7 @@ def timed_ipopt(ipopt: "Ipopt", problems: "Problems") -> tuple[np.ndarray, float
 
 
 def compare(problems: "Problems", curve: Curve, p: MpccParameters, options: Options) -> dict[str, str]:
-    """Our side, and IPOPT's where rivals are asked for, on one set, in words."""
+    """Return the results of this package, and of IPOPT if `rivals` is set, on one set, in words."""
     from mpcc import Ipopt, accuracy
 
     count = len(problems.phase_rate)
@@ -69,7 +69,7 @@ def compare(problems: "Problems", curve: Curve, p: MpccParameters, options: Opti
 
 
 def tables(options: Options) -> dict[str, Table]:
-    """Measure; the table `mpcc`."""
+    """Measure, and return the table `mpcc`."""
     from mpcc import RING, closed_loop, random_problems
 
     rng = np.random.default_rng(_SEED)

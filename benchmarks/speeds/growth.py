@@ -1,10 +1,10 @@
-"""Growth of the cost of a step with the robots and targets of one world, beside another version of this project.
+"""Growth of the cost of a step with the robots and targets of one world, compared with another version of this project.
 
-Each row is `swarm` on a curve for so many robots, at the same ground speed, in formation; targets stay when they are
-detected, so that no step is an easy one. The versions take turns, each in a process of its own, on one thread: a time
-is that of the processor, a ratio the median over pairs of turns, with its 95 % interval by bootstrap. A second table
-has the largest worlds on one thread and on all, by what the first thread has to work, which takes a share as large as
-the others': where as many cores are idle, a step takes as long.
+Each row is `swarm` on a curve for a number of robots, at the same ground speed, in formation. Targets stay when they
+are detected, so that no step is cheaper than others. The versions take turns, each in a process of its own, on one
+thread. A time is processor time, and a ratio is the median over pairs of turns, with its 95 % interval by bootstrap. A
+second table has the largest worlds on one thread and on all, by the processor time of the first thread, whose share is
+as large as the others'. With as many idle cores, a step takes that time.
 """
 
 import statistics
@@ -21,19 +21,19 @@ from speeds.served import CURVES, Side
 
 TARGETS = (1_000, 10_000, 100_000, 1_000_000)
 PICTURE = ROOT / "docs" / "growth.png"
-# Okabe and Ito's, which the colour-blind tell apart.
+# The palette of Okabe and Ito, for colour-blind readers.
 COLOURS = {5: "#0072B2", 101: "#009E73", 501: "#E69F00", 1001: "#D55E00"}
 
 
 def measured(sides: Sequence[Side], rounds: int, first: bool = False) -> tuple[Any, list[float]]:
-    """Seconds of a step (rounds, sides), by turns, and the largest memory of each side [MB]."""
+    """Return the times of a step (rounds, sides) [s], by turns, and the largest memory of each side [MB]."""
     steps = [max(1, min(1000, round(0.1 / side.seconds(1, first)))) for side in sides]
     times = [[side.seconds(count, first) for side, count in zip(sides, steps, strict=True)] for _ in range(rounds)]
     return np.array(times), [side.peak() for side in sides]
 
 
 def table_of(found: dict[tuple[int, int], tuple[Any, list[float]]]) -> Table:
-    """A row for each number of robots and targets; with another version, what it takes and the ratio beside."""
+    """Return a row for each number of robots and targets; with another version, also its time and the ratio."""
     compared = any(times.shape[1] == 2 for times, _ in found.values())
     columns = ["one world", "ms a step", "ns a target", "ns each further target", "peak [MB]"]
     columns += ["ms a step before", "times faster", "95 % interval"] if compared else []
@@ -52,7 +52,7 @@ def table_of(found: dict[tuple[int, int], tuple[Any, list[float]]]) -> Table:
 
 
 def threads_table(robots: int, counts: Sequence[int], threads: int, rounds: int) -> Table:
-    """A row for each number of targets: the time of a step on one thread, on all, and the ratio."""
+    """Return a row for each number of targets: the time of a step on one thread, on all, and the ratio."""
     rows = []
     for targets in counts:
         sides = [Side(ROOT, robots, targets, each) for each in (threads, 1)]
@@ -66,7 +66,7 @@ def threads_table(robots: int, counts: Sequence[int], threads: int, rounds: int)
 
 
 def draw(found: dict[tuple[int, int], tuple[Any, list[float]]], path: Path) -> None:
-    """Time of a step over the number of targets, a line for each number of robots; dashed is the other version."""
+    """Draw the time of a step over the number of targets, a line for each number of robots; dashed: other version."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -95,7 +95,7 @@ def draw(found: dict[tuple[int, int], tuple[Any, list[float]]], path: Path) -> N
 
 
 def tables(options: Options) -> dict[str, Table]:
-    """Measure, draw the picture if it is kept; the tables `growth` and `growth_threads`."""
+    """Measure, draw the picture if it is saved, and return the tables `growth` and `growth_threads`."""
     folders = [ROOT]
     if options.rivals and options.against is not None:
         folders.append(options.against)

@@ -1,4 +1,4 @@
-"""The largest memory of a process that holds the batches of the part `step`."""
+"""The largest memory of a process with the batches of the part `step`."""
 
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
@@ -10,7 +10,7 @@ from speeds.served import peak_memory
 
 
 def peak(worlds: int, threads: int) -> float:
-    """Make the batches, step each once; the largest memory of this process [MB]."""
+    """Make the batches, step each once, and return the largest memory of this process [MB]."""
     made = [step.batch(*what, worlds, threads) for what in step.BATCHES.values()]
     for each in made:
         each()
@@ -18,8 +18,8 @@ def peak(worlds: int, threads: int) -> float:
 
 
 def tables(options: Options) -> dict[str, Table]:
-    """Measure; the table `memory`."""
-    # Another process first: where kernels have to be compiled, that takes more memory than all worlds.
+    """Measure, and return the table `memory`."""
+    # Another process comes first, because compiling kernels takes more memory than all worlds.
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         pool.submit(peak, 1, options.threads).result()
     rows = [["six batches", f"{options.worlds:,}", f"{peak(options.worlds, options.threads):.0f}"]]

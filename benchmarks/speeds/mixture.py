@@ -19,7 +19,7 @@ SPACE = "monitoring-v1"
 
 
 def tables(options: Options) -> dict[str, Table]:
-    """Measure; the tables `mixture-speed` and `mixture-draw`."""
+    """Measure, and return the tables `mixture-speed` and `mixture-draw`."""
     from training.sb3 import MixedVecEnv, RobotVecEnv
 
     size = max(options.worlds // 32, 1)
@@ -44,7 +44,7 @@ def tables(options: Options) -> dict[str, Table]:
 
 
 def drawing(options: Options) -> Table:
-    """Time that a new scenario takes: drawn alone, with its worlds, and with a given number of robots."""
+    """Return the time of a new scenario: drawn only, with its worlds, and with a given number of robots."""
     from lissajous_env import Simulation
 
     space, took = scenario_space(SPACE), {"drawn": [], "drawn and simulated": [], "with as many robots": []}

@@ -17,7 +17,7 @@ ROBOT = 1
 
 
 def times_of_calls(policy: str, steps: int, rounds: int) -> np.ndarray:
-    """Time of each call of an episode [us]: the least of some rounds, of the same input each."""
+    """Return the time of each call of an episode [us], the least of some rounds with the same inputs."""
     made = lissajous_env.scenario(SCENARIO).resolve()
     simulation, together = lissajous_env.Simulation(made), baselines.make(policy, made)
     given = []
@@ -36,7 +36,7 @@ def times_of_calls(policy: str, steps: int, rounds: int) -> np.ndarray:
 
 
 def tables(options: Options) -> dict[str, Table]:
-    """Measure; the table `onboard`."""
+    """Measure, and return the table `onboard`."""
     rows = []
     for policy in POLICIES:
         times = times_of_calls(policy, 20 if options.quick else 600, options.rounds)

@@ -1,4 +1,4 @@
-"""A step with rogues that are agents, one world and a batch, beside mpe2 `simple_tag_v3` with the same numbers."""
+"""A step with rogues that are agents, one world and a batch, compared with mpe2 `simple_tag_v3`."""
 
 from collections.abc import Callable
 
@@ -16,7 +16,7 @@ TAG = "mpe2 simple_tag"
 
 
 def single(rogues: str) -> Callable[[], object]:
-    """`ParallelEnv.step` of robots that stand still; an episode begins anew when a rogue is detected."""
+    """Return `ParallelEnv.step` with robots that stand still; an episode is reset when a rogue is detected."""
     env = lissajous_env.parallel_env("experiment", rogues=rogues, **SETTINGS)
     actions = {agent: np.zeros(2, dtype=np.float32) for agent in env.possible_agents}
 
@@ -36,7 +36,7 @@ def single(rogues: str) -> Callable[[], object]:
 
 
 def batch(rogues: str, worlds: int, threads: int) -> Callable[[], object]:
-    """`Simulation.step` of so many worlds, without an end of the episode."""
+    """Return `Simulation.step` of some worlds, without an end of the episode."""
     settings = SETTINGS | {"task.duration": 10_000.0, "rogues": rogues}
     simulation = lissajous_env.Simulation("experiment", num_worlds=worlds, threads=threads, **settings)
     rng = np.random.default_rng(0)
@@ -47,7 +47,7 @@ def batch(rogues: str, worlds: int, threads: int) -> Callable[[], object]:
 
 
 def tag() -> Callable[[], object]:
-    """A step of mpe2 with as many chasers and as many chased."""
+    """Return a step of mpe2 with as many chasers and as many chased."""
     from mpe2 import simple_tag_v3
 
     env = simple_tag_v3.parallel_env(num_good=ROGUES, num_adversaries=ROBOTS, max_cycles=10**9)
@@ -57,7 +57,7 @@ def tag() -> Callable[[], object]:
 
 
 def tables(options: Options) -> dict[str, Table]:
-    """Measure; the table `rogues`."""
+    """Measure, and return the table `rogues`."""
     often = 10 if options.quick else 200
     sides = {"rogues are agents, `ParallelEnv.step`": (single("agents"), often)}
     if options.rivals:
@@ -70,7 +70,7 @@ def tables(options: Options) -> dict[str, Table]:
     if options.rivals:
         sides[TAG] = (tag(), max(often // 10, 1))
     times = by_turns(sides, options.rounds)
-    if TAG in times:  # one world, where our sides have many
+    if TAG in times:  # one world, compared with many of this package
         times[TAG] = [each * options.worlds for each in times[TAG]]
     rows += rows_of(times, options.worlds, TAG)
     columns = ["", "worlds", "step of a world [us]", "best [us]", "million steps of a world per second", "rival",

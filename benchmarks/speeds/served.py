@@ -1,6 +1,6 @@
-"""One large world of some version of this project, in a process of its own that is asked for times.
+"""One large world of some version of this project, in a process of its own that measures times on request.
 
-The process runs this file, whatever the version: of the checkout that is measured it takes `lissajous_env` alone.
+The process always runs this file, and imports only `lissajous_env` from the checkout that is measured.
 """
 
 import os
@@ -10,27 +10,27 @@ import time
 from pathlib import Path
 
 CURVES = {5: (3, 2), 101: (51, 50), 501: (251, 250), 1001: (501, 500)}
-"""(a, b) of the curve for so many robots."""
+"""(a, b) of the curve by the number of robots."""
 
 
 def peak_memory() -> float:
-    """The largest memory of this process so far [MB]."""
+    """Return the largest memory of this process so far [MB]."""
     status = Path("/proc/self/status")
     if not status.exists():
         import resource
 
-        # In bytes on macOS, which has no /proc.
+        # macOS has no /proc and reports bytes.
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    # Not `ru_maxrss`, which begins on Linux with what the process had that started this one.
+    # On Linux, `ru_maxrss` would include the memory of the parent process.
     told = dict(line.split(":", 1) for line in status.read_text().splitlines())
     return int(told["VmHWM"].split()[0]) / 1024
 
 
 def serve(robots: int, targets: int, threads: int) -> None:
-    """Make a world, say where its code is; for each line on standard input, take so many steps.
+    """Make a world, print the path of its code, and take the number of steps in each line of standard input.
 
-    What is printed then is the seconds that one took: of the processor, on all threads together, and of the first
-    thread alone. An empty line ends it: the largest memory of this process [MB] is printed.
+    After each line, print the processor time of a step [s], of all threads together and of the first one. An empty line
+    ends the process, which then prints its largest memory [MB].
     """
     import numpy as np
 
@@ -58,10 +58,10 @@ def serve(robots: int, targets: int, threads: int) -> None:
 
 
 class Side:
-    """The world of the version in a folder."""
+    """A world of the version in a folder."""
 
     def __init__(self, folder: Path, robots: int, targets: int, threads: int):
-        # Without the folder that it is started in (-P): only what is named here, and what is installed.
+        # With -P, the current folder is not on the path, so only the named and the installed packages are imported.
         command = [sys.executable, "-P", "-m", "speeds.served", *map(str, (robots, targets, threads))]
         path = os.pathsep.join(map(str, (folder, Path(__file__).resolve().parent.parent)))
         self._process = subprocess.Popen(
@@ -72,11 +72,11 @@ class Side:
             raise RuntimeError(f"what is measured must be of {folder}, got {told}")
 
     def seconds(self, steps: int, first: bool) -> float:
-        """Time that a step takes, of all threads or of the first alone, as the mean of some."""
+        """Return the mean time of some steps, of all threads or of the first one."""
         return float(self._ask(str(steps)).split()[first])
 
     def peak(self) -> float:
-        """End the process; its largest memory [MB]."""
+        """End the process, and return its largest memory [MB]."""
         peak = float(self._ask(""))
         self._process.wait()
         return peak

@@ -1,4 +1,4 @@
-"""A step of one world beside mpe2 `simple_spread_v3`, and of a batch beside VMAS `discovery`."""
+"""A step of one world compared with mpe2 `simple_spread_v3`, and of a batch compared with VMAS `discovery`."""
 
 import os
 import statistics
@@ -14,7 +14,7 @@ from speeds import Options, Part
 
 ROBOTS, TARGETS = 5, 20
 SETTINGS = {"targets.count": TARGETS, "targets.arrival_rate": 0.0}
-# Targets that stay when they are detected, so that no step is an easy one.
+# Targets stay when they are detected, so that no step is cheaper than others.
 STAYING = SETTINGS | {"targets.leave": False}
 NAMED = {"experiment": SETTINGS, "experiment, all stay": STAYING, "intruders, all stay": STAYING}
 GRID = (36, 16)
@@ -29,7 +29,7 @@ BATCHES: dict[str, tuple[str, dict]] = {
     )
     for words, grid in (("no grid", None), ("36 x 16 grid", GRID))
 }
-"""Scenario and settings by what the tables call them."""
+"""Scenario and settings by their names in the tables."""
 FOLLOWED = {
     "batch, experiment, all stay, 36 x 16 contamination": (
         "experiment", STAYING | {"task.grid": None, "task.contamination": GRID}
@@ -38,7 +38,7 @@ FOLLOWED = {
 
 
 def single(scenario: str) -> Callable[[], object]:
-    """`ParallelEnv.step`, coverage grid on."""
+    """Return `ParallelEnv.step` with the coverage grid."""
     env = lissajous_env.parallel_env(scenario, **STAYING)
     env.reset(seed=0)
     rng = np.random.default_rng(0)
@@ -53,7 +53,7 @@ def single(scenario: str) -> Callable[[], object]:
 
 
 def batch(scenario: str, settings: dict, worlds: int, threads: int) -> Callable[[], object]:
-    """`Simulation.step` of so many worlds, without an end of the episode."""
+    """Return `Simulation.step` of some worlds, without an end of the episode."""
     made = lissajous_env.scenario(scenario, **settings, **{"task.duration": 10_000.0})
     simulation = lissajous_env.Simulation(made, num_worlds=worlds, threads=threads)
     actions = np.random.default_rng(0).uniform(-0.3, 0.3, simulation.action_shape).astype(np.float32)
@@ -61,7 +61,7 @@ def batch(scenario: str, settings: dict, worlds: int, threads: int) -> Callable[
 
 
 def spread() -> Callable[[], object]:
-    """A step of mpe2, with as many agents."""
+    """Return a step of mpe2 with as many agents."""
     from mpe2 import simple_spread_v3
 
     env = simple_spread_v3.parallel_env(N=ROBOTS, max_cycles=10**9)
@@ -71,8 +71,8 @@ def spread() -> Callable[[], object]:
 
 
 def discovery(worlds: int) -> Callable[[], object]:
-    """A step of VMAS, with as many agents, targets and worlds."""
-    # Threads of torch that wait for each other in a loop take ten times as long where another program has a core.
+    """Return a step of VMAS with as many agents, targets and worlds."""
+    # Threads of torch wait for each other actively, which takes ten times as long when another program uses a core.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     import torch
     import vmas
@@ -85,7 +85,7 @@ def discovery(worlds: int) -> Callable[[], object]:
 
 
 def rows_of(times: dict[str, Times], worlds: int, rival: str) -> list[list[str]]:
-    """A row for each of our sides, beside the rival if it is among them; each call steps so many worlds."""
+    """Return a row for each side of this package, with the alternative if it was measured; a call steps some worlds."""
     rows = []
     for name, own in times.items():
         if name == rival:
@@ -99,7 +99,7 @@ def rows_of(times: dict[str, Times], worlds: int, rival: str) -> list[list[str]]
 
 
 def tables(options: Options) -> dict[str, Table]:
-    """Measure; the table `speed`."""
+    """Measure, and return the table `speed`."""
     often = 10 if options.quick else 500
     sides = {f"{name}, `ParallelEnv.step`": (single(name), often) for name in ("experiment", "intruders")}
     if options.rivals:

@@ -31,7 +31,7 @@ KINDS = {
     "ppo, defaults": _ALONE,
     "whole": ["--steps", "5000000", "--evaluate-every", "1000000"],
 }
-"""Options of a training: what is learned, and how often the time is taken."""
+"""Options of a training: its task, and the interval of its time measurements."""
 QUICK_STEPS = 4000
 QUICK = [
     "--steps",
@@ -45,12 +45,12 @@ QUICK = [
     "--imitation-steps",
     "0",
 ]
-"""Options that are given once more where the figures need not say anything."""
+"""Options that replace these in a trial of the commands."""
 OURS, LIBRARY = "here", "the library's loop"
 
 
 def rate(side: str, checkout: Path, kind: str, seed: int, quick: bool) -> float:
-    """Train once; steps of a robot per second."""
+    """Train once, and return the robot steps per second."""
     with tempfile.TemporaryDirectory() as folder:
         options = ["--scenario", SCENARIO, "--seed", str(seed), "--out", folder, "--evaluation-episodes", "1",
                    "--rivals", *KINDS[kind], *(QUICK if quick else [])]  # fmt: skip
@@ -65,15 +65,15 @@ def rate(side: str, checkout: Path, kind: str, seed: int, quick: bool) -> float:
         if side == LIBRARY:
             return float(done.stdout)
         curve = json.loads((Path(folder) / "checkpoint.json").read_text())["curve"]
-    # How a training begins belongs to the whole; before the first evaluation kernels are loaded and threads start.
+    # The beginning counts only for `whole`: kernels are loaded and threads start before the first evaluation.
     first = {"steps": 0, "seconds": 0.0} if kind == "whole" else curve[0]
     return (curve[-1]["steps"] - first["steps"]) / (curve[-1]["seconds"] - first["seconds"])
 
 
 def declared(checkout: Path, folder: Path) -> Path:
-    """A folder for the path that declares what the project of a checkout registers, as if that were installed.
+    """Return a folder for the path that declares the entry points of a checkout, as if it were installed.
 
-    Otherwise another version would look for the modules of the version that is.
+    Otherwise another version would import modules of the installed version.
     """
     project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
     made = folder / "declared" / f"{project['name'].replace('-', '_')}-0.dist-info"
@@ -112,7 +112,7 @@ print((model.num_timesteps - first) / (time.monotonic() - began))
 
 
 def rows_of(kind: str, rates: dict[str, list[float]]) -> list[list[str]]:
-    """A row for each side: its rate, and how many times as fast this checkout is."""
+    """Return a row for each side: its rate, and the ratio of this checkout's rate to it."""
     rows = []
     for side, theirs in rates.items():
         own = summarize(theirs)
@@ -123,7 +123,7 @@ def rows_of(kind: str, rates: dict[str, list[float]]) -> list[list[str]]:
 
 
 def environment(steps: int) -> tuple[float, float]:
-    """Steps of a robot per second of `lissajous train` with the default network, and the environment's share of it."""
+    """Return the robot steps per second of `lissajous train` with the default network, and the environment's share."""
     from training.sb3 import RobotVecEnv
     from training.sb3.trainer import train
     from training.settings import TrainingSettings
@@ -148,7 +148,7 @@ def environment(steps: int) -> tuple[float, float]:
 
 
 def tables(options: Options) -> dict[str, Table]:
-    """Measure; the tables `training-speed` and `learned-training`."""
+    """Measure, and return the tables `training-speed` and `learned-training`."""
     rows = []
     for kind in KINDS:
         sides = {OURS: ROOT}

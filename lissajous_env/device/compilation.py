@@ -5,14 +5,16 @@ They hold for all that its kernels call: a module of functions alone needs none.
 
 from typing import Any
 
-_INLINING = "-mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
+# LLVM's own options, of which the compiler accepts one set at a time: where they differ, modules wait for each other.
+# The last one concerns the vectoriser of straight-line code, so it has no effect where that is left out.
+_LLVM = "-mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000 -mllvm=-slp-recursion-max-depth=4"
 
 OPTIONS: dict[str, Any] = {
     "enable_backward": False,
     # Loops of constant length stay loops: unrolled, the largest kernel would take ten times as long to compile.
     "max_unroll": 1,
     # Warp's own flags but for the vectoriser of straight-line code, which makes the motion of a car a quarter slower.
-    "cpu_compiler_flags": f"-march=native -fno-slp-vectorize {_INLINING}",
+    "cpu_compiler_flags": f"-march=native -fno-slp-vectorize {_LLVM}",
 }
 
 # For motion, where it is worth a tenth of the whole step: the compiler may reorder sums and multiply by reciprocals.
@@ -23,6 +25,4 @@ MOTION = OPTIONS | {
 
 # For the contouring controller, Warp's own flags and one more: fused multiply-adds shorten its chains of dependent
 # operations by a tenth.
-CONTRACTED = OPTIONS | {
-    "cpu_compiler_flags": f"-march=native {_INLINING} -mllvm=-slp-recursion-max-depth=4 -ffp-contract=fast"
-}
+CONTRACTED = OPTIONS | {"cpu_compiler_flags": f"-march=native {_LLVM} -ffp-contract=fast"}

@@ -19,7 +19,8 @@ from typing import Any
 
 import warp as wp
 
-from lissajous_env.device.warp_abi import folder_of, replace_load
+from lissajous_env.device.headers import share_headers, sharing_header
+from lissajous_env.device.warp_abi import compiler_flags_of, folder_of, replace_header_folder, replace_load
 from lissajous_env.storage.files import write_atomically
 
 OURS = ("lissajous_env.", "baselines.", "training.")
@@ -55,9 +56,10 @@ def _watch() -> None:
                 return load(module, device, *args, **kwargs)
             with _small_frames():
                 name = folder_of(module, args[0] if args else kwargs.get("block_dim"))
-                _prepare(name)
+                compiles = _prepare(name) and wp.get_device(device).is_cpu
                 try:
-                    executable = load(module, device, *args, **kwargs)
+                    with sharing_header(compiler_flags_of(module)) if compiles else contextlib.nullcontext():
+                        executable = load(module, device, *args, **kwargs)
                 except Exception:
                     # What was compiled by an earlier version has no checksum: try once more from the source.
                     if not _forget(_folder(name)):
@@ -70,6 +72,7 @@ def _watch() -> None:
         return watched
 
     replace_load(watch)
+    replace_header_folder(share_headers)
 
 
 def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
@@ -77,8 +80,11 @@ def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
     key = str(device)
     modules = {id(kernel.module): kernel.module for kernel in kernels if (id(kernel.module), key) not in _together}
     if modules:
+        # One of each set of compiler flags comes first, so that their headers are made side by side.
+        first = {compiler_flags_of(module): module for module in modules.values()}
+        ordered = sorted(modules.values(), key=lambda module: module not in first.values())
         with _small_frames():
-            wp.force_load(device, list(modules.values()), max_workers=threads)
+            wp.force_load(device, ordered, max_workers=threads)
         _together.update((each, key) for each in modules)
 
 
@@ -96,19 +102,20 @@ def _small_frames() -> Iterator[None]:
         wp.config.enable_tiles_in_stack_memory = before
 
 
-def _prepare(name: str) -> None:
-    """Remove the module's files if they are damaged; if they must be made, see that they can be, and say so."""
+def _prepare(name: str) -> bool:
+    """Remove the module's files if they are damaged; return whether they must be made, see that they can be, say so."""
     with _preparing:
         folder = _folder(name)
         if folder.is_dir() and not _is_whole(folder):
             _forget(folder)
         if folder.is_dir():
-            return
+            return False
         try:
             tempfile.TemporaryFile(dir=folder.parent).close()
         except OSError as error:
             _keep_for_this_run(str(error.strerror))
         _say_that_it_compiles()
+        return True
 
 
 _preparing = threading.Lock()

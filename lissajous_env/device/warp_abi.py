@@ -40,6 +40,20 @@ def replace_load(replacement: Callable[[Callable[..., Any]], Callable[..., Any]]
     wp.Module.load = replacement(wp.Module.load)  # type: ignore
 
 
+def replace_header_folder(replacement: Callable[[Callable[[], str | None]], Callable[[], str | None]]) -> None:
+    """Wrap the function that returns the folder of a thread's parsed C++ headers, as `replace_load` wraps the method.
+
+    Where it returns None, a module is compiled from the header's source.
+    """
+    runtime: Any = wp._src.context.runtime
+    runtime.get_clang_pch_dir = replacement(runtime.get_clang_pch_dir)
+
+
+def compiler_flags_of(module: Any) -> str:
+    """Return the flags with which a module is compiled for CPUs."""
+    return module.options["cpu_compiler_flags"] or ""
+
+
 def folder_of(module: Any, block_dim: int | None) -> str:
     """Return the name of the folder in Warp's cache where a compiled module is."""
     return module.get_module_identifier(block_dim)

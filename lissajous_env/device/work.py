@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from lissajous_env.device.devices import cores
+from lissajous_env.device.kernel_cache import load_together
 from lissajous_env.device.stacks import LEAST
 from lissajous_env.device.turns import Turn, in_turn
 from lissajous_env.device.warp_abi import Call
@@ -109,6 +111,7 @@ def shared_launch(
     """
     shares = min(TASKS_PER_THREAD * threads, max(size // smallest, 1)) if device.is_cpu and threads > 1 else 1
     edges = [size * share // shares for share in range(shares + 1)]
+    load_together([kernel, take_part] if device.is_cpu else [kernel], device, cores())
     launches = [
         wp.launch(kernel, high - low, inputs(low), outputs=outputs, device=device, record_cmd=True)
         for low, high in pairwise(edges)

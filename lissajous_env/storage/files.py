@@ -1,7 +1,7 @@
-"""Files: written so that a kill at any moment is survived and no file of a user is hit, and read strictly.
+"""Files that survive a kill at any moment, never overwrite a file of a user, and are read strictly.
 
-A file is replaced as a whole; a link is replaced too, never followed. What only grows is a
-`lissajous_env.storage.journal`; files that belong together are kept in a `lissajous_env.storage.folder`.
+A file is replaced as a whole. A link is replaced too and never followed. `lissajous_env.storage.journal` is for files
+that only grow, and `lissajous_env.storage.folder` for files that belong together.
 """
 
 import contextlib
@@ -17,31 +17,32 @@ from pathlib import Path
 from typing import Any
 
 LARGEST_JSON = 1 << 26
-"""Size up to which JSON is read [bytes]."""
+"""Largest size of a JSON file that is read [bytes]."""
 _DEEPEST = 100
 _WITHOUT_LINKS = os.O_NOFOLLOW | os.O_NONBLOCK
-"""A link is not followed, and a pipe not waited for."""
+"""Flags of `os.open` with which it does not follow a link or wait for a pipe."""
 
 
 def read_json(path: str | Path, largest: int = LARGEST_JSON) -> Any:
     """Read a JSON file as `parse_json` does.
 
     Raises:
-        ValueError: it is missing, a link, larger than `largest` [bytes], or not strictly JSON; the message names it.
+        ValueError: the file is missing, a link, larger than `largest` [bytes], or not strict JSON; the message names
+            it.
     """
     return parse_json(read_bytes(path, largest), path)
 
 
 def parse_json(text: bytes | str, source: str | Path) -> Any:
-    """Read JSON strictly: what it holds can be written again, and counted with.
+    """Read JSON strictly, so that all of its numbers are finite and it can be written again.
 
     Args:
-        text: What is read, in UTF-8.
-        source: Where it stands, for the message.
+        text: The JSON, in UTF-8.
+        source: The place where it was found, for the message.
 
     Raises:
-        ValueError: no JSON, NaN or infinity, a number beyond a float, a name twice in an object, or more than 100
-            objects and lists inside each other.
+        ValueError: the text is not JSON, holds NaN, infinity or a number that is too large for a float, names an entry
+            of an object twice, or nests more than 100 objects and lists.
     """
     try:
         text = text.decode() if isinstance(text, bytes) else text
@@ -58,10 +59,10 @@ def parse_json(text: bytes | str, source: str | Path) -> Any:
 
 
 def read_bytes(path: str | Path, largest: int) -> bytes:
-    """Read a file that is no link.
+    """Read a file that is not a link.
 
     Raises:
-        ValueError: it is missing, no plain file, or larger than `largest` [bytes]; the message names it.
+        ValueError: the file is missing, not a plain file, or larger than `largest` [bytes]; the message names it.
     """
     path = Path(path)
     try:
@@ -78,11 +79,12 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
 
 
 def open_plainly(path: Path, flags: int) -> int:
-    """Open a file by its descriptor, which must be a file of its own and no link to another.
+    """Open a plain file that is not a link to another one, and return its descriptor.
 
     Raises:
-        ValueError: a symbolic link, a folder, a pipe; to write to, a file that has a second name too.
-        OSError: it cannot be opened.
+        ValueError: the path is a symbolic link, a folder or a pipe, or `flags` open it for writing and the file has a
+            second name.
+        OSError: the file cannot be opened.
     """
     wrong = f"{path} must be a plain file, got a"
     if path.is_symlink():
@@ -102,19 +104,19 @@ def open_plainly(path: Path, flags: int) -> int:
 
 
 def check_writable_file(path: str | Path, name: str = "out") -> None:
-    """Refuse a file that cannot be written, before any work is done for it.
+    """Raise an error for a file that cannot be written, before any work is done for it.
 
     Args:
         path: The file.
-        name: What the message calls it.
+        name: The name of the file in the message.
 
     Raises:
-        ValueError: a folder of that name, no folder to put it in, or one that cannot be written to.
+        ValueError: the path is a folder, its parent folder is missing, or that folder cannot be written to.
     """
     path = Path(path)
     try:
         with contextlib.suppress(FileNotFoundError, NotADirectoryError):
-            os.lstat(path)  # a name that is too long is none that is missing
+            os.lstat(path)  # unlike a missing name, one that is too long raises
         is_folder, has_home = path.is_dir(), path.absolute().parent.is_dir()
     except OSError as error:
         raise ValueError(f"{name} must be a file that can be written, got {_short(path)}: {error.strerror}") from None
@@ -122,7 +124,7 @@ def check_writable_file(path: str | Path, name: str = "out") -> None:
         raise ValueError(f"{name} must be a file, got the folder {path}")
     if not has_home:
         raise ValueError(f"{name} must be in a folder that is there, got {path}")
-    # Rights alone do not tell: a folder may be on a disk that is full or for reading only.
+    # Permissions are not enough: the folder may be on a full or read-only disk.
     tried = _temporary(path)
     try:
         os.close(os.open(tried, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
@@ -144,10 +146,10 @@ def write_atomically(path: str | Path, data: str | bytes) -> None:
 
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path` to write to; it takes the place of `path` if the block ends well.
+    """Yield a temporary path in the folder of `path`; the file replaces `path` if the block raises no error.
 
-    The temporary file is empty and new, no other file is hit. Its name ends in the same suffix, so that libraries which
-    choose a format by it work.
+    The temporary file is new and empty, so no other file is overwritten. Its name has the same suffix, so that
+    libraries that choose a format by the suffix work.
     """
     with moved_into_place(_temporary(Path(path)), Path(path)) as temporary:
         yield temporary
@@ -155,10 +157,10 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def moved_into_place(temporary: Path, path: Path) -> Iterator[Path]:
-    """Make and yield a temporary file on the disk of `path`; it takes the place of `path` if the block ends well.
+    """Make and yield a temporary file on the disk of `path`; it replaces `path` if the block raises no error.
 
     Raises:
-        OSError: it cannot be written; the message names `path`.
+        OSError: the file cannot be written; the message names `path`.
     """
     try:
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
@@ -177,7 +179,7 @@ def moved_into_place(temporary: Path, path: Path) -> Iterator[Path]:
 
 
 def write_into(temporary: Path, data: str | bytes) -> None:
-    """Write to a temporary file that is there."""
+    """Write to a temporary file that exists."""
     descriptor = os.open(temporary, os.O_WRONLY | os.O_TRUNC)
     try:
         write_all(descriptor, data.encode() if isinstance(data, str) else data)
@@ -186,14 +188,14 @@ def write_into(temporary: Path, data: str | bytes) -> None:
 
 
 def write_all(descriptor: int, data: bytes) -> None:
-    """Write bytes to an open file, all of them."""
+    """Write all bytes to an open file, however many writes that takes."""
     left = memoryview(data)
     while left:
         left = left[os.write(descriptor, left) :]
 
 
 def sync(path: Path) -> None:
-    """Flush a file, or a folder's list of names, to the disk."""
+    """Flush a file, or the names in a folder, to the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -226,7 +228,7 @@ def _named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _depth(found: Any) -> int:
-    """Objects and lists inside each other."""
+    """Return the number of levels of nested objects and lists."""
     deepest, waiting = 0, [(found, 1)]
     while waiting:
         value, depth = waiting.pop()

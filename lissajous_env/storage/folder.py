@@ -1,7 +1,8 @@
-"""A folder of results: held by one process, and nothing in it is replaced or removed but what was written there by us.
+"""A folder of results in which one process writes, and which replaces and removes only the files that it wrote.
 
-`.lissajous.jsonl` lists the files that were written, each before it is; so after a kill at any moment it is known what
-is ours. It is the lock as well. A file of a user that has the name of a result is refused before any work is done.
+`.lissajous.jsonl` lists these files. Each is listed before it is written, so the list is complete after a kill at any
+moment. The list is also the lock. If a file of a user has the name of a result, an error is raised before any work is
+done.
 """
 
 import contextlib
@@ -16,23 +17,23 @@ from lissajous_env.storage.journal import Journal
 from lissajous_env.wording import shown
 
 LIST = ".lissajous.jsonl"
-"""Name of the list of what was written."""
+"""Name of the list of the files that were written."""
 _BEGINS = b'{"lissajous": '
 _LONGEST_NAME = 64
-"""Letters that a name in a folder may have, and those of a folder in it."""
+"""Largest number of letters of a name in a folder, including that of a folder in it."""
 
 
 class Folder:
-    """An out-folder in which this process alone writes; the system frees it however the process ends.
+    """An output folder in which only this process writes; the system unlocks it however the process ends.
 
     Args:
-        path: The folder; made if it is not there.
-        writes: Names of what will be written, those of folders with a slash at their end. Where one of them is there
-            and was not written by us, the folder is refused before anything in it is touched.
+        path: The folder; it is created if it does not exist.
+        writes: Names of the files and folders that will be written; those of folders end in a slash. If one of them
+            exists and was not written by this package, an error is raised before anything in the folder changes.
 
     Raises:
-        ValueError: it cannot be made or written to, is in use by another process, or holds a file of a user, a link or
-            a folder under a name that would be written.
+        ValueError: the folder cannot be created or written to, is in use by another process, or has a file of a user, a
+            link or a folder under a name that would be written.
     """
 
     def __init__(self, path: str | Path, writes: Iterable[str] = ()):
@@ -62,7 +63,7 @@ class Folder:
 
     @property
     def written(self) -> tuple[str, ...]:
-        """Names of what was written and not removed, by this process and those before it; in order."""
+        """Sorted names of the files that this process and earlier ones wrote and did not remove."""
         return tuple(sorted(self._written))
 
     def write(self, name: str, data: str | bytes) -> None:
@@ -70,20 +71,20 @@ class Folder:
 
         Args:
             name: Its name in the folder, or in one that `make_folder` made, as in `best/checkpoint.json`.
-            data: What it holds.
+            data: Its contents.
 
         Raises:
-            ValueError: there is a file of that name which was not written here, or a link.
-            OSError: it cannot be written; then the file before it is still there.
+            ValueError: a file of that name exists that this package did not write, or it is a link.
+            OSError: the file cannot be written; its earlier version is unchanged.
         """
         with self.replacing(name) as temporary:
             write_into(temporary, data)
 
     @contextlib.contextmanager
     def replacing(self, name: str) -> Iterator[Path]:
-        """Yield a temporary path to write to; it takes the place of the file if the block ends well."""
+        """Yield a temporary path to write to; it replaces the file if the block raises no error."""
         path = self._claim(name)
-        # A name that begins with the folder's own word is nobody else's, should it be left over.
+        # The token in the name shows that a temporary file that is left over belongs to this folder.
         temporary = self.path / f".lissajous-{self._token}{path.suffix}"
         with moved_into_place(temporary, path):
             yield temporary
@@ -93,7 +94,7 @@ class Folder:
         return Journal(self._claim(name))
 
     def make_folder(self, name: str) -> Path:
-        """Make a folder in this one, if it was not made before."""
+        """Create a folder in this one if it does not exist, and return its path."""
         path = self._claim(name + "/")
         if not path.is_dir():
             path.mkdir()
@@ -101,14 +102,14 @@ class Folder:
         return path
 
     def remove(self, name: str) -> None:
-        """Remove a file that was written here."""
+        """Remove a file that was written by this package; other files are left alone."""
         if name in self._written:
             self._path(name).unlink(missing_ok=True)
             self._list.append([{"removed": name}])
             self._written.remove(name)
 
     def close(self) -> None:
-        """Let go of the folder."""
+        """Unlock the folder."""
         self._list.close()
 
     def __enter__(self) -> "Folder":
@@ -118,7 +119,7 @@ class Folder:
         self.close()
 
     def _claim(self, name: str) -> Path:
-        """Put a name on the list before it is written, unless it is somebody else's."""
+        """List a name before its file is written, and return its path; names of other origin raise an error."""
         self._check([name])
         if name not in self._written:
             self._list.append([{"wrote": name}])
@@ -140,7 +141,7 @@ class Folder:
                 raise ValueError(f"{path} must be a {'folder' if name.endswith('/') else 'file'}, got a {kind}")
 
     def _check_room_for_names(self) -> None:
-        """Refuse a folder in which nothing can be made, before any work is done for it."""
+        """Raise an error for a folder in which no file can be created, before any work is done for it."""
         tried = self.path / f".lissajous-{self._token}{'-' * _LONGEST_NAME}"
         try:
             os.close(os.open(tried, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
@@ -163,7 +164,7 @@ class Folder:
         return self.path / name
 
     def _check_list(self, path: Path) -> None:
-        """Refuse a file of another that is called as the list is, before a byte of it is touched."""
+        """Raise an error if a file of other origin has the name of the list, before it is changed."""
         if os.path.lexists(path):
             with open(open_plainly(path, os.O_RDONLY), "rb") as file:
                 begin = file.read(len(_BEGINS))
@@ -171,7 +172,7 @@ class Folder:
                 raise ValueError(f"{path} must be a list of what was written here, got {begin!r}; take another --out")
 
     def _read_list(self) -> str:
-        """Read what was written, and return the folder's own word, which is drawn and listed where there is none."""
+        """Read the names of the files that were written, and return the folder's token, which a new folder draws."""
         if not self._list.entries:
             token = secrets.token_hex(8)
             self._list.append([{"lissajous": 1, "token": token}])
@@ -202,7 +203,7 @@ class Folder:
 
 
 class _LockedJournal(Journal):
-    """A journal that is locked before it is read: what another process is just writing is no torn line."""
+    """A journal that is locked before it is read, so that no line is read while another process writes it."""
 
     def __init__(self, path: Path, folder: Path):
         self._folder = folder
@@ -216,7 +217,7 @@ class _LockedJournal(Journal):
 
 
 def _require_plain(name: str) -> None:
-    """Refuse a name that leads out of the folder or to its list."""
+    """Raise an error for a name that leads out of the folder or to its list."""
     parts = PurePosixPath(name).parts
     wrong = "\\" in name or ":" in name or name.startswith("/") or len(parts) > 2 or name.rstrip("/") != "/".join(parts)
     if not parts or wrong or any(part in (".", "..") or part.startswith(".lissajous") for part in parts):
@@ -224,7 +225,7 @@ def _require_plain(name: str) -> None:
 
 
 def _holder(path: Path) -> str:
-    """Process that holds a folder, as its list says."""
+    """Return the number of the process that uses a folder, from its list."""
     processes = [line for line in path.read_bytes().splitlines() if line.startswith(b'{"process": ')]
     return processes[-1].decode()[12:-1] if processes else "unknown"
 

@@ -1,4 +1,4 @@
-"""JSON Lines that only grow: what was appended is on the disk, and a line that a kill left unfinished is dropped."""
+"""JSON Lines files that only grow; lines are flushed to the disk, and a line that a kill left unfinished is dropped."""
 
 import contextlib
 import json
@@ -11,9 +11,9 @@ from lissajous_env.storage.files import open_plainly, parse_json, sync, write_al
 
 
 class Journal:
-    """A JSON Lines file that only grows: what `append` has returned from is on the disk.
+    """A JSON Lines file that only grows; its lines are on the disk when `append` returns.
 
-    Opening it drops a last line that a kill left unfinished.
+    When the file is opened, a last line that a kill left unfinished is dropped.
 
     Raises:
         ValueError: the file is a link, or a line before the last is damaged; the message names file and line.
@@ -33,7 +33,7 @@ class Journal:
             raise
 
     def read(self) -> None:
-        """Read the entries, and drop a last line that is unfinished."""
+        """Read the entries, and drop an unfinished last line."""
         with open(self._descriptor, "rb", closefd=False) as file:
             file.seek(0)
             data = file.read()
@@ -46,7 +46,7 @@ class Journal:
         """Add one line for each entry, all in one write, and flush them to the disk.
 
         Raises:
-            OSError: they cannot be written; then none of them is there.
+            OSError: the lines cannot be written; then none of them is in the file.
         """
         lines = b"".join(json.dumps(entry, allow_nan=False).encode() + b"\n" for entry in entries)
         try:
@@ -70,7 +70,7 @@ class Journal:
 
 
 def _intact(data: bytes, path: Path) -> tuple[list[dict[str, Any]], int]:
-    """Entries of JSON Lines, and where the last line that is whole ends [bytes]."""
+    """Return the entries of JSON Lines, and the position of the end of the last complete line [bytes]."""
     entries: list[dict[str, Any]] = []
     *lines, torn = data.split(b"\n")
     end = 0
