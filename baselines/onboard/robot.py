@@ -144,7 +144,7 @@ class Onboard:
         if not odometry.is_finite:
             return None
         self._odometry = odometry
-        self._fill(odometry.stamp, True, phase)
+        self._fill(True, phase)
         self._announced = odometry
         return self._message()
 
@@ -189,7 +189,7 @@ class Onboard:
         if self._odometry is None or not math.isfinite(now):
             return self._stopped(now, reason or "there is no pose yet")
         self._builder.see(robots, targets)
-        row = self._fill(now, not reason, phase if odometry is self._odometry else None)
+        row = self._fill(not reason, phase if odometry is self._odometry else None)
         for _ in range(self._steps_due(now)):
             self._decide(row)
         if not np.isfinite(self._action).all():
@@ -253,12 +253,13 @@ class Onboard:
                 return f"robot {neighbour} has been silent for {since:.3g} s, the limit is {self.limits.silence:g} s"
         return ""
 
-    def _fill(self, now: float, works: bool, phase: tuple[float, float] | None) -> np.ndarray:
+    def _fill(self, works: bool, phase: tuple[float, float] | None) -> np.ndarray:
         builder, step, pose = self._builder, self.scenario.task.step, self._odometry
         assert pose is not None
         for side, message in enumerate(self._heard):
             if message is not None:
-                builder.age[side] = max(now - message.sent_at, 0.0) / step
+                # Both are times of a pose, of which the phases are compared.
+                builder.age[side] = max(pose.stamp - message.sent_at, 0.0) / step
                 builder.message[side] = message[2:6]
                 builder.numbers[side] = message.numbers
             else:

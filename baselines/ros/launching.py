@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -46,7 +47,7 @@ class Team:
             node = ros.Node("launch")
             states: dict[str, str] = {}
             node.create_subscription(ros.DiagnosticArray, "/diagnostics", lambda m: self._note(m, states, tell), 10)
-            executor = ros.SingleThreadedExecutor()
+            executor = ros.make_executor()
             executor.add_node(node)
             try:
                 for name, command in self._commands.items():
@@ -85,8 +86,9 @@ class Team:
     @staticmethod
     def _note(message: Any, states: dict[str, str], tell: Callable[[str], None]) -> None:
         for status in message.status:
-            if status.name.startswith("lissajous: ") and states.get(status.hardware_id) != status.message:
-                states[status.hardware_id] = status.message
+            kind = re.sub(r"\d[\d.]*", "", status.message)  # a reason whose number changes is the same reason
+            if status.name.startswith("lissajous: ") and states.get(status.hardware_id) != kind:
+                states[status.hardware_id] = kind
                 tell(f"{status.hardware_id}: {status.message}")
 
 

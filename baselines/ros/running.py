@@ -31,7 +31,7 @@ def spin(nodes: list[Any], ends: Callable[[], bool]) -> None:
 
     A robot's node publishes the command of rest before it ends.
     """
-    executor = ros.SingleThreadedExecutor()
+    executor = ros.make_executor()
     for node in nodes:
         executor.add_node(node)
     try:

@@ -40,6 +40,10 @@ class Vehicle:
         self._commands: deque[tuple[float, Any]] = deque(maxlen=1000)
         self._parts: dict[str, float] = {}
 
+    def warm_up(self) -> None:
+        """Compile and load the kernel by which commands are converted."""
+        actions_of(self._robot, np.zeros(2, dtype=np.float32))
+
     def take(self, now: float, command: Any) -> None:
         """Store a command that arrived now; one that is not finite is ignored."""
         if command is not None and all(map(math.isfinite, command)):

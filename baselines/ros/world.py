@@ -36,6 +36,11 @@ class WorldNode(ros.Node):
         settings: Settings.
         **options: Further arguments of `rclpy.node.Node`.
 
+    Attributes:
+        simulation: The simulation.
+        loop: Executor that runs this node while it plays; further nodes may be added.
+        late_steps: Number of steps that came late, in real time.
+
     Raises:
         ValueError: the robots of the scenario are not cars.
     """
@@ -46,15 +51,20 @@ class WorldNode(ros.Node):
         super().__init__(NAME, **options)
         self.settings, self.simulation = settings, Simulation(scenario, seed=settings.seed)
         self.scenario, self.late_steps = self.simulation.scenario, 0
+        # Compile and load every kernel before robots wait for a step.
+        self.simulation.advance()
+        inputs_of(self.simulation, 0)
+        self.simulation.reset(seeds=[settings.seed])
         self._recorder = Recorder(self.simulation)
         count = self.scenario.num_robots
         self._actions: list[dict[int, np.ndarray]] = [{} for _ in range(count)]
         watchdog = settings.watchdog or float(Limits().of(self.scenario).watchdog or 0.0)
         self._vehicles = [Vehicle(self.scenario, watchdog) for _ in range(count)]
+        self._vehicles[0].warm_up()
         self._status, self._heading = [-1] * count, np.zeros(count)
         self._is_there = [False] * count
-        self._executor = ros.SingleThreadedExecutor()
-        self._executor.add_node(self)
+        self.loop = ros.make_executor()
+        self.loop.add_node(self)
         self._robots = [self._connect(k) for k in range(count)]
         self._send_clock = self.create_publisher(ros.Clock, "/clock", ros.reliable(1)).publish
         self._send_markers = self.create_publisher(ros.MarkerArray, "/markers", ros.reliable(1)).publish
@@ -81,7 +91,7 @@ class WorldNode(ros.Node):
 
     def destroy_node(self) -> None:
         """End the node."""
-        self._executor.shutdown()
+        self.loop.shutdown()
         super().destroy_node()
 
     def _connect(self, robot: int) -> dict[str, Any]:
@@ -128,7 +138,7 @@ class WorldNode(ros.Node):
             self._actions[robot] = {time: np.array(message.position, dtype=np.float32)}
 
     def _spin(self, timeout: float) -> None:
-        self._executor.spin_once(timeout_sec=max(timeout, 0.0))
+        self.loop.spin_once(timeout_sec=max(timeout, 0.0))
 
     def _spin_until(self, holds: Callable[[], bool], limit: float, every: Callable[[], None] | None = None) -> bool:
         """Receive messages until a condition holds, and call a function regularly; False where it takes too long."""
