@@ -48,7 +48,7 @@ class SpeedOfPoses:
         if poses and not 0 < stamp - poses[-1][2] < 4 * self._window:
             poses.clear()
         poses.append((x, y, stamp))
-        while len(poses) > 2 and stamp - poses[1][2] >= self._window:
+        while len(poses) > 2 and stamp - poses[1][2] >= 0.99 * self._window:
             poses.popleft()
         if len(poses) < 2:
             return None

@@ -60,8 +60,8 @@ __all__ = [
     "TwistStamped",
     "UInt8",
     "lasting",
-    "make_executor",
     "latest",
+    "make_executor",
     "rclpy",
     "reliable",
     "start_ros",
@@ -72,9 +72,10 @@ def make_executor() -> Any:
     """Return an executor of one thread: the one that waits for events, which costs a quarter, where there is one."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor
-    except ImportError:  # before Kilted
+
+        return EventsExecutor()
+    except (ImportError, OSError):  # before Kilted, or where stderr is no file, as in notebooks
         return SingleThreadedExecutor()
-    return EventsExecutor()
 
 
 def latest() -> Any:

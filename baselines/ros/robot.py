@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from baselines.onboard import Odometry, Onboard, Output
+from baselines.onboard import Limits, Odometry, Onboard, Output
 from baselines.ros import conversions
 from baselines.ros import library as ros
 from baselines.ros.conversions import named_numbers, ring_message, seconds, yaw
@@ -45,7 +45,8 @@ class RobotNode(ros.Node):
         super().__init__(NAME, namespace=f"robot_{settings.robot}" if namespace is None else namespace, **options)
         self.settings = settings = self._declared(settings)
         kind = "twist" if settings.command.startswith("twist") else "car"
-        self.onboard = Onboard(settings.policy, settings.scenario, settings.robot, kind, settings.limits())
+        limits = Limits.none() if settings.lockstep else settings.limits()
+        self.onboard = Onboard(settings.policy, settings.scenario, settings.robot, kind, limits)
         self.scenario, self.lockstep = self.onboard.scenario, settings.lockstep
         self._origin = Origin(*settings.origin)
         self._pilot: Any = LockstepPilot(self.onboard) if self.lockstep else Pilot(self.onboard, settings.message_wait)
@@ -69,9 +70,9 @@ class RobotNode(ros.Node):
     @property
     def reason(self) -> str:
         """Reason for which the robot is stopped; empty while it drives."""
-        if not self._pilot.started:
-            return _WAITS
-        return self._wrong_frame or ("there is no pose yet" if self._output is None else self._output.stopped)
+        if self._wrong_frame or not self._pilot.started:
+            return self._wrong_frame or _WAITS
+        return "there is no pose yet" if self._output is None else self._output.stopped
 
     def _declared(self, settings: RobotSettings) -> RobotSettings:
         given = {}
