@@ -2,6 +2,9 @@
 
 import contextlib
 import os
+import subprocess
+import sys
+import tempfile
 
 from baselines.ros import library as ros
 from baselines.ros.robot import RobotNode
@@ -30,12 +33,16 @@ def node_of(settings, **options):
     return RobotNode(settings, use_global_arguments=False, **options)
 
 
+def process(*arguments, **options):
+    """A command `lissajous ros ...` as a process of its own."""
+    command = [sys.executable, "-m", "lissajous_env", "ros", *map(str, arguments)]
+    return subprocess.Popen(command, text=True, **options)
+
+
 class Team:
     """A world and robots in one process; `world.play()` runs all of them."""
 
-    def __init__(self, scenario, policy, settings=WorldSettings(), robots=None, folder=None, **more):  # noqa: B008
-        import tempfile
-
+    def __init__(self, scenario, policy, settings=WorldSettings(), robots=None, options_of=lambda k: {}, **more):  # noqa: B008
         self._folder = tempfile.TemporaryDirectory()
         self.file = os.path.join(self._folder.name, "lab.toml")
         with open(self.file, "w", encoding="utf-8") as file:
@@ -46,7 +53,7 @@ class Team:
         self.robots = []
         self.others = []
         for k in chosen:
-            self.robots.append(node_of(RobotSettings(robot=k, **given)))
+            self.robots.append(node_of(RobotSettings(robot=k, **given), **options_of(k)))
             self.world.loop.add_node(self.robots[-1])
 
     def add(self, node):

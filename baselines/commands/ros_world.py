@@ -50,7 +50,7 @@ def world(
     check_file(out, *FORMATS)
     made = named.scenario(scenario, **parse_overrides(overrides))
     console = output.console()
-    with started(), bar(progress_console(output), bars.TextColumn("{task.description}")) as shown_bar:
+    with started(interrupts=True), bar(progress_console(output), bars.TextColumn("{task.description}")) as shown_bar:
         node = WorldNode(made, settings)
         task = shown_bar.add_task(f"{made.name} over ROS 2", total=made.task.steps)
         try:

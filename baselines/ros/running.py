@@ -10,14 +10,14 @@ from baselines.ros import library as ros
 
 
 @contextmanager
-def started() -> Iterator[Callable[[], bool]]:
-    """Start ROS 2 for a block of code; SIGTERM is noted, not obeyed at once.
+def started(interrupts: bool = False) -> Iterator[Callable[[], bool]]:
+    """Start ROS 2 for a block of code; SIGTERM is noted, or interrupts the block like Ctrl-C.
 
     Returns:
         A function that returns True after SIGTERM.
     """
     ended = threading.Event()
-    before = signal.signal(signal.SIGTERM, lambda *_: ended.set())
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler if interrupts else lambda *_: ended.set())
     ros.start_ros()
     try:
         yield ended.is_set

@@ -66,7 +66,7 @@ class RobotSettings(Checked):
     autostart: Annotated[bool, _Flag] = flag(False)
     """Drive from the first pose on, without a call of the service `start`."""
     lockstep: Annotated[bool, _Flag] = flag(False)
-    """Take one step for each step of the simulation in lock-step; no limit then stops the robot, as in the simulation."""
+    """Take one step for each step of the simulation in lock-step; as in the simulation, no limit stops the robot."""
 
     @property
     def part(self) -> str:

@@ -1,0 +1,93 @@
+"""A world and its robots over ROS 2, each as a process of its own, launched and ended together."""
+
+import os
+import re
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason='ROS 2 is not installed: pip install ".[ros]"')
+from ros_team import process
+
+import baselines
+import lissajous_env
+from lissajous_env.episodes.recording import record
+
+
+@pytest.fixture(autouse=True)
+def _domain(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+
+PAIR = "--set", "robot.count=2", "formation.p=1", "formation.ring=(0,1)", "faults.schedule=()"
+
+
+def children_of(pid):
+    """The processes that a process has started and that are alive."""
+    found = subprocess.run(["ps", "-o", "pid=,stat=,args=", "--ppid", str(pid)], capture_output=True, text=True).stdout
+    return {
+        int(line.split()[0]): " ".join(line.split()[2:])
+        for line in found.splitlines()
+        if " ros " in line and not line.split()[1].startswith("Z")
+    }
+
+
+def test_six_processes_play_the_simulation_bit_for_bit(tmp_path):
+    # Oracle: the simulation without ROS, of the same seed.
+    out = tmp_path / "played.npz"
+    given = ("launch", "--scenario", "experiment", "--duration", 2, "--seed", 4, "--lockstep", "--out", out)
+    done = process(*given, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    output, error = done.communicate(timeout=100)
+    assert done.returncode == 0, error
+    assert "spacing_factor" in output
+    assert {f"robot_{k}: drives" for k in range(5)} <= set(error.splitlines())
+    made = lissajous_env.scenario("experiment", **{"task.duration": 2.0})
+    wanted = record(baselines.make("kuramoto-mpcc", made), made, seed=4)
+    played = np.load(out)
+    for name in ("position", "heading", "speed", "phase", "observation", "action", "heard_at", "reward_terms"):
+        np.testing.assert_array_equal(played[name], getattr(wanted, name), err_msg=name)
+
+
+@pytest.mark.parametrize("ends", ["robot", "interrupt", "kill"])
+def test_all_processes_end_with_one_or_with_the_launch(ends, tmp_path):
+    with open(tmp_path / "said", "w+", encoding="utf-8") as said:
+        launched = process("launch", *PAIR, stdout=said, stderr=said, cwd=tmp_path)
+        try:
+            wait_until(lambda: text(said).count(": drives") == 2, 60)
+            children = children_of(launched.pid)
+            assert len(children) == 3
+            robot = next(pid for pid, command in children.items() if "--robot 1" in command)
+            if ends == "robot":
+                os.kill(robot, signal.SIGKILL)
+            else:
+                launched.send_signal(signal.SIGINT if ends == "interrupt" else signal.SIGKILL)
+            code = launched.wait(20)
+            wait_until(lambda: not any(is_alive(pid) for pid in children), 10)
+        finally:
+            launched.kill()
+            launched.wait()
+        assert not [pid for pid in children if is_alive(pid)]
+        assert code == {"robot": 1, "interrupt": 130, "kill": -signal.SIGKILL}[ends]
+        if ends == "robot":
+            assert "error: robot_1 was ended by signal 9; all others were stopped" in text(said)
+
+
+def text(file):
+    file.seek(0)
+    return file.read()
+
+
+def is_alive(pid):
+    state = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True).stdout
+    return bool(state.strip()) and not re.match(r"\s*Z", state)
+
+
+def wait_until(holds, limit):
+    ends = time.monotonic() + limit
+    while not holds() and time.monotonic() < ends:
+        time.sleep(0.05)
+    assert holds()
