@@ -46,7 +46,8 @@ def over_ros(given: argparse.Namespace, changes: list[str], seed: int) -> dict:
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         sys.exit(done.stderr)
-    return json.loads(done.stdout)
+    stops = [line for line in done.stderr.splitlines() if ": the " in line and "told to stop" not in line]
+    return json.loads(done.stdout) | {"stops": len(stops)}
 
 
 def simulated(given: argparse.Namespace, changes: list[str], seed: int, disturbs: bool) -> dict:
@@ -75,16 +76,16 @@ def main() -> None:
     print(f"{'loss':>5} {'seed':>5} {'score':<15} {titles}")
     for loss in given.loss:
         changes = [*given.set, f"task.duration={given.duration}", f"noise.message_loss={loss}"]
-        played, late = [], 0
+        played, late, stops = [], 0, 0
         for seed in given.seeds:
             rows = [over_ros(given, changes, seed), *(simulated(given, changes, seed, each) for each in (False, True))]
-            late += rows[0]["late_steps"]
+            late, stops = late + rows[0]["late_steps"], stops + rows[0]["stops"]
             played.append([[row[name] for row in rows] for name in SCORES])
             for name, sides in zip(SCORES, played[-1], strict=True):
                 print_row(loss, str(seed), name, sides)
         for name, sides in zip(SCORES, np.mean(played, axis=0).tolist(), strict=True):
             print_row(loss, "mean", name, sides)
-        print(f"{loss:5g} steps that came late: {late}", flush=True)
+        print(f"{loss:5g} steps that came late: {late}; robots that stopped by a rule: {stops}", flush=True)
     print(f"load after: {os.getloadavg()[0]:.1f}")
 
 

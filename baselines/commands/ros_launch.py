@@ -68,6 +68,7 @@ def launch(
         world = ["--seed", str(seed), *(["--out", str(out.resolve())] if out is not None else [])]
         world += [flag for flag, given in (("--json", output.json), ("--quiet", output.quiet)) if given]
         loss = 0.0 if lockstep else made.noise.message_loss
-        robots = ["--policy", policy, "--message-loss", str(loss), "--quiet"]
+        # A busy machine must not be taken for a jump of the clock.
+        robots = ["--policy", policy, "--message-loss", str(loss), "--clock-jump", "2", "--quiet"]
         team = Team(made.num_robots, [*shared, *world], [*shared, *robots])
         team.run(lambda words: console.print(words, markup=False, highlight=False, soft_wrap=True))

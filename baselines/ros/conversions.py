@@ -105,7 +105,8 @@ def heard(message: Any, sender: int) -> Message | None:
     values = list(message.position)
     if tuple(message.name[:4]) != RING or len(values) != len(message.name):
         return None
-    return Message(sender, seconds(message.header.stamp), *values[:4], tuple(values[4:]))
+    cos_phase, sin_phase, x, y, *numbers = values
+    return Message(sender, seconds(message.header.stamp), cos_phase, sin_phase, x, y, tuple(numbers))
 
 
 def car_command(message: Any) -> Command | None:

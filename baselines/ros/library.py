@@ -6,30 +6,44 @@ Raises:
     MissingExtraError: the libraries are not installed.
 """
 
-# pyright: reportMissingImports=false
-
+from importlib import import_module
 from typing import Any
 
 from lissajous_env.extras import missing
 
+
+def _names(module: str, *names: str) -> list[Any]:
+    """Return some names of a module; their types are those of whichever distribution is installed."""
+    loaded = import_module(module)
+    return [getattr(loaded, name) for name in names]
+
+
 try:
-    import rclpy
-    from builtin_interfaces.msg import Time
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-    from geometry_msgs.msg import Point, PoseStamped, Twist, TwistStamped
-    from nav_msgs.msg import Odometry
-    from rcl_interfaces.msg import ParameterDescriptor
-    from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.node import Node
-    from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-    from rclpy.qos_overriding_options import QoSOverridingOptions
-    from rclpy.signals import SignalHandlerOptions
-    from rosgraph_msgs.msg import Clock
-    from sensor_msgs.msg import JointState, PointCloud2, PointField
-    from std_msgs.msg import ColorRGBA, Float32, Float64, UInt8
-    from std_srvs.srv import Trigger
-    from visualization_msgs.msg import Marker, MarkerArray
+    rclpy: Any = import_module("rclpy")
+    (Time,) = _names("builtin_interfaces.msg", "Time")
+    DiagnosticArray, DiagnosticStatus, KeyValue = _names(
+        "diagnostic_msgs.msg", "DiagnosticArray", "DiagnosticStatus", "KeyValue"
+    )
+    Point, PoseStamped, Twist, TwistStamped = _names(
+        "geometry_msgs.msg", "Point", "PoseStamped", "Twist", "TwistStamped"
+    )
+    (Odometry,) = _names("nav_msgs.msg", "Odometry")
+    (ParameterDescriptor,) = _names("rcl_interfaces.msg", "ParameterDescriptor")
+    InvalidParameterTypeException, InvalidParameterValueException = _names(
+        "rclpy.exceptions", "InvalidParameterTypeException", "InvalidParameterValueException"
+    )
+    (SingleThreadedExecutor,) = _names("rclpy.executors", "SingleThreadedExecutor")
+    (Node,) = _names("rclpy.node", "Node")
+    DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy = _names(
+        "rclpy.qos", "DurabilityPolicy", "HistoryPolicy", "QoSProfile", "ReliabilityPolicy"
+    )
+    (QoSOverridingOptions,) = _names("rclpy.qos_overriding_options", "QoSOverridingOptions")
+    (SignalHandlerOptions,) = _names("rclpy.signals", "SignalHandlerOptions")
+    (Clock,) = _names("rosgraph_msgs.msg", "Clock")
+    JointState, PointCloud2, PointField = _names("sensor_msgs.msg", "JointState", "PointCloud2", "PointField")
+    ColorRGBA, Float32, Float64, UInt8 = _names("std_msgs.msg", "ColorRGBA", "Float32", "Float64", "UInt8")
+    (Trigger,) = _names("std_srvs.srv", "Trigger")
+    Marker, MarkerArray = _names("visualization_msgs.msg", "Marker", "MarkerArray")
 except ImportError as error:
     raise missing("a node of ROS 2", "ros", error) from error
 
@@ -71,9 +85,8 @@ __all__ = [
 def make_executor() -> Any:
     """Return an executor of one thread: the one that waits for events, which costs a quarter, where there is one."""
     try:
-        from rclpy.experimental.events_executor import EventsExecutor
-
-        return EventsExecutor()
+        (make,) = _names("rclpy.experimental.events_executor", "EventsExecutor")
+        return make()
     except (ImportError, OSError):  # before Kilted, or where stderr is no file, as in notebooks
         return SingleThreadedExecutor()
 

@@ -224,9 +224,10 @@ class RobotNode(ros.Node):
 
     def _tick_lockstep(self) -> None:
         while (acted := self._pilot.act()) is not None:
-            time, self._output = acted
-            self._publish(self._output, time)
-            self._send_command(self._output.command, time)
+            time, output = acted
+            self._output = output
+            self._publish(output, time)
+            self._send_command(output.command, time)
 
     def _rest(self) -> Any:
         return self.onboard.command_at(math.nan)
