@@ -1,10 +1,10 @@
 """A world and its robots over ROS 2, each as a process of its own, launched and ended together."""
 
 import os
-import re
 import signal
 import subprocess
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,14 +26,27 @@ def _domain(monkeypatch):
 PAIR = "--set", "robot.count=2", "formation.p=1", "formation.ring=(0,1)", "faults.schedule=()"
 
 
+def state_of(pid):
+    """State, parent and command of a process, as Linux has them; an ended one has state Z."""
+    try:
+        _, _, rest = Path(f"/proc/{pid}/stat").read_text().rpartition(")")
+        command = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
+    except OSError:
+        return "Z", 0, ""
+    state, parent, *_ = rest.split()
+    return state, int(parent), command
+
+
 def children_of(pid):
-    """The processes that a process has started and that are alive."""
-    found = subprocess.run(["ps", "-o", "pid=,stat=,args=", "--ppid", str(pid)], capture_output=True, text=True).stdout
+    """Commands of the processes that a process has started and that are alive."""
+    everyone = {int(path.name): state_of(path.name) for path in Path("/proc").glob("[0-9]*")}
     return {
-        int(line.split()[0]): " ".join(line.split()[2:])
-        for line in found.splitlines()
-        if " ros " in line and not line.split()[1].startswith("Z")
+        child: command for child, (state, parent, command) in everyone.items() if parent == pid and " ros " in command
     }
+
+
+def is_alive(pid):
+    return state_of(pid)[0] != "Z"
 
 
 def test_six_processes_play_the_simulation_bit_for_bit(tmp_path):
@@ -79,11 +92,6 @@ def test_all_processes_end_with_one_or_with_the_launch(ends, tmp_path):
 def text(file):
     file.seek(0)
     return file.read()
-
-
-def is_alive(pid):
-    state = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True).stdout
-    return bool(state.strip()) and not re.match(r"\s*Z", state)
 
 
 def wait_until(holds, limit):
