@@ -65,7 +65,7 @@ def test_six_processes_play_the_simulation_bit_for_bit(tmp_path):
         np.testing.assert_array_equal(played[name], getattr(wanted, name), err_msg=name)
 
 
-@pytest.mark.parametrize("ends", ["robot", "interrupt", "kill"])
+@pytest.mark.parametrize("ends", ["robot", "interrupt", pytest.param("kill", marks=pytest.mark.long)])
 def test_all_processes_end_with_one_or_with_the_launch(ends, tmp_path):
     with open(tmp_path / "said", "w+", encoding="utf-8") as said:
         launched = process("launch", *PAIR, stdout=said, stderr=said, cwd=tmp_path)
@@ -92,6 +92,22 @@ def test_all_processes_end_with_one_or_with_the_launch(ends, tmp_path):
 def text(file):
     file.seek(0)
     return file.read()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("robot", "--robot", 9), "robot must be a whole number from 0 to 4, got 9"),
+        (("world", "--scenario", "failure"), "scenario must be of robots of kind car, got curve"),
+        (("launch", "--policy", "nobody"), "got 'nobody'"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, words):
+    done = process(*arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    _, error = done.communicate(timeout=60)
+    assert (done.returncode, error.splitlines()[0][:7]) == (2, "error: ")
+    assert words in error
+    assert len(error.splitlines()) == 1
 
 
 def wait_until(holds, limit):

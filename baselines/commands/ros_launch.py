@@ -9,6 +9,8 @@ from typing import Annotated
 import tyro
 
 from baselines.commands.playing import FORMATS, progress_console
+from baselines.onboard import Onboard
+from baselines.ros.settings import CommandKind
 from lissajous_env.console.recordings import check_file
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
 from lissajous_env.parameters import named
@@ -26,7 +28,7 @@ def launch(
     duration: _Duration = None,
     seed: int = 0,
     lockstep: Annotated[bool, _Flag] = False,
-    command: str = "car",
+    command: CommandKind = "car",
     out: _Out = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
@@ -57,6 +59,7 @@ def launch(
     changes = parse_overrides(overrides) | ({} if duration is None else {"task.duration": duration})
     made = named.scenario(scenario, **changes)
     console = progress_console(output)
+    Onboard(policy, made, 0)  # a wrong policy is reported once, and the kernels are compiled once
     with contextlib.ExitStack() as stack:
         given = scenario
         if changes:

@@ -41,6 +41,8 @@ class RobotNode(ros.Node):
         ValueError: a parameter is invalid, or as `baselines.Onboard`.
     """
 
+    _publishing: threading.Thread | None = None
+
     def __init__(self, settings: RobotSettings, namespace: str | None = None, **options: Any):
         super().__init__(NAME, namespace=f"robot_{settings.robot}" if namespace is None else namespace, **options)
         self.settings = settings = self._declared(settings)
@@ -134,7 +136,7 @@ class RobotNode(ros.Node):
 
     def destroy_node(self) -> None:
         """End the thread that publishes commands, and the node."""
-        if not self.lockstep:
+        if self._publishing is not None:
             self._ended.set()
             self._publishing.join()
         super().destroy_node()

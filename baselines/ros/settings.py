@@ -12,7 +12,7 @@ COMMANDS = ("car", "twist", "twist_stamped", "dart")
 POSES = ("odometry", "pose")
 _FOREVER = 1e6
 
-_Command = Literal["car", "twist", "twist_stamped", "dart"]
+CommandKind = Literal["car", "twist", "twist_stamped", "dart"]
 _Flag = tyro.conf.FlagCreatePairsOff
 
 
@@ -34,7 +34,7 @@ class RobotSettings(Checked):
     """Name of a policy, folder of a checkpoint, or module:factory."""
     robot: int = whole(0, 0, 1023)
     """Index of the robot, from 0."""
-    command: _Command = choice("car", *COMMANDS)  # noqa: RUF009
+    command: CommandKind = choice("car", *COMMANDS)  # noqa: RUF009
     """Kind of commands: `car`: sensor_msgs/JointState with steering angle [rad] and throttle on `command`; `twist`:
     geometry_msgs/Twist on `cmd_vel`; `twist_stamped`: TwistStamped on `cmd_vel`; `dart`: std_msgs/Float32 on `steering`
     (angle divided by the largest) and `throttle`."""
@@ -89,7 +89,7 @@ class WorldSettings(Checked):
 
     lockstep: Annotated[bool, _Flag] = flag(False)
     """Step when all robots have decided, instead of in real time, and publish `/clock`."""
-    command: _Command = choice("car", *COMMANDS)  # noqa: RUF009
+    command: CommandKind = choice("car", *COMMANDS)  # noqa: RUF009
     """Kind of the robots' commands, as in `lissajous ros robot`."""
     seed: int = whole(0, 0, 2**31 - 1)
     """Seed of the episode."""

@@ -45,6 +45,8 @@ class WorldNode(ros.Node):
         ValueError: the robots of the scenario are not cars.
     """
 
+    loop: Any = None
+
     def __init__(self, scenario: Scenario, settings: WorldSettings, **options: Any):
         if scenario.robot.kind != "car":
             raise ValueError(f"scenario must be of robots of kind car, got {scenario.robot.kind}")
@@ -91,7 +93,8 @@ class WorldNode(ros.Node):
 
     def destroy_node(self) -> None:
         """End the node."""
-        self.loop.shutdown()
+        if self.loop is not None:
+            self.loop.shutdown()
         super().destroy_node()
 
     def _connect(self, robot: int) -> dict[str, Any]:
