@@ -62,6 +62,7 @@ class Onboard:
     Attributes:
         neighbours: Indices of the two ring neighbours, whose messages the robot requires: the previous and the next
             one, -1 for none.
+        listens: True if the policy uses the messages of the ring neighbours.
 
     Raises:
         ValueError: an unknown policy or scenario, robots that are not cars, an index out of range, an unknown kind of
@@ -86,7 +87,7 @@ class Onboard:
         self.neighbours = tuple(int(each) for each in self.scenario.neighbours[self.robot])
         self.limits: Any = (limits or Limits()).of(self.scenario)
         self._policy = _made(policy, self.scenario, self.robot)
-        self._listens = getattr(self._policy, "communicates", "nothing") != "nothing"
+        self.listens = getattr(self._policy, "communicates", "nothing") != "nothing"
         self._builder = RowOutside(self.scenario)
         self._actuation = Actuation(self.scenario, command)
         self._rows = wp.zeros((1, n, len(self._builder.row)), dtype=wp.float32, device="cpu")
@@ -99,6 +100,7 @@ class Onboard:
         self._policy.reset()
         self._phase: float | None = None
         self._odometry: Odometry | None = None
+        self._announced: Odometry | None = None
         self._heard: list[Message | None] = [None, None]
         self._begun = self._now = math.nan
         self._latched, self._steps = "", 0
@@ -125,6 +127,26 @@ class Onboard:
         """
         valid = 0 <= now - self._since <= self.limits.watchdog  # False for a time that is not a number
         return self._command if valid else self._actuation.stop
+
+    def announce(self, odometry: Odometry, phase: tuple[float, float] | None = None) -> Message | None:
+        """Return the message of a new pose for both ring neighbours, before `act` is called with this pose.
+
+        A robot that sends it at once, and calls `act` when the messages of its neighbours have arrived, decides on
+        messages of the same time. `Output.message` is then the same message again.
+
+        Args:
+            odometry: The new pose and speed.
+            phase: Cosine and sine of the robot's phase, where it is known.
+
+        Returns:
+            The message; None for a pose that is not finite.
+        """
+        if not odometry.is_finite:
+            return None
+        self._odometry = odometry
+        self._fill(True, phase)
+        self._announced = odometry
+        return self._message()
 
     def act(
         self,
@@ -167,7 +189,7 @@ class Onboard:
         if self._odometry is None or not math.isfinite(now):
             return self._stopped(now, reason or "there is no pose yet")
         self._builder.see(robots, targets)
-        row = self._fill(now, not reason, phase if odometry is self._odometry else None)
+        row = self._fill(not reason, phase if odometry is self._odometry else None)
         for _ in range(self._steps_due(now)):
             self._decide(row)
         if not np.isfinite(self._action).all():
@@ -227,16 +249,17 @@ class Onboard:
     def _check_silence(self, now: float) -> str:
         for neighbour, message in zip(self.neighbours, self._heard, strict=True):
             since = now - (self._begun if message is None else message.sent_at)
-            if self._listens and neighbour >= 0 and since > self.limits.silence:
+            if self.listens and neighbour >= 0 and since > self.limits.silence:
                 return f"robot {neighbour} has been silent for {since:.3g} s, the limit is {self.limits.silence:g} s"
         return ""
 
-    def _fill(self, now: float, works: bool, phase: tuple[float, float] | None) -> np.ndarray:
+    def _fill(self, works: bool, phase: tuple[float, float] | None) -> np.ndarray:
         builder, step, pose = self._builder, self.scenario.task.step, self._odometry
         assert pose is not None
         for side, message in enumerate(self._heard):
             if message is not None:
-                builder.age[side] = max(now - message.sent_at, 0.0) / step
+                # Both are times of a pose, of which the phases are compared.
+                builder.age[side] = max(pose.stamp - message.sent_at, 0.0) / step
                 builder.message[side] = message[2:6]
                 builder.numbers[side] = message.numbers
             else:
@@ -244,7 +267,8 @@ class Onboard:
         if phase is None and self._phase is None:
             near = float(self.scenario.equilibrium[self.robot])
             builder.phase = locate(self.scenario.curve, self.scenario.alpha, pose.x, pose.y, pose.heading, near)
-        row = builder.fill(pose.x, pose.y, pose.heading, pose.speed, works, phase)
+        follows = pose is not self._announced or self._phase is None
+        row = builder.fill(pose.x, pose.y, pose.heading, pose.speed, works, phase, follows)
         self._phase = builder.phase
         return row
 
@@ -267,10 +291,12 @@ class Onboard:
         return self._output(reason)
 
     def _output(self, reason: str) -> Output:
-        message = None
-        if self._phase is not None and self._odometry is not None:
-            message = Message(self.robot, self._odometry.stamp, *self._builder.sent, self._numbers)
-        return Output(self._command, message, reason, self._action.copy(), self._builder.row.copy())
+        return Output(self._command, self._message(), reason, self._action.copy(), self._builder.row.copy())
+
+    def _message(self) -> Message | None:
+        if self._phase is None or self._odometry is None:
+            return None
+        return Message(self.robot, self._odometry.stamp, *self._builder.sent, self._numbers)
 
 
 def _made(policy: Any, scenario: Scenario, robot: int) -> Any:

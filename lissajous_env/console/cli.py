@@ -1,7 +1,8 @@
 """The command `lissajous`: run an installed command, and print errors as one clear line.
 
 A command is a typed function named by an entry point in the group `lissajous_env.commands`, so that other
-packages can add commands. The signature of the function is the command line; its docstring is the help.
+packages can add commands. The signature of the function is the command line; its docstring is the help. A dot in the
+name of an entry point separates two words: `ros.robot` is the command `lissajous ros robot`.
 """
 
 import ast
@@ -33,6 +34,8 @@ BAD_INPUT = 2
 INTERRUPTED = 130
 TRACEBACK = "LISSAJOUS_TRACEBACK"
 """Environment variable that enables tracebacks."""
+ROS_ARGUMENTS = "--ros-args"
+"""Argument from which on the arguments of a command `ros ...` are those of ROS 2, which reads them itself."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -52,7 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def commands() -> dict[str, EntryPoint]:
     """Return the installed commands by name."""
-    return {entry.name: entry for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name)}
+    found = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
+    return {entry.name.replace(".", " "): entry for entry in found}
 
 
 def _ended(arguments: list[str]) -> int:
@@ -89,14 +93,23 @@ def _dispatch(arguments: list[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help"):
         _print_help(known)
         return 0
-    name = arguments[0]
+    words = 2 if " ".join(arguments[:2]) in known else 1
+    name = " ".join(arguments[:words])
     if name in ("-V", "--version"):
         from importlib.metadata import version
 
         print(f"lissajous-env {version('lissajous-env')}")
         return 0
+    group = {each: entry for each, entry in known.items() if each.startswith(f"{name} ")}
+    if group and {"-h", "--help"} & set(arguments[1:2]):
+        _print_help(group)
+        return 0
+    if group:
+        raise ValueError(f"{name} must be followed by {few_of([each.partition(' ')[2] for each in group])}")
     if name not in known:
         raise ValueError(f"command must be one of {few_of(known, name)}, got {shown(name)}{nearest(name, known)}")
+    if name.startswith("ros ") and ROS_ARGUMENTS in arguments:
+        arguments = arguments[: arguments.index(ROS_ARGUMENTS)]
     quiet = "--quiet" in arguments
     kernel_cache.listener = None if quiet else complain
     if quiet:
@@ -111,7 +124,7 @@ def _dispatch(arguments: list[str]) -> int:
     if {"-h", "--help"} & set(arguments):
         print_help(function, program)
         return 0
-    given, named = _bound(function, program, arguments[1:])
+    given, named = _bound(function, program, arguments[words:])
     try:
         result = function(*given, **named)
     except SystemExit as ended:

@@ -206,7 +206,14 @@ class RowOutside:
             self._count[k] = len(seen)
 
     def fill(
-        self, x: float, y: float, heading: float, speed: float, works: bool, phase: tuple[float, float] | None
+        self,
+        x: float,
+        y: float,
+        heading: float,
+        speed: float,
+        works: bool,
+        phase: tuple[float, float] | None,
+        follows: bool = True,
     ) -> np.ndarray:
         """Fill the row, and return it: the same array each time.
 
@@ -218,12 +225,13 @@ class RowOutside:
             works: False for a robot that has failed.
             phase: Cosine and sine of the measured phase; None lets the phase of the call before follow the curve to
                 this place.
+            follows: False for a place to which the phase has followed already.
         """
         self._position[:2] = x, y
         self._heading[0], self._speed[0], self._status[0] = heading, speed, WORKING if works else STUCK
         if phase is None:
             self._given[:] = 0
-            self._follow()
+            (self._follow if follows else self._fill)()
         else:
             self._given[:] = *phase, 1
             self.phase = math.atan2(phase[1], phase[0])

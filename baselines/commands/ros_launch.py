@@ -1,0 +1,77 @@
+"""The command `lissajous ros launch`: the simulated world and all robots, each as a process."""
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from baselines.commands.playing import FORMATS, progress_console
+from baselines.onboard import Onboard
+from baselines.ros.settings import CommandKind
+from lissajous_env.console.recordings import check_file
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.parameters import named
+from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.parameters.scenario_file import as_toml
+
+_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+_Duration = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
+_Flag = tyro.conf.FlagCreatePairsOff
+
+
+def launch(
+    scenario: str = "experiment",
+    policy: str = "kuramoto-mpcc",
+    duration: _Duration = None,
+    seed: int = 0,
+    lockstep: Annotated[bool, _Flag] = False,
+    command: CommandKind = "car",
+    out: _Out = None,
+    output: OutputOptions = DEFAULT_OUTPUT,
+    overrides: Overrides = (),
+) -> None:
+    """Run a simulated world and all robots over ROS 2, each as a process, and print the score.
+
+    The processes communicate on this machine alone, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set. All of them are
+    stopped at Ctrl-C, or when one of them ends.
+
+    Example:
+        lissajous ros launch --scenario experiment --policy kuramoto-mpcc --duration 20
+
+    Args:
+        scenario: name of a scenario, .toml file, or module:attribute.
+        policy: name of a policy, folder of a checkpoint, or module:factory.
+        duration: duration of the episode [s]; by default that of the scenario.
+        seed: seed of the episode.
+        lockstep: step when all robots have decided, instead of in real time.
+        command: kind of the robots' commands: car, twist, twist_stamped or dart.
+        out: file to write, as in `lissajous ros world`.
+        output: Console output.
+        overrides: fields changed in the scenario, as in --set noise.message_loss=0.1
+    """
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    from baselines.ros.launching import Team
+
+    check_file(out, *FORMATS)
+    changes = parse_overrides(overrides) | ({} if duration is None else {"task.duration": duration})
+    made = named.scenario(scenario, **changes)
+    console = progress_console(output)
+    Onboard(policy, made, 0)  # a wrong policy is reported once, and the kernels are compiled once
+    with contextlib.ExitStack() as stack:
+        given = scenario
+        if changes:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="lissajous-"))
+            file = Path(folder, "scenario.toml")
+            file.write_text(as_toml(made), encoding="utf-8")
+            given = str(file)
+        shared = ["--scenario", given, "--command", command, *(["--lockstep"] if lockstep else [])]
+        world = ["--seed", str(seed), *(["--out", str(out.resolve())] if out is not None else [])]
+        world += [flag for flag, given in (("--json", output.json), ("--quiet", output.quiet)) if given]
+        loss = 0.0 if lockstep else made.noise.message_loss
+        # A busy machine must not be taken for a jump of the clock.
+        robots = ["--policy", policy, "--message-loss", str(loss), "--clock-jump", "2", "--quiet"]
+        team = Team(made.num_robots, [*shared, *world], [*shared, *robots])
+        team.run(lambda words: console.print(words, markup=False, highlight=False, soft_wrap=True))

@@ -1,0 +1,45 @@
+"""The command `lissajous ros robot`: one robot's policy as a node of ROS 2."""
+
+from typing import Annotated
+
+import tyro
+
+from baselines.commands.playing import progress_console
+from baselines.ros.settings import RobotSettings
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+
+_Namespace = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
+
+
+def robot(
+    settings: tyro.conf.OmitArgPrefixes[RobotSettings],
+    namespace: _Namespace = None,
+    output: OutputOptions = DEFAULT_OUTPUT,
+) -> None:
+    """Run one robot's policy as a node of ROS 2.
+
+    Each option is also a parameter of the node. Arguments of ROS 2 follow --ros-args, as in --ros-args -p rate:=50.0.
+
+    Example:
+        lissajous ros robot --robot 2 --policy kuramoto-mpcc --scenario lab.toml --command twist
+
+    Options:
+        robot: robot, policy, scenario, namespace, autostart, lockstep
+        topics and frames: command, pose, frame, origin, neighbours, rate
+        messages: message_wait, message_loss
+        limits: pose_age, fence, clock_jump, silence, watchdog
+
+    Args:
+        settings: Defaults of the parameters.
+        namespace: namespace of the node's topics; robot_K by default.
+        output: Console output.
+    """
+    from baselines.ros.robot import RobotNode
+    from baselines.ros.running import spin, started
+
+    with started() as ends:
+        node = RobotNode(settings, namespace)
+        words = f"{node.get_fully_qualified_name()} runs {node.settings.policy} on {node.scenario.name}: {node.reason}"
+        progress_console(output).print(words, markup=False, highlight=False, soft_wrap=True)
+        spin([node], ends)
+    output.print_json({"robot": node.settings.robot, "stopped": node.reason})

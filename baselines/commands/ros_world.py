@@ -1,0 +1,69 @@
+"""The command `lissajous ros world`: the simulation as stand-in for the robots' hardware, over ROS 2."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich import progress as bars
+
+from baselines.benchmark.progress import bar
+from baselines.commands.playing import FORMATS, progress_console
+from baselines.ros.settings import WorldSettings
+from lissajous_env.console.recordings import check_file, show
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.parameters import named
+from lissajous_env.parameters.overrides import Overrides, parse_overrides
+
+_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+
+
+def world(
+    settings: tyro.conf.OmitArgPrefixes[WorldSettings],
+    scenario: str = "experiment",
+    out: _Out = None,
+    output: OutputOptions = DEFAULT_OUTPUT,
+    overrides: Overrides = (),
+) -> None:
+    """Simulate the robots' hardware as a node of ROS 2, in real time or in lock-step, and print the score.
+
+    The node waits for all robots, starts them, and stops them at the end.
+
+    Example:
+        lissajous ros world --scenario experiment --set task.duration=20 --out episode.html
+
+    Options:
+        simulation: scenario, set, seed, lockstep, out
+        robots: command, frame, watchdog, wait
+
+    Args:
+        settings: Settings of the node.
+        scenario: name of a scenario, .toml file, or module:attribute.
+        out: file to write, as in `lissajous run`: .html, .mp4, .gif, .png, .svg, .pdf, .npz or .mcap.
+        output: Console output.
+        overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
+    """
+    from baselines.benchmark import tables
+    from baselines.ros.running import started
+    from baselines.ros.world import WorldNode
+
+    check_file(out, *FORMATS)
+    made = named.scenario(scenario, **parse_overrides(overrides))
+    console = output.console()
+    with started(interrupts=True), bar(progress_console(output), bars.TextColumn("{task.description}")) as shown_bar:
+        node = WorldNode(made, settings)
+        task = shown_bar.add_task(f"{made.name} over ROS 2", total=made.task.steps)
+        try:
+            recording = node.play(lambda: shown_bar.advance(task))
+        finally:
+            node.destroy_node()
+    recording = replace(recording, score=recording.score | {"policy": "ros"})
+    tables.print_row(console, recording.score)
+    if node.late_steps:
+        words = (
+            f"note: {node.late_steps} of {len(recording) - 1} steps came late: this machine is too slow for real time"
+        )
+        console.print(words, style="yellow", markup=False, highlight=False, soft_wrap=True)
+    output.print_json(recording.score | {"late_steps": node.late_steps})
+    if out is not None:
+        show(recording, out, output)

@@ -1,0 +1,150 @@
+"""Messages of ROS 2 as the input and output of `Onboard`, and back."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baselines.onboard import Command, Message, Odometry
+from baselines.ros import library as ros
+
+RING = ("cos_phase", "sin_phase", "x", "y")
+"""Names in a message to the ring neighbours, before `number_0`, `number_1` ... of the policy."""
+
+SIMULATED = ("cos_phase", "sin_phase", "works", "heard_before", "heard_after")
+"""Names in a message of what a simulated robot knows besides its pose, in lock-step."""
+
+
+class Simulated(NamedTuple):
+    """What a simulated robot knows besides its pose, in lock-step."""
+
+    phase: tuple[float, float]
+    """Cosine and sine of its phase."""
+    works: bool
+    """False for a robot that has failed."""
+    heard_at: tuple[float, float]
+    """Times at which the latest messages that have arrived of both ring neighbours were sent [s]; NaN for none."""
+
+
+def simulated_message(simulated: Simulated, time: float) -> Any:
+    """Return what a simulated robot knows at a time [s] as sensor_msgs/JointState."""
+    numbers = (*simulated.phase, float(simulated.works), *simulated.heard_at)
+    return named_numbers(SIMULATED, numbers, time)
+
+
+def simulated_of(message: Any) -> Simulated | None:
+    """Return what a simulated robot knows; None if the message is of something else."""
+    if tuple(message.name) != SIMULATED or len(message.position) != len(SIMULATED):
+        return None
+    cos_phase, sin_phase, works, before, after = message.position
+    return Simulated((cos_phase, sin_phase), works == 1, (before, after))
+
+
+def seconds(stamp: Any) -> float:
+    """Return a time stamp in seconds."""
+    return (stamp.sec * 10**9 + stamp.nanosec) / 1e9
+
+
+def stamp_of(time: float) -> Any:
+    """Return a time [s] as a stamp."""
+    whole = round(time * 1e9)
+    return ros.Time(sec=whole // 10**9, nanosec=whole % 10**9)
+
+
+def yaw(orientation: Any) -> float:
+    """Return the heading of a quaternion [rad]; NaN if it is none."""
+    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
+    if not abs(x * x + y * y + z * z + w * w - 1) < 0.01:
+        return math.nan
+    if x == 0 and y == 0:
+        return 2 * math.atan2(z, w) if w >= 0 else 2 * math.atan2(-z, -w)
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def set_pose(pose: Any, x: float, y: float, heading: float) -> None:
+    """Write a pose in the plane into a message."""
+    pose.position.x, pose.position.y = x, y
+    pose.orientation.z, pose.orientation.w = math.sin(heading / 2), math.cos(heading / 2)
+
+
+def odometry_message(odometry: Odometry, yaw_rate: float, frame: str, child: str) -> Any:
+    """Return a pose and speed as nav_msgs/Odometry."""
+    message = ros.Odometry()
+    message.header.stamp, message.header.frame_id = stamp_of(odometry.stamp), frame
+    message.child_frame_id = child
+    set_pose(message.pose.pose, odometry.x, odometry.y, odometry.heading)
+    message.twist.twist.linear.x, message.twist.twist.angular.z = odometry.speed, yaw_rate
+    return message
+
+
+def pose_message(odometry: Odometry, frame: str) -> Any:
+    """Return a pose as geometry_msgs/PoseStamped."""
+    message = ros.PoseStamped()
+    message.header.stamp, message.header.frame_id = stamp_of(odometry.stamp), frame
+    set_pose(message.pose, odometry.x, odometry.y, odometry.heading)
+    return message
+
+
+def named_numbers(names: Sequence[str], numbers: Sequence[float], time: float, frame: str = "") -> Any:
+    """Return numbers with names and a time [s] as sensor_msgs/JointState."""
+    message = ros.JointState()
+    message.header.stamp, message.header.frame_id = stamp_of(time), frame
+    message.name, message.position = list(names), [float(each) for each in numbers]
+    return message
+
+
+def ring_message(message: Message, frame: str) -> Any:
+    """Return a message to the ring neighbours as sensor_msgs/JointState."""
+    names = (*RING, *(f"number_{k}" for k in range(len(message.numbers))))
+    return named_numbers(names, (*message[2:6], *message.numbers), message.sent_at, frame)
+
+
+def heard(message: Any, sender: int) -> Message | None:
+    """Return what was received of a robot; None if it is not a message to ring neighbours."""
+    values = list(message.position)
+    if tuple(message.name[:4]) != RING or len(values) != len(message.name):
+        return None
+    cos_phase, sin_phase, x, y, *numbers = values
+    return Message(sender, seconds(message.header.stamp), cos_phase, sin_phase, x, y, tuple(numbers))
+
+
+def car_command(message: Any) -> Command | None:
+    """Return steering angle and throttle of a sensor_msgs/JointState; None if it does not have them."""
+    values = dict(zip(message.name, message.position, strict=False))
+    if not {"steering", "throttle"} <= values.keys():
+        return None
+    return Command(values["steering"], values["throttle"])
+
+
+def cloud_message(rows: np.ndarray, time: float, frame: str) -> Any:
+    """Return places (K, 2), or places and velocities (K, 4), as sensor_msgs/PointCloud2."""
+    names = ("x", "y", "z", "vx", "vy")[: 3 if rows.shape[1] == 2 else 5]
+    points = np.zeros((len(rows), len(names)), dtype="<f4")
+    points[:, :2], points[:, 3:] = rows[:, :2], rows[:, 2:]
+    message = ros.PointCloud2(height=1, width=len(rows), point_step=4 * len(names), row_step=points.nbytes)
+    message.header.stamp, message.header.frame_id = stamp_of(time), frame
+    for k, name in enumerate(names):
+        message.fields.append(ros.PointField(name=name, offset=4 * k, datatype=ros.PointField.FLOAT32, count=1))
+    message.is_dense, message.data = True, points.tobytes()
+    return message
+
+
+def cloud_rows(message: Any, width: int) -> np.ndarray:
+    """Return the rows (K, width) of a point cloud: x, y [m] and, if they are asked for and there, vx, vy [m/s].
+
+    Raises:
+        ValueError: the cloud has no x and y as 32-bit floats.
+    """
+    offsets = {each.name: each.offset for each in message.fields if each.datatype == ros.PointField.FLOAT32}
+    if not {"x", "y"} <= offsets.keys():
+        raise ValueError(f"a point cloud must have x and y as FLOAT32, got {[each.name for each in message.fields]}")
+    count, order = message.width * message.height, ">f4" if message.is_bigendian else "<f4"
+    rows = np.zeros((count, width), dtype=np.float32)
+    data = bytes(message.data)
+    if len(data) < count * message.point_step:
+        raise ValueError(f"a point cloud of {count} points must have as much data, got {len(data)} bytes")
+    for k, name in enumerate(("x", "y", "vx", "vy")[:width]):
+        if name in offsets and count:
+            rows[:, k] = np.ndarray(count, order, data, offsets[name], (message.point_step,))
+    return rows

@@ -1,0 +1,264 @@
+"""The node of a robot: its policy on board, with the topics, parameters and services that users of ROS 2 expect."""
+
+import dataclasses
+import math
+import random
+import threading
+import time as wall
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from baselines.onboard import Limits, Odometry, Onboard, Output
+from baselines.ros import conversions
+from baselines.ros import library as ros
+from baselines.ros.conversions import named_numbers, ring_message, seconds, yaw
+from baselines.ros.frames import Origin, SpeedOfPoses, relative
+from baselines.ros.outputs import CommandPublisher
+from baselines.ros.pilot import LockstepPilot, Pilot
+from baselines.ros.settings import RobotSettings
+from baselines.ros.telemetry import RobotMarkers, diagnostics, percentile
+
+NAME = "policy"
+_WAITS = "waits for the service start"
+_TICK = 0.01
+"""Period in which the node looks whether it has to act [s]."""
+
+
+class RobotNode(ros.Node):
+    """A robot's policy as a node of ROS 2.
+
+    Each field of the settings is a parameter, so that `--ros-args -p name:=value` and parameter files change it.
+    docs/ros.md lists topics and services.
+
+    Args:
+        settings: Defaults of the parameters.
+        namespace: Namespace; None means `robot_K`.
+        **options: Further arguments of `rclpy.node.Node`.
+
+    Raises:
+        ValueError: a parameter is invalid, or as `baselines.Onboard`.
+    """
+
+    _publishing: threading.Thread | None = None
+
+    def __init__(self, settings: RobotSettings, namespace: str | None = None, **options: Any):
+        super().__init__(NAME, namespace=f"robot_{settings.robot}" if namespace is None else namespace, **options)
+        self.settings = settings = self._declared(settings)
+        kind = "twist" if settings.command.startswith("twist") else "car"
+        limits = Limits.none() if settings.lockstep else settings.limits()
+        self.onboard = Onboard(settings.policy, settings.scenario, settings.robot, kind, limits)
+        self.scenario, self.lockstep = self.onboard.scenario, settings.lockstep
+        self._origin = Origin(*settings.origin)
+        self._pilot: Any = LockstepPilot(self.onboard) if self.lockstep else Pilot(self.onboard, settings.message_wait)
+        self._speed = SpeedOfPoses(self.scenario.task.step)
+        self._seen: dict[str, tuple[float, np.ndarray]] = {}
+        self._works, self._random = True, random.Random(settings.robot)
+        self._wrong_frame = ""
+        self._output: Output | None = None
+        self._times: deque[float] = deque(maxlen=1000)
+        self._markers_of = RobotMarkers(self.onboard, settings.frame, self._origin)
+        self._warm_up()
+        self._connect()
+        if settings.autostart:
+            self._pilot.start()
+
+    @property
+    def now(self) -> float:
+        """Time of the node's clock [s]."""
+        return self.get_clock().now().nanoseconds / 1e9
+
+    @property
+    def reason(self) -> str:
+        """Reason for which the robot is stopped; empty while it drives."""
+        if self._wrong_frame or not self._pilot.started:
+            return self._wrong_frame or _WAITS
+        return "there is no pose yet" if self._output is None else self._output.stopped
+
+    def _declared(self, settings: RobotSettings) -> RobotSettings:
+        given = {}
+        for field in dataclasses.fields(settings):
+            default = getattr(settings, field.name)
+            default = list(default) if isinstance(default, tuple) else default
+            changes = field.name == "message_loss"
+            describes = ros.ParameterDescriptor(read_only=not changes, description=field.name.replace("_", " "))
+            try:
+                value = self.declare_parameter(field.name, default, describes).value
+            except (ros.InvalidParameterTypeException, ros.InvalidParameterValueException) as error:
+                raise ValueError(f"node.{field.name} must be of type {type(default).__name__}: {error}") from error
+            given[field.name] = tuple(value) if isinstance(default, list) else value
+        return RobotSettings(**given)
+
+    def _warm_up(self) -> None:
+        """Compile and load every kernel before the first step."""
+        curve = self.scenario.curve
+        pose = Odometry(curve.half_width / 2, curve.half_height / 2, 0.0, 0.0, 0.0)
+        self.onboard.announce(pose)
+        self.onboard.act(0.0, pose)
+        self.onboard.reset()
+
+    def _connect(self) -> None:
+        settings, measured = self.settings, ros.reliable() if self.lockstep else ros.latest()
+        changes = {"qos_overriding_options": ros.QoSOverridingOptions.with_default_policies()}
+        self._send_message = self.create_publisher(ros.JointState, "message", ros.reliable(), **changes).publish
+        self._send_action = self.create_publisher(ros.JointState, "action", ros.reliable(), **changes).publish
+        self._send_phase = self.create_publisher(ros.Float64, "phase", ros.reliable(), **changes).publish
+        self._send_markers = self.create_publisher(ros.MarkerArray, "markers", ros.reliable(1), **changes).publish
+        self._send_diagnostics = self.create_publisher(ros.DiagnosticArray, "/diagnostics", ros.reliable()).publish
+        self._send_command = CommandPublisher(self, settings.command, self.onboard)
+        if settings.pose == "odometry":
+            self.create_subscription(ros.Odometry, "odom", self._take_odometry, measured, **changes)
+        else:
+            self.create_subscription(ros.PoseStamped, "pose", self._take_pose, measured, **changes)
+        for sender in self._pilot.heard:
+            topic = settings.neighbours.replace("{}", str(sender))
+            hear = self._hearing(sender)
+            self.create_subscription(ros.JointState, topic, hear, measured, **changes)
+        for name, width in (("robots", 4), ("targets", 2)):
+            self.create_subscription(ros.PointCloud2, name, self._seeing(name, width), measured, **changes)
+        for name in ("start", "stop", "resume"):
+            self.create_service(ros.Trigger, name, self._serving(name))
+        self.create_timer(0.5, self._report)
+        if self.lockstep:
+            self.create_subscription(ros.JointState, "simulated", self._take_simulated, measured)
+            return
+        self.create_subscription(ros.UInt8, "status", self._take_status, ros.lasting())
+        self.create_timer(_TICK, self._tick)
+        self._ended = threading.Event()
+        self._publishing = threading.Thread(target=self._publish_commands, daemon=True)
+        self._publishing.start()
+
+    def rest(self) -> None:
+        """Stop the robot, and publish the command of rest."""
+        self._pilot.stop()
+        self._send_command(self._rest(), self.now)
+
+    def destroy_node(self) -> None:
+        """End the thread that publishes commands, and the node."""
+        if self._publishing is not None:
+            self._ended.set()
+            self._publishing.join()
+        super().destroy_node()
+
+    def _take_odometry(self, message: Any) -> None:
+        pose = message.pose.pose
+        place = self._origin.inside(pose.position.x, pose.position.y, yaw(pose.orientation))
+        speed = message.twist.twist.linear.x
+        self._take(message.header, Odometry(*place, speed, seconds(message.header.stamp)))
+
+    def _take_pose(self, message: Any) -> None:
+        pose = message.pose
+        place = self._origin.inside(pose.position.x, pose.position.y, yaw(pose.orientation))
+        odometry = self._speed.add(*place, seconds(message.header.stamp))
+        if odometry is not None:
+            self._take(message.header, odometry)
+
+    def _take(self, header: Any, odometry: Odometry) -> None:
+        if header.frame_id not in ("", self.settings.frame):
+            self._wrong_frame = f"the pose is in frame {header.frame_id}, it must be {self.settings.frame}"
+            return
+        self._wrong_frame = ""
+        if self.lockstep:
+            self._send(self._pilot.take(odometry.stamp, "pose", odometry))
+            self._tick_lockstep()
+            return
+        self._send(self._pilot.take_pose(self.now, odometry))
+        self._tick()
+
+    def _take_simulated(self, message: Any) -> None:
+        simulated = conversions.simulated_of(message)
+        if simulated is not None:
+            self._send(self._pilot.take(seconds(message.header.stamp), "simulated", simulated))
+            self._tick_lockstep()
+
+    def _take_status(self, message: Any) -> None:
+        self._works = message.data == 0
+
+    def _hearing(self, sender: int) -> Any:
+        def hear(message: Any) -> None:
+            heard = conversions.heard(message, sender)
+            lost = self.get_parameter("message_loss").value
+            if heard is None or (lost > 0 and self._random.random() < lost):
+                return
+            self._pilot.hear(heard)
+            self._tick_lockstep() if self.lockstep else self._tick()
+
+        return hear
+
+    def _seeing(self, name: str, width: int) -> Any:
+        def see(message: Any) -> None:
+            time, pose = seconds(message.header.stamp), getattr(self._pilot, "pose", None)
+            try:
+                rows = conversions.cloud_rows(message, width)
+                if self.lockstep:
+                    self._pilot.take(time, name, rows)
+                    self._tick_lockstep()
+                elif pose is not None:
+                    frame = self.settings.frame
+                    self._seen[name] = time, relative(rows, message.header.frame_id, frame, pose, self._origin)
+            except ValueError as error:
+                self.get_logger().warning(f"{name}: {error}", throttle_duration_sec=5.0)
+
+        return see
+
+    def _serving(self, name: str) -> Any:
+        def serve(_request: Any, response: Any) -> Any:
+            getattr(self._pilot, name)()
+            self._output = None if name == "start" else self._output
+            self.get_logger().info(f"{name} was called")
+            response.success, response.message = True, f"robot {self.onboard.robot}: {name}"
+            return response
+
+        return serve
+
+    def _tick(self) -> None:
+        """Act if it is time."""
+        now = self.now
+        if not self._pilot.is_due(now):
+            return
+        before, limit = wall.perf_counter(), self.onboard.limits.pose_age
+        seen = {name: rows for name, (time, rows) in self._seen.items() if abs(now - time) <= limit}
+        self._output = output = self._pilot.act(now, works=self._works, **seen)
+        self._publish(output, now)
+        self._send_command(self.onboard.command_at(now) if not self._wrong_frame else self._rest(), now)
+        self._times.append(wall.perf_counter() - before)
+
+    def _tick_lockstep(self) -> None:
+        while (acted := self._pilot.act()) is not None:
+            time, output = acted
+            self._output = output
+            self._publish(output, time)
+            self._send_command(output.command, time)
+
+    def _rest(self) -> Any:
+        return self.onboard.command_at(math.nan)
+
+    def _send(self, message: Any) -> None:
+        if message is not None:
+            self._send_message(ring_message(message, self.settings.frame))
+
+    def _publish(self, output: Output, time: float) -> None:
+        self._send_action(named_numbers(self.scenario.action_names, output.action.tolist(), time))
+        if output.message is not None:
+            phase = math.atan2(output.message.sin_phase, output.message.cos_phase) % (2 * math.pi)
+            self._send_phase(ros.Float64(data=phase))
+
+    def _publish_commands(self) -> None:
+        """Publish the command at a steady rate, from a thread that does not wait for the policy."""
+        while not self._ended.wait(1 / self.settings.rate):
+            now = self.now
+            command = self._rest() if self._wrong_frame else self.onboard.command_at(now)
+            self._send_command(command, now)
+
+    def _report(self) -> None:
+        now, pilot = self.now, self._pilot
+        values: dict[str, Any] = {"policy": self.settings.policy}
+        for sender, messages in pilot.heard.items():
+            last = None if not messages else messages[-1] if not self.lockstep else messages[max(messages)]
+            values[f"message of robot {sender}, age [s]"] = math.nan if last is None else now - last.sent_at
+        values["time of a step, 99th percentile [s]"] = percentile(list(self._times), 99)
+        self._send_diagnostics(diagnostics(self.get_namespace()[1:], self.onboard, self.reason, values, now))
+        if self._output is not None:
+            lasts = [m[max(m)] if self.lockstep else m[-1] for m in pilot.heard.values() if m]
+            self._send_markers(self._markers_of.of(self._output, [(m.x, m.y) for m in lasts], now))

@@ -1,0 +1,106 @@
+"""Settings of the nodes. Those of a robot are the parameters of its node, too."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import tyro
+
+from baselines.onboard import Limits
+from lissajous_env.settings.checks import Checked, choice, flag, number, rows, whole, word
+
+COMMANDS = ("car", "twist", "twist_stamped", "dart")
+POSES = ("odometry", "pose")
+_FOREVER = 1e6
+
+CommandKind = Literal["car", "twist", "twist_stamped", "dart"]
+_Flag = tyro.conf.FlagCreatePairsOff
+
+
+def _limit() -> float:
+    return number(0.0, 1e-3, _FOREVER, "s", or_zero=True)
+
+
+def _coordinate(value: object) -> float | None:
+    return float(value) if isinstance(value, (int, float)) and abs(value) <= _FOREVER else None
+
+
+@dataclass(frozen=True)
+class RobotSettings(Checked):
+    """Settings of a robot's node, each of which is also a parameter of ROS 2 with the same name."""
+
+    scenario: str = word("experiment", "must be the name of a scenario or a file")
+    """Name of a scenario, .toml file, or module:attribute."""
+    policy: str = word("kuramoto-mpcc", "must be the name of a policy or a folder")
+    """Name of a policy, folder of a checkpoint, or module:factory."""
+    robot: int = whole(0, 0, 1023)
+    """Index of the robot, from 0."""
+    command: CommandKind = choice("car", *COMMANDS)  # noqa: RUF009
+    """Kind of commands: `car`: sensor_msgs/JointState with steering angle [rad] and throttle on `command`; `twist`:
+    geometry_msgs/Twist on `cmd_vel`; `twist_stamped`: TwistStamped on `cmd_vel`; `dart`: std_msgs/Float32 on `steering`
+    (angle divided by the largest) and `throttle`."""
+    pose: Literal["odometry", "pose"] = choice("odometry", *POSES)
+    """Kind of poses: `odometry`: nav_msgs/Odometry on `odom`; `pose`: geometry_msgs/PoseStamped on `pose`, from which
+    the speed is computed."""
+    frame: str = word("map", "must be the name of a frame")
+    """Frame of the poses; a pose in another frame stops the robot."""
+    origin: tuple[float, float, float] = rows((0.0, 0.0, 0.0), "must be x, y [m] and heading [rad]", _coordinate)
+    """x, y [m] and heading [rad] of the middle of the rectangle in this frame."""
+    neighbours: str = word("/robot_{}/message", "must be a topic in which {} stands for the index of a robot")
+    """Topic of each robot's messages, in which {} stands for its index."""
+    rate: float = number(20.0, 1.0, 1000.0, "1/s")
+    """Rate at which the command is published [1/s]."""
+    message_wait: float = number(0.02, 0.0, _FOREVER, "s")
+    """Longest time for which a new pose waits for the messages of the neighbours of the same time [s]."""
+    message_loss: float = number(0.0, 0.0, 1.0)
+    """Fraction of the neighbours' messages that are ignored at random, to try a bad network."""
+    pose_age: float = _limit()
+    """Limit of the age of the pose [s]; 0 for the default of `baselines.onboard.Limits`, as for the next four."""
+    fence: float = number(0.0, 1e-3, _FOREVER, "m", or_zero=True)
+    """Limit of the distance beyond the rectangle [m]."""
+    clock_jump: float = _limit()
+    """Limit of jumps of the clock [s]."""
+    silence: float = _limit()
+    """Limit of the silence of a neighbour [s]."""
+    watchdog: float = _limit()
+    """Time for which a command is valid [s]."""
+    autostart: Annotated[bool, _Flag] = flag(False)
+    """Drive from the first pose on, without a call of the service `start`."""
+    lockstep: Annotated[bool, _Flag] = flag(False)
+    """Take one step for each step of the simulation in lock-step; as in the simulation, no limit stops the robot."""
+
+    @property
+    def part(self) -> str:
+        """Name of these settings in error messages."""
+        return "node"
+
+    def _check_together(self) -> None:
+        self._require(len(self.origin) == 3, "origin", "must be x, y [m] and heading [rad]")
+        self._require("{}" in self.neighbours, "neighbours", "must be a topic in which {} stands for the robot's index")
+
+    def limits(self) -> Limits:
+        """Return the limits beyond which the robot stops."""
+        names = ("pose_age", "fence", "clock_jump", "silence", "watchdog")
+        return Limits(**{name: getattr(self, name) or None for name in names})
+
+
+@dataclass(frozen=True)
+class WorldSettings(Checked):
+    """Settings of the node that simulates the robots' hardware."""
+
+    lockstep: Annotated[bool, _Flag] = flag(False)
+    """Step when all robots have decided, instead of in real time, and publish `/clock`."""
+    command: CommandKind = choice("car", *COMMANDS)  # noqa: RUF009
+    """Kind of the robots' commands, as in `lissajous ros robot`."""
+    seed: int = whole(0, 0, 2**31 - 1)
+    """Seed of the episode."""
+    frame: str = word("map", "must be the name of a frame")
+    """Frame of the poses, whose origin is the middle of the rectangle."""
+    watchdog: float = number(0.0, 1e-3, _FOREVER, "s", or_zero=True)
+    """Time after which a simulated robot without a command takes that of rest [s]; 0 for 2.5 control steps."""
+    wait: float = number(60.0, 1.0, _FOREVER, "s")
+    """Longest time to wait for the robots [s]."""
+
+    @property
+    def part(self) -> str:
+        """Name of these settings in error messages."""
+        return "node"

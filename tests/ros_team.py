@@ -1,0 +1,71 @@
+"""A team of robots as nodes of ROS 2 in this process, with the simulated world, for tests."""
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+
+from baselines.ros import library as ros
+from baselines.ros.robot import RobotNode
+from baselines.ros.settings import RobotSettings, WorldSettings
+from baselines.ros.world import WorldNode
+from lissajous_env.parameters.scenario_file import as_toml
+
+AGILE = {"robot.steering_max": 0.8, "robot.model_offset": None, "formation.start_noise": 0.0, "faults.schedule": ()}
+"""Cars whose turning circle is smaller than the curve's tightest bend, without failures."""
+
+
+@contextlib.contextmanager
+def in_ros():
+    """ROS 2 in a domain of this process, on the loopback interface."""
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    ros.start_ros()
+    try:
+        yield
+    finally:
+        ros.rclpy.try_shutdown()
+
+
+def node_of(settings, **options):
+    """A robot's node, without the arguments of this process."""
+    return RobotNode(settings, use_global_arguments=False, **options)
+
+
+def process(*arguments, **options):
+    """A command `lissajous ros ...` as a process of its own."""
+    command = [sys.executable, "-m", "lissajous_env", "ros", *map(str, arguments)]
+    return subprocess.Popen(command, text=True, **options)
+
+
+class Team:
+    """A world and robots in one process; `world.play()` runs all of them."""
+
+    def __init__(self, scenario, policy, settings=WorldSettings(), robots=None, options_of=lambda k: {}, **more):  # noqa: B008
+        self._folder = tempfile.TemporaryDirectory()
+        self.file = os.path.join(self._folder.name, "lab.toml")
+        with open(self.file, "w", encoding="utf-8") as file:
+            file.write(as_toml(scenario))
+        self.world = WorldNode(scenario, settings)
+        chosen = range(scenario.num_robots) if robots is None else robots
+        # A busy machine must not be taken for a jump of the clock.
+        given = {"policy": policy, "scenario": self.file, "lockstep": settings.lockstep, "clock_jump": 5.0} | more
+        self.robots = []
+        self.others = []
+        for k in chosen:
+            self.robots.append(node_of(RobotSettings(robot=k, **given), **options_of(k)))
+            self.world.loop.add_node(self.robots[-1])
+
+    def add(self, node):
+        self.others.append(node)
+        self.world.loop.add_node(node)
+        return node
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for node in (*self.robots, *self.others, self.world):
+            node.destroy_node()
+        self._folder.cleanup()

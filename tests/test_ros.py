@@ -1,0 +1,169 @@
+"""Robots as nodes of ROS 2, and the simulated world that they drive in: over DDS, on the loopback interface."""
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason='ROS 2 is not installed: pip install ".[ros]"')
+from ros_team import AGILE, Team, in_ros, node_of
+
+import baselines
+import lissajous_env
+from baselines.onboard import Message, Odometry
+from baselines.ros import conversions
+from baselines.ros import library as ros
+from baselines.ros.settings import RobotSettings, WorldSettings
+from lissajous_env.console.terminal import CommandError
+from lissajous_env.episodes.recording import record
+
+RUNS = ("position", "heading", "speed", "phase", "status", "observation", "action", "heard_at", "target_position")
+
+
+@pytest.fixture(autouse=True)
+def _ros():
+    with in_ros():
+        yield
+
+
+def test_headings_stamps_and_rows_survive_messages():
+    # Oracle: the numbers that went in; headings and sensor rows are of single precision, and keep every bit.
+    draw = np.random.default_rng(3)
+    for heading in draw.uniform(-math.pi, math.pi, 200).astype(np.float32).tolist():
+        pose = Odometry(0.1, -0.2, heading, 0.4, 12.3)
+        message = conversions.odometry_message(pose, 0.0, "map", "car/base_link")
+        assert np.float32(conversions.yaw(message.pose.pose.orientation)) == np.float32(heading)
+        assert conversions.seconds(message.header.stamp) == 12.3
+    for width in (2, 4):
+        rows = draw.normal(size=(7, width)).astype(np.float32)
+        cloud = conversions.cloud_message(rows, 1.0, "car/aligned")
+        np.testing.assert_array_equal(conversions.cloud_rows(cloud, width), rows)
+        assert conversions.cloud_rows(conversions.cloud_message(rows[:0], 1.0, "map"), width).shape == (0, width)
+    sent = Message(3, 2.5, 0.6, -0.8, 1.0, -2.0, (0.25, -1.0))
+    assert conversions.heard(conversions.ring_message(sent, "map"), 3) == sent
+    assert conversions.heard(ros.JointState(name=["steering"], position=[1.0]), 3) is None
+    tilted = ros.PoseStamped().pose.orientation
+    tilted.w = 0.0  # no rotation at all
+    assert math.isnan(conversions.yaw(tilted))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "policy", "changes"),
+    [
+        ("experiment", "kuramoto-mpcc", {}),
+        ("rough", "kuramoto-mpcc-safe", {"messages.size": 2}),
+        ("evaders-lost", "partition-repair", {"faults.removed": ((0, 1.0),)}),
+    ],
+)
+def test_in_lockstep_the_run_is_the_simulation(scenario, policy, changes):
+    # Oracle: the simulation without ROS; every bit, with noise, losses, delays, messages of policies, and a removal.
+    made = lissajous_env.scenario(scenario, **{"task.duration": 3.0} | changes)
+    with Team(made, policy, WorldSettings(lockstep=True, seed=5)) as team:
+        played = team.world.play()
+    wanted = record(baselines.make(policy, made), made, seed=5)
+    there = wanted.status[:, :, None] != 2
+    for name in RUNS:
+        given, expected = getattr(played, name), getattr(wanted, name)
+        if name == "action":  # that of a removed robot is of no effect
+            given, expected = given * there, expected * there
+        np.testing.assert_array_equal(given, expected, err_msg=name)
+    of_actions = ("return_mean", "smoothness") if not there.all() else ()
+    for name, value in wanted.score.items():
+        if name not in ("policy", *of_actions):
+            assert played.score[name] == value or math.isnan(value), name
+
+
+@pytest.mark.parametrize(
+    ("command", "settings"),
+    [("twist", {"pose": "pose"}), ("twist_stamped", {}), ("dart", {})],
+)
+def test_robots_of_other_kinds_drive(command, settings):
+    # A physical story: with each kind of commands and poses, five robots keep their distance and follow the curve.
+    made = lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 2.5})
+    with Team(made, "kuramoto-mpcc", WorldSettings(command=command), command=command, **settings) as team:
+        played = team.world.play()
+    assert played.speed[-1].min() > 0.3
+    assert played.score["lateral_error_max"] < 0.15
+    assert played.score["min_separation"] > 2 * made.robot.radius
+
+
+def test_services_stop_and_resume_a_robot_which_reports_it():
+    # A physical story of two robots: one is stopped by a person, and then told to go on.
+    seen, made = {}, lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 4.0})
+    with Team(made, "open-loop-mpcc", fence=2.0) as team:
+        listener = team.add(ros.Node("listener"))
+        listener.create_subscription(
+            ros.DiagnosticArray, "/diagnostics", lambda m: seen.setdefault(m.status[0].name, []).append(m.status[0]), 10
+        )
+        listener.create_subscription(ros.MarkerArray, "/robot_1/markers", lambda m: seen.update(markers=m.markers), 10)
+        calls = {name: listener.create_client(ros.Trigger, f"/robot_1/{name}") for name in ("stop", "resume")}
+        speeds = []
+
+        def follow():
+            speeds.append(team.world.simulation.robots.speed.numpy()[0].copy())
+            for step, name in ((10, "stop"), (25, "resume")):
+                if len(speeds) == step:
+                    calls[name].call_async(ros.Trigger.Request())
+
+        team.world.play(follow)
+    speeds = np.array(speeds)
+    assert (np.diff(speeds[12:25, 1]) < 0).all()  # rolls to a halt
+    assert speeds[-1, 1] > speeds[25, 1]
+    assert speeds[12:, [0, 2, 3, 4]].min() > 0.3
+    messages = [(each.level, each.message) for each in seen["lissajous: robot_1"]]
+    assert (ros.DiagnosticStatus.WARN, "the robot was told to stop") in messages
+    assert (ros.DiagnosticStatus.OK, "drives") in messages
+    assert {"curve", "rectangle", "bodies", "sensors"} <= {marker.ns for marker in seen["markers"]}
+    assert {marker.header.frame_id for marker in seen["markers"]} == {"map"}
+
+
+def test_parameters_namespaces_and_remapping():
+    arguments = ["--ros-args", "-r", "__ns:=/car3", "-r", "odom:=/vicon/car3", "-p", "command:=twist", "-p", "robot:=3"]
+    node = node_of(RobotSettings(policy="open-loop-mpcc"), cli_args=arguments)
+    try:
+        assert node.onboard.robot == 3
+        topics = dict(node.get_topic_names_and_types())
+        assert topics["/car3/cmd_vel"] == ["geometry_msgs/msg/Twist"]
+        assert topics["/vicon/car3"] == ["nav_msgs/msg/Odometry"]
+        changed = node.set_parameters([parameter("message_loss", 0.5), parameter("rate", 5.0)])
+        assert [each.successful for each in changed] == [True, False]
+    finally:
+        node.destroy_node()
+
+
+def parameter(name, value):
+    from rclpy.parameter import Parameter
+
+    return Parameter(name, value=value)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("robot:=7", "robot must be a whole number from 0 to 4, got 7"),
+        ("robot:=two", "node.robot must be of type int"),
+        ("command:=boat", "node.command must be one of car, twist"),
+        ("policy:=nobody", "nobody"),
+    ],
+)
+def test_wrong_parameters_are_refused(given, words):
+    with pytest.raises(ValueError, match=words):
+        node_of(RobotSettings(), cli_args=["--ros-args", "-p", given])
+
+
+def test_a_pose_in_another_frame_stops_a_robot():
+    made = lissajous_env.scenario("experiment", **{"task.duration": 0.6})
+    with Team(made, "open-loop-mpcc", WorldSettings(frame="drifting", wait=2.0)) as team:
+        with pytest.raises(CommandError, match="no message of robot_0"):
+            team.world.play()
+        assert {robot.reason for robot in team.robots} == {"the pose is in frame drifting, it must be map"}
+
+
+def test_robots_that_are_missing_are_named():
+    made = lissajous_env.scenario("experiment", **{"task.duration": 0.6})
+    words = "no message of robot_1, robot_3, robot_4 within 1.5 s"
+    with (
+        Team(made, "open-loop-mpcc", WorldSettings(wait=1.5), robots=[0, 2]) as team,
+        pytest.raises(CommandError, match=words),
+    ):
+        team.world.play()

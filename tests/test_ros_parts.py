@@ -1,0 +1,195 @@
+"""Parts of the nodes of ROS 2 that do not require it: frames, speeds, the order of steps, and a robot's base."""
+
+import math
+import sys
+
+import numpy as np
+import pytest
+from command_line import called
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import baselines.ros
+import lissajous_env
+from baselines.onboard import Command, Limits, Odometry, Twist, inputs_of
+from baselines.onboard.commands import Actuation
+from baselines.ros.frames import Origin, SpeedOfPoses, relative
+from baselines.ros.pilot import Pilot
+from baselines.ros.settings import RobotSettings
+from baselines.ros.vehicle import Vehicle, of_twist
+from lissajous_env.logs.car_input import inputs_of as car_inputs
+
+EXPERIMENT = lissajous_env.scenario("experiment").resolve()
+STEP = EXPERIMENT.task.step
+PLACES = st.floats(-50, 50)
+ANGLES = st.floats(-3.1, 3.1)
+
+
+@given(PLACES, PLACES, ANGLES, PLACES, PLACES, ANGLES)
+def test_a_pose_of_the_laboratory_comes_back(x, y, heading, own_x, own_y, own_heading):
+    origin = Origin(x, y, heading)
+    back = origin.inside(*origin.outside(own_x, own_y, own_heading))
+    np.testing.assert_allclose(back[:2], (own_x, own_y), atol=1e-9)
+    assert math.cos(back[2] - own_heading) == pytest.approx(1)
+
+
+@given(ANGLES, ANGLES, PLACES, PLACES)
+def test_a_sensor_reports_the_same_in_each_frame(heading, origin_heading, x, y):
+    # Oracle: the same robot and target, written in the frame of the robot, of the laboratory, and of the axes.
+    origin, pose = Origin(2.0, -1.0, origin_heading), Odometry(x, y, heading, 0.7, 0.0)
+    away, velocity = np.array([0.6, -0.3]), np.array([0.2, 0.5])  # relative, along the scenario's axes
+
+    def turned(vector, angle):
+        return [
+            vector[0] * math.cos(angle) - vector[1] * math.sin(angle),
+            vector[0] * math.sin(angle) + vector[1] * math.cos(angle),
+        ]
+
+    moves = velocity + 0.7 * np.array([math.cos(heading), math.sin(heading)])
+    absolute = [*origin.outside(x + away[0], y + away[1])[:2], *turned(moves, origin_heading)]
+    body = [*turned(away, -heading), *turned(velocity, -heading)]
+    for row, frame in ((absolute, "map"), (body, "car/base_link"), ([*away, *velocity], "car/aligned")):
+        rows = relative(np.array([row], dtype=np.float64), frame, "map", pose, origin)
+        np.testing.assert_allclose(rows, [[*away, *velocity]], atol=2e-5)
+    with pytest.raises(ValueError, match="must be map, or end in base_link or aligned, got 'laser'"):
+        relative(np.zeros((1, 2)), "laser", "map", pose, origin)
+
+
+@pytest.mark.parametrize("rate", [10, 100])
+def test_the_speed_of_poses_on_a_circle(rate):
+    # Oracle: a circle of radius 2 m at 0.8 m/s; the chord is shorter than the arc by less than 1 in 1,000.
+    speeds, measured = [], SpeedOfPoses(0.1)
+    for k in range(rate):
+        angle = 0.4 * k / rate
+        place = 2 * math.cos(angle), 2 * math.sin(angle)
+        odometry = measured.add(*place, angle + math.pi / 2, 5 + k / rate)
+        if odometry is not None:
+            speeds.append(odometry.speed)
+    np.testing.assert_allclose(speeds, 0.8, rtol=1e-3)
+    assert len(speeds) == rate - 1
+    assert measured.add(0.0, 0.0, 0.0, 9.0) is None  # after a gap there is no speed
+
+
+@given(st.floats(0, 1.2), st.floats(-1, 1), st.floats(-0.9, 0.9))
+@settings(deadline=None)
+def test_a_car_reaches_the_speed_of_a_twist(speed, throttle, steering):
+    # Oracle: the twist of an action, by the functions of the simulated car.
+    action = np.array([steering, throttle], dtype=np.float32)
+    twist = TWISTS.command(action, speed)
+    found = of_twist(EXPERIMENT.robot, STEP, speed, twist)
+    wanted = car_inputs(EXPERIMENT.robot, action[None])[0]
+    robot = EXPERIMENT.robot
+    grips = twist.speed * abs(twist.yaw_rate) < 0.99 * robot.lateral_acceleration_max
+    if twist.speed > 1e-3 and grips:
+        assert found.steering == pytest.approx(wanted[0], abs=1e-3)
+    pushes = robot.drive * wanted[1] - robot.offset
+    if wanted[1] > robot.dead_zone and twist.speed > 1e-3:
+        assert robot.drive * found.throttle - robot.offset == pytest.approx(pushes, abs=1e-3)
+
+
+TWISTS = Actuation(EXPERIMENT, "twist")
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 0.4), st.booleans()), max_size=20))
+@settings(deadline=None)
+def test_no_command_outlives_the_watchdog_of_a_base(moves):
+    vehicle, now, last = Vehicle(EXPERIMENT, 0.25), 0.0, -1.0
+    for after, commands in moves:
+        now += after
+        if commands:
+            vehicle.take(now, Command(0.1, 0.12))
+            last = now
+        rests = vehicle.action(now, 0.5)[1] == -1
+        assert rests == (now - last > 0.25 or last < 0)
+
+
+@pytest.mark.parametrize("command", [Command(math.nan, 0.1), Twist(math.inf, 0.0), Twist(0.0, 0.0), None])
+def test_a_base_rests_without_a_sound_command(command):
+    vehicle = Vehicle(EXPERIMENT, 0.25)
+    vehicle.take(0.0, command)
+    np.testing.assert_array_equal(vehicle.action(0.0, 0.4), [0, -1])
+
+
+@pytest.mark.parametrize("rate", [10, 30, 100])
+@pytest.mark.parametrize("offset", [0.0, 0.03, 0.06, 0.09])
+def test_a_robot_acts_once_in_each_step_at_any_rate_of_poses(rate, offset):
+    # Oracle: the number of control steps in the time; the clock is looked at every 5 ms.
+    pilot = Pilot(baselines.Onboard("open-loop-mpcc", EXPERIMENT, 0), 0.02)
+    pilot.start()
+    acts, stamps, taken = [], [], 0
+    for k in range(1000):
+        now = 0.005 * k
+        if now >= 0.3 + offset + taken / rate:
+            taken += 1
+            announced = pilot.take_pose(now, Odometry(1.7, 0.0, 1.5, 0.4, now))
+            stamps += [announced.sent_at] if announced is not None else []
+        if pilot.is_due(now):
+            assert pilot.act(now).stopped == "" or now < 0.6
+            acts.append(now)
+    assert len(acts) == pytest.approx(5.0 / STEP, abs=3)
+    assert np.diff(acts)[5:] == pytest.approx(STEP, abs=0.05)
+    assert len(stamps) == pytest.approx(4.7 / STEP, abs=3)
+    # Nearly every act follows a pose of that moment.
+    late = [now - max(stamp for stamp in stamps if stamp <= now) for now in acts[6:]]
+    assert np.mean(np.array(late) <= 0.021) > 0.95
+
+
+def test_a_robot_waits_for_its_neighbours_but_not_for_long():
+    pilot = Pilot(baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 0), 0.02)
+    pilot.start()
+    announced = pilot.take_pose(1.0, Odometry(1.7, 0.0, 1.5, 0.4, 1.0))
+    assert [pilot.is_due(now) for now in (1.0, 1.015, 1.021)] == [False, False, True]
+    for sender in pilot.onboard.neighbours:
+        pilot.hear(announced._replace(sender=sender, sent_at=0.99))
+    assert pilot.is_due(1.001)
+
+
+def test_a_robot_that_announces_decides_as_one_that_does_not():
+    # Oracle: the simulation; the phase follows each pose once, whether it was announced or not.
+    simulation, policy = lissajous_env.Simulation(EXPERIMENT), baselines.make("kuramoto-mpcc", EXPERIMENT)
+    announces, other = (baselines.Onboard("kuramoto-mpcc", EXPERIMENT, 2, limits=Limits.none()) for _ in range(2))
+    for _ in range(40):
+        inputs = inputs_of(simulation, 2)
+        message = announces.announce(inputs.odometry)
+        output, expected = announces.act(*inputs[:5]), other.act(*inputs[:5])
+        assert output.message == message == expected.message
+        np.testing.assert_array_equal(output.row, expected.row)
+        np.testing.assert_array_equal(output.action, expected.action)
+        simulation.step(policy.act(simulation.observation))
+    assert announces.announce(Odometry(math.nan, 0.0, 0.0, 0.0, 9.0)) is None
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"robot": -1}, "node.robot must be a whole number from 0 to 1023, got -1"),
+        ({"command": "boat"}, "node.command must be one of car, twist, twist_stamped, dart, got 'boat'"),
+        ({"rate": 0.0}, r"node.rate must be from 1 to 1000 \[1/s\], got 0"),
+        ({"origin": (0.0, 1.0)}, r"node.origin must be x, y \[m\] and heading \[rad\], got"),
+        ({"neighbours": "/car/message"}, "node.neighbours must be a topic in which {} stands"),
+        ({"message_loss": 2.0}, "node.message_loss must be from 0 to 1, got 2"),
+    ],
+)
+def test_wrong_settings_are_refused(given, words):
+    with pytest.raises(ValueError, match=words):
+        RobotSettings(**given)
+
+
+@pytest.mark.parametrize("command", ["robot", "world", "launch"])
+def test_without_ros_the_extra_is_named(command, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "rclpy", None)  # importing it raises ImportError
+    for name in [name for name in sys.modules if name.startswith("baselines.ros.")]:
+        monkeypatch.delitem(sys.modules, name)
+        monkeypatch.delattr(baselines.ros, name.rpartition(".")[2])
+    code, _, error = called(capsys, "ros", command)
+    assert code == 2
+    assert 'pip install "lissajous-env[ros]"' in error
+    assert len(error.splitlines()) == 1
+
+
+def test_commands_of_two_words(capsys):
+    code, out, _ = called(capsys, "ros", "--help")
+    assert code == 0
+    assert all(f"ros {word}" in out for word in ("launch", "robot", "world"))
+    assert called(capsys, "ros")[::2] == (2, "error: ros must be followed by launch, robot, world\n")
+    assert "usage: lissajous ros robot" in called(capsys, "ros", "robot", "--help")[1]
