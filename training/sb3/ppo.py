@@ -67,6 +67,8 @@ class RobotPPO:
 
         self._observations, self._actions = tensor(self.policy.features_dim), tensor(card.action_size)
         self._log_probs, self._rewards, self._dones, self._advantages, self._returns = (tensor() for _ in range(5))
+        self.rows_learned = 0
+        """Rows of the latest rollout in which a robot or rogue acted."""
         self._live = torch.ones((settings.rollout, env.num_envs), dtype=torch.bool, device=settings.device)
         self._on_cpu = self.policy.device.type == "cpu"
         self._pool = ThreadPoolExecutor((settings.threads or cores()) if self._on_cpu else 1)
@@ -94,6 +96,7 @@ class RobotPPO:
         rows = [tensor.flatten(0, 1) for tensor in stored]
         if self.env.live is not None:
             rows = [tensor[self._live.flatten()] for tensor in rows]
+        self.rows_learned = len(rows[0])
         logged = []
         for _ in range(self.settings.epochs):
             for batch in self.minibatches(rows, self.settings.batch_size):
