@@ -118,9 +118,8 @@ class Foresight:
 
     def _before(self, after: np.ndarray, visits: Visits, now: int) -> np.ndarray:
         """Return the values at the beginning of a stage from those at its end."""
-        blocked = after == 0
-        for moment in range(now + 1, now + self.stage):
-            blocked |= self.sensed(visits.sensors[moment], visits.works[moment])
+        moments = range(now + 1, now + self.stage + 1)
+        blocked = np.any([self.sensed(visits.sensors[k], visits.works[k]) for k in moments], axis=0)
         value = ndimage.gaussian_filter(after, (0, BLUR, BLUR), mode="nearest", truncate=3.0)
         value = np.where(blocked, 0.0, value + self.stage * self._step).astype(np.float32)
         for w in range(len(value)):
