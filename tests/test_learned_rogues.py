@@ -10,7 +10,8 @@ pytest.importorskip("stable_baselines3")
 from rich.console import Console
 
 import lissajous_env
-from baselines.exploitability.survival import survive
+from baselines.exploitability.bracket import bracketed
+from baselines.exploitability.survival import survive, with_starts
 from tests.command_line import called
 from training.learned import checkpoint
 from training.learned.network import Network
@@ -106,6 +107,20 @@ def test_a_rogue_acts_as_its_network_says():
     hidden = np.tanh(rows @ network.weights[0].T.astype(float) + network.biases[0])
     wanted = np.clip(hidden @ network.weights[1].T.astype(float) + network.biases[1], -1, 1)
     assert np.abs(simulation.rogue_action.numpy() - wanted).max() < 1e-4
+
+
+def test_no_learned_rogue_outlasts_the_bound(trained, tmp_path):
+    # Law: in each episode, the longest undetected time is at most the proved bound, for a trained and random networks.
+    folder, _ = trained
+    made = bracketed(lissajous_env.scenario("experiment", **SMALL, **{"task.contamination": (36, 16)}))
+    card = rogue_card(made)
+    for k in range(3):
+        checkpoint.save(tmp_path / str(k), make_network(len(card.inputs), k), card)
+    for rogue in (folder, *tmp_path.iterdir()):
+        for policy in ("still", "sweep"):
+            found = survive(policy, with_starts(made, str(rogue), 40), range(6))
+            bounds = np.array([score["guaranteed_detection_time"] for score in found.scores])
+            assert (found.longest <= bounds + 1e-6).all()
 
 
 def test_a_rogue_fits_scenarios_with_fewer_and_more_robots():
