@@ -15,6 +15,7 @@ from baselines.exploitability.survival import survive, with_starts
 from tests.command_line import called
 from training.learned import checkpoint
 from training.learned.network import Network
+from training.learned.policy import find
 from training.learned.rogue import as_rogue, fit_network, rogue_card
 from training.rogue_settings import RogueTraining
 from training.sb3.rogue_trainer import train_rogues
@@ -72,16 +73,16 @@ def test_a_killed_training_resumes_from_its_last_evaluation(tmp_path, monkeypatc
 
     settings, evaluate = RogueTraining(**FAST, out=tmp_path / "run"), RogueTrainer.evaluate_and_save
 
-    class Killed(Exception):
+    class KilledError(Exception):
         pass
 
     def killed(trainer):
         evaluate(trainer)
         if trainer.history["steps"] > 0:
-            raise Killed
+            raise KilledError
 
     monkeypatch.setattr(RogueTrainer, "evaluate_and_save", killed)
-    with pytest.raises(Killed):
+    with pytest.raises(KilledError):
         train_rogues(settings, Console(quiet=True))
     text = checkpoint.read_text(settings.out)
     assert 0 < text["counters"]["steps"] < 3000
@@ -177,9 +178,7 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
     with pytest.raises(ValueError, match=r"targets.rogues must be one of .* or a folder with checkpoint.json, got"):
         lissajous_env.scenario("evaders", rogues=str(tmp_path))
     with pytest.raises(ValueError, match=r"rogues must be the folder of a rogue, got .*, which drives robots of kind"):
-        import training.learned.policy
-
-        lissajous_env.scenario("evaders", rogues=str(training.learned.policy.find("learned-intruders")))
+        lissajous_env.scenario("evaders", rogues=str(find("learned-intruders")))
     with pytest.raises(ValueError, match="must drive robots of kind rogue"):
         lissajous_env.policy(str(folder), "experiment")
     damaged = tmp_path / "damaged"
@@ -190,7 +189,10 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
     for arguments, words in (
         (("--side", "rogues"), "against must be the policy from which the rogues learn to hide, got none"),
         (("--against", "sweep"), "side must be rogues where options of rogues are given (against), got robots"),
-        (("--side", "rogues", "--against", "sweep", "--base", "none"), "base must be left out where rogues are trained"),
+        (
+            ("--side", "rogues", "--against", "sweep", "--base", "none"),
+            "base must be left out where rogues are trained",
+        ),
         (("--side", "rogues", "--against", "sweep", "--rogue-starts", 1), "starts must be from 2 to 4096, got 1"),
         (("--side", "rogues", "--against", "swep"), "policy must be one of"),
     ):

@@ -57,7 +57,11 @@ def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) ->
     there = read_settings(path)
     both = [name for name in now["scenarios"] if name in there["scenarios"]]
     begun = _begun(folder)
-    played = [name for name in now["played"] if name in there["played"] and (name in begun or name.startswith((_ROBOTS, _ROGUES)))]
+    played = [
+        name
+        for name in now["played"]
+        if name in there["played"] and (name in begun or name.startswith((_ROBOTS, _ROGUES)))
+    ]
     fixed = ("seed", "device", "versions")
     then, wanted = (
         {name: of[name] for name in fixed}

@@ -1,4 +1,7 @@
-"""Rogues: rules by which an adversary moves the targets; `targets.rogues` names a script, or the folder of a learned one."""
+"""Rogues: rules by which an adversary moves the targets.
+
+`targets.rogues` is the name of a script or the folder of a learned rogue.
+"""
 
 import re
 from collections.abc import Callable

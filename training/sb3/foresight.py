@@ -35,7 +35,7 @@ _DIRECTIONS = 16
 
 @dataclass
 class Visits:
-    """Recorded episodes: positions of the sensors, and rows and positions of the rogues. W worlds, T steps, V visits."""
+    """Recorded episodes: positions of the sensors, and rows and positions of the rogues. W worlds, V visits."""
 
     sensors: list[np.ndarray]
     """For each moment (W, N, 2) positions of the robots [m]."""
@@ -65,7 +65,7 @@ class Visits:
 
 
 class Labels(NamedTuple):
-    """Rows (V, D), the actions with foresight (V, 2), and the time that the best action gains over the mean one (V,)."""
+    """Rows (V, D), actions with foresight (V, 2), and the time that the best action gains over the mean one (V,)."""
 
     rows: np.ndarray
     actions: np.ndarray
@@ -86,7 +86,9 @@ class Foresight:
         """Control steps of a stage."""
         self._counts = np.maximum(np.ceil(2 * self._half / cell - 1e-6), 2).astype(int)
         self._cell = 2 * self._half / self._counts
-        self._centres = [(np.arange(n) + 0.5) * d - h for n, d, h in zip(self._counts, self._cell, self._half, strict=True)]
+        self._centres = [
+            (np.arange(n) + 0.5) * d - h for n, d, h in zip(self._counts, self._cell, self._half, strict=True)
+        ]
         reach = self.stage * self._speed * self._step
         offsets = [np.arange(-int(reach / d + 1e-6), int(reach / d + 1e-6) + 1) * d for d in self._cell]
         self._near = np.hypot(offsets[1][:, None], offsets[0][None]) <= reach * (1 + 1e-6)
