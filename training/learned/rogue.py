@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lissajous_env import Scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.rogues import Rogue
@@ -56,7 +58,7 @@ def as_rogue(name: str, network: Network, card: Card) -> Rogue:
     return Rogue(name, None, f"Learned on {card.scenario}.", bind=bind)
 
 
-def fit_network(network: Network, card: Card, scenario: Scenario) -> tuple[Network, list[int]]:
+def fit_network(network: Network, card: Card, scenario: Scenario) -> tuple[Network, np.ndarray]:
     """Return a network for the rows of a scenario, and the indices of the entries that it reads.
 
     A scenario may have more robots than that of the training, of which the nearest are read, or fewer: the entries of
@@ -72,4 +74,4 @@ def fit_network(network: Network, card: Card, scenario: Scenario) -> tuple[Netwo
     there = [k for k, each in enumerate(card.inputs) if each in names]
     first, *others = network.weights
     fitted = dataclasses.replace(network, weights=(first[:, there], *others))
-    return fitted, [names.index(card.inputs[k]) for k in there]
+    return fitted, np.array([names.index(card.inputs[k]) for k in there])

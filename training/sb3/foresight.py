@@ -106,8 +106,15 @@ class Foresight:
         return found
 
     def label(self, visits: Visits) -> Labels:
-        """Return the labels of all visits of episodes of one length, in order of time."""
+        """Return the labels of all visits of episodes of one length, in order of time.
+
+        Raises:
+            ValueError: the episodes are shorter than a stage.
+        """
         last = len(visits.rows) - 1
+        if last < self.stage:
+            least, got = self.stage * self._step, last * self._step
+            raise ValueError(f"task.duration must be at least {least:g} s for rogues to learn, got {got:g} s")
         value = np.where(self.sensed(visits.sensors[last], visits.works[last]), 0.0, HORIZON).astype(np.float32)
         found = []
         for now in range(last - self.stage, -1, -self.stage):
