@@ -14,11 +14,13 @@ from typing import Any
 from baselines.benchmark import detections
 from baselines.benchmark.rows import numbers_of, refusal_of, short
 from baselines.benchmark.types import Batch, Benchmark, Cell
+from baselines.policies import registry
 from baselines.policies.factories import parts
 from lissajous_env.console.terminal import plain
 from lissajous_env.identity import parts_of
 from lissajous_env.parameters.plain_scenario import scenario_of
 from lissajous_env.parameters.robot_models import is_shipped, model_of
+from lissajous_env.parameters.rogues import is_folder
 from lissajous_env.parameters.scenario import Scenario, digest_of
 from lissajous_env.storage.files import read_json
 from lissajous_env.storage.folder import Folder
@@ -30,7 +32,7 @@ _ENTRIES = {"policies": dict, "episodes": int, "seed": int, "device": str, "vers
 
 NAMES = ("settings.json", "episodes.jsonl", detections.NAME)
 """Files that are kept."""
-_ROBOTS = "robots of kind "
+_ROBOTS, _ROGUES = "robots of kind ", "rogues "
 _ADVICE = "take another --out, or delete the folder"
 
 
@@ -55,7 +57,11 @@ def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) ->
     there = read_settings(path)
     both = [name for name in now["scenarios"] if name in there["scenarios"]]
     begun = _begun(folder)
-    played = [name for name in now["played"] if name in there["played"] and (name in begun or name.startswith(_ROBOTS))]
+    played = [
+        name
+        for name in now["played"]
+        if name in there["played"] and (name in begun or name.startswith((_ROBOTS, _ROGUES)))
+    ]
     fixed = ("seed", "device", "versions")
     then, wanted = (
         {name: of[name] for name in fixed}
@@ -102,10 +108,12 @@ def _begun(folder: Folder) -> set[str]:
 
 
 def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
-    """Return digests of the code of each policy, and of each model of robots that is not ours."""
+    """Return digests of the code of each policy, of each model of robots that is not ours, and of learned rogues."""
     kinds = {cell.scenario.robot.kind for cell in cells}
     models = {_ROBOTS + kind: parts_of(model_of(kind)) for kind in sorted(kinds) if not is_shipped(kind)}
-    return {cell.policy: parts(cell.factory) for cell in cells} | models
+    adversaries = {cell.scenario.targets.rogues for cell in cells}
+    learned = {_ROGUES + name: registry.parts(name) for name in sorted(filter(None, adversaries)) if is_folder(name)}
+    return {cell.policy: parts(cell.factory) for cell in cells} | models | learned
 
 
 def scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:

@@ -31,7 +31,8 @@ def benchmark(
     Args:
         settings: Episodes to play, and the folder of the results.
         rogues: script by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs
-            a scenario with task.contamination; without it they move as the scenario says.
+            a scenario with task.contamination; or the folder of a learned rogue. Without it they move as the scenario
+            says.
         output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """

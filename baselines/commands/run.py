@@ -40,7 +40,8 @@ def run(
         out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf, .npz (a recording) or .mcap (a log of
             ROS); without it, a window opens if there is a display.
         rogues: script by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs
-            a scenario with task.contamination; without it they move as the scenario says.
+            a scenario with task.contamination; or the folder of a learned rogue. Without it they move as the scenario
+            says.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """

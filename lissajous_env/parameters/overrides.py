@@ -19,7 +19,7 @@ Overrides = Annotated[
 
 
 RogueName = Annotated[str | None, tyro.conf.arg(name="rogues", metavar="NAME")]
-"""Type of a command's `--rogues NAME`, a scripted rogue."""
+"""Type of a command's `--rogues NAME`, a scripted rogue or the folder of a learned one."""
 
 
 def parse_overrides(groups: Iterable[Iterable[str]], rogues: str | None = None) -> dict[str, Any]:
@@ -32,7 +32,7 @@ def parse_overrides(groups: Iterable[Iterable[str]], rogues: str | None = None) 
             actions no command has.
     """
     if rogues == AGENTS:
-        raise ValueError(f"rogues must be the name of a script in a command, such as flee, got {AGENTS}")
+        raise ValueError(f"rogues must be a script such as flee, or a folder, in a command, got {AGENTS}")
     overrides: dict[str, Any] = {} if rogues is None else {"rogues": rogues}
     for entry in (entry for group in groups for entry in tuple(group) or ("",)):
         name, equals, text = (part.strip() for part in entry.partition("="))

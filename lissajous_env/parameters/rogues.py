@@ -1,13 +1,18 @@
-"""Scripted rogues: rules by which an adversary moves the targets; `targets.rogues` names one."""
+"""Rogues: rules by which an adversary moves the targets.
+
+`targets.rogues` is the name of a script or the folder of a learned rogue.
+"""
 
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import warp as wp
 
 from lissajous_env.device.program import LANES
+from lissajous_env.siblings import import_ours
 from lissajous_env.wording import few_of, nearest, shown
 
 AGENTS = "agents"
@@ -30,8 +35,13 @@ class Rogue:
     """Layout of the kernel, one of those of `lissajous_env.device.program`."""
     needs_contamination: bool = False
     """True if it needs the grid of `task.contamination`."""
+    bind: Callable[[Any, Any], Callable[[], None]] | None = None
+    """Function `bind(scenario, rogues)` that is used instead of `decide`, if given: it returns a function without
+    arguments that writes `rogues.action` for `rogues.observation` on their device."""
 
 
+CHECKPOINT = "checkpoint.json"
+"""File that marks the folder of a learned rogue."""
 _ROGUES: dict[str, Rogue] = {}
 """Registered rogues by name; the shipped ones register themselves in `lissajous_env.world.rogues`."""
 
@@ -70,16 +80,25 @@ def rogues() -> tuple[str, ...]:
 
 
 def rogue_of(name: str) -> Rogue | None:
-    """Return the scripted rogue of a name, or None for `agents`.
+    """Return the scripted rogue of a name, the learned one in a folder, or None for `agents`.
 
     Raises:
-        ValueError: there is no such rogue.
+        ValueError: there is no such rogue, or the checkpoint in the folder is damaged or not of a rogue.
     """
     if name == AGENTS:
         return None
-    if name not in _ROGUES:
-        known = (AGENTS, *_ROGUES)
-        raise ValueError(
-            f"targets.rogues must be one of {few_of(known, name)}, got {shown(name)}{nearest(name, known)}"
-        )
-    return _ROGUES[name]
+    if name in _ROGUES:
+        return _ROGUES[name]
+    if is_folder(name):
+        return import_ours("training.learned.rogue").open_rogue(name)
+    known = (AGENTS, *_ROGUES)
+    rule = f"must be one of {few_of(known, name)}, or a folder with {CHECKPOINT}"
+    raise ValueError(f"targets.rogues {rule}, got {shown(name)}{nearest(name, known)}")
+
+
+def is_folder(name: str) -> bool:
+    """Return True if a name is that of a folder with a checkpoint."""
+    try:
+        return name not in _ROGUES and Path(name, CHECKPOINT).is_file()
+    except (OSError, ValueError):  # not a possible name of a file
+        return False

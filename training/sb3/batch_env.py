@@ -1,12 +1,63 @@
 """Base of the `VecEnv`s over a batch of worlds, in which several rows share a world."""
 
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
+import gymnasium
+import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
+
+
+class Step(NamedTuple):
+    """Result of a step of R rows."""
+
+    rows: np.ndarray
+    """(R, inputs) next observations."""
+    rewards: np.ndarray
+    """(R,) rewards."""
+    dones: np.ndarray
+    """(R,) True where an episode ended."""
+    truncated: np.ndarray
+    """(R,) True where it ended because of its time limit."""
+    last: np.ndarray
+    """(D, inputs) final observations of the rows whose episode ended, in order."""
+    episodes: dict[int, dict[str, float]]
+    """Return `r`, length `l` [steps] and, for robots, time `t` since construction [s] of the ended episodes, by row.
+    The episode of a removed robot ends with its removal, so that it has none at the end of its world's episode."""
+
+    def infos(self) -> list[dict[str, Any]]:
+        """Return an info for each row, in which ended episodes are reported as `Monitor` does."""
+        infos: list[dict[str, Any]] = [{} for _ in range(len(self.rows))]
+        for k, last in zip(np.flatnonzero(self.dones), self.last, strict=True):
+            infos[k] = {"terminal_observation": last, "TimeLimit.truncated": bool(self.truncated[k])}
+        for k, episode in self.episodes.items():
+            infos[k]["episode"] = episode
+        return infos
+
+
+class RowsEnv(Protocol):
+    """Environments that PPO learns in: rows without a dictionary each."""
+
+    num_envs: int
+    observation_space: gymnasium.spaces.Space
+    action_space: gymnasium.spaces.Space
+    live: np.ndarray | None
+
+    def seed(self, seed: int | None = None) -> Any:
+        """Seed the environments at the next reset."""
+
+    def reset(self) -> Any:
+        """Begin an episode in every environment; return the rows (R, inputs)."""
+
+    def step_rows(self, actions: np.ndarray) -> Step:
+        """Take a step of all rows."""
+        ...
 
 
 class BatchVecEnv(VecEnv):
     """`VecEnv` whose rows have no attributes or methods of their own."""
+
+    live: np.ndarray | None = None
+    """(R,) True for the rows that act in the next step; None if all do."""
 
     def close(self) -> None:
         """Do nothing: there is nothing to close."""

@@ -20,8 +20,8 @@ from lissajous_env.device.devices import cores
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.learned.network import Network
+from training.sb3.batch_env import RowsEnv
 from training.sb3.critic import CentralCriticPolicy
-from training.sb3.vec_env import RobotVecEnv
 from training.settings import TrainingSettings
 
 BLOCK = 4096
@@ -36,7 +36,7 @@ Loss = Callable[..., tuple[Tensor, Tensor]]
 
 
 class RobotPPO:
-    """Policy, critic and optimizer, which learn from the rows of a `RobotVecEnv`.
+    """Policy, critic and optimizer, which learn from the rows of a `RobotVecEnv` or a `RogueVecEnv`.
 
     Args:
         settings: Settings of the training.
@@ -44,7 +44,7 @@ class RobotPPO:
         card: Inputs of the policy.
     """
 
-    def __init__(self, settings: TrainingSettings, env: RobotVecEnv, card: Card):
+    def __init__(self, settings: TrainingSettings, env: RowsEnv, card: Card):
         self.settings, self.env = settings, env
         torch.manual_seed(settings.seed)
         env.seed(_FIRST_SEED * (1 + settings.seed))  # far from the seeds of evaluations
@@ -67,6 +67,9 @@ class RobotPPO:
 
         self._observations, self._actions = tensor(self.policy.features_dim), tensor(card.action_size)
         self._log_probs, self._rewards, self._dones, self._advantages, self._returns = (tensor() for _ in range(5))
+        self.rows_learned = 0
+        """Rows of the latest rollout in which a robot or rogue acted."""
+        self._live = torch.ones((settings.rollout, env.num_envs), dtype=torch.bool, device=settings.device)
         self._on_cpu = self.policy.device.type == "cpu"
         self._pool = ThreadPoolExecutor((settings.threads or cores()) if self._on_cpu else 1)
 
@@ -91,6 +94,9 @@ class RobotPPO:
             parameter.requires_grad_(not critic_only or "value_net" in name)
         stored = (self._observations, self._actions, self._log_probs, self._advantages, self._returns)
         rows = [tensor.flatten(0, 1) for tensor in stored]
+        if self.env.live is not None:
+            rows = [tensor[self._live.flatten()] for tensor in rows]
+        self.rows_learned = len(rows[0])
         logged = []
         for _ in range(self.settings.epochs):
             for batch in self.minibatches(rows, self.settings.batch_size):
@@ -100,7 +106,8 @@ class RobotPPO:
                 logged.append(self.minimize(self._loss, batch))
         names = ("loss", "policy_loss", "value_loss", "entropy", "clip_fraction", "approx_kl")
         means: dict[str, float] = dict(zip(names, torch.stack(logged).mean(0).tolist(), strict=True))
-        means["explained_variance"] = (1 - (self._returns - values).var() / self._returns.var()).item()
+        returns = self._returns[self._live]
+        means["explained_variance"] = (1 - (returns - values[self._live]).var() / returns.var()).item()
         means["std"] = self.policy.log_std.exp().mean().item()
         return means
 
@@ -119,10 +126,13 @@ class RobotPPO:
             if policy.use_sde and t % self.settings.chosen_noise_steps == 0:
                 policy.reset_noise(env.num_envs)
             self._observations[t] = self._tensor(self.observation)
+            live: Any = slice(None)
+            if env.live is not None:
+                live = self._live[t] = self._tensor(env.live)
             with torch.no_grad():
-                distribution = policy.get_distribution(self._observations[t])
-                self._actions[t] = distribution.get_actions()
-                self._log_probs[t] = distribution.log_prob(self._actions[t])
+                distribution = policy.get_distribution(self._observations[t, live])
+                actions = distribution.get_actions()
+                self._actions[t, live], self._log_probs[t, live] = actions, distribution.log_prob(actions)
             step = env.step_rows(self._actions[t].cpu().numpy())
             self._rewards[t], self._dones[t] = self._tensor(step.rewards), self._tensor(step.dones)
             if step.truncated.any():

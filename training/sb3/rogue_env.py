@@ -11,7 +11,7 @@ from lissajous_env.envs.actions import rogue_action_space
 from lissajous_env.envs.rogue_env import as_driver
 from lissajous_env.world.rogues.rows import rogue_layout
 from lissajous_env.world.seeding import drawn_seeds
-from training.sb3.batch_env import BatchVecEnv
+from training.sb3.batch_env import BatchVecEnv, Step
 
 _RECENT = 256
 """Number of latest episodes whose scores are stored."""
@@ -33,6 +33,7 @@ class RogueVecEnv(BatchVecEnv):
         seed: Seed of world 0; world k has seed + k, and draws its next seeds from it. Without a seed here or by
             `seed`, the first reset draws seeds from the operating system.
         threads: CPU threads; all cores by default.
+        normal: Mean and standard deviation (D,) of each entry, if rows are to be normalized.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
@@ -47,6 +48,7 @@ class RogueVecEnv(BatchVecEnv):
         device: Any = "cpu",
         seed: int | None = None,
         threads: int | None = None,
+        normal: tuple[np.ndarray, np.ndarray] | None = None,
         **overrides: Any,
     ):
         settings = {"rogues": "agents"} | overrides
@@ -55,7 +57,8 @@ class RogueVecEnv(BatchVecEnv):
         if self.scenario.targets.rogues != "agents":
             raise ValueError(f"targets.rogues must be agents to be trained, got {self.scenario.targets.rogues}")
         self._driver = as_driver(robots, self.scenario, num_worlds, device)
-        self._seeded = seed is not None
+        self._seeded, self.normal = seed is not None, normal
+        self.live = np.zeros(num_worlds * self.scenario.target_capacity, dtype=bool)
         self.scores: deque[dict[str, Any]] = deque(maxlen=_RECENT)
         self.render_mode = None
         self._slots, layout = self.scenario.target_capacity, rogue_layout(self.scenario)
@@ -97,6 +100,15 @@ class RogueVecEnv(BatchVecEnv):
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take the step; return rows, rewards, dones and infos."""
+        step = self._step()
+        return step.rows, step.rewards, step.dones, step.infos()
+
+    def step_rows(self, actions: np.ndarray) -> Step:
+        """Take a step as `step` does, without a dictionary per row."""
+        self.step_async(actions)
+        return self._step()
+
+    def _step(self) -> Step:
         simulation = self.simulation
         acted = simulation.rogue_present.numpy().astype(bool).reshape(-1)
         simulation.step(self._driver.act(simulation.observation), self._actions)
@@ -107,22 +119,23 @@ class RogueVecEnv(BatchVecEnv):
         dones = acted & (terminated.reshape(-1) | late)
         self._returns += rewards
         self._lengths += acted
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        last = self._rows()
-        for k in np.flatnonzero(dones):
-            episode = {"r": float(self._returns[k]), "l": int(self._lengths[k])}
-            infos[k] = {"terminal_observation": last[k], "TimeLimit.truncated": bool(late[k]), "episode": episode}
+        last = self._rows()[dones]
+        ended = np.flatnonzero(dones)
+        episodes = {int(k): {"r": float(self._returns[k]), "l": int(self._lengths[k])} for k in ended}
         if over.any():
             self.scores.extend(simulation.score(over))
             simulation.reset(over)
             self._driver.reset(over)
         finished = dones | np.repeat(over, self._slots)
         self._returns[finished], self._lengths[finished] = 0.0, 0
-        return self._rows(), rewards, dones, infos
+        return Step(self._rows(), rewards, dones, dones & late, last, episodes)
 
     def seed(self, seed: int | None = None) -> Any:
         """Seed world k with seed + k T at the next reset: T rows share a world, which uses the seed of the first."""
         return super().seed(seed)
 
     def _rows(self) -> np.ndarray:
-        return self.simulation.rogue_observation.numpy().reshape(self.num_envs, -1).copy()
+        """Return a copy of the rows, and store which of them act next."""
+        self.live = self.simulation.rogue_present.numpy().astype(bool).reshape(-1)
+        rows = self.simulation.rogue_observation.numpy().reshape(self.num_envs, -1)
+        return rows.copy() if self.normal is None else (rows - self.normal[0]) / self.normal[1]

@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -13,39 +13,12 @@ from lissajous_env.world.seeding import drawn_seeds
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.learned.wiring import Wiring
-from training.sb3.batch_env import BatchVecEnv
+from training.sb3.batch_env import BatchVecEnv, Step
 from training.sb3.critic_view import CriticView
 
 RECENT = 256
 """Number of latest episodes whose scores are stored."""
 _GOLDEN = (5**0.5 - 1) / 2
-
-
-class Step(NamedTuple):
-    """Result of a step of all rows."""
-
-    rows: np.ndarray
-    """(W N, inputs) next observations."""
-    rewards: np.ndarray
-    """(W N,) rewards."""
-    dones: np.ndarray
-    """(W N,) True where an episode ended."""
-    truncated: np.ndarray
-    """(W N,) True where it ended because of its time limit."""
-    last: np.ndarray
-    """(D, inputs) final observations of the rows whose episode ended, in order."""
-    episodes: dict[int, dict[str, float]]
-    """Return `r`, length `l` [steps] and time `t` since construction [s] of the ended episodes, by row. The episode
-    of a removed robot ends with its removal, so that it has none at the end of its world's episode."""
-
-    def infos(self) -> list[dict[str, Any]]:
-        """Return an info for each row, in which ended episodes are reported as `Monitor` does."""
-        infos: list[dict[str, Any]] = [{} for _ in range(len(self.rows))]
-        for k, last in zip(np.flatnonzero(self.dones), self.last, strict=True):
-            infos[k] = {"terminal_observation": last, "TimeLimit.truncated": bool(self.truncated[k])}
-        for k, episode in self.episodes.items():
-            infos[k]["episode"] = episode
-        return infos
 
 
 class RobotVecEnv(BatchVecEnv):

@@ -1,0 +1,207 @@
+"""Learned rogues: training against robots of any policy, checkpoints, and their folders in place of a script's name."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+
+from rich.console import Console
+
+import lissajous_env
+from baselines.exploitability.bracket import bracketed
+from baselines.exploitability.survival import survive, with_starts
+from tests.command_line import called
+from training.learned import checkpoint
+from training.learned.network import Network
+from training.learned.policy import find
+from training.learned.rogue import as_rogue, fit_network, rogue_card
+from training.rogue_settings import RogueTraining
+from training.sb3.rogue_trainer import train_rogues
+
+SMALL = {"sensing.radius": 0.35, "task.duration": 8.0, "targets.entry": "unseen"}
+FAST = {"scenario": "experiment", "against": "sweep", "rounds": 3, "steps": 3000, "starts": 24, "worlds": 4,
+        "evaluate_every": 1500, "evaluation_episodes": 8, "overrides": SMALL, "threads": 1}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """Folder of a short training, and its history."""
+    folder = tmp_path_factory.mktemp("rogues") / "run"
+    return folder, train_rogues(RogueTraining(**FAST, out=folder), Console(quiet=True))
+
+
+def make_network(inputs, seed=0):
+    draw = np.random.default_rng(seed)
+    weights = (draw.normal(size=(16, inputs)), draw.normal(size=(2, 16)))
+    return Network(weights, (draw.normal(size=16), draw.normal(size=2)), "tanh")
+
+
+def test_training_makes_rogues_that_stay_undetected_longer_than_those_that_wander(trained):
+    # Oracle: other seeds than those of training and evaluation.
+    folder, history = trained
+    settings = RogueTraining(**FAST)
+    seeds = range(500, 516)
+    ours, wander = (survive("sweep", settings.make_scenario(rogues), seeds) for rogues in (str(folder), "wander"))
+    assert ours.summary()["mean"] > 1.2 * wander.summary()["mean"]
+    assert history["steps"] >= 3000
+    assert [point["steps"] >= 0 for point in history["curve"]] == [True] * len(history["curve"])
+    assert set(history["rivals"]) == {"wander", "flee", "follow-gap"}
+
+
+def test_the_best_rogue_is_stored(trained):
+    # Oracle: the evaluation of the stored checkpoint is the largest of the curve, on the seeds of evaluations.
+    folder, history = trained
+    scores = survive("sweep", RogueTraining(**FAST).make_scenario(str(folder)), range(20_000, 20_008)).summary()
+    assert scores["mean"] == pytest.approx(max(point["mean"] for point in history["curve"]))
+
+
+def test_a_finished_training_trains_no_more_and_other_settings_are_refused(trained):
+    folder, history = trained
+    before = (folder / checkpoint.FILE).read_bytes()
+    again = train_rogues(RogueTraining(**FAST, out=folder), Console(quiet=True))
+    assert again["steps"] == history["steps"]
+    assert (folder / checkpoint.FILE).read_bytes() == before
+    with pytest.raises(ValueError, match=r"seed = 0 there, 1 here"):
+        train_rogues(RogueTraining(**FAST, out=folder, seed=1), Console(quiet=True))
+
+
+def test_a_killed_training_resumes_from_its_last_evaluation(tmp_path, monkeypatch):
+    # Story: killed after its second evaluation, a training keeps the steps and the curve so far.
+    from training.sb3.rogue_trainer import RogueTrainer
+
+    settings, evaluate = RogueTraining(**FAST, out=tmp_path / "run"), RogueTrainer.evaluate_and_save
+
+    class KilledError(Exception):
+        pass
+
+    def killed(trainer):
+        evaluate(trainer)
+        if trainer.history["steps"] > 0:
+            raise KilledError
+
+    monkeypatch.setattr(RogueTrainer, "evaluate_and_save", killed)
+    with pytest.raises(KilledError):
+        train_rogues(settings, Console(quiet=True))
+    text = checkpoint.read_text(settings.out)
+    assert 0 < text["counters"]["steps"] < 3000
+    monkeypatch.setattr(RogueTrainer, "evaluate_and_save", evaluate)
+    monkeypatch.setattr(RogueTrainer, "_imitate", None)  # it must not begin again
+    history = train_rogues(settings, Console(quiet=True))
+    assert history["steps"] >= 3000
+    assert history["curve"][: len(text["rogues"]["curve"])] == text["rogues"]["curve"]
+
+
+def test_a_rogue_acts_as_its_network_says():
+    # Oracle: the network in float64 NumPy, on the rows of the simulation, clipped and shortened as documented.
+    scenario = lissajous_env.scenario("experiment", rogues="agents", **SMALL)
+    card = rogue_card(scenario)
+    network = make_network(len(card.inputs))
+    simulation = lissajous_env.Simulation(scenario, 3)
+    decide = as_rogue("mine", network, card).bind(scenario, simulation.rogues)
+    still = np.zeros(simulation.action_shape, np.float32)
+    for _ in range(5):
+        simulation.step(still, np.zeros(simulation.rogue_action.shape, np.float32))
+    decide()
+    rows = simulation.rogue_observation.numpy().astype(float)
+    hidden = np.tanh(rows @ network.weights[0].T.astype(float) + network.biases[0])
+    wanted = np.clip(hidden @ network.weights[1].T.astype(float) + network.biases[1], -1, 1)
+    assert np.abs(simulation.rogue_action.numpy() - wanted).max() < 1e-4
+
+
+def test_no_learned_rogue_outlasts_the_bound(trained, tmp_path):
+    # Law: in each episode, the longest undetected time is at most the proved bound, for a trained and random networks.
+    folder, _ = trained
+    made = bracketed(lissajous_env.scenario("experiment", **SMALL, **{"task.contamination": (36, 16)}))
+    card = rogue_card(made)
+    for k in range(3):
+        checkpoint.save(tmp_path / str(k), make_network(len(card.inputs), k), card)
+    for rogue in (folder, *tmp_path.iterdir()):
+        for policy in ("still", "sweep"):
+            found = survive(policy, with_starts(made, str(rogue), 40), range(6))
+            bounds = np.array([score["guaranteed_detection_time"] for score in found.scores])
+            assert (found.longest <= bounds + 1e-6).all()
+
+
+def test_a_rogue_fits_scenarios_with_fewer_and_more_robots():
+    # Law: entries of absent robots are zero, so a rogue acts the same if the network is used without them.
+    three, five = (lissajous_env.scenario("evaders", **{"robot.count": n}) for n in (3, 5))
+    card = rogue_card(five)
+    network = make_network(len(card.inputs))
+    fitted, columns = fit_network(network, card, three)
+    rows = np.random.default_rng(0).normal(size=(7, len(columns)))
+    padded = np.zeros((7, len(card.inputs)))
+    padded[:, : rows.shape[1]] = rows
+    assert np.allclose(rows[:, columns] @ fitted.weights[0].T, padded @ network.weights[0].T)
+    small = rogue_card(three)
+    fitted, columns = fit_network(make_network(len(small.inputs)), small, five)
+    assert [card.inputs[k] for k in columns] == list(small.inputs)
+    lacking = rogue_card(five).__class__("x", "rogue", ("present", "scent"), 2)
+    with pytest.raises(ValueError, match="rows of rogues on evaders must contain scent, which they lack"):
+        fit_network(make_network(2), lacking, five)
+
+
+def test_a_folder_is_named_like_a_script(trained, tmp_path, capsys, monkeypatch):
+    # Story: the command line, Python and the trained rogue agree; a copy of the folder is the same rogue.
+    folder, _ = trained
+    overrides = [f"{name}={value}" for name, value in SMALL.items()]
+    arguments = ("evaluate", "experiment", "sweep", "--episodes", 2, "--json", "--set", *overrides)
+    code, out, error = called(capsys, *arguments, "--rogues", folder)
+    assert code == 0, error
+    rows = lissajous_env.evaluate(
+        lissajous_env.policy("sweep", lissajous_env.scenario("experiment", **SMALL), 2), "experiment", range(2),
+        rogues=str(folder), **SMALL,
+    )  # fmt: skip
+    told = [row["detection_time_mean"] for row in json.loads(out)["episodes"]]
+    assert told == [row["detection_time_mean"] for row in rows]
+
+
+def test_results_of_another_rogue_in_the_same_folder_are_refused(trained, tmp_path, capsys):
+    # Story: a benchmark's folder holds episodes of a rogue; then other weights have the same path.
+    folder, _ = trained
+    network, card, _ = checkpoint.read(folder)
+    mine = tmp_path / "mine"
+    checkpoint.save(mine, network, card)
+    arguments = ["benchmark", "--scenarios", "experiment", "--policies", "still", "--rogues", mine, "--out",
+                 tmp_path / "out", "--replays", "none", "--set", "task.duration=4", "--episodes"]  # fmt: skip
+    code, _, error = called(capsys, *arguments, 1)
+    assert code == 0, error
+    checkpoint.save(mine, make_network(network.inputs), card)
+    code, _, error = called(capsys, *arguments, 2)
+    assert code == 2
+    assert "weights of the checkpoint" in error
+
+
+def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
+    folder, _ = trained
+    with pytest.raises(ValueError, match=r"targets.rogues must be one of .* or a folder with checkpoint.json, got"):
+        lissajous_env.scenario("evaders", rogues=str(tmp_path))
+    with pytest.raises(ValueError, match=r"rogues must be the folder of a rogue, got .*, which drives robots of kind"):
+        lissajous_env.scenario("evaders", rogues=str(find("learned-intruders")))
+    with pytest.raises(ValueError, match="must drive robots of kind rogue"):
+        lissajous_env.policy(str(folder), "experiment")
+    damaged = tmp_path / "damaged"
+    damaged.mkdir()
+    (damaged / checkpoint.FILE).write_text("{}")
+    with pytest.raises(ValueError, match="is damaged"):
+        lissajous_env.scenario("evaders", rogues=str(damaged))
+    for arguments, words in (
+        (("--side", "rogues"), "against must be the policy from which the rogues learn to hide, got none"),
+        (("--against", "sweep"), "side must be rogues where options of rogues are given (against), got robots"),
+        (
+            ("--side", "rogues", "--against", "sweep", "--base", "none"),
+            "base must be left out where rogues are trained",
+        ),
+        (("--side", "rogues", "--against", "sweep", "--rogue-starts", 1), "starts must be from 2 to 4096, got 1"),
+        (("--side", "rogues", "--against", "swep"), "policy must be one of"),
+    ):
+        code, _, error = called(capsys, "train", *arguments, "--out", tmp_path / "run")
+        assert code == 2
+        assert words in error
+    with pytest.raises(ValueError, match="rounds must be from 0 to 10,000, got -1"):
+        RogueTraining(rounds=-1)
+    with pytest.raises(ValueError, match="steps must be at least 1 where there are no rounds"):
+        RogueTraining(rounds=0, steps=0)
+    with pytest.raises(ValueError, match=r"targets.rogues must be left out where rogues are trained"):
+        RogueTraining(overrides={"rogues": "hide"})

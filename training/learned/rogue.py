@@ -1,0 +1,77 @@
+"""Learned rogues: checkpoints whose network maps a row of `lissajous_env.world.rogues.rows` to a velocity.
+
+`targets.rogues`, and `--rogues` of the commands, accept the folder of such a checkpoint like the name of a script.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lissajous_env import Scenario
+from lissajous_env.console.terminal import plain
+from lissajous_env.parameters.rogues import Rogue
+from lissajous_env.world.rogues.rows import ACTION_NAMES, rogue_layout
+from training.learned import checkpoint
+from training.learned.card import Card
+from training.learned.forward import Forward
+from training.learned.network import Network
+
+KIND = "rogue"
+"""Kind of a card whose policy drives no robots."""
+
+
+def rogue_card(scenario: Scenario, settings: Mapping[str, Any] | None = None) -> Card:
+    """Return the card of a rogue that reads the whole row of a scenario."""
+    home, names = plain(scenario.resolve().to_dict()), rogue_layout(scenario).names
+    return Card(scenario.name, KIND, tuple(names), len(ACTION_NAMES), settings=settings or {}, home=home)
+
+
+def open_rogue(folder: str | Path) -> Rogue:
+    """Return the rogue in the folder of a checkpoint.
+
+    Raises:
+        ValueError: there is none, it is damaged, or its policy drives robots.
+    """
+    network, card, _ = checkpoint.read(folder)
+    if card.kind != KIND:
+        raise ValueError(f"rogues must be the folder of a rogue, got {folder}, which drives robots of kind {card.kind}")
+    return as_rogue(str(folder), network, card)
+
+
+def as_rogue(name: str, network: Network, card: Card) -> Rogue:
+    """Return the rogue of a network under a name."""
+
+    def bind(scenario: Scenario, rogues: Any) -> Callable[[], None]:
+        fitted, columns = fit_network(network, card, scenario)
+        observation = rogues.observation
+        forward = Forward(fitted, columns, observation, None, 1.0, rogues.action)
+
+        def decide() -> None:
+            """Decide for each rogue by the network."""
+            forward.launch(observation, None)
+
+        return decide
+
+    return Rogue(name, None, f"Learned on {card.scenario}.", bind=bind)
+
+
+def fit_network(network: Network, card: Card, scenario: Scenario) -> tuple[Network, np.ndarray]:
+    """Return a network for the rows of a scenario, and the indices of the entries that it reads.
+
+    A scenario may have more robots than that of the training, of which the nearest are read, or fewer: the entries of
+    absent robots are zero in any row, so the network is used without them.
+
+    Raises:
+        ValueError: the scenario lacks another entry that the network reads.
+    """
+    names = rogue_layout(scenario).names
+    lacking = [each for each in card.inputs if each not in names and not each.startswith("robot_")]
+    if lacking:
+        raise ValueError(f"rows of rogues on {scenario.name} must contain {', '.join(lacking[:4])}, which they lack")
+    there = [k for k, each in enumerate(card.inputs) if each in names]
+    first, *others = network.weights
+    fitted = dataclasses.replace(network, weights=(first[:, there], *others))
+    return fitted, np.array([names.index(card.inputs[k]) for k in there])
