@@ -225,8 +225,8 @@ def follow_paths(
     # The mean drag of the step is that at half of it.
     push = acceleration + robot.drag * (speed + 0.5 * acceleration * tracking.step)
     if tracking.waits == 1 and speed < least_speed and steps >= float(tracking.lead_in):
-        # A car loses half of the time in which it reaches the speed of its path: it starts early by half of this, and is
-        # late by as much in the end.
+        # A car loses half of the time in which it reaches the speed of its path: it starts early by half of this, and
+        # is late by as much in the end.
         pull = wp.max(robot.drive * robot.throttle_max - robot.model_offset, least_speed / tracking.step)
         early = -behind / wp.max(at[3] * tracking.step, least_speed * tracking.step)
         start = 0.25 * at[3] / (pull * tracking.step)
