@@ -37,35 +37,16 @@ class Problems:
         return Problems(self.state[rows], self.phase_rate[rows], self.guess[rows])
 
 
-class Ipopt:
-    """Problem (11)-(15) in float64 by CasADi, with the states as variables (multiple shooting)."""
+class Model:
+    """Problem (11)-(15) once more, in float64 by CasADi: the car and the curve inside it, and what controls cost."""
 
     def __init__(self, curve: Curve, p: MpccParameters):
         self.curve, self.p = curve, p
-        M = p.stages
-        X, U = ca.SX.sym("X", 5, M + 1), ca.SX.sym("U", 2, M)
-        start, rate = ca.SX.sym("start", 5), ca.SX.sym("rate")
-        cost = sum(self._state_cost(X[:, i], rate) for i in range(M + 1))
-        cost += p.weight_steering * ca.sumsqr(U[0, :]) + p.weight_throttle * ca.sumsqr(U[1, :])
-        gaps = [X[:, 0] - start] + [X[:, i + 1] - self._advance(X[:, i], U[:, i]) for i in range(M)]
-        nlp = {"x": ca.vertcat(ca.vec(X), ca.vec(U)), "f": cost, "g": ca.vertcat(*gaps), "p": ca.vertcat(start, rate)}
-        quiet = {
-            "print_time": False,
-            "ipopt.print_level": 0,
-            "ipopt.sb": "yes",
-            "ipopt.tol": 1e-9,
-            "ipopt.max_iter": 500,
-        }
-        self.solver = ca.nlpsol("mpcc", "ipopt", nlp, quiet)
-        z, u = ca.SX.sym("z", 5), ca.SX.sym("u", 2)
-        self.advance = ca.Function("advance", [z, u], [self._advance(z, u)])
-        self.total = ca.Function("total", [X, U, rate], [cost])
-        free, low, high = (
-            np.full(5 * (M + 1), np.inf),
-            (-p.steering_max, p.throttle_min),
-            (p.steering_max, p.throttle_max),
-        )
-        self.bounds = {"lbx": np.r_[-free, np.tile(low, M)], "ubx": np.r_[free, np.tile(high, M)], "lbg": 0, "ubg": 0}
+        z, u, U, rate = ca.SX.sym("z", 5), ca.SX.sym("u", 2), ca.SX.sym("U", 2, p.stages), ca.SX.sym("rate")
+        X = ca.SX.sym("X", 5, p.stages + 1)
+        self.advance = ca.Function("advance", [z, u], [self.advanced(z, u)])
+        self.total = ca.Function("total", [X, U, rate], [self.summed(X, U, rate)])
+        self.low, self.high = (-p.steering_max, p.throttle_min), (p.steering_max, p.throttle_max)
 
     def _curve(self, gamma):
         c = self.curve
@@ -73,7 +54,8 @@ class Ipopt:
         d = ca.vertcat(-c.half_width * c.a * ca.sin(c.a * gamma), c.half_height * c.b * ca.cos(c.b * gamma))
         return r, d, ca.sqrt(ca.sumsqr(d))
 
-    def _rates(self, z, u):
+    def rates(self, z, u):
+        """Time derivative (5,) of a state under a control, (12) and (14)."""
         p = self.p
         return ca.vertcat(
             z[3] * ca.cos(z[2]),
@@ -83,19 +65,26 @@ class Ipopt:
             z[3] / self._curve(z[4])[2],
         )
 
-    def _advance(self, z, u):
+    def advanced(self, z, u):
+        """State (5,) a stage later: one Runge-Kutta step."""
         h = self.p.step
-        k1 = self._rates(z, u)
-        k2 = self._rates(z + h / 2 * k1, u)
-        k3 = self._rates(z + h / 2 * k2, u)
-        k4 = self._rates(z + h * k3, u)
+        k1 = self.rates(z, u)
+        k2 = self.rates(z + h / 2 * k1, u)
+        k3 = self.rates(z + h / 2 * k2, u)
+        k4 = self.rates(z + h * k3, u)
         return z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
-    def _state_cost(self, z, rate):
+    def errors(self, z, rate):
+        """Errors (3,) of a state whose weighted squares are its cost: of the phase rate, lag and lateral."""
         r, d, speed = self._curve(z[4])
         off, t = z[:2] - r, d / speed
-        lag, lateral = t[0] * off[0] + t[1] * off[1], t[0] * off[1] - t[1] * off[0]
-        return (rate - z[3] / speed) ** 2 + self.p.weight_lag * lag**2 + self.p.weight_lateral * lateral**2
+        return ca.vertcat(rate - z[3] / speed, t[0] * off[0] + t[1] * off[1], t[0] * off[1] - t[1] * off[0])
+
+    def summed(self, X, U, rate):
+        """(11a) of states (5, M + 1) and controls (2, M)."""
+        weights = ca.vertcat(1, self.p.weight_lag, self.p.weight_lateral)
+        cost = sum(ca.dot(weights, self.errors(X[:, i], rate) ** 2) for i in range(X.shape[1]))
+        return cost + self.p.weight_steering * ca.sumsqr(U[0, :]) + self.p.weight_throttle * ca.sumsqr(U[1, :])
 
     def rollout(self, state, control):
         """Return the trajectory (M + 1, 5) of the model from one state under controls (M, 2)."""
@@ -108,14 +97,45 @@ class Ipopt:
         """Return the cost (11a) of controls (M, 2), in float64."""
         return float(self.total(self.rollout(state, control).T, np.asarray(control, float).T, phase_rate))
 
+
+class Ipopt(Model):
+    """Problem (11)-(15) solved by IPOPT, with the states as variables (multiple shooting)."""
+
+    def __init__(self, curve: Curve, p: MpccParameters):
+        super().__init__(curve, p)
+        M = p.stages
+        X, U = ca.SX.sym("X", 5, M + 1), ca.SX.sym("U", 2, M)
+        start, rate = ca.SX.sym("start", 5), ca.SX.sym("rate")
+        gaps = [X[:, 0] - start] + [X[:, i + 1] - self.advanced(X[:, i], U[:, i]) for i in range(M)]
+        nlp = {
+            "x": ca.vertcat(ca.vec(X), ca.vec(U)),
+            "f": self.summed(X, U, rate),
+            "g": ca.vertcat(*gaps),
+            "p": ca.vertcat(start, rate),
+        }
+        quiet = {
+            "print_time": False,
+            "ipopt.print_level": 0,
+            "ipopt.sb": "yes",
+            "ipopt.tol": 1e-9,
+            "ipopt.max_iter": 500,
+        }
+        self.solver = ca.nlpsol("mpcc", "ipopt", nlp, quiet)
+        free = np.full(5 * (M + 1), np.inf)
+        self.bounds = {
+            "lbx": np.r_[-free, np.tile(self.low, M)],
+            "ubx": np.r_[free, np.tile(self.high, M)],
+            "lbg": 0,
+            "ubg": 0,
+        }
+
     def solve(self, state, phase_rate, guess):
-        """Return cost and controls (M, 2) that IPOPT finds from the guess."""
-        p = self.p
-        low, high = (-p.steering_max, p.throttle_min), (p.steering_max, p.throttle_max)
+        """Cost and controls (M, 2) that IPOPT finds from the guess."""
+        M = self.p.stages
         x0 = np.r_[self.rollout(state, guess).ravel(), np.ravel(guess)]
         found = self.solver(x0=x0, p=np.r_[state, phase_rate], **self.bounds)
-        control = np.array(found["x"]).ravel()[5 * (p.stages + 1) :].reshape(p.stages, 2)
-        return self.cost(state, phase_rate, np.clip(control, low, high)), control
+        control = np.array(found["x"]).ravel()[5 * (M + 1) :].reshape(M, 2)
+        return self.cost(state, phase_rate, np.clip(control, self.low, self.high)), control
 
 
 def plant_step(robot: Robot, z: np.ndarray, u: np.ndarray, h: float) -> np.ndarray:
