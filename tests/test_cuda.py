@@ -13,7 +13,7 @@ import lissajous_env
 import training
 from lissajous_env.device.devices import as_device, compile_quietly
 
-EXTRAS = {"torch", "stable_baselines3", "torchrl", "benchmarl", "tensordict", "ray", "tensorboard"}
+EXTRAS = {"torch", "stable_baselines3", "torchrl", "benchmarl", "tensordict", "ray", "tensorboard", "rclpy"}
 
 
 def imported(name):

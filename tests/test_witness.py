@@ -241,5 +241,3 @@ def test_the_command(tmp_path, capsys):
     assert printed["episodes"][0]["witness"] == pytest.approx(7.9)
     assert printed["episodes"][0]["conservative"] >= 7.9
     assert out.read_text(encoding="utf-8").startswith("<!doctype html>")
-    with pytest.raises(ValueError, match="rogues must be chosen by --witness, got none"):
-        exploit("evaders", "still")

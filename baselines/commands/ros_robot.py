@@ -18,7 +18,7 @@ def robot(
 ) -> None:
     """Run one robot's policy as a node of ROS 2.
 
-    Each option is also a parameter of the node. Arguments of ROS 2 follow --ros-args, as in --ros-args -p rate:=50.0.
+    Each option is also a parameter of the node. Arguments of ROS 2 can follow the options.
 
     Example:
         lissajous ros robot --robot 2 --policy kuramoto-mpcc --scenario lab.toml --command twist
