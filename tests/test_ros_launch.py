@@ -65,6 +65,7 @@ def test_six_processes_play_the_simulation_bit_for_bit(tmp_path):
         np.testing.assert_array_equal(played[name], getattr(wanted, name), err_msg=name)
 
 
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.parametrize("ends", ["robot", "interrupt", pytest.param("kill", marks=pytest.mark.long)])
 def test_all_processes_end_with_one_or_with_the_launch(ends, tmp_path):
     with open(tmp_path / "said", "w+", encoding="utf-8") as said:
