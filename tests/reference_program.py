@@ -42,7 +42,7 @@ def cost_of(u, wanted):
 
 
 def agrees_with_independent_solvers(rows, top, wanted, action):
-    """Whether the program is feasible, and whether CasADi could judge; fails where an action is not its solution."""
+    """Return if the program is feasible, and if CasADi could judge; fail where an action is not its solution."""
     rows, wanted, action = (np.asarray(each, dtype=float) for each in (rows, wanted, action))
     least = least_violation_by_linprog(rows, top)
     assert (rows[:, 2] - rows[:, :2] @ action).max() <= least + 2 * float(TOLERANCE)

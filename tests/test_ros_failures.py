@@ -36,7 +36,7 @@ def team_scenario(duration):
 
 
 class Watch:
-    """What the simulated robots do, step by step: their throttles, speeds and least distance."""
+    """Record of the simulated robots, step by step: their throttles, speeds and least distance."""
 
     def __init__(self, world):
         self._world, self.throttles, self.speeds, self.phases, self.apart = world, [], [], [], []

@@ -17,7 +17,7 @@ SIMULATED = ("cos_phase", "sin_phase", "works", "heard_before", "heard_after")
 
 
 class Simulated(NamedTuple):
-    """What a simulated robot knows besides its pose, in lock-step."""
+    """Knowledge of a simulated robot besides its pose, sent in lock-step."""
 
     phase: tuple[float, float]
     """Cosine and sine of its phase."""

@@ -22,7 +22,7 @@ _made: set[str] = set()
 
 
 class _Compiling(threading.local):
-    """What a thread compiles: a module of this project, and whether with a header that was parsed before."""
+    """Compilation of a thread: if it is of a module of this project, and if with a header that was parsed before."""
 
     ours, with_header = False, False
 

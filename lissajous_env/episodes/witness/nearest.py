@@ -10,7 +10,7 @@ from lissajous_env.episodes.witness.tracing import Rogue, rough_ways
 from lissajous_env.episodes.witness.tube import ways_near
 
 _TRIED = ((0, 6), (0, 6), (0, 8), (0, 6), (0, 8), (0, 6), (1, 6), (1, 8), (2, 6), (2, 8))
-"""Which of the stage's rogues is tried, the longest first, and the nodes in the distance of a move."""
+"""Attempts: the index of the stage's rogue, the longest first, and the nodes in the distance of a move."""
 
 
 def longest_ways(episodes: Sequence[Played]) -> list[Way | None]:
