@@ -17,7 +17,7 @@ from lissajous_env.parameters.assumptions import AssumptionWarning, violations
 from lissajous_env.parameters.ids import register_ids
 from lissajous_env.parameters.overriding import overridden
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.parameters.scenario_file import SUFFIX, read_scenario_file, read_space_file
+from lissajous_env.parameters.scenario_file import SUFFIX, is_space_file, read_scenario_file, read_space_file
 from lissajous_env.parameters.shipped import SHIPPED
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.plugins import EntryPoints, import_attribute
@@ -132,6 +132,17 @@ def scenario_space(name: str | os.PathLike | ScenarioSpace) -> ScenarioSpace:
     return found
 
 
+def is_space(name: Any) -> bool:
+    """Return True for the name of a space of scenarios, and for a TOML file of one.
+
+    Raises:
+        ValueError: a TOML file cannot be read.
+    """
+    if isinstance(name, os.PathLike):
+        name = os.fspath(name)
+    return is_space_file(name) if is_scenario_file(name) else _known_space(name) is not None
+
+
 def expanded(names: Iterable[str]) -> tuple[str, ...]:
     """Return names of scenarios, with SPACE:SPLIT, or SPACE:SPLIT:COUNT, replaced by the first scenarios of the split.
 
@@ -178,6 +189,8 @@ def registered_scenario(name: Any) -> Scenario:
 
 def unknown_scenario(name: Any, others: Iterable[str] = ()) -> ValueError:
     """Return the error for an unknown scenario, which suggests the closest match among scenarios and `others`."""
+    if isinstance(name, str) and (space := _known_space(name)) is not None:
+        return ValueError(f"scenario must be one scenario, got the space {name}: name one of it, as {space.name}-0")
     known = scenarios()
     hint = nearest(name, [*known, *others])
     words = f"scenario must be one of the {len(known)} that `lissajous scenarios` lists, got {shown(name)}{hint}"
@@ -243,6 +256,8 @@ def _violated_on_purpose() -> frozenset[str]:
 def _found(name: Any) -> Scenario:
     given = os.fspath(name) if isinstance(name, os.PathLike) else name
     if is_scenario_file(given):
+        if is_space_file(given):
+            raise ValueError(f"scenario must be one scenario, got the space {given}: name one of it, as {given}:0")
         return _of_file(given)
     if isinstance(given, str) and (part := _SAMPLED.fullmatch(given)):
         space = scenario_space(part[1])
