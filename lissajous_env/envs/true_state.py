@@ -35,7 +35,7 @@ class TrueState(NamedTuple):
 
 def state_names(scenario: str | Scenario) -> tuple[str, ...]:
     """Return the names of the S = (8 + k) N + 3 T + 1 numbers of a world's state, in order."""
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     of_robot = (*OF_ROBOT, *(f"message_{m}" for m in range(scenario.messages.size)))
     robots = [f"robot_{i}_{name}" for i in range(scenario.num_robots) for name in of_robot]
     targets = [f"target_{t}_{name}" for t in range(scenario.target_capacity) for name in OF_TARGET]

@@ -47,11 +47,16 @@ class Draws:
         self.robots: dict[int, int] = {}
         """Number of robots of each group, that of its first scenario."""
 
-    def next(self, group: int) -> tuple[Scenario, int]:
-        """Return the next scenario of a group, with the same number of robots as the first, and a seed for its worlds.
+    def next(self, group: int, fits: Callable[[Scenario], bool] | None = None) -> tuple[Scenario, int]:
+        """Return the next scenario of a group, and a seed for its worlds.
+
+        Args:
+            group: Number of the group.
+            fits: Function that returns False for scenarios to skip; by default those with another number of robots than
+                the first of the group.
 
         Raises:
-            ValueError: the space has no other scenario with this number of robots.
+            ValueError: the space has no other scenario with this number of robots, or none that fits.
         """
         for _ in range(_MOST_TRIES):
             draw = self.counts[group] = self.counts.get(group, -1) + 1
@@ -59,8 +64,11 @@ class Draws:
             if self.split is not None and self.space.split_of(seed) != self.split:
                 continue
             made = self._made(seed)
-            if made.num_robots == self.robots.setdefault(group, made.num_robots):
+            robots = self.robots.setdefault(group, made.num_robots)
+            if made.num_robots == robots if fits is None else fits(made):
                 return made, self._seed_of_episodes(group)
+        if fits is not None:
+            raise ValueError(f"space {self.space.name} must have more scenarios that fit, got none")
         raise ValueError(f"space {self.space.name} must have more scenarios with {self.robots[group]} robots, got none")
 
     def latest(self, group: int) -> tuple[Scenario, int]:
