@@ -41,7 +41,7 @@ def parallel_env(
     """
     if space_and_split(scenario) is not None:
         return SampledParallelEnv(scenario, render_mode, **settings)  # type: ignore[arg-type]
-    robots = LissajousParallelEnv(scenario, render_mode, **settings)
+    robots = LissajousParallelEnv(scenario, render_mode, **settings)  # type: ignore[arg-type]
     if robots.scenario.targets.rogues != AGENTS:
         return robots
     return TwoSidedParallelEnv(robots, settings.get("discrete_actions", False))
@@ -75,5 +75,5 @@ def gymnasium_env(
             raise ValueError(f"robots must be None in an environment of a space of scenarios, got {shown(robots)}")
         return SampledEnv(scenario, render_mode, **settings)  # type: ignore[arg-type]
     if robots is None:
-        return LissajousEnv(scenario, render_mode, **settings)
-    return LissajousRogueEnv(scenario, robots, render_mode, **settings)
+        return LissajousEnv(scenario, render_mode, **settings)  # type: ignore[arg-type]
+    return LissajousRogueEnv(scenario, robots, render_mode, **settings)  # type: ignore[arg-type]
