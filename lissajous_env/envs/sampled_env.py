@@ -1,6 +1,5 @@
 """The PettingZoo environment of a space of scenarios: each reset draws a scenario."""
 
-import itertools
 import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -11,10 +10,9 @@ from pettingzoo import ParallelEnv
 
 from lissajous_env.envs.actions import action_space
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
-from lissajous_env.envs.true_state import OF_ROBOT, OF_TARGET, true_state
-from lissajous_env.parameters import named
+from lissajous_env.envs.sampler import Sampler
+from lissajous_env.envs.true_state import padded_rows, state_size
 from lissajous_env.parameters.draws import Draws
-from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.wording import shown
@@ -24,9 +22,6 @@ from lissajous_env.world.simulation import Simulation, fold_seed
 
 if TYPE_CHECKING:
     from lissajous_env.replay import Replay
-
-LOOKED_AT = 64
-"""Number of scenarios of a split, its first ones, whose largest team is the largest of an environment."""
 
 
 class SampledParallelEnv(ParallelEnv):
@@ -72,27 +67,21 @@ class SampledParallelEnv(ParallelEnv):
         record: bool = False,
         **overrides: Any,
     ):
-        if (found := named.space_and_split(space)) is None:
-            raise ValueError(f"space must be a space of scenarios, as SPACE or SPACE:SPLIT, got {shown(space)}")
-        self.space, self.split = found
+        self._sampler = Sampler(space, overrides, max_cycles)
+        self.space, self.split = self._sampler.space, self._sampler.split
         self.render_mode = render_mode
         self._settings = {"discrete_actions": discrete_actions, "device": device, "record": record}
-        self._max_cycles, self._overrides = max_cycles, overrides
-        first = [self._changed(made) for made in itertools.islice(self.space.scenarios(self.split), LOOKED_AT)]
-        self._first, rows = first[0], layout(first[0])
-        self._most_robots = max(made.num_robots for made in first)
-        self._most_targets = max(made.target_capacity for made in first)
-        for made in first:
-            self._check(made)
-        self.possible_agents = [f"robot_{i}" for i in range(self._most_robots)]
+        first, most_robots = self._sampler.first, self._sampler.most_robots
+        rows = layout(first)
+        self.possible_agents = [f"robot_{i}" for i in range(most_robots)]
         self.observation_spaces: dict[str, gymnasium.Space] = {
             agent: gymnasium.spaces.Box(rows.low, rows.high, dtype=np.float32) for agent in self.possible_agents
         }
-        self.action_spaces = {agent: action_space(first[0], discrete_actions) for agent in self.possible_agents}
-        size = (len(OF_ROBOT) + first[0].messages.size) * self._most_robots + len(OF_TARGET) * self._most_targets + 1
+        self.action_spaces = {agent: action_space(first, discrete_actions) for agent in self.possible_agents}
+        size = state_size(most_robots, self._sampler.most_targets, first.messages.size)
         self.state_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         self._draws: Draws | None = None
-        self.world: LissajousParallelEnv = _DrawnEnv(first[0], render_mode, **self._settings)
+        self.world: LissajousParallelEnv = _DrawnEnv(first, render_mode, **self._settings)
 
     @property
     def scenario(self) -> Scenario:
@@ -123,9 +112,8 @@ class SampledParallelEnv(ParallelEnv):
         """Draw a scenario and begin an episode in it, as the class describes."""
         if seed is not None or self._draws is None:
             of_sequence = int(drawn_seeds(1)[0]) if seed is None else fold_seed(seed)
-            self._draws = Draws(self.space, self.split, of_sequence, self._changed)
-        made, of_episode = self._draws.next(0, self._fits)
-        self._check(made)
+            self._draws = self._sampler.draws(of_sequence)
+        made, of_episode = self._sampler.next(self._draws)
         self.world.close()
         self.world = _DrawnEnv(made, self.render_mode, **self._settings)
         return self.world.reset(of_episode, options)
@@ -144,10 +132,7 @@ class SampledParallelEnv(ParallelEnv):
         It contains the numbers of `lissajous_env.envs.true_state` for `possible_agents` and for the largest number of
         target slots; those of robots and target slots that the scenario does not have are 0.
         """
-        robots, targets, elapsed = (part[0] for part in true_state(self.simulation))
-        robots = np.pad(robots, ((0, self._most_robots - len(robots)), (0, 0)))
-        targets = np.pad(targets, ((0, self._most_targets - len(targets)), (0, 0)))
-        return np.concatenate([robots.ravel(), targets.ravel(), elapsed])
+        return padded_rows(self.simulation, self._sampler.most_robots, self._sampler.most_targets)[0]
 
     def render(self) -> np.ndarray | None:
         """Draw the world, as `LissajousParallelEnv.render`."""
@@ -160,23 +145,6 @@ class SampledParallelEnv(ParallelEnv):
     def close(self) -> None:
         """Close the window, if there is one."""
         self.world.close()
-
-    def _changed(self, made: Scenario) -> Scenario:
-        """Return a drawn scenario with its fields overridden, without warnings: it is one of many."""
-        return named.with_cycles(named.build(made, **self._overrides), self._max_cycles).resolve()
-
-    def _fits(self, made: Scenario) -> bool:
-        return made.num_robots <= self._most_robots and made.target_capacity <= self._most_targets
-
-    def _check(self, made: Scenario) -> None:
-        """Raise ValueError for a scenario whose rows or actions differ in size from those of the others."""
-        if made.targets.rogues == AGENTS:
-            rule = "must be None or a scripted rogue in an environment of a space"
-            raise ValueError(f"targets.rogues {rule}, got {AGENTS} in {made.name}")
-        sizes = [(layout(each).names, each.action_names) for each in (self._first, made)]
-        if sizes[0] != sizes[1]:
-            rule = "must have rows and actions of one size"
-            raise ValueError(f"scenarios of a space {rule}, got others in {self._first.name} and {made.name}")
 
     def _check_agent(self, agent: Any) -> None:
         if not isinstance(agent, str) or agent not in self.action_spaces:

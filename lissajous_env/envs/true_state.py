@@ -54,6 +54,22 @@ def state_rows(simulation: Simulation, library: Any = np) -> Any:
     return library.concatenate(parts, 1)
 
 
+def state_size(num_robots: int, num_targets: int, message_size: int = 0) -> int:
+    """Return S = (8 + k) N + 3 T + 1, the number of numbers of a world's state."""
+    return (len(OF_ROBOT) + message_size) * num_robots + len(OF_TARGET) * num_targets + 1
+
+
+def padded_rows(simulation: Simulation, num_robots: int, num_targets: int, library: Any = np) -> Any:
+    """Return the true states as rows (W, S) for more robots and target slots than there are, whose numbers are 0.
+
+    `library` is as for `state_rows`.
+    """
+    robots, targets, elapsed = true_state(simulation, library)
+    parts = (robots, num_robots), (targets, num_targets)
+    padded = [library.concatenate([of, *[library.zeros_like(of[:, :1])] * (n - of.shape[1])], 1) for of, n in parts]
+    return library.concatenate([*(of.reshape(simulation.num_worlds, -1) for of in padded), elapsed], 1)
+
+
 def true_state(simulation: Simulation, library: Any = np) -> TrueState:
     """Return robots, targets and time of every world; `library` as for `state_rows`."""
     read = wp.array.numpy if library is np else wp.to_torch
