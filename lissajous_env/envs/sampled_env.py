@@ -74,7 +74,7 @@ class SampledParallelEnv(ParallelEnv):
         first, most_robots = self._sampler.first, self._sampler.most_robots
         rows = layout(first)
         self.possible_agents = [f"robot_{i}" for i in range(most_robots)]
-        self.observation_spaces: dict[str, gymnasium.Space] = {
+        self.observation_spaces = {
             agent: gymnasium.spaces.Box(rows.low, rows.high, dtype=np.float32) for agent in self.possible_agents
         }
         self.action_spaces = {agent: action_space(first, discrete_actions) for agent in self.possible_agents}
