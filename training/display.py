@@ -143,4 +143,5 @@ def _words(scores: Mapping[str, float | None]) -> str:
         return "none" if value is None else f"{value:.{digits}f}"
 
     relative = "" if RELATIVE not in scores else f" ({number(RELATIVE, 3)} of the first rival's)"
-    return f"detection {number('detection_time', 2)} s{relative}, collisions {number('collisions', 2)}, return {number('return', 2)}"
+    counts = f"collisions {number('collisions', 2)}, return {number('return', 2)}"
+    return f"detection {number('detection_time', 2)} s{relative}, {counts}"

@@ -227,8 +227,9 @@ class TrainingSettings:
 
     @cached_property
     def space(self) -> ScenarioSpace | None:
-        """Space of scenarios to train on, or None for one scenario."""
-        return scenarios.space_of(self.scenario)
+        """Space of scenarios to train on, with its overrides, or None for one scenario."""
+        space = scenarios.space_of(self.scenario)
+        return None if space is None else scenarios.overridden(space, self.overrides)
 
     @cached_property
     def papers_method(self) -> tuple[str | None, str]:
@@ -328,7 +329,7 @@ class TrainingSettings:
     def make_home_scenario(self) -> Scenario:
         """Return the scenario with its overrides; for a space, the first one of its evaluations."""
         if self.space is not None:
-            return scenarios.evaluated(self.space, 1, self.overrides)[0]
+            return scenarios.evaluated(self.space, 1)[0]
         return make_scenario(self.scenario, **self.overrides)
 
     def make_scenario(self) -> Scenario:
@@ -339,8 +340,7 @@ class TrainingSettings:
         """Return the scenarios of the evaluations: that of the training, or the first ones of a split of the space."""
         if self.space is None:
             return [self.make_scenario()]
-        found = scenarios.evaluated(self.space, self.evaluation_scenarios, self.overrides)
-        return [scenarios.leaner(made) for made in found]
+        return [scenarios.leaner(made) for made in scenarios.evaluated(self.space, self.evaluation_scenarios)]
 
     @property
     def episodes_per_scenario(self) -> int:
@@ -354,7 +354,7 @@ class TrainingSettings:
 
     def change_drawn(self, made: Scenario) -> Scenario:
         """Return a scenario that was drawn from the space, as it is learned in."""
-        return scenarios.cautious(scenarios.leaner(scenarios.changed(made, self.overrides)), self.caution)
+        return scenarios.cautious(scenarios.leaner(made), self.caution)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint, with defaults replaced by what they resolve to."""
