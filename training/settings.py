@@ -354,7 +354,10 @@ class TrainingSettings:
 
     def change_drawn(self, made: Scenario) -> Scenario:
         """Return a scenario that was drawn from the space, as it is learned in."""
-        return scenarios.cautious(scenarios.leaner(made), self.caution)
+        made = scenarios.leaner(made)
+        if (reference := self.chosen_base or self.papers_method[0]) is not None:
+            made = scenarios.in_units_of(reference, made, self.device)
+        return scenarios.cautious(made, self.caution)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint, with defaults replaced by what they resolve to."""
