@@ -85,8 +85,8 @@ class Sb3Trainer(Trainer):
         with scenarios.without_warnings(settings.space):
             return MixedVecEnv(
                 settings.space,
-                settings.groups,
-                settings.num_worlds // settings.groups,
+                settings.num_groups,
+                settings.num_worlds // settings.num_groups,
                 scenarios.LEARNED,
                 settings.seed,
                 lambda made: dataclasses.replace(card, scenario=made.name, home=None),
