@@ -214,9 +214,10 @@ class TrainingSettings:
         if self.space is not None:
             self._check_for_space()
         with scenarios.without_warnings(self.space):
+            played = self.make_evaluation_scenarios()
             for name in (self.chosen_base, self.imitated, *self.chosen_rivals):
-                for made in self.make_evaluation_scenarios() if name is not None else ():
-                    registry.check(name, made)
+                for made in played if name is not None else ():
+                    registry.check(str(name), made)
 
     def _check_for_space(self) -> None:
         """Raise ValueError for settings that suit only one scenario."""
