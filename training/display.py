@@ -37,7 +37,7 @@ class Display:
         without = "; --base none trains without" if settings.chosen_base is not None and settings.base is None else ""
         self.say(f"base: {escape(settings.chosen_base or 'none')} ({escape(settings.reason_for_base)}{without})")
         if settings.space is not None:
-            learned = f"{settings.groups} scenarios at a time from its split {scenarios.LEARNED}"
+            learned = f"{settings.num_groups} scenarios at a time from its split {scenarios.LEARNED}"
             count = f"the first {settings.evaluation_scenarios} of {scenarios.EVALUATED}"
             self.say(f"{learned}; evaluated on {count}, {settings.episodes_per_scenario} episodes each")
         for name, scores in history.rivals.items():
@@ -143,4 +143,5 @@ def _words(scores: Mapping[str, float | None]) -> str:
         return "none" if value is None else f"{value:.{digits}f}"
 
     relative = "" if RELATIVE not in scores else f" ({number(RELATIVE, 3)} of the first rival's)"
-    return f"detection {number('detection_time', 2)} s{relative}, collisions {number('collisions', 2)}, return {number('return', 2)}"
+    counts = f"collisions {number('collisions', 2)}, return {number('return', 2)}"
+    return f"detection {number('detection_time', 2)} s{relative}, {counts}"

@@ -7,7 +7,8 @@ import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from lissajous_env import Scenario, ScenarioSpace
+import baselines
+from lissajous_env import Scenario, ScenarioSpace, evaluate
 from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.named import is_space, scenario_space
@@ -16,6 +17,15 @@ from lissajous_env.parameters.scenario import PARTS
 LEARNED, EVALUATED = "train", "validation"
 """Splits of a space from which a training draws its scenarios, and those of its evaluations. No training uses the
 split `test`."""
+
+EPISODES, FIRST_SEED = 8, 900_000
+"""Episodes of the reference policy in each scenario, and the seed of the first."""
+PENALTY = 10.0
+"""Penalty of an episode in which as many targets wait as with the reference policy."""
+WAITING = 8.0
+"""Mean number of targets that wait with the reference policy."""
+LEAST = 0.01
+"""Smallest mean number of waiting targets by which a penalty is divided."""
 
 
 def space_of(name: str) -> ScenarioSpace | None:
@@ -84,6 +94,35 @@ def leaner(made: Scenario) -> Scenario:
         return make_scenario(made, **{"task.contamination": None})
     except ValueError:  # its rogues need it
         return made
+
+
+def in_units_of(reference: str, made: Scenario, device: Any) -> Scenario:
+    """Return a scenario in which waiting targets are penalized relative to a reference policy, other rewards unchanged.
+
+    The reward for the targets becomes `-PENALTY / steps * waiting / mean`, where `waiting` is the number of undetected
+    targets and `mean` its mean in episodes of the reference policy. So each scenario of a space counts equally, as in
+    the geometric mean by which evaluations are compared; with the scenario's own reward, those in which targets wait
+    long would determine what is learned. Targets arrive more often, so that `WAITING` of them wait with the reference
+    policy, or at most one in each step: the penalty then has equally little noise in each scenario. A scenario without
+    a reward for targets, or without arriving ones, is returned as it is.
+
+    Args:
+        reference: Name of the reference policy.
+        made: Scenario.
+        device: Warp device.
+    """
+    task, rate = made.task, made.targets.arrival_rate
+    if rate == 0 or (task.reward_waiting == 0 and task.reward_detection == 0):
+        return made
+    played = lean(made)
+    rows = evaluate(
+        baselines.make(reference, played, EPISODES, device), played, range(FIRST_SEED, FIRST_SEED + EPISODES), device
+    )
+    waited = sum(row["targets"] * row["detection_time_mean"] for row in rows if row["targets"])
+    mean = max(waited / (len(rows) * task.duration), LEAST)
+    often = min(WAITING * rate / mean, 1.0 / task.step)
+    changes = {"targets.arrival_rate": often, "task.reward_detection": 0.0}
+    return make_scenario(made, **changes, **{"task.reward_waiting": -PENALTY * rate / (often * mean * task.duration)})
 
 
 def cautious(made: Scenario, caution: float) -> Scenario:

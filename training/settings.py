@@ -49,6 +49,8 @@ _MOST = {
 """Largest value of each whole number, all of which must be at least 1; larger ones can only be typing errors."""
 _POSITIVE = ("residual", "clip_range", "gradient_max", "short_time")
 _PAPERS_METHODS = {"car": ("kuramoto-mpcc", "kuramoto-gvf"), "curve": ("kuramoto",)}
+_GROUPS, _GROUP_SIZE = 32, 16
+"""Default number of scenarios of a space that are played at the same time, and of the worlds of each."""
 _PATROLS = {"car": ("sweep",), "curve": ("kuramoto",)}
 """By kind of robot: the best base for the scenarios of a space."""
 _TEACHERS = {"car": ("arc-mpcc", "arc-gvf"), "curve": ("kuramoto",)}
@@ -70,10 +72,11 @@ class TrainingSettings:
     few million show whether a scenario can be learned."""
     worlds: int | None = None
     """Environments that are stepped together. By default 128 with a base, which takes most of the time, so that
-    updates are more frequent; otherwise 512. For a space of scenarios, eight for each of `groups`."""
-    groups: int = 32
+    updates are more frequent; otherwise 512. For a space of scenarios, sixteen for each of `groups`."""
+    groups: int | None = None
     """Number of scenarios of a space that are played at the same time, each in an equal part of the worlds. When the
-    episodes of a group end, it plays the next scenario. Used only for a space."""
+    episodes of a group end, it plays the next scenario. By default 32 or, if that does not divide `worlds`, the largest
+    smaller number that does. Used only for a space."""
     short: float = 0.0
     """Fraction of the worlds whose episodes end after `short_time`: the beginning of an episode is learned better."""
     short_time: float = 3.0
@@ -211,9 +214,10 @@ class TrainingSettings:
         if self.space is not None:
             self._check_for_space()
         with scenarios.without_warnings(self.space):
+            played = self.make_evaluation_scenarios()
             for name in (self.chosen_base, self.imitated, *self.chosen_rivals):
-                for made in self.make_evaluation_scenarios() if name is not None else ():
-                    registry.check(name, made)
+                for made in played if name is not None else ():
+                    registry.check(str(name), made)
 
     def _check_for_space(self) -> None:
         """Raise ValueError for settings that suit only one scenario."""
@@ -222,13 +226,14 @@ class TrainingSettings:
         self._require("algorithm", self.algorithm == "ppo", f"must be ppo {space}")
         self._require("teacher", self.imitated is None, f"must be none {space}: a teacher plays one scenario")
         self._require("short", self.short == 0, f"must be 0 {space}: worlds of a group end together")
-        rule = f"must be a multiple of groups ({self.groups}) {space}"
-        self._require("worlds", self.num_worlds % self.groups == 0, rule)
+        rule = f"must be a multiple of groups ({self.num_groups}) {space}"
+        self._require("worlds", self.num_worlds % self.num_groups == 0, rule)
 
     @cached_property
     def space(self) -> ScenarioSpace | None:
-        """Space of scenarios to train on, or None for one scenario."""
-        return scenarios.space_of(self.scenario)
+        """Space of scenarios to train on, with its overrides, or None for one scenario."""
+        space = scenarios.space_of(self.scenario)
+        return None if space is None else scenarios.overridden(space, self.overrides)
 
     @cached_property
     def papers_method(self) -> tuple[str | None, str]:
@@ -275,8 +280,14 @@ class TrainingSettings:
     def num_worlds(self) -> int:
         """Number of worlds that are stepped together."""
         if self.worlds is None and self.space is not None:
-            return 8 * self.groups
+            return _GROUP_SIZE * (self.groups or _GROUPS)
         return self.worlds or (512 if self.chosen_base is None else 128)
+
+    @property
+    def num_groups(self) -> int:
+        """Number of scenarios of a space that are played at the same time."""
+        most = min(_GROUPS, self.num_worlds)
+        return self.groups or next(k for k in range(most, 0, -1) if self.num_worlds % k == 0)
 
     @property
     def chosen_noise_steps(self) -> int:
@@ -328,7 +339,7 @@ class TrainingSettings:
     def make_home_scenario(self) -> Scenario:
         """Return the scenario with its overrides; for a space, the first one of its evaluations."""
         if self.space is not None:
-            return scenarios.evaluated(self.space, 1, self.overrides)[0]
+            return scenarios.evaluated(self.space, 1)[0]
         return make_scenario(self.scenario, **self.overrides)
 
     def make_scenario(self) -> Scenario:
@@ -339,8 +350,7 @@ class TrainingSettings:
         """Return the scenarios of the evaluations: that of the training, or the first ones of a split of the space."""
         if self.space is None:
             return [self.make_scenario()]
-        found = scenarios.evaluated(self.space, self.evaluation_scenarios, self.overrides)
-        return [scenarios.leaner(made) for made in found]
+        return [scenarios.leaner(made) for made in scenarios.evaluated(self.space, self.evaluation_scenarios)]
 
     @property
     def episodes_per_scenario(self) -> int:
@@ -354,7 +364,10 @@ class TrainingSettings:
 
     def change_drawn(self, made: Scenario) -> Scenario:
         """Return a scenario that was drawn from the space, as it is learned in."""
-        return scenarios.cautious(scenarios.leaner(scenarios.changed(made, self.overrides)), self.caution)
+        made = scenarios.leaner(made)
+        if (reference := self.chosen_base or self.papers_method[0]) is not None:
+            made = scenarios.in_units_of(reference, made, self.device)
+        return scenarios.cautious(made, self.caution)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint, with defaults replaced by what they resolve to."""
@@ -363,6 +376,8 @@ class TrainingSettings:
         kept |= {"noise_steps": self.chosen_noise_steps}
         if self.space is None:
             del kept["groups"], kept["evaluation_scenarios"]
+        else:
+            kept["groups"] = self.num_groups
         plain = {name: list(value) if isinstance(value, tuple) else value for name, value in kept.items()}
         return plain | {"out": str(self.out), "overrides": dict(self.overrides)}
 

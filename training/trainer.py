@@ -185,13 +185,8 @@ class Trainer:
         if name is None:
             return None
         network, card, _ = checkpoint.read(find(name))
-        theirs = {
-            "inputs": card.inputs,
-            "constants": card.constants,
-            "base": card.base,
-            "layers": network.hidden,
-            "activation": network.activation,
-        }
+        theirs = {"inputs": card.inputs, "constants": card.constants, "base": card.base}
+        theirs |= {"layers": network.hidden, "activation": network.activation}
         settings = self.settings
         ours = {"inputs": self.card.inputs, "constants": self.card.constants, "base": self.card.base}
         ours |= {"layers": tuple(settings.layers)}

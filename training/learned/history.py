@@ -161,10 +161,11 @@ class History:
         return found
 
     def _rank(self, point: Mapping[str, Any]) -> tuple[bool, float]:
-        worth = -math.inf if point.get(RELATIVE) is None else -point[RELATIVE]
-        return self._is_careful(point, self.rivals.values()), _or_least(
-            point["return"]
-        ) if RELATIVE not in point else worth
+        if RELATIVE in point:
+            worth = -math.inf if point[RELATIVE] is None else -point[RELATIVE]
+        else:
+            worth = _or_least(point["return"])
+        return self._is_careful(point, self.rivals.values()), worth
 
     def _is_careful(self, point: Mapping[str, Any], rivals: Iterable[Mapping[str, Any]]) -> bool:
         theirs = [scores[COLLISIONS.name] or 0.0 for scores in rivals]

@@ -79,14 +79,14 @@ class Sb3Trainer(Trainer):
             "staggered": True,
         }
         if settings.space is None:
-            short = {"short": settings.short, "short_time": settings.short_time}
-            return RobotVecEnv(settings.make_cautious_scenario(), settings.num_worlds, self.card, **common, **short)
+            common |= {"short": settings.short, "short_time": settings.short_time}
+            return RobotVecEnv(settings.make_cautious_scenario(), settings.num_worlds, self.card, **common)
         card = self.card
         with scenarios.without_warnings(settings.space):
             return MixedVecEnv(
                 settings.space,
-                settings.groups,
-                settings.num_worlds // settings.groups,
+                settings.num_groups,
+                settings.num_worlds // settings.num_groups,
                 scenarios.LEARNED,
                 settings.seed,
                 lambda made: dataclasses.replace(card, scenario=made.name, home=None),
