@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason='ROS 2 is not installed: pip install ".[ros]"')
-from ros_team import AGILE, Team, in_ros, node_of
+from ros_team import AGILE, Team, in_real_time, in_ros, node_of
 
 import baselines
 import lissajous_env
@@ -77,6 +77,7 @@ def test_in_lockstep_the_run_is_the_simulation(scenario, policy, changes):
     ("command", "settings"),
     [("twist", {"pose": "pose"}), ("twist_stamped", {}), ("dart", {})],
 )
+@in_real_time
 def test_robots_of_other_kinds_drive(command, settings):
     # A physical story: with each kind of commands and poses, five robots keep their distance and follow the curve.
     made = lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 2.5})
@@ -87,6 +88,7 @@ def test_robots_of_other_kinds_drive(command, settings):
     assert played.score["min_separation"] > 2 * made.robot.radius
 
 
+@in_real_time
 def test_services_stop_and_resume_a_robot_which_reports_it():
     # A physical story of two robots: one is stopped by a person, and then told to go on.
     seen, made = {}, lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 4.0})
