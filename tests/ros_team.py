@@ -53,6 +53,13 @@ def process(*arguments, **options):
     return subprocess.Popen(command, text=True, **options)
 
 
+def on_simulated_time(options_of, robot):
+    """Options of a robot's node, and the parameter by which its clock is that of the world."""
+    from rclpy.parameter import Parameter
+
+    return {"parameter_overrides": [Parameter("use_sim_time", value=True)], **options_of(robot)}
+
+
 class Team:
     """A world and robots in one process; `world.play()` runs all of them."""
 
@@ -64,6 +71,8 @@ class Team:
         self.world = WorldNode(scenario, settings)
         chosen = range(scenario.num_robots) if robots is None else robots
         # A busy machine must not be taken for a jump of the clock.
+        if settings.pace != 1:
+            options_of = functools.partial(on_simulated_time, options_of)
         given = {"policy": policy, "scenario": self.file, "lockstep": settings.lockstep, "clock_jump": 5.0} | more
         self.robots = []
         self.others = []
