@@ -52,14 +52,14 @@ BOUNDS = {"experiment": 2.5e-4, "intruders": 7e-4, "dense": 1.2e-3}
 
 @pytest.mark.parametrize("name", BOUNDS)
 def test_the_table_is_the_distance_by_brute_force(name):
-    # Oracle: the nearest of a million points of a lap.
+    # Oracle: the nearest of 300,000 points of a lap.
     scenario = DENSE if name == "dense" else lissajous_env.scenario(name)
-    million = curve_tree(scenario.curve, 1_000_001)
+    points = curve_tree(scenario.curve, 300_001)
     for reach, worse in ((1.0, 1), (1.5, 2), (4.0, 4)):
         places = places_around(scenario.curve, reach)
-        assert by_table(scenario, places) == pytest.approx(million.query(places)[0], abs=worse * BOUNDS[name])
+        assert by_table(scenario, places) == pytest.approx(points.query(places)[0], abs=worse * BOUNDS[name])
     far = places_around(scenario.curve, 50.0)
-    assert by_table(scenario, far) == pytest.approx(million.query(far)[0], rel=1e-3)
+    assert by_table(scenario, far) == pytest.approx(points.query(far)[0], rel=1e-3)
 
 
 @pytest.mark.parametrize(
