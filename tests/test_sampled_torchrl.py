@@ -10,7 +10,7 @@ pytest.importorskip("torchrl")
 
 from gymnasium.error import ResetNeeded  # noqa: E402
 from tensordict import TensorDict  # noqa: E402
-from torchrl.collectors import SyncDataCollector  # noqa: E402
+from torchrl.collectors import Collector  # noqa: E402
 from torchrl.envs import check_env_specs  # noqa: E402
 
 from lissajous_env import ScenarioSpace, Simulation, scenario  # noqa: E402
@@ -129,7 +129,7 @@ def test_worlds_that_are_reset_alone_keep_their_scenario():
 
 def test_a_collector_meets_many_scenarios():
     env = make(num_groups=3)
-    collector = SyncDataCollector(env, None, frames_per_batch=6 * 10, total_frames=6 * 60)
+    collector = Collector(env, None, frames_per_batch=6 * 10, total_frames=6 * 60)
     met = set()
     for data in collector:
         assert data.shape == (6, 10)
