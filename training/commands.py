@@ -68,8 +68,8 @@ def train(
         overrides: fields changed in the scenario, as in --set task.reward_collision=-5 targets.count=5
     """
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
-    of_rogues = {"rounds": rogue_rounds, "steps": rogue_steps, "starts": rogue_starts}
-    of_rogues = {name: value for name, value in of_rogues.items() if value is not None}
+    numbers = {"rounds": rogue_rounds, "steps": rogue_steps, "starts": rogue_starts}
+    of_rogues: dict[str, Any] = {name: value for name, value in numbers.items() if value is not None}
     # Its lines tell how it goes: where stdout is for the result alone, they go to stderr.
     console = make_console(stderr=output.json, quiet=output.quiet)
     if rogues or league is not None:

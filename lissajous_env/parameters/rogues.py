@@ -110,7 +110,8 @@ def rogue_of(name: str) -> Rogue | None:
     made = {each: _single(each) for each in dict.fromkeys(members)}
     shares = ", ".join(f"{members.count(each)} of {len(members)} {each}" for each in made)
     needs = any(each.needs_contamination for each in made.values())
-    return Rogue(name, None, f"a mixture: {shares}", needs_contamination=needs, members=tuple(map(made.get, members)))
+    every = tuple(made[each] for each in members)
+    return Rogue(name, None, f"a mixture: {shares}", needs_contamination=needs, members=every)
 
 
 def members_of(name: str) -> tuple[str, ...]:
