@@ -59,8 +59,8 @@ def train(
             one is drawn at random for each target; one that is given twice has two shares.
         against: policies of the robots from which rogues learn to hide: names, or folders of checkpoints. The
             environments are divided among several; one that is given twice has two shares.
-        rogue_rounds: rounds of imitation of a rogue with foresight, 16 by default.
-        rogue_steps: rogue steps of PPO after the imitation, 1,000,000 by default.
+        rogue_rounds: rounds of imitation of a rogue with foresight, 48 by default.
+        rogue_steps: rogue steps of PPO after the imitation, none by default.
         rogue_starts: rogues per episode, each with a start of its own, 96 by default.
         league: rounds in which rogues learn against a mixture of all teams so far, then a team against a mixture of all
             rogues so far; the first ones are those of `against` and `rogues`. The other options apply to each training.

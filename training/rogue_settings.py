@@ -31,9 +31,9 @@ class RogueTraining:
     against: str = "kuramoto-mpcc"
     """Policy of the robots: a name, the folder of a checkpoint, or several of these joined by `+`, among which the
     environments are divided."""
-    rounds: int = 16
+    rounds: int = 48
     """Rounds of imitation of a rogue with foresight, each with an episode per world."""
-    steps: int = 1_000_000
+    steps: int = 0
     """Rogue steps of PPO after the imitation, summed over all rogues."""
     starts: int = 96
     """Rogues per episode, each with a start of its own."""

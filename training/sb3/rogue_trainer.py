@@ -1,8 +1,9 @@
-"""`lissajous train --side rogues`: imitation of a rogue with foresight, then PPO, against robots that do not learn.
+"""`lissajous train --side rogues`: imitation of a rogue with foresight, against robots that do not learn; then PPO.
 
 A rogue that starts in the wrong place is detected at once whatever it does, and one that hides well is detected much
 later than a discounted return reaches. So imitation comes first (`training.sb3.foresight`), in the states that the
-learner itself reaches, and PPO refines its result. All rogues share one network.
+learner itself reaches, and PPO can follow, which in the time of more rounds of imitation gains less than these. All
+rogues share one network.
 """
 
 import math
