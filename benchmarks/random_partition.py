@@ -22,7 +22,7 @@ from baselines.policies.partition_random import PartitionRandom, RandomPartition
 from training.rogue_settings import RogueTraining
 from training.sb3.rogue_trainer import train_rogues
 
-RATES = (1.0, 1.0), (0.7, 0.7), (0.4, 1.0), (0.4, 0.4), (0.2, 1.0)
+RATES = (1.0, 1.0), (0.7, 0.7), (0.4, 1.0), (0.6, 0.6), (0.2, 1.0)
 """Smallest and largest rates, as shares of the rate of `partition`."""
 SEEDS, HELD_OUT = (1, 2, 3, 4), 5
 SCRIPTS = "wander", "flee", "shadow", "follow-gap"
@@ -59,7 +59,7 @@ def row(slowest: float, fastest: float, options: argparse.Namespace) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=24)
+    parser.add_argument("--rounds", type=int, default=16)
     parser.add_argument("--episodes", type=int, default=32)
     parser.add_argument("--out", type=Path, help="folder of the trainings, which resume there; temporary by default")
     options = parser.parse_args()

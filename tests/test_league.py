@@ -11,11 +11,14 @@ from rich.console import Console
 
 import lissajous_env
 from baselines.exploitability.survival import survive, with_starts
+from lissajous_env.parameters.rogues import rogue_of
 from tests.command_line import called
 from training.learned import checkpoint
+from training.rogue_settings import RogueTraining
 from training.sb3 import league as leagues
 from training.sb3 import rogue_trainer
 from training.sb3.league import LeagueSettings, shares_of, train_league
+from training.sb3.rogue_trainer import train_rogues
 from training.settings import TrainingSettings
 
 SMALL = {"sensing.radius": 0.35, "task.duration": 5.0, "targets.entry": "unseen"}
@@ -136,6 +139,17 @@ def test_a_team_is_trained_against_rogues(tmp_path, capsys):
     code, _, error = called(capsys, "train", "--rogues", "flee", *fast)
     assert code == 2
     assert "'rogues': 'flee'" in error
+
+
+def test_rogues_learn_against_several_policies(tmp_path):
+    # Story: imitation and PPO against two policies at once; the rogue tells which.
+    fast = {name: FAST[name] for name in ("scenario", "threads", "overrides")} | {"worlds": 4, "evaluation_episodes": 4}
+    settings = RogueTraining(against="sweep+still", rounds=2, steps=50, starts=16, out=tmp_path / "run", **fast)
+    history = train_rogues(settings, Console(quiet=True))
+    assert [point["steps"] > 0 for point in history["curve"]] == [False, True]
+    assert rogue_of(str(tmp_path / "run")).trained_against == ("sweep", "still")
+    with pytest.raises(ValueError, match="worlds must be at least the 3 policies in against, got 2"):
+        RogueTraining(against="sweep+still+sweep", **fast | {"worlds": 2})
 
 
 def test_bad_input_is_refused_by_name(finished, capsys, tmp_path):

@@ -35,7 +35,7 @@ def train(
         lissajous train --scenario intruders --out runs/intruders
         lissajous train --scenario evaders --rogues follow-gap runs/hiding --out runs/team
         lissajous train --side rogues --against sweep --scenario evaders --out runs/hiding
-        lissajous train --league 3 --against sweep kuramoto-mpcc --scenario evaders --out runs/league
+        lissajous train --league 3 --against sweep laps --scenario evaders --base sweep --out runs/league
 
     Options:
         training: scenario, set, algorithm, steps, seed, start, out
