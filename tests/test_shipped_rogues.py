@@ -1,6 +1,7 @@
 """The shipped learned rogues: they have names, need no learning library, and hide better than the scripts."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import lissajous_env
 from baselines.exploitability.bracket import rogue_names
 from baselines.exploitability.mixed_policies import policies_in
 from baselines.exploitability.survival import survive, with_starts
+from benchmarks.rogues import rows
 from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
 from tests.command_line import called
 from training.learned import checkpoint
@@ -34,6 +36,13 @@ def test_each_shipped_rogue_tells_how_it_was_trained():
         assert name.startswith(f"hide-from-{settings.against}")
         assert name in lissajous_env.rogues()
         assert set(text["held_out_times"]) == set(rogue.trained_against)
+
+
+def test_the_table_of_the_page_is_that_of_the_stored_times():
+    # Oracle: what the command that the page names prints.
+    found, page = rows(), (Path(__file__).parents[1] / "docs" / "rogues.md").read_text(encoding="utf-8")
+    assert len(found) >= len(shipped_rogues())
+    assert [row for row in found if row not in page] == []
 
 
 def test_each_shipped_rogue_hides_better_than_every_script():
