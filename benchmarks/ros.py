@@ -42,6 +42,7 @@ class Disturbed:
 
 def over_ros(given: argparse.Namespace, changes: list[str], seed: int) -> dict:
     arguments = ["--scenario", given.scenario, "--policy", given.policy, "--seed", str(seed), "--json"]
+    arguments += ["--pace", str(given.pace)]
     command = [sys.executable, "-m", "lissajous_env", "ros", "launch", *arguments, "--set", *changes]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
@@ -69,6 +70,7 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=60.0)
     parser.add_argument("--loss", type=float, nargs="+", default=[0.0, 0.1])
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
+    parser.add_argument("--pace", type=float, default=1.0, help="simulated seconds per second")
     parser.add_argument("--set", nargs="+", default=[])
     given = parser.parse_args()
     print(f"load before: {os.getloadavg()[0]:.1f} on {os.cpu_count()} hardware threads")

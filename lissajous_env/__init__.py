@@ -12,6 +12,8 @@ from lissajous_env.envs.gymnasium_vector import LissajousVectorEnv, vector_env
 from lissajous_env.envs.making import env, parallel_env
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.envs.rogue_env import LissajousRogueEnv
+from lissajous_env.envs.sampled_env import SampledParallelEnv
+from lissajous_env.envs.sampled_team_env import SampledEnv
 from lissajous_env.envs.two_sided import TwoSidedParallelEnv
 from lissajous_env.episodes.evaluation import evaluate
 from lissajous_env.episodes.policies import BASES as _BASES
@@ -19,6 +21,7 @@ from lissajous_env.episodes.policies import base as _base
 from lissajous_env.episodes.policies import load, policies, policy
 from lissajous_env.parameters.extensions import observation_entry, reward_term, score_column, target_motion
 from lissajous_env.parameters.ids import register_ids as _register_ids
+from lissajous_env.parameters.ids import register_space_ids as _register_space_ids
 from lissajous_env.parameters.named import (
     register_scenario,
     register_scenario_space,
@@ -61,6 +64,8 @@ __all__ = [
     "Robot",
     "RobotModel",
     "Rogue",
+    "SampledEnv",
+    "SampledParallelEnv",
     "Scenario",
     "ScenarioSpace",
     "Sensing",
@@ -94,6 +99,8 @@ __all__ = [
 
 for _each in _SHIPPED:
     _register_ids(_each.name)
+for _space in scenario_spaces():
+    _register_space_ids(_space)
 
 
 def __getattr__(name: str) -> _Any:

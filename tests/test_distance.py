@@ -12,8 +12,10 @@ from lissajous_env.device.abreast import Floats
 from lissajous_env.device.curve import CurveStruct, curve_struct
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory.closed_forms import curve_point
+from lissajous_env.world.robots import distance_table
 from lissajous_env.world.robots.distance import DistanceTable, curve_distances, table_of
 from lissajous_env.world.robots.distance_table import arc_distance, nearest_phase
+from lissajous_env.world.robots.rough_distance import rough_distances
 
 
 @wp.kernel
@@ -50,14 +52,14 @@ BOUNDS = {"experiment": 2.5e-4, "intruders": 7e-4, "dense": 1.2e-3}
 
 @pytest.mark.parametrize("name", BOUNDS)
 def test_the_table_is_the_distance_by_brute_force(name):
-    # Oracle: the nearest of a million points of a lap.
+    # Oracle: the nearest of 300,000 points of a lap.
     scenario = DENSE if name == "dense" else lissajous_env.scenario(name)
-    million = curve_tree(scenario.curve, 1_000_001)
+    points = curve_tree(scenario.curve, 300_001)
     for reach, worse in ((1.0, 1), (1.5, 2), (4.0, 4)):
         places = places_around(scenario.curve, reach)
-        assert by_table(scenario, places) == pytest.approx(million.query(places)[0], abs=worse * BOUNDS[name])
+        assert by_table(scenario, places) == pytest.approx(points.query(places)[0], abs=worse * BOUNDS[name])
     far = places_around(scenario.curve, 50.0)
-    assert by_table(scenario, far) == pytest.approx(million.query(far)[0], rel=1e-3)
+    assert by_table(scenario, far) == pytest.approx(points.query(far)[0], rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -71,6 +73,32 @@ def test_the_nearest_point_is_the_nearest(curve):
         phases, found = nearest_phase(curve, places)
         assert np.linalg.norm(curve_point(curve, phases) - places, axis=1) == pytest.approx(found)
         assert (found <= points.query(places)[0] + 2e-4 * curve.half_height).all()
+
+
+ROUGH = [Curve(), Curve(5, 5, 7, 8), Curve(2.3, 1.0, 5, 3), Curve(1.0, 7.5, 1, 2), Curve(20, 12.5, 51, 50)]
+
+
+@pytest.mark.parametrize("curve", ROUGH, ids=str)
+def test_rough_distances_are_within_their_error(curve):
+    # Oracle: the search in float64. The nearest of the four stretches is the nearest part of the curve.
+    for reach in (1.0, 3.0, 100.0):
+        places = places_around(curve, reach, 1001)
+        exact = nearest_phase(curve, places)[1]
+        rough = rough_distances(curve, places)
+        assert rough.shape == (1001, 4)
+        error = np.abs(rough.min(axis=1) - exact) / np.maximum(exact, max(curve.half_width, curve.half_height))
+        assert error.max() < distance_table._ROUGHNESS
+
+
+@pytest.mark.parametrize("curve", [*ROUGH, Curve(44.2, 22.2, 3, 2), Curve(9.1, 5.9, 5, 2)], ids=str)
+def test_rough_distances_change_no_bit_of_the_table(curve, monkeypatch):
+    # Law: they select where to search, and the table is that of a search everywhere.
+    size = curve.half_width, curve.half_height, curve.a, curve.b
+    table = distance_table.distance_table.__wrapped__(*size)
+    monkeypatch.setattr(distance_table, "_MOST_ROUGH", 0.0)
+    searched = distance_table.distance_table.__wrapped__(*size)
+    np.testing.assert_array_equal(table.nodes, searched.nodes)
+    np.testing.assert_array_equal(table.arcs, searched.arcs)
 
 
 def test_the_distance_from_an_arc():

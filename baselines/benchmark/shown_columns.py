@@ -35,9 +35,34 @@ TIME_OVER_BOUND = Column(
     "time_over_bound", "mean detection time of an episode over T_max", title="detection / T_max", better=-1
 )
 """Derived column."""
+DETECTION_OVER_BEST = Column(
+    "detection_over_best",
+    "mean detection time over that of the fastest policy on the same scenario and seed",
+    title="detection / best",
+    better=-1,
+)
+"""Derived column."""
+WORST_CASE_OVER_BOUND = Column(
+    "worst_case_over_bound",
+    "worst-case undetected time over its lower bound in the scenario, infinite where it was still growing at the end",
+    title="guarantee / lower bound",
+    better=-1,
+)
+"""Derived column."""
+WORST_CASE_OVER_BEST = Column(
+    "worst_case_over_best",
+    "worst-case undetected time over the shortest of a policy on the same scenario and seed",
+    title="guarantee / best",
+    better=-1,
+)
+"""Derived column."""
 COMPARED = (DETECTION_TIME, WORST_CASE, COLLISIONS, SENSED)
 """Columns by which policies are compared seed by seed, and ranked."""
-OVERALL = (OVER_LOWER_BOUND, TIME_OVER_BOUND, WITHIN_BOUND, COLLISIONS, SPACING)
+RATIOS = (OVER_LOWER_BOUND, DETECTION_OVER_BEST, WORST_CASE_OVER_BOUND, WORST_CASE_OVER_BEST)
+"""Ratios of a time to a bound, and to the best policy of the run; `baselines.benchmark.ratios` computes the others."""
+OVER_SCENARIOS = RATIOS[1:]
+"""Columns whose statistics are over scenarios, each with the mean over its seeds."""
+OVERALL = (OVER_LOWER_BOUND, TIME_OVER_BOUND, WITHIN_BOUND, COLLISIONS, SPACING, *OVER_SCENARIOS)
 """Columns with the same meaning on every scenario, so that their episodes can be taken together."""
 SHOWN = tuple(
     sorted((each for each in (*COLUMNS.values(), OVER_LOWER_BOUND) if each.place), key=lambda each: each.place)

@@ -16,6 +16,7 @@ from typing import Any
 
 from baselines.benchmark import marl_eval, report_page
 from baselines.benchmark.comparison import Comparisons
+from baselines.benchmark.ratios import TAUS
 from baselines.benchmark.types import Outcome
 from baselines.benchmark.written import MARKDOWN, markdown, table_of
 from lissajous_env.console.terminal import plain
@@ -42,7 +43,8 @@ def summarized(outcome: Outcome, rows: Sequence[dict[str, Any]], comparisons: Co
     """Return the content of summary.json for some of an outcome's rows; the failures are those of this call.
 
     `limits` has the lower bound of the mean detection time of each scenario [s], null without one, and `against` the
-    comparison of each policy with the reference on the same seeds.
+    comparison of each policy with the reference on the same seeds. `profiles` has, for the ratios to a bound and to the
+    best policy, the share of the episodes that do not exceed each of `ratios`, and its interval over scenarios.
     """
     held = outcome.held
     return {
@@ -71,6 +73,7 @@ def summarized(outcome: Outcome, rows: Sequence[dict[str, Any]], comparisons: Co
             for name, (reference, ps) in comparisons.against.items()
         },
         "overall": _plain_cells(comparisons.overall),
+        "profiles": {"ratios": TAUS, "shares": comparisons.profiles},
         "failures": [asdict(failure) for failure in outcome.failures],
         "left_out": [asdict(refusal) for refusal in outcome.left_out],
     }

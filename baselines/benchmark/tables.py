@@ -242,6 +242,12 @@ def _legend(cells: Mapping[str, Any], bounds: Mapping[str, Bounds], episodes: in
     of = [of for policies in cells.values() for of in policies.values()]
     if any(each[OVER_LOWER_BOUND.name].n_finite for each in of):
         words.append(f"Over lower bound: {OVER_LOWER_BOUND.meaning}.")
+    if len(cells) > 1:
+        words.append(
+            "Detection and guarantee / best: over the best policy on the same scenario and seed. These and guarantee / "
+            "lower bound are interquartile means over scenarios, with intervals over scenarios; inf: the worst case "
+            "was still growing at the end of episodes."
+        )
     if any(each[WORST_CASE.name].at_least or each[WORST_CASE.name].high == math.inf for each in of):
         words.append(
             "Guaranteed: worst-case undetected time; >: the worst case was still growing when too many episodes ended, "

@@ -151,7 +151,7 @@ def picture_of_speeds(scenarios: Sequence[Scenario], known: Mapping[str, Sequenc
 
 def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> bytes:
     """Draw the longest time for which a target can have been undetected over time: the median and range of episodes."""
-    with Sheet("unseen", f"Longest undetected time so far: {scenario.name}", 7.2, 3.4) as sheet:
+    with Sheet("unseen", f"Worst-case undetected time: {scenario.name}", 7.2, 3.4) as sheet:
         axes = sheet.figure.add_subplot()
         time = np.arange(scenario.task.steps + 1) * scenario.task.step
         for (policy, curve), colour in zip(curves.items(), cycle(SERIES)):
@@ -173,9 +173,9 @@ def picture_of_unseen(scenario: Scenario, curves: Mapping[str, np.ndarray]) -> b
         axes.legend(loc="upper left")
         count = len(next(iter(curves.values())))
         return sheet.picture(
-            f"t - min e of the field of contamination: line, the median of {count} episodes; shade, all of them. "
-            "Grey: robots have failed. If a line rises through the second half of an episode to its end, the episode "
-            "shows no bound of that time."
+            f"Longest time for which a rogue can have been undetected by then: line, the median of {count} episodes; "
+            "shade, all of them. Grey: robots have failed. If a line rises through the second half of an episode to "
+            "its end, the episode shows no bound of that time."
         ).content
 
 

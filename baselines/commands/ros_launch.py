@@ -10,7 +10,7 @@ import tyro
 
 from baselines.commands.playing import FORMATS, progress_console
 from baselines.onboard import Onboard
-from baselines.ros.settings import CommandKind
+from baselines.ros.settings import CommandKind, WorldSettings
 from lissajous_env.console.recordings import check_file
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
 from lissajous_env.parameters import named
@@ -28,6 +28,7 @@ def launch(
     duration: _Duration = None,
     seed: int = 0,
     lockstep: Annotated[bool, _Flag] = False,
+    pace: float = 1.0,
     command: CommandKind = "car",
     out: _Out = None,
     output: OutputOptions = DEFAULT_OUTPUT,
@@ -47,6 +48,7 @@ def launch(
         duration: duration of the episode [s]; by default that of the scenario.
         seed: seed of the episode.
         lockstep: step when all robots have decided, instead of in real time.
+        pace: simulated seconds per second; less than 1 if the machine is too slow for real time.
         command: kind of the robots' commands: car, twist, twist_stamped or dart.
         out: file to write, as in `lissajous ros world`.
         output: Console output.
@@ -56,6 +58,7 @@ def launch(
     from baselines.ros.launching import Team
 
     check_file(out, *FORMATS)
+    WorldSettings(lockstep=lockstep, pace=pace)  # for its checks, before anything is started
     changes = parse_overrides(overrides) | ({} if duration is None else {"task.duration": duration})
     made = named.scenario(scenario, **changes)
     console = progress_console(output)
@@ -68,10 +71,11 @@ def launch(
             file.write_text(as_toml(made), encoding="utf-8")
             given = str(file)
         shared = ["--scenario", given, "--command", command, *(["--lockstep"] if lockstep else [])]
-        world = ["--seed", str(seed), *(["--out", str(out.resolve())] if out is not None else [])]
+        world = ["--seed", str(seed), "--pace", str(pace), *(["--out", str(out.resolve())] if out is not None else [])]
         world += [flag for flag, given in (("--json", output.json), ("--quiet", output.quiet)) if given]
         loss = 0.0 if lockstep else made.noise.message_loss
         # A busy machine must not be taken for a jump of the clock.
         robots = ["--policy", policy, "--message-loss", str(loss), "--clock-jump", "2", "--quiet"]
+        robots += [] if pace == 1 else ["--ros-args", "-p", "use_sim_time:=true"]
         team = Team(made.num_robots, [*shared, *world], [*shared, *robots])
         team.run(lambda words: console.print(words, markup=False, highlight=False, soft_wrap=True))

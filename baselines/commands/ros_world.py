@@ -25,7 +25,7 @@ def world(
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
-    """Simulate the robots' hardware as a node of ROS 2, in real time or in lock-step, and print the score.
+    """Simulate the robots' hardware as a node of ROS 2, at any pace or in lock-step, and print the score.
 
     The node waits for all robots, starts them, and stops them at the end.
 
@@ -33,7 +33,7 @@ def world(
         lissajous ros world --scenario experiment --set task.duration=20 --out episode.html
 
     Options:
-        simulation: scenario, set, seed, lockstep, out
+        simulation: scenario, set, seed, lockstep, pace, out
         robots: command, frame, watchdog, wait
 
     Args:
@@ -61,7 +61,7 @@ def world(
     tables.print_row(console, recording.score)
     if node.late_steps:
         words = (
-            f"note: {node.late_steps} of {len(recording) - 1} steps came late: this machine is too slow for real time"
+            f"note: {node.late_steps} of {len(recording) - 1} steps came late: this machine is too slow; try --pace 0.5"
         )
         console.print(words, style="yellow", markup=False, highlight=False, soft_wrap=True)
     output.print_json(recording.score | {"late_steps": node.late_steps})

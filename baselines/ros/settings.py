@@ -99,8 +99,14 @@ class WorldSettings(Checked):
     """Time after which a simulated robot without a command takes that of rest [s]; 0 for 2.5 control steps."""
     wait: float = number(60.0, 1.0, _FOREVER, "s")
     """Longest time to wait for the robots [s]."""
+    pace: float = number(1.0, 0.01, 100.0)
+    """Simulated seconds per second. If it is not 1, the world publishes `/clock`, and the robots' nodes must have the
+    parameter `use_sim_time`."""
 
     @property
     def part(self) -> str:
         """Name of these settings in error messages."""
         return "node"
+
+    def _check_together(self) -> None:
+        self._require(not self.lockstep or self.pace == 1, "pace", "must be 1 in lock-step")

@@ -26,6 +26,8 @@ _AGAIN = 0.25
 """Period in which a state is sent again while robots are waited for [s]."""
 _PATIENCE = 30.0
 """Longest time to wait for an answer of a robot that has been there [s]."""
+_CLOCK_PERIOD = 0.005
+"""Period in which `/clock` is published if the simulation does not run at the pace of the system's clock [s]."""
 
 
 class WorldNode(ros.Node):
@@ -52,6 +54,7 @@ class WorldNode(ros.Node):
             raise ValueError(f"scenario must be of robots of kind car, got {scenario.robot.kind}")
         super().__init__(NAME, **options)
         self.settings, self.simulation = settings, Simulation(scenario, seed=settings.seed)
+        self._begun, self._clock_sent_at = monotonic(), -math.inf
         self.scenario, self.late_steps = self.simulation.scenario, 0
         # Compile and load every kernel before robots wait for a step.
         self.simulation.advance()
@@ -73,8 +76,10 @@ class WorldNode(ros.Node):
 
     @property
     def now(self) -> float:
-        """Time of the node's clock [s]."""
-        return self.get_clock().now().nanoseconds / 1e9
+        """Time of the robots' clock [s], which is that of the system if the pace is 1."""
+        if self.settings.pace == 1:
+            return self.get_clock().now().nanoseconds / 1e9
+        return START + (monotonic() - self._begun) * self.settings.pace
 
     def play(self, on_step: Callable[[], None] = lambda: None) -> Recording:
         """Wait for the robots, start them, play the episode, and stop them.
@@ -141,6 +146,12 @@ class WorldNode(ros.Node):
             self._actions[robot] = {time: np.array(message.position, dtype=np.float32)}
 
     def _spin(self, timeout: float) -> None:
+        """Receive a message, within a time of the system's clock [s]."""
+        if self.settings.pace != 1:
+            timeout = min(timeout, _CLOCK_PERIOD)
+            if monotonic() - self._clock_sent_at >= _CLOCK_PERIOD:
+                self._clock_sent_at = monotonic()
+                self._send_clock(ros.Clock(clock=stamp_of(self.now)))
         self.loop.spin_once(timeout_sec=max(timeout, 0.0))
 
     def _spin_until(self, holds: Callable[[], bool], limit: float, every: Callable[[], None] | None = None) -> bool:
@@ -182,7 +193,7 @@ class WorldNode(ros.Node):
         while not self.simulation.over[0]:
             begun, end = end, end + step
             while (left := end - self.now) > 0:
-                self._spin(left)
+                self._spin(left / self.settings.pace)
             if -left > 0.5 * step:
                 self.late_steps += 1
                 end = self.now

@@ -4,6 +4,7 @@
 """
 
 import ctypes
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -69,8 +70,7 @@ class Call:
     def __init__(self, launch: Any):
         self._launch = launch
         self._bounds, *values = launch.params
-        fields = [(f"argument_{k}", type(value)) for k, value in enumerate(values)]
-        self._arguments = type("Arguments", (ctypes.Structure,), {"_fields_": fields})(*values)
+        self._arguments = _arguments_of(tuple(map(type, values)))(*values)
         self._function = launch.hooks.forward
         self._places = ctypes.byref(self._bounds), ctypes.byref(self._arguments)
 
@@ -90,3 +90,10 @@ class Call:
     def read_argument(self, index: int) -> None:
         """Read one of the arguments again after a change."""
         setattr(self._arguments, f"argument_{index}", self._launch.params[1 + index])
+
+
+@functools.lru_cache(maxsize=1024)
+def _arguments_of(types: tuple[type, ...]) -> type[ctypes.Structure]:
+    """Return the structure of arguments of these types: to make one takes longer than the rest of a `Call`."""
+    fields = [(f"argument_{k}", each) for k, each in enumerate(types)]
+    return type("Arguments", (ctypes.Structure,), {"_fields_": fields})

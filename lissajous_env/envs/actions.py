@@ -20,7 +20,7 @@ def action_table(scenario: str | Scenario) -> np.ndarray:
     With messages of k numbers, the table contains every motion with each of k + 1 messages: first zeros, then 1 in
     component 0 and zeros elsewhere, and so on.
     """
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     moves = np.array(model_of(scenario.robot.kind).table, dtype=np.float32)
     words = np.eye(scenario.messages.size + 1, dtype=np.float32)[:, 1:]
     return np.hstack([np.tile(moves, (len(words), 1)), np.repeat(words, len(moves), axis=0)])
@@ -46,9 +46,9 @@ def rogue_action_space(discrete: bool = False) -> gymnasium.Space:
     return gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
-def team_action_space(scenario: Scenario, discrete: bool, flat: bool) -> gymnasium.Space:
+def team_action_space(scenario: Scenario, discrete: bool, flat: bool, num_robots: int | None = None) -> gymnasium.Space:
     """Return the action space of the team: `Box(-1, 1, (N, action_size))`, flattened, or `MultiDiscrete` (N,)."""
-    n, size = scenario.num_robots, scenario.action_size
+    n, size = num_robots or scenario.num_robots, scenario.action_size
     if discrete:
         return gymnasium.spaces.MultiDiscrete([len(action_table(scenario))] * n)
     return gymnasium.spaces.Box(-1.0, 1.0, (n * size,) if flat else (n, size), np.float32)

@@ -68,7 +68,7 @@ class LissajousParallelEnv(ParallelEnv):
         known = isinstance(render_mode, str) and render_mode in self.metadata["render_modes"]
         if render_mode is not None and not known:
             raise ValueError(f"render_mode must be None, rgb_array or human, got {shown(render_mode)}")
-        made = named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
+        made = self._changed(scenario, max_cycles, overrides)
         self.render_mode = render_mode
         self.simulation = Simulation(made, num_worlds=1, device=device)
         self.scenario = self.simulation.scenario
@@ -198,6 +198,10 @@ class LissajousParallelEnv(ParallelEnv):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+    def _changed(self, scenario: str | Scenario, max_cycles: int | None, overrides: Mapping[str, Any]) -> Scenario:
+        """Return the scenario with its fields overridden."""
+        return named.with_cycles(named.scenario(scenario, **overrides), max_cycles)
 
     def _state_size(self) -> int:
         return len(state_names(self.scenario))

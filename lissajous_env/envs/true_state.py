@@ -35,7 +35,7 @@ class TrueState(NamedTuple):
 
 def state_names(scenario: str | Scenario) -> tuple[str, ...]:
     """Return the names of the S = (8 + k) N + 3 T + 1 numbers of a world's state, in order."""
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     of_robot = (*OF_ROBOT, *(f"message_{m}" for m in range(scenario.messages.size)))
     robots = [f"robot_{i}_{name}" for i in range(scenario.num_robots) for name in of_robot]
     targets = [f"target_{t}_{name}" for t in range(scenario.target_capacity) for name in OF_TARGET]
@@ -52,6 +52,22 @@ def state_rows(simulation: Simulation, library: Any = np) -> Any:
     worlds = simulation.num_worlds
     parts = [part.reshape(worlds, -1) for part in true_state(simulation, library)]
     return library.concatenate(parts, 1)
+
+
+def state_size(num_robots: int, num_targets: int, message_size: int = 0) -> int:
+    """Return S = (8 + k) N + 3 T + 1, the number of numbers of a world's state."""
+    return (len(OF_ROBOT) + message_size) * num_robots + len(OF_TARGET) * num_targets + 1
+
+
+def padded_rows(simulation: Simulation, num_robots: int, num_targets: int, library: Any = np) -> Any:
+    """Return the true states as rows (W, S) for more robots and target slots than there are, whose numbers are 0.
+
+    `library` is as for `state_rows`.
+    """
+    robots, targets, elapsed = true_state(simulation, library)
+    parts = (robots, num_robots), (targets, num_targets)
+    padded = [library.concatenate([of, *[library.zeros_like(of[:, :1])] * (n - of.shape[1])], 1) for of, n in parts]
+    return library.concatenate([*(of.reshape(simulation.num_worlds, -1) for of in padded), elapsed], 1)
 
 
 def true_state(simulation: Simulation, library: Any = np) -> TrueState:

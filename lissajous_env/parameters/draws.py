@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from collections.abc import Callable
 
 from lissajous_env.parameters.named import scenario_space
 from lissajous_env.parameters.scenario import Scenario
@@ -21,39 +22,65 @@ class Draws:
         space: A `ScenarioSpace`, or the name or file of one.
         split: Split or shift from which scenarios are drawn.
         seed: Whole number from 0 to 2^31 - 1.
+        change: Function that returns a drawn scenario with fields changed.
 
     Raises:
         ValueError: there is no such space or split, or the seed is out of its range.
     """
 
-    def __init__(self, space: str | os.PathLike | ScenarioSpace, split: str = "train", seed: int = 0):
+    def __init__(
+        self,
+        space: str | os.PathLike | ScenarioSpace,
+        split: str = "train",
+        seed: int = 0,
+        change: Callable[[Scenario], Scenario] | None = None,
+    ):
         if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
             raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
         of = scenario_space(space)
         next(of.seeds(split))
         self.split = None if split in of.shifts else split
         self.space = of.shifted(split) if split in of.shifts else of
-        self.seed = int(seed)
+        self.seed, self._change = int(seed), change
         self.counts: dict[int, int] = {}
         """Number of draws of each group so far, those included that were not used."""
         self.robots: dict[int, int] = {}
         """Number of robots of each group, that of its first scenario."""
 
-    def next(self, group: int) -> tuple[Scenario, int]:
-        """Return the next scenario of a group, with the same number of robots as the first, and a seed for its worlds.
+    def next(self, group: int, fits: Callable[[Scenario], bool] | None = None) -> tuple[Scenario, int]:
+        """Return the next scenario of a group, and a seed for its worlds.
+
+        Args:
+            group: Number of the group.
+            fits: Function that returns False for scenarios to skip; by default those with another number of robots than
+                the first of the group.
 
         Raises:
-            ValueError: the space has no other scenario with this number of robots.
+            ValueError: the space has no other scenario with this number of robots, or none that fits.
         """
         for _ in range(_MOST_TRIES):
             draw = self.counts[group] = self.counts.get(group, -1) + 1
             seed = self._hashed(f"scenario/{group}/{draw}")
             if self.split is not None and self.space.split_of(seed) != self.split:
                 continue
-            made = self.space.sample(seed)
-            if made.num_robots == self.robots.setdefault(group, made.num_robots):
-                return made, self._hashed(f"episodes/{group}/{draw}") // 2
+            made = self._made(seed)
+            robots = self.robots.setdefault(group, made.num_robots)
+            if made.num_robots == robots if fits is None else fits(made):
+                return made, self._seed_of_episodes(group)
+        if fits is not None:
+            raise ValueError(f"space {self.space.name} must have more scenarios that fit, got none")
         raise ValueError(f"space {self.space.name} must have more scenarios with {self.robots[group]} robots, got none")
+
+    def latest(self, group: int) -> tuple[Scenario, int]:
+        """Return the latest scenario of a group, and the seed for its worlds, again."""
+        return self._made(self._hashed(f"scenario/{group}/{self.counts[group]}")), self._seed_of_episodes(group)
+
+    def _made(self, seed: int) -> Scenario:
+        made = self.space.sample(seed)
+        return made if self._change is None else self._change(made)
+
+    def _seed_of_episodes(self, group: int) -> int:
+        return self._hashed(f"episodes/{group}/{self.counts[group]}") // 2
 
     def _hashed(self, what: str) -> int:
         digest = hashlib.sha256(f"{self.space.name}/{self.seed}/{what}".encode()).digest()

@@ -14,10 +14,10 @@ import numpy as np
 
 from lissajous_env import here
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
-from lissajous_env.parameters.ids import register_ids
+from lissajous_env.parameters.ids import register_ids, register_space_ids
 from lissajous_env.parameters.overriding import overridden
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.parameters.scenario_file import SUFFIX, read_scenario_file, read_space_file
+from lissajous_env.parameters.scenario_file import SUFFIX, is_space_file, read_scenario_file, read_space_file
 from lissajous_env.parameters.shipped import SHIPPED
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.plugins import EntryPoints, import_attribute
@@ -100,14 +100,19 @@ def scenario_spaces() -> tuple[str, ...]:
 def register_scenario_space(space: ScenarioSpace) -> ScenarioSpace:
     """Register a space, so that commands and environments accept its scenarios as NAME-SEED, and return it.
 
+    Gymnasium and PettingZoo then make environments of the space as `lissajous/NAME-v0`.
+
     Raises:
         ValueError: the argument is no space, its name is invalid, or a different space has that name.
     """
     if not isinstance(space, ScenarioSpace):
         raise ValueError(f"space must be a ScenarioSpace to be registered, got {shown(space)}")
     _check_name(space.name)
+    is_new = space.name not in _SPACES
     if space.name in _SHIPPED_SPACES or _SPACES.setdefault(space.name, space) != space:
         raise ValueError(f"name of a space must be new, got {space.name}, which another one has")
+    if is_new:
+        register_space_ids(space.name)
     return space
 
 
@@ -130,6 +135,37 @@ def scenario_space(name: str | os.PathLike | ScenarioSpace) -> ScenarioSpace:
         hint = nearest(given, scenario_spaces())
         raise ValueError(f"space must be one of {', '.join(scenario_spaces())}, got {shown(given)}{hint}")
     return found
+
+
+def is_space(name: Any) -> bool:
+    """Return True for the name of a space of scenarios, and for a TOML file of one.
+
+    Raises:
+        ValueError: a TOML file cannot be read.
+    """
+    if isinstance(name, os.PathLike):
+        name = os.fspath(name)
+    return is_space_file(name) if is_scenario_file(name) else _known_space(name) is not None
+
+
+def space_and_split(name: Any) -> tuple[ScenarioSpace, str] | None:
+    """Return the space and the split that SPACE or SPACE:SPLIT denotes, or None for anything else.
+
+    SPACE is as for `scenario_space`, SPLIT is a split or a shift, by default `train`.
+
+    Raises:
+        ValueError: the space has no such split or shift.
+    """
+    if isinstance(name, ScenarioSpace):
+        return name, "train"
+    given = os.fspath(name) if isinstance(name, os.PathLike) else name
+    space, colon, split = given.partition(":") if isinstance(given, str) else ("", "", "")
+    is_missing = is_scenario_file(space) and not os.path.exists(space)
+    if re.fullmatch(r"(.+-)?\d+", split) or is_missing or not is_space(space):
+        return None
+    of, split = scenario_space(space), split if colon else "train"
+    next(of.seeds(split))
+    return of, split
 
 
 def expanded(names: Iterable[str]) -> tuple[str, ...]:
@@ -178,6 +214,8 @@ def registered_scenario(name: Any) -> Scenario:
 
 def unknown_scenario(name: Any, others: Iterable[str] = ()) -> ValueError:
     """Return the error for an unknown scenario, which suggests the closest match among scenarios and `others`."""
+    if isinstance(name, str) and (space := _known_space(name)) is not None:
+        return ValueError(f"scenario must be one scenario, got the space {name}: name one of it, as {space.name}-0")
     known = scenarios()
     hint = nearest(name, [*known, *others])
     words = f"scenario must be one of the {len(known)} that `lissajous scenarios` lists, got {shown(name)}{hint}"
@@ -225,7 +263,7 @@ def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
     whole = isinstance(max_cycles, (int, np.integer)) and not isinstance(max_cycles, bool)
     if not whole or not 1 <= max_cycles <= _MOST_STEPS:
         raise ValueError(f"max_cycles must be a whole number from 1 to {_MOST_STEPS}, got {shown(max_cycles)}")
-    return scenario(made, **{"task.duration": int(max_cycles) * made.task.step})
+    return build(made, **{"task.duration": int(max_cycles) * made.task.step})
 
 
 def _warn(made: Scenario) -> None:
@@ -243,6 +281,8 @@ def _violated_on_purpose() -> frozenset[str]:
 def _found(name: Any) -> Scenario:
     given = os.fspath(name) if isinstance(name, os.PathLike) else name
     if is_scenario_file(given):
+        if is_space_file(given):
+            raise ValueError(f"scenario must be one scenario, got the space {given}: name one of it, as {given}:0")
         return _of_file(given)
     if isinstance(given, str) and (part := _SAMPLED.fullmatch(given)):
         space = scenario_space(part[1])

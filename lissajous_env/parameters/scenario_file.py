@@ -52,16 +52,17 @@ def read_space_file(path: str) -> dict[str, Any]:
     return _read("space", path, known | dict.fromkeys(("draw", "shift"), (dict, "a table")))
 
 
+def is_space_file(path: str) -> bool:
+    """Return True for a TOML file with the table `draw`, which a space of scenarios has and a scenario has not.
+
+    Raises:
+        ValueError: it is missing, no plain file, above 64 KiB, or no TOML; the message names it.
+    """
+    return "draw" in _parsed("scenario", path)
+
+
 def _read(what: str, path: str, known: Mapping[str, tuple[type, str]]) -> dict[str, Any]:
-    try:
-        text = read_bytes(os.path.realpath(path), _LARGEST).decode()
-        _check_dots(text)
-        given = tomllib.loads(text)
-    except RecursionError:
-        raise ValueError(f"{what} {path} must nest fewer levels") from None
-    except ValueError as error:
-        hint = "" if os.path.exists(path) else nearest(path, beside(path, SUFFIX))
-        raise ValueError(f"{what} {path} must be a TOML file that can be read: {error}{hint}") from error
+    given = _parsed(what, path)
     for key, value in given.items():
         if key not in known:
             raise ValueError(f"{what} {path} must hold {', '.join(known)}, got {key!r}{nearest(key, known)}")
@@ -69,6 +70,18 @@ def _read(what: str, path: str, known: Mapping[str, tuple[type, str]]) -> dict[s
         if not isinstance(value, kind):
             raise ValueError(f"{what} {path} must hold {key} as {rule}, got {type(value).__name__}")
     return given
+
+
+def _parsed(what: str, path: str) -> dict[str, Any]:
+    try:
+        text = read_bytes(os.path.realpath(path), _LARGEST).decode()
+        _check_dots(text)
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(f"{what} {path} must nest fewer levels") from None
+    except ValueError as error:
+        hint = "" if os.path.exists(path) else nearest(path, beside(path, SUFFIX))
+        raise ValueError(f"{what} {path} must be a TOML file that can be read: {error}{hint}") from error
 
 
 def as_toml(scenario: Scenario) -> str:

@@ -40,7 +40,7 @@ class Renderer:
     """
 
     def __init__(self, scenario: str | Scenario, size: Sequence[int] | None = None):
-        self.scenario = named.scenario(scenario).resolve()
+        self.scenario = named.build(scenario).resolve()
         self.view = View.of(self.scenario, size)
         self.picture = opaque(self.view.size)
         """The latest picture, as a pygame surface."""

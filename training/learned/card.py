@@ -12,6 +12,7 @@ from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.world.observation import layout
+from training.learned.constants import CONSTANTS
 
 LARGEST_RESIDUAL = 2.0
 """Residual with which the network can choose any action, whatever the base's is."""
@@ -36,10 +37,12 @@ class Card:
     base: str | None = None
     """Name of the classical policy to whose action the network's output is added; None: the output is the action.
 
-    The network also reads the base's action, after `inputs`.
+    The network also reads the base's action, after `inputs` and `constants`.
     """
     residual: float = 1.0
     """Factor of the network's output, clipped to [-1, 1], before it is added to the base's action."""
+    constants: tuple[str, ...] = ()
+    """Names of the scenario's numbers (`training.learned.constants`) that the network reads after `inputs`."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Settings of the training."""
     home: Mapping[str, Any] | None = None
@@ -58,6 +61,9 @@ class Card:
         base = self.base
         known = base is None or (isinstance(base, str) and registry.is_classical(base))
         require("base", known, "must be a registered classical policy, or none", base)
+        known = isinstance(self.constants, tuple) and all(name in CONSTANTS for name in self.constants)
+        once = known and len(set(self.constants)) == len(self.constants)
+        require("constants", once, f"must be some of {', '.join(CONSTANTS)}, each once", self.constants)
         number = type(self.residual) in (int, float) and math.isfinite(self.residual)
         require("residual", number and 0 <= self.residual <= LARGEST_RESIDUAL, "must be from 0 to 2", self.residual)
         require("settings", isinstance(self.settings, Mapping), "must be an object", self.settings)
@@ -86,18 +92,22 @@ class Card:
         for name in names:
             require("policy", name in policy, f"must contain {name}", list(policy))
         values: dict[str, Any] = {name: policy[name] for name in names}
-        if isinstance(values["inputs"], list):
-            values["inputs"] = tuple(values["inputs"])
+        values["constants"] = policy.get("constants", ())
+        for name in ("inputs", "constants"):
+            if isinstance(values[name], list):
+                values[name] = tuple(values[name])
         return cls(**values, settings=settings, home=home)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values of all fields but the settings and the scenario."""
-        return {name: getattr(self, name) for name in ("scenario", "kind", "inputs", "action_size", "base", "residual")}
+        names = ("scenario", "kind", "inputs", "action_size", "base", "residual")
+        more = {"constants": self.constants} if self.constants else {}
+        return {name: getattr(self, name) for name in names} | more
 
     @property
     def network_inputs(self) -> int:
         """Number of inputs of the network."""
-        return len(self.inputs) + (self.action_size if self.base else 0)
+        return len(self.inputs) + len(self.constants) + (self.action_size if self.base else 0)
 
     @property
     def overrides(self) -> Mapping[str, Any]:

@@ -17,12 +17,18 @@ SCORES = {
 }
 """Scores of an evaluation, each a number, or None without one, and the column of which it is a statistic."""
 
+RELATIVE = "relative_time"
+"""Score of an evaluation on several scenarios: detection time relative to that of the first rival on the same scenario,
+geometric mean over scenarios."""
+
 LEARNING = ("approx_kl", "entropy", "explained_variance")
 """Stored diagnostics of updates: divergence between the policies before and after, entropy [nat], and the fraction of
 the variance of the returns that the critic explains."""
 MOST_UPDATES = 400
 """Largest number of stored updates, spread over the training."""
 
+_SHORTEST = 1e-9
+"""Smallest value in a geometric mean, for targets that are detected when they appear."""
 OFTEN = 0.02
 """Collisions per episode by which a policy may exceed a rival and still count as equally safe."""
 
@@ -37,6 +43,39 @@ def summarize_scores(rows: Sequence[Mapping[str, Any]]) -> dict[str, float | Non
         else:
             summary[name] = interquartile_mean(values) if name == "detection_time" else sum(values) / len(values)
     return summary
+
+
+def summarize_scenarios(
+    each: Mapping[str, Mapping[str, float | None]], rival: Mapping[str, Mapping[str, float | None]]
+) -> dict[str, Any]:
+    """Return the scores of an evaluation on several scenarios.
+
+    Detection times are the geometric mean over scenarios, so that a ratio of two policies' does not depend on the
+    units of the scenarios; other scores are means. Scenarios without any target are left out.
+
+    Args:
+        each: `summarize_scores` of each scenario, by name.
+        rival: The same of the first rival.
+
+    Returns:
+        `SCORES`, `RELATIVE`, and `scenarios`: the argument `each`.
+    """
+    summary: dict[str, Any] = {}
+    for name in SCORES:
+        values = [value for scores in each.values() if (value := scores[name]) is not None]
+        summary[name] = (_geometric_mean if name == "detection_time" else _mean)(values)
+    times = [(scores["detection_time"], rival.get(made, scores)["detection_time"]) for made, scores in each.items()]
+    summary[RELATIVE] = _geometric_mean([a / max(b, _SHORTEST) for a, b in times if a is not None and b is not None])
+    return summary | {"scenarios": {made: dict(scores) for made, scores in each.items()}}
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return sum(values) / len(values) if values else None
+
+
+def _geometric_mean(values: Sequence[float]) -> float | None:
+    logarithms = [math.log(max(value, _SHORTEST)) for value in values]
+    return math.exp(sum(logarithms) / len(logarithms)) if logarithms else None
 
 
 @dataclass
@@ -94,7 +133,7 @@ class History:
         """Add an evaluation to the curve; return True if it is the best so far.
 
         A policy that exceeds the collisions of every rival by at most `OFTEN` is better than one that does not;
-        otherwise the higher return decides.
+        otherwise the higher return decides or, on several scenarios, the smaller detection time relative to a rival's.
         """
         before = max(map(self._rank, self.curve), default=None)
         self.curve.append(point)
@@ -122,7 +161,11 @@ class History:
         return found
 
     def _rank(self, point: Mapping[str, Any]) -> tuple[bool, float]:
-        return self._is_careful(point, self.rivals.values()), _or_least(point["return"])
+        if RELATIVE in point:
+            worth = -math.inf if point[RELATIVE] is None else -point[RELATIVE]
+        else:
+            worth = _or_least(point["return"])
+        return self._is_careful(point, self.rivals.values()), worth
 
     def _is_careful(self, point: Mapping[str, Any], rivals: Iterable[Mapping[str, Any]]) -> bool:
         theirs = [scores[COLLISIONS.name] or 0.0 for scores in rivals]
@@ -171,9 +214,14 @@ def _check_point(name: str, point: Any) -> None:
 
 def _check_scores(name: str, scores: Any) -> None:
     require(name, isinstance(scores, dict), "must be an object", scores)
-    for key in SCORES:
+    for key in (*SCORES, RELATIVE):
         number = key in scores and (scores[key] is None or type(scores[key]) in (int, float))
-        require(f"{key} of {name}", number, "must be a number or null", scores.get(key))
+        left_out = key == RELATIVE and key not in scores
+        require(f"{key} of {name}", number or left_out, "must be a number or null", scores.get(key))
+    each = scores.get("scenarios", {})
+    require(f"scenarios of {name}", isinstance(each, dict), "must be an object", each)
+    for made, theirs in each.items():
+        _check_scores(f"{name} on {made[:60]}", theirs)
 
 
 def _or_least(value: float | None) -> float:

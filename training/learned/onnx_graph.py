@@ -21,6 +21,7 @@ from lissajous_env.storage.files import replacing
 from lissajous_env.world.observation import layout
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.constants import constants_of
 from training.learned.network import Network
 from training.learned.policy import Learned, find
 
@@ -61,6 +62,8 @@ def _model(network: Network, card: Card, scenario: Scenario) -> Any:
     from onnx import TensorProto, checker, helper, numpy_helper
 
     columns, names = card.columns(scenario), layout(scenario).names
+    if card.constants:
+        network = network.with_constants(len(card.inputs), constants_of(scenario, card.constants))
     held = {"columns": columns.astype(np.int64), "low": np.float32(-1), "high": np.float32(1)}
     inputs = [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["rows", len(names)])]
     nodes = [helper.make_node("Gather", ["observation", "columns"], ["entries"], axis=1)]

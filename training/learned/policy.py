@@ -14,6 +14,7 @@ from lissajous_env import Scenario
 from lissajous_env.wording import few_of
 from training.learned import checkpoint
 from training.learned.card import Card
+from training.learned.constants import constants_of
 from training.learned.forward import Forward
 from training.learned.network import Network
 
@@ -47,6 +48,9 @@ class Learned(Policy):
         columns = card.columns(self.scenario, or_silent=True)
         self.base = None if card.base is None else baselines.make(card.base, self.scenario, num_worlds, self.device)
         added_to = None if self.base is None else self.base.action
+        if card.constants:
+            values = constants_of(self.scenario, card.constants)
+            network = network.with_constants(len(card.inputs), values)
         self._forward = Forward(network, columns, self._observation, added_to, card.residual, self.action)
 
     def forget(self, mask: np.ndarray) -> None:
@@ -113,7 +117,7 @@ def register_shipped() -> None:
     baselines.register_opener(load, home, checkpoint.parts)
     for name in names():
         text = json.loads((_SHIPPED / name / checkpoint.FILE).read_text(encoding="utf-8"))
-        policy, scenario = text["policy"], text["policy"]["scenario"]
+        policy, scenario = text["policy"], text["settings"].get("scenario", text["policy"]["scenario"])
         about = f"Learned on {scenario}{', on top of ' + policy['base'] if policy['base'] else ''}."
         baselines.register(name, policy["kind"], partial(load, name), tuple(text["made_for"]), about, learned=True)
 

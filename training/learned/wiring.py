@@ -8,6 +8,7 @@ import baselines
 from lissajous_env import Scenario
 from lissajous_env.world.observation import layout
 from training.learned.card import Card
+from training.learned.constants import LARGEST, constants_of
 from training.learned.named_arrays import prefixed, within
 from training.learned.residual import Adder
 
@@ -15,8 +16,8 @@ from training.learned.residual import Adder
 class Wiring:
     """Conversion for W worlds of N robots according to a card, in NumPy arrays.
 
-    A row contains the entries of the observation that the card lists and, if there is a base, the base's action of the
-    latest `read`.
+    A row contains the entries of the observation and the constants of the scenario that the card lists and, if there is
+    a base, the base's action of the latest `read`.
 
     Args:
         card: Inputs of the learner, and the base to which its outputs are added.
@@ -35,14 +36,16 @@ class Wiring:
         ranges, columns = layout(scenario), card.columns(scenario)
         self._columns = None if np.array_equal(columns, np.arange(ranges.size)) else columns
         self.base, self._penalty, ends = None, 0.0, np.zeros(0, dtype=np.float32)
+        constants = constants_of(scenario, card.constants)
+        self._constants = np.broadcast_to(constants, (num_worlds, scenario.num_robots, len(constants)))
         if card.base is not None:
             self._penalty = residual_penalty
             self.base = baselines.make(card.base, scenario, num_worlds, device)
             self._base_action = np.zeros((num_worlds, scenario.num_robots, card.action_size), dtype=np.float32)
             self._adder = Adder(self._base_action.shape, card.residual)
             ends = np.ones(card.action_size, dtype=np.float32)
-        self.low = np.concatenate([ranges.low[columns], -ends])
-        self.high = np.concatenate([ranges.high[columns], ends])
+        self.low = np.concatenate([ranges.low[columns], 0 * constants, -ends])
+        self.high = np.concatenate([ranges.high[columns], 0 * constants + LARGEST, ends])
         """Upper ends of the ranges of a row's entries, (inputs,); `low` are the lower ones."""
 
     def reset(self, worlds: Any = None) -> None:
@@ -59,7 +62,9 @@ class Wiring:
     def rows(self, observation: np.ndarray) -> np.ndarray:
         """Return the rows (W, N, inputs) of observations (W, N, D), with the base's latest actions."""
         rows = observation if self._columns is None else observation[:, :, self._columns]
-        return rows if self.base is None else np.concatenate([rows, self._base_action], axis=2)
+        parts = [rows] + [self._constants] * (self._constants.shape[2] > 0)
+        parts += [] if self.base is None else [self._base_action]
+        return rows if len(parts) == 1 else np.concatenate(parts, axis=2)
 
     def actions(self, outputs: np.ndarray) -> np.ndarray:
         """Return the actions (W, N, action_size) for a learner's outputs of the same shape."""

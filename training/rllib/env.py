@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 
-from lissajous_env import parallel_env
+from lissajous_env import SampledParallelEnv, Scenario, parallel_env
 from lissajous_env.parameters.rogues import AGENTS
 from training.learned.card import Card
 from training.learned.wiring import Wiring
@@ -17,10 +17,12 @@ _APART = 100_000
 
 
 class LissajousMultiAgentEnv(MultiAgentEnv):
-    """Environment whose agents are `robot_0`, `robot_1` ... in every episode.
+    """Environment whose agents are `robot_0`, `robot_1` ... in every episode of a scenario.
 
         config.environment(LissajousMultiAgentEnv, env_config={"scenario": "intruders", "task.duration": 60.0})
 
+    Of a space of scenarios, such as `monitoring-v1`, each reset draws one, and the agents of an episode are its robots;
+    `possible_agents` are those of the largest team, as in `SampledParallelEnv`.
     With `rogues` = `agents` the rogues are agents too, `rogue_0` ..., each from its appearance to its detection, which
     terminates it; `training.rllib.two_sided` has the two modules and their mapping.
     A failed robot continues to observe and act, without effect. A removed robot (`task.on_collision` or `task.boundary`
@@ -30,11 +32,11 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
     removed earlier. Seeds and observations are those of `LissajousParallelEnv`; infos are empty.
 
     Args:
-        config: `scenario` (name or object), `render_mode`, `card` (a `training.learned.card.Card`: entries of the
-            observation for the agents, and policy to whose action theirs is added), `residual_penalty` (penalty per
-            step and mean square of an added action), and further arguments of `LissajousParallelEnv`, including fields
-            of the scenario. Each of RLlib's processes adds its own offset to the seeds, so that no two of them play the
-            same episodes.
+        config: `scenario` (name or object, also of a space), `render_mode`, `card` (a `training.learned.card.Card`:
+            entries of the observation for the agents, and policy to whose action theirs is added), `residual_penalty`
+            (penalty per step and mean square of an added action), and further arguments of `LissajousParallelEnv`,
+            including fields of the scenario. Each of RLlib's processes adds its own offset to the seeds, so that no two
+            of them play the same episodes.
 
     Raises:
         ValueError: the scenario, the card or an action is invalid.
@@ -47,10 +49,12 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         self.parallel = parallel_env(given.pop("scenario", "experiment"), given.pop("render_mode", None), **given)
         if card is not None and self.parallel.scenario.targets.rogues == AGENTS:
             raise ValueError(f"card must be None where targets.rogues is {AGENTS}, got {card!r}")
+        if card is not None and isinstance(self.parallel, SampledParallelEnv):
+            raise ValueError(f"card must be None in an environment of a space of scenarios, got {card!r}")
         self.possible_agents = list(self.parallel.possible_agents)
         self.agents = list(self.possible_agents)
         super().__init__()
-        self.scenario, self.render_mode = self.parallel.scenario, self.parallel.render_mode
+        self.render_mode = self.parallel.render_mode
         self.metadata = dict(self.parallel.metadata)  # RLlib writes into it
         self.observation_spaces = self.parallel.observation_spaces
         self.action_spaces = self.parallel.action_spaces
@@ -60,6 +64,11 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
             low, high = self._wiring.low, self._wiring.high
             self.observation_spaces = {agent: gymnasium.spaces.Box(low, high) for agent in self.possible_agents}
         self._seeds_from = _APART * int(getattr(config, "worker_index", 0))
+
+    @property
+    def scenario(self) -> Scenario:
+        """Scenario of the episode."""
+        return self.parallel.scenario
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         """Begin an episode with the given seed, or with one drawn from the previous seed."""

@@ -3,12 +3,13 @@
 import numpy as np
 import warp as wp
 
-from lissajous_env import Simulation
+from lissajous_env import Scenario, Simulation
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.program import Program, Stage
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.world.state import PRESENT, WORKING, Clock, Robots, Targets
+from training.learned.constants import CONSTANTS, constants_of, top_speed
 
 wp.set_module_options(OPTIONS)
 
@@ -37,6 +38,8 @@ def view_world(
     half_height: float,
     speed_unit: float,
     steps: float,
+    common: int,
+    shared: int,
     ahead: wp.array2d(dtype=int),
     wanted: wp.array(dtype=int),
     clock: Clock,
@@ -49,8 +52,7 @@ def view_world(
     if wanted[w] == 0:
         return
     n = ahead.shape[0]
-    common = _OF_ROBOT * n
-    for k in range(common, view_out.shape[2]):
+    for k in range(common, shared):
         view_out[w, 0, k] = 0.0
     view_out[w, 0, common] = float(clock.step[w]) / steps
     for t in range(targets.stage.shape[1]):
@@ -72,8 +74,18 @@ def view_world(
             for k in range(_OF_ROBOT):
                 view_out[w, i, _OF_ROBOT * j + k] = view_out[w, ahead[i, j], k]
         if i > 0:
-            for k in range(common, view_out.shape[2]):
+            for k in range(common, shared):
                 view_out[w, i, k] = view_out[w, 0, k]
+
+
+def task_numbers(scenario: Scenario) -> np.ndarray:
+    """Return dimensionless numbers of a scenario's targets and faults, on which returns depend, as float32."""
+    targets, faults, duration = scenario.targets, scenario.faults, scenario.task.duration
+    entries = [float(targets.entry == each) for each in ("inside", "boundary", "unseen")]
+    numbers = [targets.fleeing, targets.wandering, targets.speed / top_speed(scenario), targets.count / MANY]
+    numbers += [targets.arrival_rate * duration / MANY, faults.rate * duration, float(faults.lost)]
+    constants = constants_of(scenario, tuple(CONSTANTS))
+    return np.concatenate([np.clip([*entries, *numbers], 0.0, 10.0), constants]).astype(np.float32)
 
 
 class CriticView:
@@ -81,21 +93,33 @@ class CriticView:
 
     For each robot in the order of the ring, itself first: x, y, cos and sin heading, speed, 1 if it works; then the
     elapsed fraction of the episode, the undetected targets, and those in each zone of the rectangle.
+
+    Args:
+        simulation: The worlds.
+        places: Number of robots for which a row has room, at least N, and zeros where there are fewer, so that rows of
+            scenarios with teams of different sizes are equally long; N by default. With it, the rows end in
+            `task_numbers` of the scenario.
     """
 
-    def __init__(self, simulation: Simulation):
+    def __init__(self, simulation: Simulation, places: int | None = None):
         scenario, device = simulation.scenario, simulation.device
         ring = np.array(scenario.ring)
         ahead = np.array([np.roll(ring, -int(np.flatnonzero(ring == i)[0])) for i in range(len(ring))])
-        zones = COLUMNS * ROWS if scenario.target_capacity else 0
-        self.size = OF_ROBOT * len(ring) + 2 + zones
-        self._view = wp.zeros((simulation.num_worlds, len(ring), self.size), dtype=wp.float32, device=device)
+        zones = COLUMNS * ROWS if scenario.target_capacity or places is not None else 0
+        common = OF_ROBOT * (places or len(ring))
+        numbers = np.zeros(0, dtype=np.float32) if places is None else task_numbers(scenario)
+        self.size = common + 2 + zones + len(numbers)
+        view = np.zeros((simulation.num_worlds, len(ring), self.size), dtype=np.float32)
+        view[..., common + 2 + zones :] = numbers
+        self._view = wp.array(view, device=device)
         self._wanted = wp.ones(simulation.num_worlds, dtype=wp.int32, device=device)
         values = {
             "half_width": float(scenario.curve.half_width),
             "half_height": float(scenario.curve.half_height),
             "speed_unit": float(simulation.speed_unit),
             "steps": float(scenario.task.steps),
+            "common": common,
+            "shared": common + 2 + zones,
             "ahead": wp.array(ahead, dtype=wp.int32, device=device),
             "wanted": self._wanted,
             "clock": simulation.clock,

@@ -6,16 +6,17 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.vec_env import VecEnv
 
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env.parameters.draws import Draws
 from lissajous_env.world.selection import whole_number
 from training.learned.card import Card
-from training.sb3.vec_env import RECENT, RobotVecEnv, Step
+from training.learned.named_arrays import prefixed, within
+from training.sb3.batch_env import BatchVecEnv, Step
+from training.sb3.vec_env import GOLDEN, RECENT, RobotVecEnv
 
 
-class MixedVecEnv(VecEnv):
+class MixedVecEnv(BatchVecEnv):
     """Groups of worlds, each a `RobotVecEnv` with a scenario of its own, as one `VecEnv` with shared parameters.
 
     The rows of group g follow those of group g - 1. When all episodes of a group have ended in the same step, it goes
@@ -29,6 +30,9 @@ class MixedVecEnv(VecEnv):
         seed: Whole number from 0 to 2^31 - 1, from which scenarios and seeds of episodes follow.
         card_of: Function of a scenario that returns the card of its rows, as `RobotVecEnv` takes it; by default the
             whole observation.
+        change: Function that returns a drawn scenario with fields changed.
+        staggered: Let the first episodes of the groups end at different times, so that the rows of a step are from all
+            phases of an episode instead of the same one. Worlds of a group always end together.
         **settings: Further arguments of `RobotVecEnv`, such as `device`, `threads` and `central`.
 
     Raises:
@@ -43,18 +47,31 @@ class MixedVecEnv(VecEnv):
         split: str = "train",
         seed: int = 0,
         card_of: Callable[[Scenario], Card] = Card.of,
+        change: Callable[[Scenario], Scenario] | None = None,
+        staggered: bool = False,
         **settings: Any,
     ):
-        self._draws = Draws(space, split, seed)
+        for name in ("short", "short_time", "critic_places"):
+            if name in settings:
+                raise ValueError(
+                    f"{name} must be left out where groups have scenarios of their own, got {settings[name]!r}"
+                )
+        self._draws = Draws(space, split, seed, change)
         self._card_of, self._settings = card_of, settings
         self.group_size = whole_number("group_size", group_size)
         self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
         self.render_mode = None
-        self.groups = [self._group(group) for group in range(whole_number("num_groups", num_groups))]
+        first = [self._draws.next(group) for group in range(whole_number("num_groups", num_groups))]
+        if settings.get("central"):
+            self._settings["critic_places"] = max(made.num_robots for made, _ in first)
+        self.groups = [self._group(made, seed) for made, seed in first]
+        if staggered:
+            for group, each in enumerate(self.groups):
+                each.end_first_after(group * GOLDEN % 1.0 or 1.0)
         ends = np.cumsum([each.num_envs for each in self.groups])
         self._rows = [slice(end - each.num_envs, end) for end, each in zip(ends, self.groups, strict=True)]
-        first = self.groups[0]
-        super().__init__(int(ends[-1]), first.observation_space, first.action_space)
+        one = self.groups[0]
+        super().__init__(int(ends[-1]), one.observation_space, one.action_space)
         for each in self.groups:
             self._check(each)
 
@@ -95,7 +112,7 @@ class MixedVecEnv(VecEnv):
             self.scores.extend({"scenario": each.scenario.name} | score for score in each.scores)
             each.scores.clear()
             if each.all_over:
-                self.groups[group] = self._group(group)
+                self.groups[group] = self._group(*self._draws.next(group))
                 self._check(self.groups[group])
                 steps[group] = steps[group]._replace(rows=self.groups[group].reset())
         episodes = {
@@ -106,16 +123,30 @@ class MixedVecEnv(VecEnv):
         )
         return Step(rows, rewards, dones, truncated, last, episodes)
 
-    def close(self) -> None:
-        """Do nothing: there is nothing to close."""
+    def save_state(self) -> dict[str, np.ndarray]:
+        """Copy everything that changes during steps, by name."""
+        groups = range(len(self.groups))
+        state = {"draws": np.array([self._draws.counts[group] for group in groups])}
+        for group in groups:
+            state |= prefixed(f"group_{group}", self.groups[group].save_state())
+        return state
 
-    get_attr = RobotVecEnv.get_attr
-    set_attr = RobotVecEnv.set_attr
-    env_method = RobotVecEnv.env_method
-    env_is_wrapped = RobotVecEnv.env_is_wrapped
+    def load_state(self, saved: dict[str, np.ndarray]) -> None:
+        """Resume from what `save_state` returned for the same arguments; other names are ignored.
 
-    def _group(self, group: int) -> RobotVecEnv:
-        made, seed = self._draws.next(group)
+        Raises:
+            ValueError: the number of groups differs.
+        """
+        if len(saved["draws"]) != len(self.groups):
+            raise ValueError(f"state must be that of {len(self.groups)} groups, got {len(saved['draws'])}")
+        for group, count in enumerate(saved["draws"].tolist()):
+            if count != self._draws.counts[group]:
+                self._draws.counts[group] = count
+                self.groups[group] = self._group(*self._draws.latest(group))
+                self._check(self.groups[group])
+            self.groups[group].load_state(within(f"group_{group}", saved))
+
+    def _group(self, made: Scenario, seed: int) -> RobotVecEnv:
         return RobotVecEnv(made, self.group_size, card=self._card_of(made), seed=seed, **self._settings)
 
     def _check(self, group: RobotVecEnv) -> None:

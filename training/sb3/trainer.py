@@ -1,10 +1,12 @@
 """`lissajous train` with Stable-Baselines3's networks; the command resumes an interrupted training."""
 
 import contextlib
+import dataclasses
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,12 +16,14 @@ from stable_baselines3.common.logger import KVWriter, Logger
 import baselines
 from lissajous_env.console.terminal import make_console
 from lissajous_env.storage.folder import Folder
+from training import scenarios
 from training.events import open_rows
 from training.learned import checkpoint
 from training.learned.history import SCORES, History, summarize_scores
 from training.learned.named_arrays import prefixed, within
 from training.learned.network import Network
 from training.sb3 import imitation
+from training.sb3.mixed_vec_env import MixedVecEnv
 from training.sb3.ppo import RobotPPO
 from training.sb3.vec_env import RobotVecEnv
 from training.settings import TrainingSettings
@@ -52,18 +56,7 @@ class Sb3Trainer(Trainer):
         self._writers = writers
         torch.set_num_threads(1)  # threads share blocks of rows and of worlds instead, see `BLOCK`
         penalty = settings.residual_penalty if settings.chosen_base else 0.0
-        self.env = RobotVecEnv(
-            settings.make_cautious_scenario(),
-            settings.num_worlds,
-            self.card,
-            penalty,
-            settings.device,
-            threads=settings.threads,
-            central=settings.has_central_critic,
-            short=settings.short,
-            short_time=settings.short_time,
-            staggered=True,
-        )
+        self.env = self._make_env(penalty)
         self.model = RobotPPO(settings, self.env, self.card)
         self.average: dict[str, np.ndarray] | None = None
         self.teacher = None
@@ -75,6 +68,31 @@ class Sb3Trainer(Trainer):
             self.model.reset()
             if (network := self._network_to_start_from()) is not None:
                 self.model.start_from(network)
+
+    def _make_env(self, penalty: float) -> RobotVecEnv | MixedVecEnv:
+        settings = self.settings
+        common: dict[str, Any] = {
+            "residual_penalty": penalty,
+            "device": settings.device,
+            "threads": settings.threads,
+            "central": settings.has_central_critic,
+            "staggered": True,
+        }
+        if settings.space is None:
+            common |= {"short": settings.short, "short_time": settings.short_time}
+            return RobotVecEnv(settings.make_cautious_scenario(), settings.num_worlds, self.card, **common)
+        card = self.card
+        with scenarios.without_warnings(settings.space):
+            return MixedVecEnv(
+                settings.space,
+                settings.num_groups,
+                settings.num_worlds // settings.num_groups,
+                scenarios.LEARNED,
+                settings.seed,
+                lambda made: dataclasses.replace(card, scenario=made.name, home=None),
+                settings.change_drawn,
+                **common,
+            )
 
     def network(self) -> Network:
         """Copy the current policy, or the average of its weights where the settings request one."""
@@ -135,6 +153,7 @@ class Sb3Trainer(Trainer):
         self.display.begin(f"imitation of {settings.imitated}")
         self.model.set_learning_rate(1 - steps / settings.imitated_until)
         share = imitation.taught_share(settings, steps)
+        assert isinstance(self.env, RobotVecEnv)
         rows, wanted = imitation.collect(self.env, self.model, self.teacher, share, settings.rollout)
         return {"imitation/error": imitation.fit(self.model, rows, wanted)}
 
@@ -163,7 +182,8 @@ class Sb3Trainer(Trainer):
         arrays = checkpoint.read_state(self.settings.out, text)
         self.keep(History.read(text))
         try:
-            self.env.load_state(arrays)
+            with scenarios.without_warnings(self.settings.space):
+                self.env.load_state(arrays)
             if self.teacher is not None:
                 self.teacher.load_state(within("teacher", arrays))
             self.average = within("average", arrays) or None

@@ -18,7 +18,8 @@ from training.sb3.critic_view import CriticView
 
 RECENT = 256
 """Number of latest episodes whose scores are stored."""
-_GOLDEN = (5**0.5 - 1) / 2
+GOLDEN = (5**0.5 - 1) / 2
+"""Golden ratio, whose multiples are spread evenly modulo 1."""
 
 
 class RobotVecEnv(BatchVecEnv):
@@ -39,6 +40,7 @@ class RobotVecEnv(BatchVecEnv):
             `seed`, the first reset draws seeds from the operating system.
         threads: CPU threads; all cores by default.
         central: Append the `CriticView` of the world to each row, for a central critic.
+        critic_places: Number of robots for which that view has room; as many as there are by default.
         short: Fraction of the worlds, the first ones, whose episodes end after `short_time`.
         short_time: Duration of these episodes [s].
         staggered: Let the first episodes end at different times, so that the rows of a step are from all phases of an
@@ -56,6 +58,7 @@ class RobotVecEnv(BatchVecEnv):
         seed: int | None = None,
         threads: int | None = None,
         central: bool = False,
+        critic_places: int | None = None,
         short: float = 0.0,
         short_time: float = 3.0,
         staggered: bool = False,
@@ -68,12 +71,12 @@ class RobotVecEnv(BatchVecEnv):
         self._wiring = Wiring(self.card, self.scenario, num_worlds, device, residual_penalty)
         self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
         self.render_mode = None
-        self._view = CriticView(self.simulation) if central else None
+        self._view = CriticView(self.simulation, critic_places) if central else None
         steps = self.scenario.task.steps
         self._last_step = np.full(num_worlds, steps)
         self._last_step[: round(short * num_worlds)] = min(max(round(short_time / self.scenario.task.step), 1), steps)
         # Multiples of the golden ratio are spread evenly also over the first worlds only.
-        spread = np.arange(num_worlds) * _GOLDEN % 1.0 if staggered else np.ones(num_worlds)
+        spread = np.arange(num_worlds) * GOLDEN % 1.0 if staggered else np.ones(num_worlds)
         self._first_end = np.ceil(np.maximum(spread, 1 / steps) * self._last_step).astype(np.int64)
         self._end = self._first_end.copy()
         self._began = time.monotonic()
@@ -102,6 +105,13 @@ class RobotVecEnv(BatchVecEnv):
         self._end = self._first_end.copy()
         self._wiring.reset()
         return self._rows(self._wiring.read(self.simulation.observation.numpy()))
+
+    def end_first_after(self, share: float) -> None:
+        """End the first episodes of all worlds after a share of their steps, above 0 and at most 1.
+
+        To be called before the first `reset`.
+        """
+        self._first_end[:] = np.maximum(np.ceil(share * self._last_step), 1)
 
     def save_state(self) -> dict[str, np.ndarray]:
         """Copy everything that changes during steps, by name."""
@@ -183,8 +193,10 @@ class RobotVecEnv(BatchVecEnv):
         flat = rows.reshape(self.num_envs, -1)
         if chosen is None:
             return flat.copy() if self._view is None else np.concatenate([flat, self._view.rows()], axis=1)
-        if self._view is None or not chosen.any():
+        if self._view is None:
             return flat[chosen]
+        if not chosen.any():
+            return np.zeros((0, flat.shape[1] + self._view.size), np.float32)
         worlds = np.asarray(chosen.reshape(self.simulation.num_worlds, -1).any(axis=1))
         return np.concatenate([flat[chosen], self._view.rows(worlds)[chosen]], axis=1)
 

@@ -23,6 +23,7 @@ with reward 0. Whole worlds are reset, by a mask `_reset` (W, 1).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
@@ -99,7 +100,7 @@ class LissajousTorchEnv(EnvBase):
         threads: int | None = None,
         **overrides: Any,
     ):
-        made = named.scenario(scenario, **overrides)
+        made = self._changed(scenario, overrides)
         self.simulation = Simulation(made, num_worlds, device=str(device), threads=threads)
         super().__init__(device=wp.device_to_torch(self.simulation.device), batch_size=(num_worlds,))
         self.scenario = self.simulation.scenario
@@ -110,6 +111,10 @@ class LissajousTorchEnv(EnvBase):
         self._renderers: dict[Any, Any] = {}
         self._declare()
         self._set_seed(seed)
+
+    def _changed(self, scenario: str | Scenario, overrides: Mapping[str, Any]) -> Scenario:
+        """Return the scenario with its fields overridden."""
+        return named.scenario(scenario, **overrides)
 
     def _check_rogues(self) -> None:
         """Raise ValueError for rogues that are agents."""

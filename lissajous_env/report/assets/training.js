@@ -21,6 +21,7 @@ function begin(training) {
   showLosses(training);
   showLearning(training);
   fillEvaluations(training);
+  fillScenarios(training);
   globalThis.training = { training, viewer };
 }
 
@@ -98,6 +99,34 @@ function fillEvaluations(training) {
   });
   fill(of("evaluations"), [...heads("of"), ...titles.map((title) => heading(title, "number"))], rows);
   sortable(of("evaluations"));
+}
+
+function fillScenarios(training) {
+  of("scenarios-part").hidden = training.scenarios.length === 0;
+  if (training.scenarios.length === 0) return;
+  const names = [...new Set(training.scenarios.flatMap((scenario) => Object.keys(scenario.policies)))];
+  const columns = [
+    ...names.map((name) => [name, (of) => of[name]?.detection_time]),
+    ["relative", relativeTime],
+    ...names.map((name) => [`collisions, ${name}`, (of) => of[name]?.collisions]),
+  ];
+  const rows = training.scenarios.map(({ name, policies }) =>
+    element(
+      "tr",
+      "",
+      element("td", "name", name),
+      ...columns.map(([title, value]) => cell("number", title, value(policies), number(value(policies) ?? null))),
+    ),
+  );
+  fill(of("scenarios"), [...heads("scenario"), ...columns.map(([title]) => heading(title, "number"))], rows);
+  sortable(of("scenarios"));
+}
+
+function relativeTime({ policy, ...others }) {
+  const times = Object.values(others)
+    .map((each) => each.detection_time)
+    .filter((time) => time !== null);
+  return policy?.detection_time == null || times.length === 0 ? null : policy.detection_time / Math.min(...times);
 }
 
 start("lissajous training 1", begin);

@@ -12,6 +12,7 @@ import numpy as np
 
 from lissajous_env.parameters.scenario import Curve
 from lissajous_env.theory.closed_forms import curve_derivatives, curve_point
+from lissajous_env.world.robots.rough_distance import rough_distances
 
 TOLERANCE = 1e-4
 """Largest error of the table where it is checked, as a share of the smaller half extent of the rectangle."""
@@ -28,22 +29,31 @@ _MOST_ARCS = 7
 _COLUMNS, _MOST_COLUMNS = 40, 64
 _MOST_CELLS = 30_000
 _DEPTH = 5
+_MOST_ROUGH = 8.0
+"""Longest rectangle, in its own widths, in which rough distances are used."""
+_ROUGHNESS = 2e-6
+"""Assumed error of rough distances, in lengths of the rectangle; four times the largest that was seen."""
 
 
-def nearest_phase(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def nearest_phase(
+    curve: Curve, places: np.ndarray, plausible: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Phase gamma [rad] of the point nearest to each of (M, 2) places [m], and the distance to it [m], each (M,).
 
     Exact but for rectangles a hundred times as long as they are high, where it may miss by a share of their height.
+    With a mask (M, 4), the other stretches of `_edges` are left out.
     """
     low, high = _edges(curve, places)
     room = 0.1 * (high - low) + 1e-3 / max(curve.a, curve.b)
     spacing = (high - low + 2 * room) / (_SAMPLES - 1)
     x, y = (np.broadcast_to(each[:, None], low.shape) for each in places.T)
-    phases, squares = _best_samples(curve, x, y, low - room, spacing)
+    some = np.ones(low.shape, dtype=bool) if plausible is None else plausible
+    phases, distances = np.zeros(low.shape), np.full(low.shape, np.inf)
+    phases[some], squares = _best_samples(curve, x[some], y[some], (low - room)[some], spacing[some])
+    distances[some] = np.sqrt(squares)
     # Between two samples the curve comes nearer by half of the way between them at most: most edges drop out.
     fastest = np.hypot(curve.a * curve.half_width, curve.b * curve.half_height)
-    distances = np.sqrt(squares)
-    near = distances - fastest * spacing / 2 < distances.min(axis=1, keepdims=True)
+    near = some & (distances - fastest * spacing / 2 < distances.min(axis=1, keepdims=True))
     distances[~near] = np.inf
     phases[near], distances[near] = _newton(curve, x[near], y[near], phases[near], spacing[near])
     best = np.argmin(distances, axis=1)[:, None]
@@ -202,16 +212,48 @@ def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.
     """Arcs (cells, C, 5) nearest to C points of each cell, which of them it takes, and whether they are right there.
 
     A cell takes the arc nearest to its centre, then again and again the one of the point whose distance is worst.
+    Where the rough distances show that the first is right at every point, there is no search for the others.
     """
     places = centres[:, None] + _CHECKED * halves[:, None]
-    phases, exact = nearest_phase(curve, places.reshape(-1, 2))
+    arcs, chosen = np.zeros((*places.shape[:2], 5)), np.zeros(places.shape[:2], dtype=bool)
+    chosen[:, 0] = True
+    is_right, open_cells, plausible = np.ones(len(places), dtype=bool), np.arange(len(places)), None
+    size = max(curve.half_width, curve.half_height)
+    if size < _MOST_ROUGH * min(curve.half_width, curve.half_height):
+        rough = rough_distances(curve, places.reshape(-1, 2)).reshape(*places.shape[:2], 4)
+        least = rough.min(axis=2)
+        room = _ROUGHNESS * np.maximum(least, size)
+        plausible = rough <= (least + 2 * room)[..., None]
+        arcs[:, 0], _ = _nearest_arcs(curve, places[:, 0], plausible[:, 0])
+        error = np.abs(arc_distance(arcs[:, :1], places) - least) + room
+        open_cells = np.flatnonzero((error > _allowed(curve, least - room)).any(axis=1))
+    if len(open_cells):
+        mask = None if plausible is None else plausible[open_cells].reshape(-1, 4)
+        arcs_there, exact = _nearest_arcs(curve, places[open_cells].reshape(-1, 2), mask)
+        arcs_there, exact = arcs_there.reshape(len(open_cells), -1, 5), exact.reshape(len(open_cells), -1)
+        arcs[open_cells] = arcs_there
+        chosen[open_cells], is_right[open_cells] = _chosen(curve, places[open_cells], arcs_there, exact)
+    return arcs, chosen, is_right
+
+
+def _nearest_arcs(curve: Curve, places: np.ndarray, plausible: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Arcs (M, 5) at the points nearest to (M, 2) places [m], and the distances of these (M,) [m]."""
+    phases, exact = nearest_phase(curve, places, plausible)
     point, (tangent, bend) = curve_point(curve, phases), curve_derivatives(curve, phases)
     speed = np.linalg.norm(tangent, axis=-1, keepdims=True)
     normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1) / speed
     curvature = -np.sum(normal * bend, axis=-1, keepdims=True) / speed**2
-    arcs = np.concatenate([point, normal, curvature], axis=-1).reshape(*places.shape[:2], 5)
-    exact = exact.reshape(places.shape[:2])
-    allowed = TOLERANCE * np.maximum(exact, (curve.half_width * curve.half_height) ** 0.5)
+    return np.concatenate([point, normal, curvature], axis=-1), exact
+
+
+def _allowed(curve: Curve, distances: np.ndarray) -> np.ndarray:
+    """Largest error of the table at places of these distances from the curve [m]."""
+    return TOLERANCE * np.maximum(distances, (curve.half_width * curve.half_height) ** 0.5)
+
+
+def _chosen(curve: Curve, places: np.ndarray, arcs: np.ndarray, exact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which arcs each cell takes (cells, C), and whether they are right (cells,), from the exact distances [m]."""
+    allowed = _allowed(curve, exact)
     chosen = np.zeros(exact.shape, dtype=bool)
     chosen[:, 0] = True
     best = arc_distance(arcs[:, :1], places)
@@ -223,4 +265,4 @@ def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.
             break
         chosen[more, worst[more]] = True
         best[more] = np.minimum(best[more], arc_distance(arcs[more, worst[more]][:, None], places[more]))
-    return arcs, chosen, np.all(np.abs(best - exact) <= allowed, axis=1)
+    return chosen, np.all(np.abs(best - exact) <= allowed, axis=1)

@@ -49,7 +49,7 @@ ROBOT = wp.constant(len(ROBOT_ENTRIES))
 
 def rogue_layout(scenario: str | Scenario) -> Layout:
     """Lay out the observation of one rogue of a scenario."""
-    scenario = named.scenario(scenario)
+    scenario = named.build(scenario)
     parts = [("", OWN_ENTRIES), ("wall_", WALL_ENTRIES)]
     parts += [(f"robot_{k}_", ROBOT_ENTRIES) for k in range(scenario.num_robots)]
     return layout_of([(prefix + name, *rest) for prefix, part in parts for name, *rest in part])

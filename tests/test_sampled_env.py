@@ -1,0 +1,264 @@
+"""Environments of a space of scenarios: each reset draws a scenario, and the spaces stay."""
+
+import pickle
+import warnings
+
+import gymnasium
+import numpy as np
+import pettingzoo
+import pytest
+from gymnasium.utils.env_checker import check_env
+from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, seed_test
+
+import lissajous_env
+from lissajous_env import ScenarioSpace, scenario
+from lissajous_env.envs.true_state import true_state
+from lissajous_env.parameters.assumptions import AssumptionWarning
+
+SHORT = {"task.duration": 1.0, "task.contamination": None}
+DRAW = {
+    "curve": {"choices": [{"a": 1, "b": 2}, {"a": 3, "b": 2}], "half_height": {"low": 0.8, "high": 1.0}},
+    "targets": {"count": {"low": 1, "high": 9}},
+    "task": {"duration": 1.0, "contamination": None},
+}
+SMALL = ScenarioSpace("small", scenario("evaders"), DRAW, shifts={"tall": {"curve": {"half_height": 3.0}}})
+
+
+@pytest.fixture(autouse=True)
+def _warnings_are_errors():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # Few scenarios have the largest team.
+        warnings.filterwarnings("ignore", "No agents present but not all possible_agents")
+        yield
+
+
+def make(**settings):
+    return lissajous_env.parallel_env(SMALL, **settings)
+
+
+def episode(env, seed=None):
+    """The scenario, and what the reset and each step returned; the actions are always the same."""
+    draw = np.random.default_rng(0)
+    returned = [env.reset(seed=seed)]
+    assert env.agents == env.possible_agents[: env.scenario.num_robots]
+    while env.agents:
+        returned.append(env.step({agent: draw.uniform(-1, 1, 2) for agent in env.agents}))
+    return env.scenario, pickle.dumps(returned)
+
+
+def test_pettingzoos_checkers_pass():
+    # Oracle: PettingZoo's contract checkers, whose warnings are errors here.
+    parallel_api_test(make(), num_cycles=40)
+    parallel_api_test(make(discrete_actions=True), num_cycles=40)
+    parallel_seed_test(make, num_cycles=30)
+    api_test(lissajous_env.env(SMALL), num_cycles=60)
+    seed_test(lambda: lissajous_env.env(SMALL), num_cycles=30)
+
+
+def test_the_shipped_space_passes_them_by_name_and_by_id():
+    parallel_api_test(lissajous_env.parallel_env("monitoring-v1:validation", **SHORT), num_cycles=25)
+    env = pettingzoo.make("parallel", "lissajous/monitoring-v1-v0", **SHORT)
+    env.reset(seed=1)
+    assert env.unwrapped.scenario.name.startswith("monitoring-v1-")
+
+
+def test_a_seed_draws_the_same_scenario_and_episode_whatever_came_before():
+    env = make()
+    first, second, third = episode(env, 4), episode(env), episode(env)
+    assert len({each.digest() for each, _ in (first, second, third)}) == 3
+    other = make()
+    episode(other, 9)
+    episode(other)
+    for expected, seed in ((first, 4), (second, None), (third, None), (first, 4)):
+        assert episode(other, seed) == expected
+    assert episode(other, 5)[0] != first[0]
+
+
+def test_without_a_seed_environments_differ():
+    names = set()
+    for _ in range(4):
+        env = make()
+        env.reset()
+        names.add(env.scenario.name)
+    assert len(names) > 1
+
+
+def test_an_episode_is_that_of_the_scenario_alone():
+    # Oracle: the environment of the scenario, with the seed that the score contains.
+    env = make()
+    observations, _ = env.reset(seed=3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        alone = lissajous_env.parallel_env(env.scenario)
+    expected, _ = alone.reset(seed=env.score()["seed"])
+    rng = np.random.default_rng(0)
+    while env.agents:
+        assert pickle.dumps(observations) == pickle.dumps(expected)
+        actions = {agent: rng.uniform(-1, 1, 2) for agent in env.agents}
+        observations, expected = env.step(actions)[0], alone.step(actions)[0]
+    assert repr(env.score()) == repr({"scenario": env.scenario.name} | alone.score())
+
+
+def test_agents_are_those_of_the_scenario_and_possible_agents_and_spaces_stay():
+    env = make()
+    possible, spaces = list(env.possible_agents), [env.observation_space(agent) for agent in env.possible_agents]
+    assert possible == [f"robot_{i}" for i in range(5)]
+    teams = set()
+    for seed in range(12):
+        observations, _ = env.reset(seed=seed)
+        teams.add(len(env.agents))
+        assert env.possible_agents == possible
+        assert all(a is b for a, b in zip(spaces, map(env.observation_space, possible), strict=True))
+        assert all(env.observation_space(agent).contains(row) for agent, row in observations.items())
+    assert teams == {3, 5}
+
+
+def test_the_state_is_padded_to_the_largest_team():
+    env = make()
+    for seed in range(6):
+        env.reset(seed=seed)
+        state = env.state()
+        assert env.state_space.contains(state)
+        robots, targets, elapsed = (part[0] for part in true_state(env.simulation))
+        n, t = len(robots), len(targets)
+        of_robots, of_targets = state[: 8 * 5].reshape(5, 8), state[8 * 5 : -1].reshape(-1, 3)
+        np.testing.assert_array_equal(of_robots[:n], robots)
+        np.testing.assert_array_equal(of_targets[:t], targets)
+        assert not of_robots[n:].any()
+        assert not of_targets[t:].any()
+        assert state[-1] == elapsed[0]
+
+
+@pytest.mark.parametrize("split", ["train", "validation", "test"])
+def test_scenarios_are_of_the_split(split):
+    env = lissajous_env.parallel_env(f"monitoring-v1:{split}", **SHORT)
+    for seed in range(3):
+        env.reset(seed=seed)
+        assert env.space.split_of(int(env.scenario.name.rpartition("-")[2])) == split
+        assert env.scenario.task.duration == 1.0
+
+
+def test_a_space_in_a_file_and_its_shift(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lines = ['base = "experiment"', "[draw.sensing]", "radius = {low = 0.8, high = 1.0}", "[shift.far.sensing]"]
+    (tmp_path / "lab.toml").write_text("\n".join([*lines, "radius = 3.0"]))
+    for name, low, high in (("lab.toml", 0.8, 1.0), ("lab.toml:test", 0.8, 1.0), ("lab.toml:far", 3.0, 3.0)):
+        env = lissajous_env.parallel_env(name)
+        env.reset(seed=0)
+        assert low <= env.scenario.sensing.radius <= high
+    with pytest.warns(AssumptionWarning):
+        assert lissajous_env.parallel_env("lab.toml:7").scenario.name == "lab-7"
+
+
+def test_a_pickled_environment_goes_on_as_the_original():
+    env = make()
+    env.reset(seed=2)
+    actions = {agent: np.ones(2, dtype=np.float32) for agent in env.agents}
+    env.step(actions)
+    copy = pickle.loads(pickle.dumps(env))
+    assert pickle.dumps(copy.step(actions)) == pickle.dumps(env.step(actions))
+    assert episode(copy)[0] == episode(env)[0]
+
+
+def test_pictures_and_replays_are_of_the_episode(tmp_path):
+    env = make(render_mode="rgb_array", record=True)
+    shapes = set()
+    for seed in range(4):
+        env.reset(seed=seed)
+        env.step({agent: np.ones(2) for agent in env.agents})
+        picture = env.render()
+        assert picture.dtype == np.uint8
+        assert picture.std() > 1
+        shapes.add(picture.shape)
+        env.replay("full throttle").save(tmp_path / "replay.html")
+        assert env.scenario.name in (tmp_path / "replay.html").read_text()
+    assert len(shapes) > 1
+    env.close()
+
+
+@pytest.mark.filterwarnings("ignore:.*Not able to test alternative render modes.*")
+@pytest.mark.parametrize("settings", [{}, {"flat_actions": True}, {"discrete_actions": True}], ids=str)
+def test_gymnasiums_checker_passes(settings):
+    # Oracle: Gymnasium's contract checker.
+    env = gymnasium.make("lissajous/monitoring-v1-v0", disable_env_checker=True, **settings, **SHORT)
+    check_env(env.unwrapped, skip_render_check=True)
+    assert env.observation_space.shape == (8, 42)
+
+
+def test_the_team_as_one_agent_is_padded():
+    env, robots = lissajous_env.SampledEnv(SMALL), make()
+    for seed in range(6):
+        observation, info = env.reset(seed=seed)
+        rows, _ = robots.reset(seed=seed)
+        assert env.scenario == robots.scenario
+        np.testing.assert_array_equal(info["mask"], [agent in rows for agent in robots.possible_agents])
+        assert not observation[~info["mask"]].any()
+        action = np.random.default_rng(seed).uniform(-1, 1, (5, 2)).astype(np.float32)
+        other = np.where(info["mask"][:, None], action, -action)
+        observation, reward, terminated, truncated, info = env.step(other)
+        rows, rewards, *_ = robots.step({agent: action[int(agent[-1])] for agent in robots.agents})
+        np.testing.assert_array_equal(observation[info["mask"]], list(rows.values()))
+        assert reward == pytest.approx(np.mean(list(rewards.values())))
+        assert not terminated
+        assert not truncated
+    while not truncated:
+        *_, truncated, info = env.step(env.action_space.sample())
+    assert info["score"]["scenario"] == env.scenario.name
+
+
+def test_gymnasium_makes_a_batch_of_them():
+    batch = gymnasium.make_vec("lissajous/monitoring-v1-v0", 3, vectorization_mode="sync", **SHORT)
+    observation, _ = batch.reset(seed=0)
+    assert observation.shape == (3, 8, 42)
+    assert len({each.unwrapped.scenario.name for each in batch.envs}) == 3
+    observation, *_ = batch.step(batch.action_space.sample())
+    assert batch.observation_space.contains(observation)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("monitoring-v1:exam",), "split must be one of train, validation, test, .*got 'exam'"),
+        (("monitoring-v1:test:3",), "split must be one of .*got 'test:3'"),
+        (("monitoring-v2:test",), "monitoring-v2"),
+        ((SMALL, "ascii"), "render_mode must be None, rgb_array or human, got 'ascii'"),
+    ],
+)
+def test_what_is_no_space_or_split_is_refused(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        lissajous_env.parallel_env(*arguments)
+
+
+def test_what_differs_in_size_or_has_rogues_that_are_agents_is_refused_by_name():
+    uneven = ScenarioSpace("uneven", scenario("evaders"), DRAW | {"sensing": {"robots_seen": {"low": 1, "high": 3}}})
+    words = r"scenarios of a space must have rows and actions of one size, got others in uneven-\d+ and uneven"
+    with pytest.raises(ValueError, match=words):
+        lissajous_env.parallel_env(uneven)
+    with pytest.raises(ValueError, match=r"targets.rogues must be None or a scripted rogue .* got agents in small-"):
+        make(**{"targets.rogues": "agents"})
+    with pytest.raises(ValueError, match="hue"):
+        make(hue=3)
+    with pytest.raises(ValueError, match="agent must be one of robot_0 to robot_4, got 'robot_5'"):
+        make().observation_space("robot_5")
+    with pytest.raises(ValueError, match="robots must be None in an environment of a space"):
+        gymnasium.make("lissajous/monitoring-v1-v0", robots="sweep")
+    with pytest.raises(ValueError, match="seed must be a whole number of at least 0, got -1"):
+        make().reset(seed=-1)
+    env = lissajous_env.SampledEnv(SMALL)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"action must have shape \(5, 2\)"):
+        env.step(np.zeros((3, 2)))
+
+
+def test_a_larger_team_than_any_of_the_first_scenarios_is_skipped(monkeypatch):
+    # Story: one scenario is looked at; larger teams than its own never play.
+    monkeypatch.setattr("lissajous_env.envs.sampler.LOOKED_AT", 1)
+    small = [made.num_robots for made in map(SMALL.sample, range(12))]
+    first = next(SMALL.scenarios("train")).num_robots
+    env = make()
+    assert len(env.possible_agents) == first
+    for seed in range(8):
+        env.reset(seed=seed)
+        assert env.scenario.num_robots <= first
+    assert set(small) == {3, 5}
