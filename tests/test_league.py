@@ -74,7 +74,7 @@ def test_agents_of_a_league_are_ordinary_checkpoints(finished):
     text = checkpoint.read_text(out / "rogues-2")
     assert set(text["settings"]["against"].split("+")) <= {"sweep", "still", str(out / "team-1" / "best")}
     text = checkpoint.read_text(out / "team-2")
-    assert set(text["settings"]["overrides"]["rogues"].split("+")) <= {
+    assert set(text["settings"]["overrides"]["targets.rogues"].split("+")) <= {
         "flee",
         *(str(out / f"rogues-{k}") for k in (1, 2)),
     }
@@ -138,7 +138,7 @@ def test_a_team_is_trained_against_rogues(tmp_path, capsys):
     assert checkpoint.read(tmp_path / "run")[1].home["targets"]["rogues"] == "flee+wander"
     code, _, error = called(capsys, "train", "--rogues", "flee", *fast)
     assert code == 2
-    assert "'rogues': 'flee'" in error
+    assert "'targets.rogues': 'flee'" in error
 
 
 def test_rogues_learn_against_several_policies(tmp_path):

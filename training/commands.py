@@ -88,7 +88,7 @@ def train(
     if of_rogues:
         raise ValueError(f"side must be rogues where options of rogues are given ({', '.join(of_rogues)}), got robots")
     if rogues:
-        settings = dataclasses.replace(settings, overrides={**settings.overrides, "rogues": AND.join(rogues)})
+        settings = dataclasses.replace(settings, overrides={**settings.overrides, "targets.rogues": AND.join(rogues)})
     uses_ray = settings.engine == "ray"
     engine = _engine(
         "training.rllib.trainer" if uses_ray else "training.sb3.trainer", "cluster" if uses_ray else "train"

@@ -94,7 +94,7 @@ class LeagueSettings:
     def team_training(self, rogues: str, k: int) -> TrainingSettings:
         """Return the settings of the training of a team in a round, from the second on from the team before."""
         changed: dict[str, Any] = {"out": self.folder_of("team", k), "seed": (self.teams.seed + k - 1) % 2048}
-        changed["overrides"] = {**self.teams.overrides, "rogues": rogues}
+        changed["overrides"] = {**self.teams.overrides, "targets.rogues": rogues}
         if k > 1:
             changed |= {"start": str(self.folder_of("team", k - 1) / "best"), "teacher": "none"}
         return dataclasses.replace(self.teams, **changed)
