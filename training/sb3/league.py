@@ -8,7 +8,7 @@ opponent alone can go in circles. Agents are not trained further after their rou
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -158,7 +158,8 @@ class League:
         folder = str(self.settings.folder_of("rogues", k))
         if not self._has_played(self.teams, [folder]):
             mixture = shares_of([*self.teams.values()], self.game().game(_MEASURE).teams)
-            self._say(f"round {k} of {self.settings.rounds}: rogues against {mixture}")
+            names = {folder: name for name, folder in self.teams.items()}
+            self._say(f"round {k} of {self.settings.rounds}: rogues against {_in_words(mixture, names.__getitem__)}")
             train_rogues(self.settings.rogue_training(mixture, k), self.console)
         self.rogues.append(folder)
         self._play()
@@ -167,7 +168,7 @@ class League:
         folder = self.settings.folder_of("team", k)
         if not self._has_played([folder.name], self.rogues):
             mixture = shares_of(self.rogues, self.game().game(_MEASURE).rogues)
-            self._say(f"round {k} of {self.settings.rounds}: team against {mixture}")
+            self._say(f"round {k} of {self.settings.rounds}: team against {_in_words(mixture, short_name)}")
             train(self.settings.team_training(mixture, k), self.console)
         self.teams[folder.name] = str(folder / "best")
         self._play()
@@ -218,3 +219,11 @@ class League:
 
     def _say(self, text: str) -> None:
         self.console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def _in_words(mixture: str, name_of: Callable[[str], str]) -> str:
+    """Return the members of a mixture with their shares."""
+    members = mixture.split(AND)
+    if len(set(members)) == 1:
+        return name_of(members[0])
+    return ", ".join(f"{members.count(each)}/{len(members)} {name_of(each)}" for each in dict.fromkeys(members))
