@@ -49,6 +49,8 @@ SHORTER = {
     "guarantee": "--radii 2 --cells 16 --episodes 1",
     "train": "--steps 2000 --worlds 4 --evaluation-episodes 1 --rivals sweep --imitation-steps 0 --rollout 8",
     "train --side": "--rogue-rounds 2 --rogue-steps 200 --evaluation-episodes 1",
+    "train --league": "--league 1 --steps 2000 --worlds 4 --evaluation-episodes 8 --rivals --rollout 8 "
+    "--rogue-rounds 2 --rogue-starts 8",
     "exploit": "--episodes 1",
 }
 """Options added to a command to shorten it."""

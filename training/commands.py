@@ -10,6 +10,7 @@ from rich.console import Console
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, make_console
 from lissajous_env.extras import missing
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
+from lissajous_env.parameters.rogues import AND
 from training.rogue_settings import RogueTraining
 from training.settings import TrainingSettings
 
@@ -17,20 +18,24 @@ from training.settings import TrainingSettings
 def train(
     settings: tyro.conf.OmitArgPrefixes[TrainingSettings],
     side: Literal["robots", "rogues"] = "robots",
-    against: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None,
+    rogues: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...", help_behavior_hint="")] = (),
+    against: Annotated[tuple[str, ...], tyro.conf.arg(metavar="POLICY ...", help_behavior_hint="")] = (),
     rogue_rounds: int | None = None,
     rogue_steps: int | None = None,
     rogue_starts: int | None = None,
+    league: Annotated[int | None, tyro.conf.arg(metavar="ROUNDS")] = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
-    """Train a policy, or with `--side rogues` targets that hide from the robots of a policy.
+    """Train a policy, or with `--side rogues` targets that hide from the robots of a policy, or both in turn.
 
     A training may be interrupted or killed at any moment; the same command resumes it from its last checkpoint.
 
     Example:
         lissajous train --scenario intruders --out runs/intruders
+        lissajous train --scenario evaders --rogues follow-gap runs/hiding --out runs/team
         lissajous train --side rogues --against sweep --scenario evaders --out runs/hiding
+        lissajous train --league 3 --against sweep laps --scenario evaders --base sweep --out runs/league
 
     Options:
         training: scenario, set, algorithm, steps, seed, start, out
@@ -43,39 +48,70 @@ def train(
         exploration: log_std, log_std_end, noise_steps
         evaluation: evaluate_every, evaluation_episodes, rivals
         where it runs: device, threads, engine, address, workers
-        rogues: side, against, rogue_rounds, rogue_steps, rogue_starts
+        rogues: rogues, side, against, rogue_rounds, rogue_steps, rogue_starts, league
 
     Args:
         settings: Scenario, algorithm and folder of the results.
         side: `robots`, or `rogues` for targets that learn to hide from robots that do not learn. Rogues accept only the
             options scenario, set, seed, out, layers, activation, gamma, evaluation_episodes, device, threads, and
-            those of this group.
-        against: policy of the robots from which rogues learn to hide: a name, or the folder of a checkpoint.
-        rogue_rounds: rounds of imitation of a rogue with foresight, 16 by default.
-        rogue_steps: rogue steps of PPO after the imitation, 1,000,000 by default.
+            those of this group except rogues.
+        rogues: rogues that move the targets while robots are trained: names, or folders of learned rogues. Of several,
+            one is drawn at random for each target; one that is given twice has two shares.
+        against: policies of the robots from which rogues learn to hide: names, or folders of checkpoints. The
+            environments are divided among several; one that is given twice has two shares.
+        rogue_rounds: rounds of imitation of a rogue with foresight, 48 by default.
+        rogue_steps: rogue steps of PPO after the imitation, none by default.
         rogue_starts: rogues per episode, each with a start of its own, 96 by default.
+        league: rounds in which rogues learn against a mixture of all teams so far, then a team against a mixture of all
+            rogues so far; the first ones are those of `against` and `rogues`. The other options apply to each training.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.reward_collision=-5 targets.count=5
     """
     settings = dataclasses.replace(settings, overrides=parse_overrides(overrides))
-    of_rogues = {"against": against, "rounds": rogue_rounds, "steps": rogue_steps, "starts": rogue_starts}
-    given = {name: value for name, value in of_rogues.items() if value is not None}
+    numbers = {"rounds": rogue_rounds, "steps": rogue_steps, "starts": rogue_starts}
+    of_rogues: dict[str, Any] = {name: value for name, value in numbers.items() if value is not None}
     # Its lines tell how it goes: where stdout is for the result alone, they go to stderr.
     console = make_console(stderr=output.json, quiet=output.quiet)
-    if side == "rogues":
-        output.print_json({"out": settings.out, **_train_rogues(settings, given, console)})
+    if rogues or league is not None:
+        _require_no_rogues(settings, side)
+    if league is not None:
+        engine = _engine("training.sb3.league")
+        more = {"rogues": rogues} if rogues else {}
+        made = engine.LeagueSettings(league, settings, against, of_rogues=of_rogues, **more)
+        output.print_json({"out": settings.out, **engine.train_league(made, console)})
         return
-    if given:
-        raise ValueError(f"side must be rogues where options of rogues are given ({', '.join(given)}), got robots")
-    extra = "cluster" if settings.engine == "ray" else "train"
-    try:
-        engine = importlib.import_module(
-            "training.rllib.trainer" if settings.engine == "ray" else "training.sb3.trainer"
-        )
-    except ImportError as error:
-        raise missing("train", extra, error) from error
+    if against:
+        of_rogues["against"] = AND.join(against)
+    if side == "rogues":
+        output.print_json({"out": settings.out, **_train_rogues(settings, of_rogues, console)})
+        return
+    if of_rogues:
+        raise ValueError(f"side must be rogues where options of rogues are given ({', '.join(of_rogues)}), got robots")
+    if rogues:
+        settings = dataclasses.replace(settings, overrides={**settings.overrides, "targets.rogues": AND.join(rogues)})
+    uses_ray = settings.engine == "ray"
+    engine = _engine(
+        "training.rllib.trainer" if uses_ray else "training.sb3.trainer", "cluster" if uses_ray else "train"
+    )
     history = engine.train(settings, console)
     output.print_json({"out": settings.out, **dataclasses.asdict(history)})
+
+
+def _require_no_rogues(settings: TrainingSettings, side: str) -> None:
+    """Raise ValueError if rogues are given in another way."""
+    for name in ("rogues", "targets.rogues"):
+        if name in settings.overrides:
+            raise ValueError(f"{name} must be left out of --set beside --rogues or --league")
+    if side == "rogues":
+        raise ValueError("side must be robots with --rogues or --league, got rogues")
+
+
+def _engine(module: str, extra: str = "train") -> Any:
+    """Import a module of trainings, which requires the libraries of an extra."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise missing("train", extra, error) from error
 
 
 def _train_rogues(settings: TrainingSettings, given: dict[str, Any], console: Console) -> dict[str, Any]:
@@ -83,8 +119,4 @@ def _train_rogues(settings: TrainingSettings, given: dict[str, Any], console: Co
     if "against" not in given:
         raise ValueError("against must be the policy from which the rogues learn to hide, got none")
     made = RogueTraining.from_common(settings, **given)
-    try:
-        engine = importlib.import_module("training.sb3.rogue_trainer")
-    except ImportError as error:
-        raise missing("train", "train", error) from error
-    return engine.train_rogues(made, console)
+    return _engine("training.sb3.rogue_trainer").train_rogues(made, console)

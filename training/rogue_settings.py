@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from baselines.exploitability.mixed_policies import mixed, policies_in
 from baselines.exploitability.survival import with_starts
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
-from lissajous_env.episodes.policies import policy as make_policy
 from lissajous_env.parameters.rogues import AGENTS
 from training.settings import TrainingSettings
 
@@ -29,10 +29,11 @@ class RogueTraining:
     scenario: str = "intruders"
     """Scenario of the game."""
     against: str = "kuramoto-mpcc"
-    """Policy of the robots: a name, or the folder of a checkpoint."""
-    rounds: int = 16
+    """Policy of the robots: a name, the folder of a checkpoint, or several of these joined by `+`, among which the
+    environments are divided."""
+    rounds: int = 48
     """Rounds of imitation of a rogue with foresight, each with an episode per world."""
-    steps: int = 1_000_000
+    steps: int = 0
     """Rogue steps of PPO after the imitation, summed over all rogues."""
     starts: int = 96
     """Rogues per episode, each with a start of its own."""
@@ -70,7 +71,10 @@ class RogueTraining:
             raise ValueError("targets.rogues must be left out where rogues are trained")
         as_device(self.device)
         self.learner()
-        make_policy(self.against, self.make_scenario(), 1, self.device)
+        for name in ("worlds", "evaluation_episodes"):
+            if getattr(self, name) < (shares := len(policies_in(self.against))):
+                raise ValueError(f"{name} must be at least the {shares} policies in against, got {getattr(self, name)}")
+        mixed(self.against, self.make_scenario(), len(policies_in(self.against)), self.device)
 
     @classmethod
     def from_common(cls, common: TrainingSettings, **more: Any) -> "RogueTraining":

@@ -18,6 +18,7 @@ WANDER = wp.constant(9)
 EPISODE = wp.constant(10)
 UNSEEN = wp.constant(11)
 ROGUE = wp.constant(12)
+MEMBER = wp.constant(13)
 _PURPOSES = wp.constant(16)
 
 

@@ -1,6 +1,7 @@
 """Rogues: rules by which an adversary moves the targets.
 
-`targets.rogues` is the name of a script or the folder of a learned rogue.
+`targets.rogues` is the name of a script or of a shipped learned rogue, the folder of a learned rogue, or several of
+these joined by `+`: a mixture, in which each rogue is moved by one of them, drawn at random when its episode begins.
 """
 
 import re
@@ -12,7 +13,7 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.device.program import LANES
-from lissajous_env.siblings import import_ours
+from lissajous_env.siblings import PARENT, import_ours
 from lissajous_env.wording import few_of, nearest, shown
 
 AGENTS = "agents"
@@ -38,10 +39,20 @@ class Rogue:
     bind: Callable[[Any, Any], Callable[[], None]] | None = None
     """Function `bind(scenario, rogues)` that is used instead of `decide`, if given: it returns a function without
     arguments that writes `rogues.action` for `rogues.observation` on their device."""
+    members: tuple["Rogue", ...] = ()
+    """Rogues of a mixture, each as often as its share is large; none for a single rogue."""
+    trained_on: str = ""
+    """Scenario on which a learned rogue was trained."""
+    trained_against: tuple[str, ...] = ()
+    """Policies of the robots against which a learned rogue was trained."""
 
 
 CHECKPOINT = "checkpoint.json"
 """File that marks the folder of a learned rogue."""
+AND = "+"
+"""Separator of the rogues of a mixture, or of the policies of one."""
+_SHIPPED = PARENT / "training" / "rogues"
+"""Folder of the shipped learned rogues."""
 _ROGUES: dict[str, Rogue] = {}
 """Registered rogues by name; the shipped ones register themselves in `lissajous_env.world.rogues`."""
 
@@ -56,7 +67,8 @@ def register_rogue(rogue: Rogue) -> Rogue:
         raise ValueError(f"rogue must be a Rogue, got {shown(rogue)}")
     if not (isinstance(rogue.name, str) and re.fullmatch(r"[a-z][a-z0-9-]{0,62}", rogue.name)):
         raise ValueError(f"name of a rogue must be of small letters, digits and -, got {shown(rogue.name)}")
-    if rogue.name == AGENTS or _ROGUES.get(rogue.name, rogue) != rogue:
+    is_taken = rogue.name == AGENTS or rogue.name in shipped_rogues()
+    if is_taken or _ROGUES.get(rogue.name, rogue) != rogue:
         raise ValueError(f"name of a rogue must be new, got {shown(rogue.name)}")
     if not callable(rogue.decide) and not isinstance(rogue.decide, wp.Kernel):
         raise ValueError(f"rogue {rogue.name} must decide by a function or a Warp kernel, got {shown(rogue.decide)}")
@@ -75,30 +87,58 @@ def rogue(name: str) -> Callable[[Callable[[Any], Any]], Callable[[Any], Any]]:
 
 
 def rogues() -> tuple[str, ...]:
-    """Return the names of the scripted rogues."""
-    return tuple(_ROGUES)
+    """Return the names of the rogues: the scripted ones, then the shipped learned ones."""
+    return *_ROGUES, *shipped_rogues()
+
+
+def shipped_rogues() -> tuple[str, ...]:
+    """Return the names of the shipped learned rogues."""
+    return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{CHECKPOINT}")))
 
 
 def rogue_of(name: str) -> Rogue | None:
-    """Return the scripted rogue of a name, the learned one in a folder, or None for `agents`.
+    """Return the rogue of a name, the learned one in a folder, the mixture of several, or None for `agents`.
 
     Raises:
         ValueError: there is no such rogue, or the checkpoint in the folder is damaged or not of a rogue.
     """
     if name == AGENTS:
         return None
+    members = members_of(name)
+    if len(members) == 1:
+        return _single(name)
+    made = {each: _single(each) for each in dict.fromkeys(members)}
+    shares = ", ".join(f"{members.count(each)} of {len(members)} {each}" for each in made)
+    needs = any(each.needs_contamination for each in made.values())
+    every = tuple(made[each] for each in members)
+    return Rogue(name, None, f"a mixture: {shares}", needs_contamination=needs, members=every)
+
+
+def members_of(name: str) -> tuple[str, ...]:
+    """Return the names of the rogues of a mixture; a single rogue is one of one."""
+    return (name,) if is_folder(name) else tuple(name.split(AND))
+
+
+def _single(name: str) -> Rogue:
     if name in _ROGUES:
         return _ROGUES[name]
-    if is_folder(name):
-        return import_ours("training.learned.rogue").open_rogue(name)
-    known = (AGENTS, *_ROGUES)
+    if (folder := folder_of(name)) is not None:
+        return import_ours("training.learned.rogue").open_rogue(folder, name)
+    known = (AGENTS, *rogues())
     rule = f"must be one of {few_of(known, name)}, or a folder with {CHECKPOINT}"
     raise ValueError(f"targets.rogues {rule}, got {shown(name)}{nearest(name, known)}")
+
+
+def folder_of(name: str) -> Path | None:
+    """Return the folder of a learned rogue, shipped or not; None for another name."""
+    if name in shipped_rogues():
+        return _SHIPPED / name
+    return Path(name) if is_folder(name) else None
 
 
 def is_folder(name: str) -> bool:
     """Return True if a name is that of a folder with a checkpoint."""
     try:
-        return name not in _ROGUES and Path(name, CHECKPOINT).is_file()
+        return name not in rogues() and Path(name, CHECKPOINT).is_file()
     except (OSError, ValueError):  # not a possible name of a file
         return False

@@ -1,6 +1,7 @@
 """Learned rogues: checkpoints whose network maps a row of `lissajous_env.world.rogues.rows` to a velocity.
 
-`targets.rogues`, and `--rogues` of the commands, accept the folder of such a checkpoint like the name of a script.
+`targets.rogues`, and `--rogues` of the commands, accept the folder of such a checkpoint like the name of a script. The
+shipped ones, in `training/rogues`, have the names of their folders.
 """
 
 import dataclasses
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from baselines.exploitability.mixed_policies import policies_in
 from lissajous_env import Scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.parameters.rogues import Rogue
@@ -29,8 +31,8 @@ def rogue_card(scenario: Scenario, settings: Mapping[str, Any] | None = None) ->
     return Card(scenario.name, KIND, tuple(names), len(ACTION_NAMES), settings=settings or {}, home=home)
 
 
-def open_rogue(folder: str | Path) -> Rogue:
-    """Return the rogue in the folder of a checkpoint.
+def open_rogue(folder: str | Path, name: str | None = None) -> Rogue:
+    """Return the rogue in the folder of a checkpoint, under a name; by default that of the folder.
 
     Raises:
         ValueError: there is none, it is damaged, or its policy drives robots.
@@ -38,7 +40,7 @@ def open_rogue(folder: str | Path) -> Rogue:
     network, card, _ = checkpoint.read(folder)
     if card.kind != KIND:
         raise ValueError(f"rogues must be the folder of a rogue, got {folder}, which drives robots of kind {card.kind}")
-    return as_rogue(str(folder), network, card)
+    return as_rogue(name or str(folder), network, card)
 
 
 def as_rogue(name: str, network: Network, card: Card) -> Rogue:
@@ -55,7 +57,9 @@ def as_rogue(name: str, network: Network, card: Card) -> Rogue:
 
         return decide
 
-    return Rogue(name, None, f"Learned on {card.scenario}.", bind=bind)
+    against = tuple(dict.fromkeys(policies_in(str(card.settings.get("against") or ""))))
+    words = f"learned on {card.scenario}" + (f" against {', '.join(against)}" if against else "")
+    return Rogue(name, None, words, bind=bind, trained_on=card.scenario, trained_against=against)
 
 
 def fit_network(network: Network, card: Card, scenario: Scenario) -> tuple[Network, np.ndarray]:

@@ -1,14 +1,16 @@
-"""`lissajous train --side rogues`: imitation of a rogue with foresight, then PPO, against robots that do not learn.
+"""`lissajous train --side rogues`: imitation of a rogue with foresight, against robots that do not learn; then PPO.
 
 A rogue that starts in the wrong place is detected at once whatever it does, and one that hides well is detected much
 later than a discounted return reaches. So imitation comes first (`training.sb3.foresight`), in the states that the
-learner itself reaches, and PPO refines its result. All rogues share one network.
+learner itself reaches, and PPO can follow, which in the time of more rounds of imitation gains less than these. All
+rogues share one network.
 """
 
 import math
 import tempfile
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,10 +20,10 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
 from baselines.benchmark.progress import in_words
+from baselines.exploitability.mixed_policies import mixed
 from baselines.exploitability.survival import survive
 from lissajous_env import Simulation
 from lissajous_env.console.terminal import make_console
-from lissajous_env.envs.rogue_env import as_driver
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.storage.folder import Folder
 from training.learned import checkpoint
@@ -68,9 +70,8 @@ class RogueTrainer:
         torch.set_num_threads(1)
         self.scenario = settings.make_scenario()
         self.card = rogue_card(self.scenario, settings.to_dict())
-        self.env = RogueVecEnv(
-            self.scenario, settings.worlds, settings.against, settings.device, threads=settings.threads
-        )
+        robots = mixed(settings.against, self.scenario, settings.worlds, settings.device)
+        self.env = RogueVecEnv(self.scenario, settings.worlds, robots, settings.device, threads=settings.threads)
         self.model = RobotPPO(settings.learner(), self.env, self.card)  # type: ignore[arg-type]
         self.history: dict[str, Any] = {"steps": 0, "updates": 0, "seconds": 0.0, "curve": [], "rivals": {}}
         self.best: Network | None = None
@@ -151,12 +152,13 @@ class RogueTrainer:
         settings, visits = self.settings, Visits.none()
         scenario = settings.make_scenario(_SCRIPTS[k]) if k < len(_SCRIPTS) else self.scenario
         simulation = Simulation(scenario, settings.worlds, device=settings.device, threads=settings.threads)
-        driver = as_driver(settings.against, scenario, settings.worlds, settings.device)
+        first = k * settings.worlds  # number of the first episode
+        driver: Any = mixed(settings.against, scenario, settings.worlds, settings.device, first)
         if k >= len(_SCRIPTS):
             driver = _WithRogues(driver, simulation, self._act)
-        first = _FIRST_SEED * (1 + settings.seed) + k * settings.worlds
+        seed = _FIRST_SEED * (1 + settings.seed) + first
         runner = EpisodeRunner(driver, simulation)
-        runner.play(range(first, first + settings.worlds), lambda taken: visits.look(simulation))
+        runner.play(range(seed, seed + settings.worlds), lambda taken: visits.look(simulation))
         return visits
 
     def _act(self, rows: np.ndarray) -> np.ndarray:
@@ -207,9 +209,9 @@ class RogueTrainer:
         env.close()
 
     def _evaluated(self, rogues: str) -> dict[str, float]:
-        scenario = self.settings.make_scenario(rogues)
-        seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + self.settings.evaluation_episodes)
-        return survive(self.settings.against, scenario, seeds, self.settings.device).summary()
+        settings, scenario = self.settings, self.settings.make_scenario(rogues)
+        seeds = range(FIRST_EVALUATION_SEED, FIRST_EVALUATION_SEED + settings.evaluation_episodes)
+        return survive(partial(mixed, settings.against), scenario, seeds, settings.device).summary()
 
     def _resume(self) -> None:
         network, card, text = checkpoint.read(self.settings.out)

@@ -3,6 +3,7 @@
 import numpy as np
 import warp as wp
 
+from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
@@ -85,6 +86,31 @@ def move_rogues(
             if wp.length_sq(moved) > 0.0:
                 targets.heading[w, t] = atan2(moved[1], moved[0])
         rogues.velocity[w, t] = moved / task.step
+
+
+@wp.kernel
+def choose_action(
+    first: int,
+    lanes: int,
+    begin: int,
+    end: int,
+    low: float,
+    high: float,
+    decided: wp.array3d(dtype=wp.float32),
+    clock: Clock,
+    rogues: Rogues,
+):
+    """Let a member of a mixture move the rogues whose draw, which depends on the world's seed alone, is its own."""
+    tid, lane = wp.tid()
+    w = first + tid
+    if clock.active[w] == 0:
+        return
+    key = randomness.step_key(clock.seed[w], 0)
+    for t in range(begin + lane, end, lanes):
+        draw = randomness.uniform(key, t, randomness.MEMBER)
+        if draw >= low and draw < high:
+            for k in range(2):
+                rogues.action[w, t, k] = decided[w, t, k]
 
 
 @wp.kernel

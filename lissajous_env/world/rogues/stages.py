@@ -1,15 +1,19 @@
 """The stages of rogues in a step and in a reset; none where `targets.rogues` is None."""
 
+import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from lissajous_env.device.program import PARTS, TARGET, Stage
+from lissajous_env.device.warp_abi import fields_of
 from lissajous_env.parameters.rogues import Rogue, rogue_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.rogues.acting import fill_rows, move_rogues, reset_rogues, reward_rogues
+from lissajous_env.world.rogues.acting import choose_action, fill_rows, move_rogues, reset_rogues, reward_rogues
+from lissajous_env.world.state import Rogues
 
 
 def rogue_motion(scenario: Scenario, rogues: Any) -> list[Stage]:
@@ -17,8 +21,30 @@ def rogue_motion(scenario: Scenario, rogues: Any) -> list[Stage]:
     if scenario.targets.rogues is None:
         return []
     rogue = rogue_of(scenario.targets.rogues)
-    decides = [] if rogue is None else [_decision(rogue, scenario, rogues)]
+    if rogue is None:
+        decides = []
+    elif rogue.members:
+        decides = _mixed_decisions(rogue.members, scenario, rogues)
+    else:
+        decides = [_decision(rogue, scenario, rogues)]
     return [*decides, Stage("rogues", move_rogues, TARGET, PARTS)]
+
+
+def _mixed_decisions(members: Sequence[Rogue], scenario: Scenario, rogues: Any) -> list[Stage]:
+    """Return the stages of a mixture: each member decides for all rogues, and the action of one of them is chosen."""
+    stages, before = [], 0
+    for name in dict.fromkeys(each.name for each in members):
+        same = [each for each in members if each.name == name]
+        after = before + len(same)
+        apart = Rogues()
+        for field, array in fields_of(rogues).items():
+            setattr(apart, field, wp.zeros_like(array) if field == "action" else array)
+        decision = _decision(same[0], scenario, apart)
+        stages.append(dataclasses.replace(decision, own={"rogues": apart}))
+        own = {"low": before / len(members), "high": after / len(members), "decided": apart.action}
+        stages.append(Stage(f"choice of {decision.name}", choose_action, TARGET, PARTS, own=own))
+        before = after
+    return stages
 
 
 def _decision(rogue: Rogue, scenario: Scenario, rogues: Any) -> Stage:
