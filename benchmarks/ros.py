@@ -47,7 +47,7 @@ def over_ros(given: argparse.Namespace, changes: list[str], seed: int) -> dict:
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         sys.exit(done.stderr)
-    stops = [line for line in done.stderr.splitlines() if ": the " in line and "told to stop" not in line]
+    stops = [line for line in done.stderr.splitlines() if "limit is" in line or "clock jumped" in line]
     return json.loads(done.stdout) | {"stops": len(stops)}
 
 

@@ -90,6 +90,20 @@ def test_all_processes_end_with_one_or_with_the_launch(ends, tmp_path):
             assert "error: robot_1 was ended by signal 9; all others were stopped" in text(said)
 
 
+def test_a_second_team_in_the_same_domain_is_refused():
+    # Story: somebody launches a team while another one drives; both would obey each other's messages.
+    first = process("launch", *PAIR, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    try:
+        assert first.stderr.readline()  # the first of its robots has a state
+        second = process("launch", *PAIR, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        _, error = second.communicate(timeout=60)
+    finally:
+        first.kill()
+        first.communicate()
+    assert second.returncode == 1
+    assert "ROS_DOMAIN_ID must be one in which no other `lissajous ros launch` is running, got " in error
+
+
 def text(file):
     file.seek(0)
     return file.read()

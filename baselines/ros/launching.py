@@ -1,13 +1,17 @@
 """Processes of a simulated world and its robots, started and ended together."""
 
+import contextlib
 import ctypes
+import fcntl
 import os
 import re
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 from baselines.ros import library as ros
@@ -41,9 +45,9 @@ class Team:
             tell: Called with a line for each change of a robot's state.
 
         Raises:
-            CommandError: a process ended before the world did, or the world failed.
+            CommandError: another team is running, a process ended before the world did, or the world failed.
         """
-        with started() as ends:
+        with _alone(), started() as ends:
             node = ros.Node("launch")
             states: dict[str, str] = {}
             node.create_subscription(ros.DiagnosticArray, "/diagnostics", lambda m: self._note(m, states, tell), 10)
@@ -90,6 +94,20 @@ class Team:
             if status.name.startswith("lissajous: ") and states.get(status.hardware_id) != kind:
                 states[status.hardware_id] = kind
                 tell(f"{status.hardware_id}: {status.message}")
+
+
+@contextlib.contextmanager
+def _alone() -> Iterator[None]:
+    """Refuse to run beside another team of this user in the same domain, whose nodes would have the same names."""
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    path = Path(tempfile.gettempdir(), f"lissajous-ros-{os.getuid()}-{domain}.lock")
+    with open(path, "a") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            rule = "must be one in which no other `lissajous ros launch` is running"
+            raise CommandError(f"ROS_DOMAIN_ID {rule}, got {domain}") from error
+        yield
 
 
 def _process(command: list[str]) -> subprocess.Popen:
