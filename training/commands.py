@@ -34,7 +34,7 @@ def train(
 
     Options:
         training: scenario, set, algorithm, steps, seed, start, out
-        start and base: base, residual, residual_penalty, teacher, imitation, imitation_steps, imitation_batch,
+        start and base: base, residual, initial_output, residual_penalty, teacher, imitation, imitation_steps, imitation_batch,
             imitation_epochs
         worlds: worlds, short, short_time, rollout, caution
         network: inputs, layers, activation, critic, critic_steps
