@@ -207,10 +207,12 @@ class TrainingSettings:
             self._require(name, getattr(self, name) >= 0, "must not be negative")
             self._require(name, getattr(self, name) <= _MOST["steps"], f"must be at most {_MOST['steps']:,}")
         self._require("start", self.start != "", "must not be empty")
-        size, given = self.make_scenario().action_size, self.initial_output
-        fits = not given or (len(given) == size and all(-1 <= value <= 1 for value in given))
-        self._require("initial_output", fits, f"must be {size} numbers from -1 to 1")
-        self._require("initial_output", not given or self.start is None, "must be left out with start")
+        if self.initial_output:
+            size = self.make_scenario().action_size
+            fits = len(self.initial_output) == size and all(-1 <= value <= 1 for value in self.initial_output)
+            self._require("initial_output", fits, f"must be {size} numbers from -1 to 1")
+            alone = self.start is None and self.engine == "sb3"
+            self._require("initial_output", alone, "must be left out with start, and with engine ray")
         self._require(
             "teacher", self.imitated is None or self.base in (None, "none"), "must be none if there is a base"
         )
