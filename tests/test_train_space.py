@@ -91,7 +91,7 @@ def test_settings_for_one_scenario_are_refused_for_a_space(file, tmp_path, chang
 
 
 def test_a_network_starts_at_the_output_that_is_given(file, tmp_path):
-    # Oracle: the settings. A small learning rate moves it by little; without observations of any size it is the bias.
+    # Oracle: the settings. With such a learning rate it hardly moves.
     settings = small(file, tmp_path, steps=20, learning_rate=1e-9, initial_output=(-0.25, 0.5), rivals=())
     train(settings, QUIET)
     network = checkpoint.read(settings.out)[0]
