@@ -61,7 +61,7 @@ class RobotPPO:
         ).to(settings.device)
         if settings.initial_output:
             with torch.no_grad():
-                self.policy.action_net.bias.copy_(torch.tensor(settings.initial_output))
+                self._layers()[-1].bias.copy_(torch.tensor(settings.initial_output))
         self.observation = np.zeros((env.num_envs, self.policy.features_dim), np.float32)
         """(R, inputs) rows to act on next; zeros before the first `reset`."""
 
