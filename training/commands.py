@@ -39,14 +39,14 @@ def train(
 
     Options:
         training: scenario, set, algorithm, steps, seed, start, out
-        start and base: base, residual, residual_penalty, teacher, imitation, imitation_steps, imitation_batch,
-            imitation_epochs
-        worlds: worlds, short, short_time, rollout, caution
+        start and base: base, residual, initial_output, residual_penalty, teacher, imitation, imitation_steps,
+            imitation_batch, imitation_epochs
+        worlds: worlds, groups, short, short_time, rollout, caution
         network: inputs, layers, activation, critic, critic_steps
         optimizer: learning_rate, batch_size, epochs, gamma, gae_lambda, clip_range, entropy, value_weight,
             gradient_max, averaging
         exploration: log_std, log_std_end, noise_steps
-        evaluation: evaluate_every, evaluation_episodes, rivals
+        evaluation: evaluate_every, evaluation_episodes, evaluation_scenarios, rivals
         where it runs: device, threads, engine, address, workers
         rogues: rogues, side, against, rogue_rounds, rogue_steps, rogue_starts, league
 

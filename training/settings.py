@@ -94,6 +94,10 @@ class TrainingSettings:
     base."""
     residual: float = 0.5
     """Factor of the network's output if there is a base: 0.5 lets it change an action by half of its range."""
+    initial_output: tuple[float, ...] = ()
+    """Mean of the network's output at the start, a number for each component of an action; about 0 by default. A base
+    that regulates a speed compensates small outputs, so that a policy that starts there does not learn to drive faster.
+    """
     residual_penalty: float = 0.0
     """Penalty per step and mean square of the network's output if there is a base: a large one keeps it close."""
     teacher: str | None = None
@@ -203,6 +207,12 @@ class TrainingSettings:
             self._require(name, getattr(self, name) >= 0, "must not be negative")
             self._require(name, getattr(self, name) <= _MOST["steps"], f"must be at most {_MOST['steps']:,}")
         self._require("start", self.start != "", "must not be empty")
+        if self.initial_output:
+            size = self.make_scenario().action_size
+            fits = len(self.initial_output) == size and all(-1 <= value <= 1 for value in self.initial_output)
+            self._require("initial_output", fits, f"must be {size} numbers from -1 to 1")
+            alone = self.start is None and self.engine == "sb3"
+            self._require("initial_output", alone, "must be left out with start, and with engine ray")
         self._require(
             "teacher", self.imitated is None or self.base in (None, "none"), "must be none if there is a base"
         )
@@ -374,6 +384,8 @@ class TrainingSettings:
         kept = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         kept |= {"base": self.chosen_base or "none", "rivals": self.chosen_rivals, "worlds": self.num_worlds}
         kept |= {"noise_steps": self.chosen_noise_steps}
+        if not self.initial_output:
+            del kept["initial_output"]
         if self.space is None:
             del kept["groups"], kept["evaluation_scenarios"]
         else:

@@ -27,10 +27,12 @@ CONSTANTS: dict[str, Callable[[Scenario], float]] = {
     "sensing_x": lambda scenario: scenario.sensing_radius / scenario.curve.half_width,
     "sensing_y": lambda scenario: scenario.sensing_radius / scenario.curve.half_height,
     "body": lambda scenario: scenario.robot.radius / scenario.sensing_radius,
+    "boundary": lambda scenario: float(scenario.targets.entry == "boundary"),
     "pace": lambda scenario: top_speed(scenario) * scenario.task.step / scenario.sensing_radius,
 }
 """Functions of a scenario by name: 3 over the number of robots; the sensing radius in half-widths and half-heights of
-the rectangle; the robots' radius, and the distance driven in a control step at top speed, in sensing radii."""
+the rectangle; the robots' radius in sensing radii; 1 where targets enter at the boundary, on which the loop of `sweep`
+depends, too; the distance driven in a control step at top speed, in sensing radii."""
 
 
 def constants_of(scenario: Scenario, names: tuple[str, ...]) -> np.ndarray:

@@ -59,6 +59,9 @@ class RobotPPO:
             log_std_init=settings.log_std,
             optimizer_kwargs={"eps": 1e-5, "fused": True},
         ).to(settings.device)
+        if settings.initial_output:
+            with torch.no_grad():
+                self._layers()[-1].bias.copy_(torch.tensor(settings.initial_output))
         self.observation = np.zeros((env.num_envs, self.policy.features_dim), np.float32)
         """(R, inputs) rows to act on next; zeros before the first `reset`."""
 
