@@ -10,8 +10,9 @@ import pytest
 from browser import browser, folder, recording  # noqa: F401 - fixtures
 
 import baselines
+import lissajous_env
 from baselines.policies import registry
-from lissajous_env.parameters import named, robot_models
+from lissajous_env.parameters import named, robot_models, rogues
 
 os.environ["SDL_VIDEODRIVER"] = "dummy"
 os.environ["MPLBACKEND"] = "Agg"
@@ -30,11 +31,13 @@ def _same_draws():
 def _own_registries(monkeypatch):
     # What one test registers, another must not see.
     baselines.names()
+    lissajous_env.rogues()
     for module, name in (
         (registry, "_REGISTRY"),
         (registry, "_WRAPPERS"),
         (robot_models, "_MODELS"),
         (named, "_REGISTERED"),
+        (rogues, "_ROGUES"),
         (named, "_SPACES"),
     ):
         monkeypatch.setattr(module, name, dict(getattr(module, name)))

@@ -279,7 +279,7 @@ class Targets(Checked):
     targets. Required where targets move by the scenario's own motion."""
     leave: bool = flag(True)
     """True if a target leaves once it is detected."""
-    rogues: str | None = word(None, "must be agents, or names or folders of rogues joined by +")
+    rogues: str | None = word(None, "must be agents, the name of a rogue, the folder of one, or several joined by +")
     """Adversary that moves all targets within `speed_limit`, instead of the motions above: `agents`, the name of a
     rogue, the folder of a learned one, or several of these joined by `+`; see `lissajous_env.world.rogues`."""
     sight: float | None = number(None, 1e-6, 1e5, "m")
