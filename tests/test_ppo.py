@@ -178,8 +178,8 @@ def test_a_training_says_when_it_beat_its_rival(tmp_path, monkeypatch):
     )  # fmt: skip
     points = iter([9.5, 8.0, 7.0])
 
-    def evaluated(trainer, policy):
-        rival = not isinstance(policy, Learned)
+    def evaluated(trainer, make):
+        rival = not isinstance(make(trainer.scenario, 1), Learned)
         trainer.history.seconds = 190.2
         time = 9.0 if rival else next(points)
         return {"detection_time": time, "collisions": 0.0, "return": -time, "detected_fraction": 0.5}
