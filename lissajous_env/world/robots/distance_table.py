@@ -252,7 +252,7 @@ def _allowed(curve: Curve, distances: np.ndarray) -> np.ndarray:
 
 
 def _chosen(curve: Curve, places: np.ndarray, arcs: np.ndarray, exact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the arcs of each cell (cells, C), and True for cells whose arcs suffice (cells,), by exact distances [m]."""
+    """Return the arcs of each cell (cells, C), and True where they suffice (cells,), by exact distances [m]."""
     allowed = _allowed(curve, exact)
     chosen = np.zeros(exact.shape, dtype=bool)
     chosen[:, 0] = True
