@@ -16,8 +16,8 @@ from lissajous_env.device.devices import as_device
 from training import scenarios
 from training.learned import checkpoint
 from training.learned.constants import CONSTANTS
-from training.learned.network import ACTIVATIONS
 from training.learned.policy import find
+from training.setting_ranges import check_numbers, require
 
 CHANGES_NOTHING = (
     "steps",
@@ -31,23 +31,6 @@ CHANGES_NOTHING = (
 )
 """Settings that may change when a training is resumed: they do not affect what is learned from a step."""
 
-_MOST = {
-    "steps": 10**15,
-    "worlds": 1_000_000,
-    "groups": 10_000,
-    "rollout": 1_000_000,
-    "batch_size": 10**9,
-    "imitation_batch": 10**9,
-    "epochs": 10_000,
-    "imitation_epochs": 10_000,
-    "evaluate_every": 10**15,
-    "evaluation_episodes": 65_536,
-    "evaluation_scenarios": 10_000,
-    "noise_steps": 10**9,
-    "workers": 10_000,
-}
-"""Largest value of each whole number, all of which must be at least 1; larger ones can only be typing errors."""
-_POSITIVE = ("residual", "clip_range", "gradient_max", "short_time")
 _PAPERS_METHODS = {"car": ("kuramoto-mpcc", "kuramoto-gvf"), "curve": ("kuramoto",)}
 _GROUPS, _GROUP_SIZE = 32, 16
 """Default number of scenarios of a space that are played at the same time, and of the worlds of each."""
@@ -178,34 +161,7 @@ class TrainingSettings:
     """Overrides of scenario fields, such as {"task.reward_collision": -5.0}."""
 
     def __post_init__(self) -> None:
-        for name, most in _MOST.items():
-            value = getattr(self, name)
-            self._require(name, value is None or value >= 1, "must be at least 1")
-            self._require(name, value is None or value <= most, f"must be at most {most:,}")
-        self._require("seed", 0 <= self.seed < 2**11, "must be from 0 to 2047")
-        self._require("layers", all(size >= 1 for size in self.layers), "must be sizes of at least 1")
-        few = len(self.layers) <= 100 and all(size <= 65_536 for size in self.layers)
-        self._require("layers", few, "must be at most 100 sizes of at most 65,536")
-        self._require("activation", self.activation in ACTIVATIONS, f"must be one of {', '.join(ACTIVATIONS)}")
-        self._require("address", self.address is None or self.engine == "ray", "must be given only with engine ray")
-        self._require(
-            "threads", self.threads is None or 1 <= self.threads <= 1024, "must be at least 1 and at most 1,024"
-        )
-        for name, most in (("learning_rate", 1), *((n, 1e6) for n in _POSITIVE)):
-            self._require(name, getattr(self, name) > 0, "must be positive")
-            self._require(name, getattr(self, name) <= most, f"must be at most {most:g}")
-        for name in ("gamma", "gae_lambda", "short"):
-            self._require(name, 0 <= getattr(self, name) <= 1, "must be from 0 to 1")
-        self._require("averaging", 0 <= self.averaging < 1, "must be at least 0 and below 1")
-        for name in ("log_std", "log_std_end"):
-            value = getattr(self, name)
-            self._require(name, value is None or -20 <= value <= 2, "must be from -20 to 2")
-        for name in ("entropy", "value_weight", "residual_penalty", "caution"):
-            self._require(name, getattr(self, name) >= 0, "must not be negative")
-            self._require(name, getattr(self, name) <= 1e6, "must be at most 1e6")
-        for name in ("imitation_steps", "critic_steps"):
-            self._require(name, getattr(self, name) >= 0, "must not be negative")
-            self._require(name, getattr(self, name) <= _MOST["steps"], f"must be at most {_MOST['steps']:,}")
+        check_numbers(self)
         self._require("start", self.start != "", "must not be empty")
         if self.initial_output:
             size = self.make_scenario().action_size
@@ -402,5 +358,4 @@ class TrainingSettings:
         ]
 
     def _require(self, name: str, holds: bool, rule: str) -> None:
-        if not holds:
-            raise ValueError(f"{name} {rule}, got {getattr(self, name)!r}")
+        require(self, name, holds, rule)

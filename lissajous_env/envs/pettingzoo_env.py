@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
-from pettingzoo import ParallelEnv
 
 from lissajous_env.envs.actions import LARGE, ActionReader, action_space, action_table
+from lissajous_env.envs.agents import SpacesOfAgents
 from lissajous_env.envs.recorded import followed, replay_of
 from lissajous_env.envs.true_state import state_names, state_rows
 from lissajous_env.parameters import named
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lissajous_env.replay import Replay
 
 
-class LissajousParallelEnv(ParallelEnv):
+class LissajousParallelEnv(SpacesOfAgents):
     """Robots that monitor a rectangle and detect targets, as a PettingZoo `ParallelEnv`.
 
     The agents are `robot_0` ... A failed robot remains an agent: it still observes, with `works` at 0 and actions
@@ -84,16 +84,6 @@ class LissajousParallelEnv(ParallelEnv):
         self._discrete_actions = discrete_actions
         self._follower = followed(self.simulation, 0 if record else None)
         self._bind()
-
-    def observation_space(self, agent: str) -> gymnasium.spaces.Space:
-        """Return the observation space of an agent, always the same object."""
-        self._check_agent(agent)
-        return self.observation_spaces[agent]
-
-    def action_space(self, agent: str) -> gymnasium.spaces.Space:
-        """Return the action space of an agent, always the same object."""
-        self._check_agent(agent)
-        return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         """Begin an episode with the given seed, or with one that follows from the previous seed.
@@ -262,11 +252,6 @@ class LissajousParallelEnv(ParallelEnv):
             self._renderer.reset()
         if self.render_mode == "human":
             self.render()
-
-    def _check_agent(self, agent: Any) -> None:
-        if not isinstance(agent, str) or agent not in self.action_spaces:
-            last = self.possible_agents[-1]
-            raise ValueError(f"agent must be one of robot_0 to {last}, got {shown(agent)}")
 
     def _refuse_agents(self, actions: Mapping[str, Any]) -> None:
         missing = [agent for agent in self.agents if agent not in actions]

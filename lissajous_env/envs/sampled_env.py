@@ -6,16 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
-from pettingzoo import ParallelEnv
 
 from lissajous_env.envs.actions import action_space
+from lissajous_env.envs.agents import SpacesOfAgents
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.envs.sampler import Sampler
 from lissajous_env.envs.true_state import padded_rows, state_size
 from lissajous_env.parameters.draws import Draws
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
-from lissajous_env.wording import shown
 from lissajous_env.world.observation import layout
 from lissajous_env.world.seeding import drawn_seeds
 from lissajous_env.world.simulation import Simulation, fold_seed
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from lissajous_env.replay import Replay
 
 
-class SampledParallelEnv(ParallelEnv):
+class SampledParallelEnv(SpacesOfAgents):
     """Robots in scenarios drawn from a space, as a PettingZoo `ParallelEnv`; `parallel_env` makes it for a space.
 
     Each reset draws a scenario, and its episode is that of a `LissajousParallelEnv` of the scenario. A reset with a
@@ -98,16 +97,6 @@ class SampledParallelEnv(ParallelEnv):
         """Robots whose episode is running."""
         return self.world.agents
 
-    def observation_space(self, agent: str) -> gymnasium.spaces.Space:
-        """Return the observation space of an agent, always the same object."""
-        self._check_agent(agent)
-        return self.observation_spaces[agent]
-
-    def action_space(self, agent: str) -> gymnasium.spaces.Space:
-        """Return the action space of an agent, always the same object."""
-        self._check_agent(agent)
-        return self.action_spaces[agent]
-
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         """Draw a scenario and begin an episode in it, as the class describes."""
         if seed is not None or self._draws is None:
@@ -145,11 +134,6 @@ class SampledParallelEnv(ParallelEnv):
     def close(self) -> None:
         """Close the window, if there is one."""
         self.world.close()
-
-    def _check_agent(self, agent: Any) -> None:
-        if not isinstance(agent, str) or agent not in self.action_spaces:
-            last = self.possible_agents[-1]
-            raise ValueError(f"agent must be one of robot_0 to {last}, got {shown(agent)}")
 
 
 class _DrawnEnv(LissajousParallelEnv):

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
-from pettingzoo import ParallelEnv
 
 from lissajous_env.envs.actions import ActionReader, rogue_action_space, rogue_table
+from lissajous_env.envs.agents import SpacesOfAgents
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.wording import shown
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lissajous_env.replay import Replay
 
 
-class TwoSidedParallelEnv(ParallelEnv):
+class TwoSidedParallelEnv(SpacesOfAgents):
     """Robots against rogues, as a PettingZoo `ParallelEnv`; `parallel_env` makes it where `rogues` is `agents`.
 
     The agents are `robot_0` ..., as in `LissajousParallelEnv`, and `rogue_0` ..., one for each target that an episode
@@ -61,16 +61,6 @@ class TwoSidedParallelEnv(ParallelEnv):
         self._live: list[int] = []
         """Slots of the rogues that act in the next step."""
         self._bind()
-
-    def observation_space(self, agent: str) -> gymnasium.spaces.Space:
-        """Return the observation space of an agent, always the same object."""
-        self._check_agent(agent)
-        return self.observation_spaces[agent]
-
-    def action_space(self, agent: str) -> gymnasium.spaces.Space:
-        """Return the action space of an agent, always the same object."""
-        self._check_agent(agent)
-        return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         """Begin an episode, as `LissajousParallelEnv.reset`."""
