@@ -22,6 +22,7 @@ from baselines.benchmark import clairvoyant
 from baselines.benchmark.comparison import Comparisons, complete, is_censored, reference_of
 from baselines.benchmark.plot_styles import STYLE, saved, styles_of
 from baselines.benchmark.ratios import profile, with_ratios
+from baselines.benchmark.rows import Rows, by_kind, grouped
 from baselines.benchmark.shown_columns import COMPARED, RATIOS, brought_in
 from baselines.benchmark.statistics import performance_profile, probability_of_improvement, summarize
 from baselines.benchmark.tables import shown_name
@@ -56,8 +57,6 @@ _FIRST_ROW = 0.55
 _ROW = 0.17
 """Height of a row [inch]."""
 
-Rows = Sequence[Mapping[str, Any]]
-
 
 @dataclass(frozen=True)
 class Group:
@@ -84,16 +83,11 @@ class Group:
 def groups_of(rows: Rows, scenarios: Mapping[str, Scenario], against: str | None = None) -> list[Group]:
     """Put score rows, with their derived columns, together by kind of robots."""
     found = []
-    for kind in dict.fromkeys(scenarios[row["scenario"]].robot.kind for row in rows):
-        names = [n for n, of in scenarios.items() if of.robot.kind == kind and any(r["scenario"] == n for r in rows)]
-        by: dict[str, dict[str, list[Mapping[str, Any]]]] = {}
-        for row in rows:
-            if row["scenario"] in names:
-                by.setdefault(row["policy"], {}).setdefault(row["scenario"], []).append(row)
+    for kind, played in by_kind(rows, scenarios).items():
+        names = list(next(iter(played.values())))
         scores = {
             policy: {c: [_scores(of[name], c, scenarios[name]) for name in names] for c in COMPARED}
-            for policy, of in by.items()
-            if all(name in of for name in names)
+            for policy, of in played.items()
         }
         rivals = [policy for policy in scores if policy != clairvoyant.NAME]
         if rivals:
@@ -115,11 +109,9 @@ def draw(
             kind = scenarios[next(iter(next(iter(by.values()))))].robot.kind
             if columns := _finite_ratios(by):
                 yield f"ratios-{kind}.{form}", saved(_ratios(by, columns, styles), form)
+        of_scenarios = grouped(rows)
         for name in scenarios:
-            of: dict[str, list[Mapping[str, Any]]] = {}
-            for row in rows:
-                if row["scenario"] == name:
-                    of.setdefault(row["policy"], []).append(row)
+            of = of_scenarios.get(name, {})
             played = [row for episodes in of.values() for row in episodes]
             columns = [*COMPARED, *brought_in(played)]
             columns = [each for each in columns if any(math.isfinite(row.get(each.name, math.nan)) for row in played)]
