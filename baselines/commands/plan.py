@@ -14,6 +14,7 @@ from baselines.planning import folders, picture, planner, tables
 from baselines.planning.plans import top_speed
 from baselines.planning.search import Search
 from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 
 _Scenario = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]", help_behavior_hint="")]
@@ -80,8 +81,7 @@ def plan(
         out: folder to which the plans are written, one folder each, with a picture of the best three.
         output: Console output.
     """
-    if not isinstance(rows, int) or rows < 1:
-        raise ValueError(f"rows must be a whole number of at least 1, got {shown(rows)}")
+    whole_number("rows", rows)
     given = {
         "width": width, "height": height, "robots": _range(robots), "robot_radius": robot_radius,
         "sensor_radius": sensor_radius, "speed": speed, "turning_radius": turning_radius, "rogue_speed": rogue_speed,
