@@ -151,8 +151,7 @@ def _asked(outcome: planner.Outcome) -> str:
     team = f"{numbers[0]} to {numbers[-1]}" if len(numbers) > 1 else f"{numbers[0]}"
     return (
         f"{2 * task.curve.half_width:g} m x {2 * task.curve.half_height:g} m, {team} robots of {task.robot.radius:g} m "
-        f"and {top_speed(task):.3g} m/s, sensors of {task.sensing_radius:.3g} m, targets of "
-        f"{task.rogue_speed:g} m/s"
+        f"and {top_speed(task):.3g} m/s, sensors of {task.sensing_radius:.3g} m, targets of {task.rogue_speed:g} m/s"
     )
 
 
