@@ -13,7 +13,7 @@ from baselines.commands.playing import progress_console
 from baselines.planning import folders, picture, planner, tables
 from baselines.planning.plans import top_speed
 from baselines.planning.search import Search
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out, print_line
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 
@@ -100,7 +100,7 @@ def plan(
             lines = [f"wrote {len(plans)} plans and {folders.PICTURE} in {out}"]
             lines += [f"Watch one: lissajous run {out}/1 --out plan.html"]
             for line in lines:
-                output.console().print(line, markup=False, highlight=False, soft_wrap=True)
+                output.print(line)
     output.print_json({
         "plans": folders.as_rows(plans),
         "limits": outcome.limits,
@@ -134,15 +134,15 @@ def _print(console: Any, outcome: planner.Outcome, plans: list) -> None:
     left_out: list[str] = []
     if plans:
         title = f"Plans for {_asked(outcome)}: {len(plans)} that no other dominates"
-        console.print(title, style="italic", markup=False, highlight=False, soft_wrap=True)
+        print_line(console, title, "italic")
         left_out += tables.print_plans(console, outcome, plans)
         console.print()
         left_out += tables.print_formations(console, plans)
     else:
-        console.print(f"No plan for {_asked(outcome)} is without collisions.", markup=False, soft_wrap=True)
+        print_line(console, f"No plan for {_asked(outcome)} is without collisions.")
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     for line in tables.sentences(outcome):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        print_line(console, line)
 
 
 def _asked(outcome: planner.Outcome) -> str:

@@ -103,4 +103,4 @@ def show(
             save_mcap(recording, out)
         else:
             recording.save(out)
-    output.console().print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
+    output.print(f"wrote {out}")
