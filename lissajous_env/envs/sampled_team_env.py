@@ -41,6 +41,11 @@ class SampledEnv(TeamEnv):
         parallel = SampledParallelEnv(space, render_mode, **settings)
         super().__init__(parallel, settings.get("discrete_actions", False), flat_actions)
 
+    def _observed(self) -> np.ndarray:
+        observed = np.zeros(self.observation_space.shape, dtype=np.float32)  # type: ignore[arg-type]
+        observed[: self.scenario.num_robots] = self.parallel.simulation.observation.numpy()[0]
+        return observed
+
     def _info(self, rewards: dict[str, float], infos: dict[str, dict]) -> dict[str, Any]:
         mask = np.arange(len(self.parallel.possible_agents)) < self.scenario.num_robots
         return {"mask": mask} | super()._info(rewards, infos)

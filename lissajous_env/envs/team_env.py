@@ -92,9 +92,7 @@ class TeamEnv(gymnasium.Env):
         self.parallel.close()
 
     def _observed(self) -> np.ndarray:
-        observed = np.zeros(self.observation_space.shape, dtype=np.float32)  # type: ignore[arg-type]
-        observed[: self.scenario.num_robots] = self.parallel.simulation.observation.numpy()[0]
-        return observed
+        return self.parallel.simulation.observation.numpy()[0].copy()
 
     def _info(self, rewards: dict[str, float], infos: dict[str, dict]) -> dict[str, Any]:
         agents = self.parallel.possible_agents
