@@ -54,7 +54,12 @@ PARTS = {
 }
 ADDED = {"messages": dataclasses.asdict(Messages())}
 """Defaults of the parts that the first scenarios did not have: digests omit them, and files may."""
-_LATER = {"robot": {"drive_factors": None}, "targets": {"rogues": None, "sight": None}, "faults": {"stop": "dead"}}
+_LATER = {
+    "formation": {"start_headway": None},
+    "robot": {"drive_factors": None},
+    "targets": {"rogues": None, "sight": None},
+    "faults": {"stop": "dead"},
+}
 """Fields that the first scenarios did not have, with their defaults (None: empty): digests omit these."""
 
 _NO_DEFAULT = object()
