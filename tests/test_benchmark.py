@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -326,7 +327,7 @@ def test_columns_that_do_not_fit_are_in_the_file_that_is_named(tmp_path):
     run(small(tmp_path, scenarios=("failure", "knot"), episodes=2), console=console)
     (line,) = (each for each in console.export_text().splitlines() if each.startswith("Columns that do not fit"))
     names, file = re.fullmatch(r"Columns that do not fit the terminal: (.*)\. They are in (\S+), .*", line).groups()
-    found = json.loads(open(file).read())
+    found = json.loads(Path(file).read_text())
     tables = [of for part in ("statistics", "overall") for of in found[part].values()]
     tables += [each["policies"] for each in found["against"].values()]
     columns = {column for of in tables for policy in of.values() for column in policy}

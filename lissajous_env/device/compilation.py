@@ -32,7 +32,7 @@ CONTRACTED = OPTIONS | {"cpu_compiler_flags": f"-march=native {_LLVM} -ffp-contr
 
 
 def module_apart(name: str, options: dict[str, Any]) -> Any:
-    """Return a module for kernels that few scenarios need, so that only these compile it: pass it as `module` of a kernel."""
+    """Return a module of its own for kernels that few scenarios need, so that only these compile it."""
     module = wp.get_module(name)
     module.options.update(options)
     return module

@@ -60,7 +60,7 @@ def copy_header(folder: str, made_for: str, flags: str) -> None:
 
 
 def _hash_of(flags: str) -> str:
-    """Return the hash of compiler flags in the names of parsed headers: FNV-1a of 64 bits, each flag ended by a zero."""
+    """Return the hash of flags in the names of parsed headers: FNV-1a of 64 bits, each flag ended by a zero."""
     value = 0xCBF29CE484222325
     for byte in b"".join(flag.encode() + b"\0" for flag in flags.split()):
         value = (value ^ byte) * 0x100000001B3 % 2**64
