@@ -200,7 +200,7 @@ def summarize(*strata: Sequence[float] | np.ndarray) -> Statistics:
     )
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)
 def draws(size: int, resamples: int, seed: int) -> np.ndarray:
     """Return (resamples, size) how often each of `size` values is drawn, with replacement."""
     generator = np.random.default_rng([seed, size])
