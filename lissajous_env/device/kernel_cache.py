@@ -80,11 +80,8 @@ def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
     key = str(device)
     modules = {id(kernel.module): kernel.module for kernel in kernels if (id(kernel.module), key) not in _together}
     if modules:
-        # One of each set of compiler flags comes first, so that their headers are made side by side.
-        first = {compiler_flags_of(module): module for module in modules.values()}
-        ordered = sorted(modules.values(), key=lambda module: module not in first.values())
         with _small_frames():
-            wp.force_load(device, ordered, max_workers=threads)
+            wp.force_load(device, list(modules.values()), max_workers=threads)
         _together.update((each, key) for each in modules)
 
 
