@@ -41,8 +41,8 @@ _MODULES = (step, rogues, memory, contamination, growth, controller, act, onboar
 PARTS = {each.PART.name: each.PART for each in _MODULES}
 
 
-def machine(threads: int) -> figures.Table:
-    """Return the table of the machine and the versions of a measurement."""
+def machine(parts: Sequence[str], threads: int) -> figures.Table:
+    """Return a table with the machine and the versions with which some parts are measured, a row for each part."""
     told = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
     models = [line.partition(": ")[2] for line in told.splitlines() if line.startswith("model name")]
     of = {
@@ -52,7 +52,13 @@ def machine(threads: int) -> figures.Table:
         "Python": platform.python_version(),
         "Warp": warp.__version__,
     }
-    return {"columns": ["", *of], "rows": [["measured on", *of.values()]]}
+    return {"columns": ["part", *of], "rows": [[f"`{part}`", *of.values()] for part in parts]}
+
+
+def with_rows_of(stored: figures.Table, measured: figures.Table) -> figures.Table:
+    """Return a stored table with the rows of a measured one, which replace those with the same first cell."""
+    rows = {row[0]: row for row in (*stored["rows"], *measured["rows"])}
+    return {**measured, "rows": [rows[name] for name in sorted(rows)]}
 
 
 def measured(part: Part, options: Options) -> dict[str, figures.Table]:
@@ -121,15 +127,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
             left.append((part, options))
     if not left:
         sys.exit("error: no part is left to measure")
-    told = {"machine": machine(given.threads)}
-    figures.show("machine", told["machine"])
+    figures.show("machine", machine([part.name for part, _ in left], given.threads))
     for part, options in left:
         print(f"{part.name}: {part.what}", flush=True)
         found = measured(part, options)
         for name, table in found.items():
             figures.show(name, table)
         if given.store:
-            figures.store(told | found)
+            told = machine([part.name], given.threads)
+            figures.store(found | {"machine": with_rows_of(figures.load().get("machine", told), told)})
 
 
 if __name__ == "__main__":

@@ -84,7 +84,7 @@ def test_only_what_is_asked_for_is_imported(folder, capsys):
 def test_what_a_checkpoint_names_is_looked_up_and_never_imported(folder):
     # Story: a checkpoint of a stranger names a policy that a module of this folder registers.
     with pytest.raises(ValueError, match="base must be a registered"):
-        Card.of("failure", base="my-still")
+        Card.of(lissajous_env.scenario("failure"), base="my-still")
     assert not (folder / "imported").exists()
 
 

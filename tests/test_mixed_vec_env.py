@@ -1,5 +1,7 @@
 """Worlds of many scenarios as one `VecEnv`: each group as if alone, and a learner that learns from all of them."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO
 
 from lissajous_env import ScenarioSpace, scenario
+from lissajous_env.parameters.assumptions import AssumptionWarning
 from training.sb3.mixed_vec_env import MixedVecEnv
 from training.sb3.vec_env import RobotVecEnv
 
@@ -62,3 +65,9 @@ def test_rows_of_different_sizes_and_wrong_actions_are_refused():
     env.reset()
     with pytest.raises(ValueError, match=r"actions must be numbers of shape \([35], 2\), got \(2,\)"):
         env.step(np.zeros(2))
+
+
+def test_drawn_scenarios_do_not_warn():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", AssumptionWarning)
+        MixedVecEnv("monitoring-v1", num_groups=4, group_size=1, seed=77).reset()

@@ -151,10 +151,16 @@ def test_sides_take_turns_and_a_ratio_is_of_their_pairs():
     assert timing.ratio([1.0, 10.0, 1.0, 10.0], [3.0, 30.0, 3.0, 30.0]) == (3.0, 3.0, 3.0)
 
 
-def test_the_machine_is_a_row():
-    made = speed.machine(3)
-    (row,) = made["rows"]
-    told = dict(zip(made["columns"], row, strict=True))
-    assert told["threads"] == "3"
-    assert told["Python"] == ".".join(map(str, sys.version_info[:3]))
-    assert all(row)
+def test_each_part_has_a_row_with_its_machine():
+    made = speed.machine(["act", "step"], 3)
+    for part, row in zip(("`act`", "`step`"), made["rows"], strict=True):
+        told = dict(zip(made["columns"], row, strict=True))
+        assert (told["part"], told["threads"]) == (part, "3")
+        assert told["Python"] == ".".join(map(str, sys.version_info[:3]))
+        assert all(row)
+
+
+def test_a_part_that_is_measured_again_replaces_its_row_alone():
+    before = speed.machine(["act", "step"], 3)
+    after = speed.with_rows_of(before, speed.machine(["step", "growth"], 2))
+    assert {row[0]: row[3] for row in after["rows"]} == {"`act`": "3", "`growth`": "2", "`step`": "2"}

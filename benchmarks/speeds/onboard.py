@@ -11,14 +11,21 @@ from baselines.benchmark.tables import number
 from baselines.onboard import Limits, inputs_of
 from speeds import Options, Part
 
-SCENARIO = "experiment"
-POLICIES = ("kuramoto-mpcc", "kuramoto-mpcc-safe", "partition-repair", "learned-rough")
+CASES = (
+    ("experiment", "kuramoto-mpcc"),
+    ("experiment", "kuramoto-mpcc-safe"),
+    ("experiment", "partition-repair"),
+    ("experiment", "learned-rough"),
+    ("intruders", "kuramoto-mpcc"),
+    ("team", "kuramoto-mpcc"),
+    ("team", "partition-repair"),
+)
 ROBOT = 1
 
 
-def times_of_calls(policy: str, steps: int, rounds: int) -> np.ndarray:
+def times_of_calls(scenario: str, policy: str, steps: int, rounds: int) -> np.ndarray:
     """Return the time of each call of an episode [us], the least of some rounds with the same inputs."""
-    made = lissajous_env.scenario(SCENARIO).resolve()
+    made = lissajous_env.scenario(scenario).resolve()
     simulation, together = lissajous_env.Simulation(made), baselines.make(policy, made)
     given = []
     for _ in range(steps):
@@ -38,12 +45,12 @@ def times_of_calls(policy: str, steps: int, rounds: int) -> np.ndarray:
 def tables(options: Options) -> dict[str, Table]:
     """Measure, and return the table `onboard`."""
     rows = []
-    for policy in POLICIES:
-        times = times_of_calls(policy, 20 if options.quick else 600, options.rounds)
-        rows.append([f"`{policy}`", *(number(float(np.percentile(times, share))) for share in (50, 99))])
+    for scenario, policy in CASES:
+        times = times_of_calls(scenario, policy, 20 if options.quick else 600, options.rounds)
+        rows.append([f"`{scenario}`, `{policy}`", *(number(float(np.percentile(times, share))) for share in (50, 99))])
     return {
         "onboard": {"columns": ["time of a call on one robot", "median [us]", "99th percentile [us]"], "rows": rows}
     }
 
 
-PART = Part("onboard", "a call of `Onboard.act` of one robot in the experiment", tables, rounds=20)
+PART = Part("onboard", "a call of `Onboard.act` of one robot", tables, rounds=20)

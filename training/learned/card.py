@@ -9,7 +9,6 @@ import numpy as np
 
 from baselines.policies import registry
 from lissajous_env import Scenario
-from lissajous_env import scenario as make_scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.world.observation import layout
 from training.learned.constants import CONSTANTS
@@ -72,9 +71,8 @@ class Card:
         require("scenario", self.home is None or isinstance(self.home, Mapping), "must be an object", self.home)
 
     @classmethod
-    def of(cls, scenario: str | Scenario, inputs: tuple[str, ...] = (), **more: Any) -> "Card":
+    def of(cls, scenario: Scenario, inputs: tuple[str, ...] = (), **more: Any) -> "Card":
         """Return the card of a policy for a scenario that reads `inputs`, by default the whole observation."""
-        scenario = make_scenario(scenario)
         names = inputs or layout(scenario).names
         home = plain(scenario.resolve().to_dict())
         return cls(scenario.name, scenario.robot.kind, tuple(names), scenario.action_size, home=home, **more)
