@@ -13,6 +13,8 @@ _RANKS = (0, 0, 0, 0, 0, 1, 1, 2)
 """Rogue of the stage whose way is traced in each attempt, the longest first."""
 _FINENESS = (6, 10, 16)
 """Nodes in the distance of a move: near a way, gaps are searched with more of them where fewer find no passage."""
+_LABELS = 60_000_000
+"""Limit on the labels of the episodes that are searched together, each of which takes 9 bytes more while it is."""
 
 
 def longest_ways(episodes: Sequence[Played]) -> list[Way | None]:
@@ -28,7 +30,10 @@ def longest_ways(episodes: Sequence[Played]) -> list[Way | None]:
     with wp.ScopedDevice("cpu"):
         for steps in {each.steps for each in episodes}:
             places = [k for k, each in enumerate(episodes) if each.steps == steps]
-            found |= zip(places, _longest_ways([episodes[k] for k in places]), strict=True)
+            together = max(_LABELS // episodes[places[0]].labels.size, 1)
+            for first in range(0, len(places), together):
+                some = places[first : first + together]
+                found |= zip(some, _longest_ways([episodes[k] for k in some]), strict=True)
     return [found[k] for k in range(len(episodes))]
 
 
