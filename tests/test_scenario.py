@@ -42,7 +42,7 @@ DIGESTS = {
     "evaders-lost": "9baa3ea821c1c189",
     "evaders-fast": "84e6086f6fc552c1",
     "evaders-uneven": "5a6e304dbc5d36fe",
-    "hall": "dc444b0b682fd421",
+    "hall": "dd3a5b3b2faa815e",
     "rough": "35881e23fe6bdf10",
     "rough-lost": "cb5030d657984cc4",
     "team": "fc28cbccf7e9adba",

@@ -185,7 +185,8 @@ SHIPPED = (
             flee_radius=12.0,
             flee_speed=0.6,
         ),
-        task=Task(duration=300.0, grid=(40, 25), contamination=(80, 50)),
+        # Gaps between discs are often narrower than 0.5 m: with cells of that size, rogues would get stuck in them.
+        task=Task(duration=300.0, grid=(40, 25), contamination=(240, 150)),
     ),
     Scenario(
         name="redundant",
