@@ -250,6 +250,13 @@ class Scenario:
         return factors
 
     @cached_property
+    def top_speeds(self) -> np.ndarray:
+        """(N,) steady speed of each robot at full throttle [m/s]; infinite for robots that are no cars."""
+        if self.robot.kind != "car":
+            return np.full(self.num_robots, np.inf)
+        return np.array([self.robot.steady_speed(self.robot.drive * factor) for factor in self.drive_factors])
+
+    @cached_property
     def robot_radius_bound(self) -> float:
         """r_max of (6) [m]."""
         return closed_forms.robot_radius_bound(self.curve, self.num_robots)

@@ -32,6 +32,7 @@ def draw_apart(
     robot: RobotStruct,
     equilibrium: wp.array(dtype=wp.float64),
     displaced: wp.array(dtype=float),
+    top_speeds: wp.array(dtype=float),
     clock: Clock,
     robots: Robots,
 ):
@@ -46,7 +47,7 @@ def draw_apart(
             if collides_within(w, i, j, formation.start_headway, robot.radius, robots):
                 draw += 1
                 phase = start_phase(w, i, draw, formation, equilibrium, displaced, clock)
-                begin_on_curve(w, i, phase, curve, formation, robots)
+                begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
                 j = 0
             else:
                 j += 1

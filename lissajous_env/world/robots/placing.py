@@ -74,11 +74,20 @@ def start_phase(
 
 
 @wp.func
-def begin_on_curve(w: int, i: int, phase: wp.float64, curve: CurveStruct, formation: FormationStruct, robots: Robots):
-    """Put a robot on the curve at a phase [rad], at the formation's speed."""
+def begin_on_curve(
+    w: int,
+    i: int,
+    phase: wp.float64,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    top_speeds: wp.array(dtype=float),
+    robots: Robots,
+):
+    """Put a robot on the curve at a phase [rad], at the formation's speed or its own top speed if that is lower."""
     alpha = float(formation.alpha)
     robots.phase[w, i] = phase
     place_on_curve(w, i, formation.phase_rate / alpha, curve, alpha, robots)
+    robots.speed[w, i] = wp.min(robots.speed[w, i], top_speeds[i])
     for s in range(robots.track.shape[2]):
         robots.track[w, i, s] = robots.position[w, i]
 
@@ -133,17 +142,19 @@ def reset_robots(
     equilibrium: wp.array(dtype=wp.float64),
     displaced: wp.array(dtype=float),
     drive_factors: wp.array(dtype=float),
+    top_speeds: wp.array(dtype=float),
     clock: Clock,
     robots: Robots,
 ):
-    """Place the robots on the curve at its speed, and draw each one's own constants."""
+    """Place the robots on the curve at the formation's speed or their top speed, and draw each one's own constants."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
         return
     key = randomness.step_key(clock.seed[w], 0)
     for i in range(lane, robots.status.shape[1], lanes):
-        begin_on_curve(w, i, start_phase(w, i, 0, formation, equilibrium, displaced, clock), curve, formation, robots)
+        phase = start_phase(w, i, 0, formation, equilibrium, displaced, clock)
+        begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
         robots.status[w, i] = wp.where(robots.removed_at[w, i] < 1, REMOVED, WORKING)
         robots.resumed_at[w, i] = -1
         robots.curvature[w, i] = 0.0
