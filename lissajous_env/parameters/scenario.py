@@ -66,7 +66,7 @@ _OUTSIDE = 1.002
 @with_own_locks
 @dataclass(frozen=True)
 class Scenario:
-    """All constants of an episode. Each part checks its own fields; rules across parts are checked here."""
+    """All constants of an episode, in parts. Each part checks its own fields; this class checks rules across parts."""
 
     name: str = "custom"
     description: str = ""

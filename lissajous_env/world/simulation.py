@@ -55,7 +55,7 @@ class Simulation:
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
         observation: (W, N, D) float32, one row a robot; `lissajous_env.world.observation` documents the entries.
         final_observation: (W, N, D) the rows with which each world's episode before ended.
-        reward: (W, N) float32; `reward_terms` (W, N, terms) holds its terms, named by `reward_term_names`.
+        reward: (W, N) float32; `reward_terms` (W, N, terms) contains its terms, named by `reward_term_names`.
         terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and zero was taken instead.
@@ -73,7 +73,7 @@ class Simulation:
     threads. A world whose episode has ended stands still, with reward 0, until it is reset.
 
     Args:
-        scenario: What to simulate: a scenario, or the name of one.
+        scenario: Name of a scenario, or a `Scenario`.
         num_worlds: W.
         device: `cpu`, `cuda` or `cuda:k`.
         seed: Seed of world 0; world k has seed + k.
@@ -82,7 +82,7 @@ class Simulation:
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
-        ValueError: a number of worlds below 1 or of more than the device's memory holds, a device that is not there,
+        ValueError: the number of worlds is below 1 or exceeds the device's memory, the device is not available, or the
             or a seed out of range.
     """
 
@@ -115,7 +115,7 @@ class Simulation:
 
     @property
     def stages(self) -> Program:
-        """Stages of a step; `print(simulation.stages)` shows what each goes over, does and takes."""
+        """Stages of a step; `print(simulation.stages)` lists each with its description and its arguments."""
         return self._step
 
     @property
@@ -164,7 +164,8 @@ class Simulation:
             observation, reward, terminated, truncated: the arrays of these names.
 
         Raises:
-            ValueError: an action has another shape, does not hold real numbers, is missing, or has no rogues to move.
+            ValueError: an action has another shape, does not contain real numbers, or is missing, or there is one for
+                rogues that the scenario does not have.
         """
         if (rogue_action is not None) != (self.scenario.targets.rogues == AGENTS):
             rule = f"must be given where targets.rogues is {AGENTS}, and only there"
