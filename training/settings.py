@@ -63,7 +63,7 @@ class TrainingSettings:
     short: float = 0.0
     """Fraction of the worlds whose episodes end after `short_time`: the beginning of an episode is learned better."""
     short_time: float = 3.0
-    """Duration of their episodes [s]."""
+    """Duration of the episodes of these worlds [s]."""
     seed: int = 0
     """Seed of the worlds, initial weights and exploration."""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/train")

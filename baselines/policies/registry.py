@@ -328,7 +328,7 @@ def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
 
 
 def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
-    """Make a policy from its name, or from the folder of a checkpoint or a plan; a suffix such as `-safe` adds a filter.
+    """Make a policy from its name, or from the folder of a checkpoint or a plan; a suffix adds a filter.
 
     Raises:
         ValueError: the name is unknown (the message suggests the closest match), the policy does not fit the scenario,

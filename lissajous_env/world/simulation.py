@@ -83,7 +83,7 @@ class Simulation:
 
     Raises:
         ValueError: the number of worlds is below 1 or exceeds the device's memory, the device is not available, or the
-            or a seed out of range.
+            seed is out of range.
     """
 
     def __init__(
