@@ -81,7 +81,9 @@ def test_a_folder_holds_one_version_of_a_module(tmp_path, file, old, new, more):
     refused = benchmark(tmp_path, 3, *more)
     assert refused.returncode == 2
     first, *table = refused.stderr.splitlines()
-    assert first == "error: out holds results of other code under the same name; take another --out or undo the change"
+    assert (
+        first == "error: out holds results of other code under the same name; choose another --out or undo the change"
+    )
     assert any(f".module {file[:-3]} " in line for line in table)
     assert len((tmp_path / "out" / "episodes.jsonl").read_text().splitlines()) == 2
     (tmp_path / file).write_text(text)

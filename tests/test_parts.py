@@ -18,7 +18,7 @@ FIELD_NAMES = [f"{part}.{field.name}" for part, field in FIELDS]
 @pytest.mark.parametrize(("start", "end"), [(1.0, 1.04), (0.97, 1.03), (0.0, 0.05)])
 def test_a_fault_that_covers_no_step_is_refused(start, end):
     # Oracle: both ends rounded to steps of 0.1 s; it used to vanish without a word.
-    with pytest.raises(ValueError, match=r"^faults.schedule must hold faults that cover a step of 0.1 s at least"):
+    with pytest.raises(ValueError, match=r"^faults.schedule must contain faults of at least one step of 0.1 s"):
         Scenario(faults=Faults(schedule=((0, 5.0, 6.0), (1, start, end))))
     finer = Scenario(faults=Faults(schedule=((1, start, end),)), task=Task(step=0.01))
     assert finer.faults.schedule == ((1, start, end),)

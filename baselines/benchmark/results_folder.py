@@ -33,7 +33,7 @@ _ENTRIES = {"policies": dict, "episodes": int, "seed": int, "device": str, "vers
 NAMES = ("settings.json", "episodes.jsonl", detections.NAME)
 """Files that are kept."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
-_ADVICE = "take another --out, or delete the folder"
+_ADVICE = "choose another --out, or delete the folder"
 
 
 def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
@@ -50,7 +50,8 @@ def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) ->
     if not path.exists():
         if (folder.path / "episodes.jsonl").exists():
             raise ValueError(
-                f"{folder.path} holds episodes.jsonl but no settings.json, so it cannot go on; take another --out"
+                f"{folder.path} contains episodes.jsonl but no settings.json, so the benchmark cannot resume; "
+                "choose another --out"
             )
         folder.write("settings.json", json.dumps(now, indent=2) + "\n")
         return now
@@ -132,7 +133,7 @@ def scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:
         except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
             raise _damaged(folder / "settings.json", f"scenarios.{name}: {error}") from error
         if made[name].name != name or digest != held["digests"][name]:
-            raise _damaged(folder / "settings.json", f"scenarios.{name} is not what its digest was made of")
+            raise _damaged(folder / "settings.json", f"scenarios.{name} does not match its digest")
     return made
 
 
@@ -221,7 +222,7 @@ def read_settings(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise ValueError(f"{error}; {_ADVICE}") from error
     if not isinstance(there, dict) or set(there) != set(_ENTRIES):
-        raise _damaged(path, f"it must hold {', '.join(_ENTRIES)}")
+        raise _damaged(path, f"it must contain {', '.join(_ENTRIES)}")
     for name, kind in _ENTRIES.items():
         if type(there[name]) is not kind or (kind is int and not 0 <= there[name] < 2**31):
             raise _damaged(path, f"{name} is {short(there[name])}")
@@ -271,4 +272,4 @@ def _refusal(folder: Path, differing: list[tuple[str, str, str]]) -> str:
     of_code = all(name.startswith("played.") or ".parts." in name for name, *_ in differing)
     what = "of other code under the same name" if of_code else "of other settings"
     advice = "undo the change" if of_code else "the same settings"
-    return f"{folder} holds results {what}; take another --out or {advice}\n{table}"
+    return f"{folder} holds results {what}; choose another --out or {advice}\n{table}"

@@ -97,5 +97,5 @@ def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, ov
         scenarios, policy, home = scenarios_and_policy(names)
         return record_one(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=overrides), output, home)
     if overrides:
-        raise ValueError("overrides must be left out beside a recording, which was played as it is")
+        raise ValueError("overrides must be omitted for a recording, which is replayed unchanged")
     return load(first)

@@ -78,7 +78,7 @@ class _Fit:
             )
         measured = np.stack([*track.position.T[:2], track.heading, track.speed], axis=1)[inside]
         if np.ptp(measured[:, 3]) < 1e-3 or np.ptp(commands.value[:, 0]) < 1e-3:
-            raise ValueError("log must be of a car that is steered and whose speed changes")
+            raise ValueError("log must be of a car whose steering and speed change")
         segment = ((time - time[0]) / _SEGMENT).astype(int)
         failed = np.zeros(count, bool) if status is None else status.before(time) != int(WORKING)
         kept = np.setdiff1d(segment, segment[failed])

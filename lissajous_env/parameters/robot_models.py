@@ -86,7 +86,7 @@ def register_robot_model(model: RobotModel) -> RobotModel:
     for what, given in rows.items():
         for row in given:
             if len(row) != model.action_size or not all(_is_action(each) for each in row):
-                rule = f"must hold rows of {model.action_size} numbers from -1 to 1"
+                rule = f"must contain rows of {model.action_size} numbers from -1 to 1"
                 raise ValueError(f"{what} of robot model {model.name} {rule}, got {shown(row)}")
     _MODELS[model.name] = model
     return model

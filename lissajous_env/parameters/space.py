@@ -162,7 +162,7 @@ class ScenarioSpace:
                 raise ValueError(f"draw.{part} must be a mapping from fields to draws, got {shown(given_fields)}")
             left = dict(given_fields)
             if part == "scale" and (other := set(left) - set(_SCALE)):
-                raise ValueError(f"draw.scale must hold length or time, got {shown(min(other))}")
+                raise ValueError(f"draw.scale must contain length or time, got {shown(min(other))}")
             if part in PARTS and "choices" in left:
                 together = {name: left.pop(name) for name in ("choices", "weights") if name in left}
                 drawings[f"{part}.choices"] = drawing(f"draw.{part}", together)

@@ -323,7 +323,7 @@ class Simulation:
         for name, array in self._groups().items():
             if name not in saved or saved[name].shape != array.numpy().shape:
                 got = saved[name].shape if name in saved else "none"
-                raise ValueError(f"saved state must hold {name} of shape {array.numpy().shape}, got {got}")
+                raise ValueError(f"saved state must contain {name} of shape {array.numpy().shape}, got {got}")
         for name, array in self._groups().items():
             array.assign(saved[name])
 
