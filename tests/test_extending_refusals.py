@@ -107,7 +107,7 @@ FILES = {
     "'curve.a' = 3": "must contain name, description, base, extensions, curve, .* got 'curve.a'",
     "[curve]\na = 3\na = 5": "Cannot overwrite",
     "curve": "must be a TOML file",
-    "x = " + "[" * 5000: "must nest fewer levels",
+    "x = " + "[" * 5000: "must have fewer nested levels",
     "a." * 501 + "a = 1": "line 1 must contain at most 500 dots, got 501",
     "x = " + "9" * 5000: "must be a TOML file",
     "#" * 65537: "must be at most 65,536 bytes",

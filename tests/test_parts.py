@@ -119,9 +119,7 @@ def test_overriding_one_limit_derives_the_other():
 def test_two_limits_must_agree():
     resolved = lissajous_env.scenario("failure").resolve().robot
     assert Robot(**dataclasses.asdict(resolved)) == resolved
-    with pytest.raises(
-        ValueError, match=r"^robot.speed_max must be the 1.49967 m/s of throttle_max = 0.1385, or one of"
-    ):
+    with pytest.raises(ValueError, match=r"^robot.speed_max must be 1.49967 m/s for throttle_max = 0.1385, or one of"):
         Robot(speed_max=1.5, throttle_max=0.1385)
     with pytest.raises(
         ValueError, match=r"^robot.speed_max must be reached at a throttle above throttle_min and dead_"

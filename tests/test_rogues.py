@@ -241,7 +241,7 @@ def test_a_step_takes_the_actions_of_both_sides_or_of_one():
     robots, rogues = actions(both, 0)
     with pytest.raises(ValueError, match=r"rogue_action must be given where targets.rogues is agents"):
         both.step(robots)
-    with pytest.raises(ValueError, match=r"rogue_action must be given where targets.rogues is agents, and only there"):
+    with pytest.raises(ValueError, match=r"rogue_action must be given if, and only if, targets.rogues is agents"):
         one.step(robots, rogues)
     with pytest.raises(ValueError, match="rogue_action must have shape"):
         both.step(robots, rogues[:, :1])

@@ -153,7 +153,7 @@ def test_every_field_says_its_unit_where_it_has_one(part, field):
         ),
         (
             lambda: Targets(wandering=0.6, fleeing=0.5),
-            "targets.fleeing must leave drifting + wandering + fleeing + custom at 1",
+            "targets.fleeing must not make drifting + wandering + fleeing + custom exceed 1",
         ),
         (lambda: Task(duration=0.05), "task.duration must be at least one step of 0.1 s, got 0.05"),
         (lambda: Task(duration=1e8, step=1e-3), "task.duration must be at most 1048576 steps, got 100000000.0"),

@@ -153,7 +153,7 @@ class Episodes:
                 wrong = refusal_of(row, self._brought(row)) or self._what_does_not_belong(row)
                 if wrong:
                     raise ValueError(
-                        f"{self._journal.path}, line {line}: {wrong}; delete that line to have its episode played again"
+                        f"{self._journal.path}, line {line}: {wrong}; delete that line to play its episode again"
                     )
                 self._rows[_key(row)] = row | {c: math.nan for c in numbers_of(row) if row[c] is None}
             self.detections = detections.Detections(folder)
@@ -201,7 +201,7 @@ class Episodes:
             return f"is episode {row['episode']} of {held['episodes']}"
         if row["seed"] != held["seed"] + row["episode"]:
             return f"must have seed {held['seed'] + row['episode']}, got {row['seed']}"
-        return "is an episode that is there already" if _key(row) in self._rows else None
+        return "is an episode that the folder already contains" if _key(row) in self._rows else None
 
     def __enter__(self) -> "Episodes":
         return self
@@ -270,6 +270,6 @@ def _refusal(folder: Path, differing: list[tuple[str, str, str]]) -> str:
     widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
     table = "\n".join(f"  {a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows)
     of_code = all(name.startswith("played.") or ".parts." in name for name, *_ in differing)
-    what = "of other code under the same name" if of_code else "of other settings"
+    what = "of the same name with other code" if of_code else "of other settings"
     advice = "undo the change" if of_code else "the same settings"
-    return f"{folder} holds results {what}; choose another --out or {advice}\n{table}"
+    return f"{folder} contains results {what}; choose another --out or {advice}\n{table}"

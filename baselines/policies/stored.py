@@ -43,7 +43,7 @@ def read(folder: str | os.PathLike[str]) -> PolicySettings:
     try:
         given = tomllib.loads(read_bytes(path, _LARGEST).decode())
     except RecursionError:
-        raise ValueError(f"{path} must nest fewer levels") from None
+        raise ValueError(f"{path} must have fewer nested levels") from None
     except ValueError as error:
         raise ValueError(f"{path} must be a TOML file that can be read: {error}") from error
     known = {"policy": (str, "text")} | dict.fromkeys(_TABLES, (dict, "a table"))

@@ -181,7 +181,7 @@ class LissajousVectorEnv(VectorEnv):
         Rows of one world share its picture. Return None without a render mode.
         """
         if self.render_mode is None:
-            gymnasium.logger.warn("render was called on an environment that was made without a render_mode")
+            gymnasium.logger.warn("render was called on an environment without a render_mode")
             return None
         if self._gallery is None:
             from lissajous_env.render import Gallery

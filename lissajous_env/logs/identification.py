@@ -73,7 +73,7 @@ class _Fit:
         time, count = track.time[inside], int(inside.sum())
         if count < 20 or last - first < 2 * _SEGMENT:
             raise ValueError(
-                f"log must have at least 20 poses over {2 * _SEGMENT:g} s with commands, got {count} over "
+                f"log must contain at least 20 poses over {2 * _SEGMENT:g} s with commands, got {count} over "
                 f"{max(last - first, 0.0):.3g} s"
             )
         measured = np.stack([*track.position.T[:2], track.heading, track.speed], axis=1)[inside]

@@ -76,7 +76,7 @@ def register_robot_model(model: RobotModel) -> RobotModel:
         raise ValueError(f"name of a robot model must be new, got {shown(model.name)}")
     words = all(isinstance(each, str) and each.strip() == each != "" for each in model.actions)
     if not model.actions or not words or len(set(model.actions)) < len(model.actions):
-        rule = "must have an action of at least one component, each with a name of its own"
+        rule = "must have an action of at least one component, with different names"
         raise ValueError(f"robot model {model.name} {rule}, got {shown(model.actions)}")
     if not isinstance(model.move, wp.Kernel):
         raise ValueError(f"robot model {model.name} must move by a Warp kernel, got {shown(model.move)}")

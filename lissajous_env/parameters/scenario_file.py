@@ -78,7 +78,7 @@ def _parsed(what: str, path: str) -> dict[str, Any]:
         _check_dots(text)
         return tomllib.loads(text)
     except RecursionError:
-        raise ValueError(f"{what} {path} must nest fewer levels") from None
+        raise ValueError(f"{what} {path} must have fewer nested levels") from None
     except ValueError as error:
         hint = "" if os.path.exists(path) else nearest(path, beside(path, SUFFIX))
         raise ValueError(f"{what} {path} must be a TOML file that can be read: {error}{hint}") from error

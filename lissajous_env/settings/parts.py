@@ -114,7 +114,7 @@ class Curve(Checked):
         if self.harmonics:
             self._require(len(self.harmonics) <= 64, "harmonics", "must contain at most 64 rows")
             self._require(any(any(row) for row in self.harmonics), "harmonics", "must contain a number that is not 0")
-            self._require(self.half_depth == 0, "half_depth", "must be 0 beside harmonics [m]")
+            self._require(self.half_depth == 0, "half_depth", "must be 0 with harmonics [m]")
             return
         # The paper does not require it, but without it the formation collides: (3, 6) has a smallest distance of 0.
         self._require(math.gcd(self.a, self.b) == 1, "b", f"must share no factor with a = {self.a}")
@@ -213,7 +213,9 @@ class Robot(Checked):
             return
         reached = (self.drive * self.throttle_max - self.offset) / self.drag
         fits = math.isclose(self.drive * self.throttle_max, self.drag * self.speed_max + self.offset, rel_tol=1e-9)
-        rule = f"must be the {reached:.6g} m/s of throttle_max = {self.throttle_max:g}, or one of the two be None [m/s]"
+        rule = (
+            f"must be {reached:.6g} m/s for throttle_max = {self.throttle_max:g}, or one of the two must be None [m/s]"
+        )
         self._require(fits, "speed_max", rule)
 
     @property
@@ -287,8 +289,8 @@ class Targets(Checked):
 
     def _check_together(self) -> None:
         total = self.drifting + self.wandering + self.fleeing + self.custom
-        self._require(total < 1 + 1e-9, "fleeing", "must leave drifting + wandering + fleeing + custom at 1 or below")
-        rule = f"must be None or at least what these targets move at, {self.speed_max:g} m/s"
+        self._require(total < 1 + 1e-9, "fleeing", "must not make drifting + wandering + fleeing + custom exceed 1")
+        rule = f"must be None or at least the speed of these targets, {self.speed_max:g} m/s"
         self._require(self.speed_limit is None or self.speed_limit >= self.speed_max, "speed_limit", rule)
 
     @property

@@ -52,7 +52,7 @@ def parse_json(text: bytes | str, source: str | Path) -> Any:
         if _depth(found) > _DEEPEST:
             raise RecursionError
     except RecursionError:
-        raise ValueError(f"{source} is damaged: it must nest at most {_DEEPEST} levels, and nests more") from None
+        raise ValueError(f"{source} is damaged: it must nest at most {_DEEPEST} levels, got more") from None
     except ValueError as error:
         raise ValueError(f"{source} is damaged: {error}") from None
     return found

@@ -168,7 +168,7 @@ class Simulation:
                 rogues that the scenario does not have.
         """
         if (rogue_action is not None) != (self.scenario.targets.rogues == AGENTS):
-            rule = f"must be given where targets.rogues is {AGENTS}, and only there"
+            rule = f"must be given if, and only if, targets.rogues is {AGENTS}"
             raise ValueError(f"rogue_action {rule}, got {shown(rogue_action)}")
         if rogue_action is not None:
             copy_in("rogue_action", rogue_action, self.rogue_action)
