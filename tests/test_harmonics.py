@@ -113,9 +113,9 @@ def test_it_is_data_on_the_command_line_and_in_pictures():
     [
         (lambda: on(CIRCLE, **{"robot.count": None}), "robot.count must be given for a curve of harmonics"),
         (lambda: on(CIRCLE, **{"sensing.radius": None}), "sensing.radius must be given for a curve of harmonics"),
-        (lambda: lissajous_env.Curve(harmonics=((1, 0, 0),)), "curve.harmonics must hold at most 64 rows of four"),
-        (lambda: lissajous_env.Curve(harmonics=((0, 0, 0, 0),)), "curve.harmonics must hold a number that is not 0"),
-        (lambda: lissajous_env.Curve(harmonics=((1, 0, 0, 1),) * 65), "curve.harmonics must hold at most 64 rows"),
+        (lambda: lissajous_env.Curve(harmonics=((1, 0, 0),)), "curve.harmonics must contain at most 64 rows of four"),
+        (lambda: lissajous_env.Curve(harmonics=((0, 0, 0, 0),)), "curve.harmonics must contain a number that is not 0"),
+        (lambda: lissajous_env.Curve(harmonics=((1, 0, 0, 1),) * 65), "curve.harmonics must contain at most 64 rows"),
         (lambda: lissajous_env.Curve(harmonics=((1, 0, 0, 1),), half_depth=1.0), "curve.half_depth must be 0 beside"),
         (lambda: lissajous_env.Curve.through(lambda gamma: gamma), "position must return finite x and y"),
         (lambda: lissajous_env.Curve.through(lambda gamma: (gamma, gamma)), "position must be smooth and around the"),

@@ -185,7 +185,7 @@ def test_commands_write_pages(tmp_path, monkeypatch, capsys):
     ("arguments", "words"),
     [
         (["failure", "kuramoto", "--against", "still", "--out", "a.gif"], "out must end in .html beside --against"),
-        (["failure", "knot", "kuramoto", "--out", "a.html"], "scenario must be one alone, got failure, knot"),
+        (["failure", "knot", "kuramoto", "--out", "a.html"], "exactly one scenario must be given, got failure, knot"),
         (["nowhere.npz", "--out", "a.html"], "there is no file nowhere.npz"),
         (["failure", "kuramoto", "--against", "stil", "--out", "a.html"], "did you mean still?"),
         (["--out", "a.html"], "got nothing"),

@@ -180,7 +180,7 @@ def test_a_shift_changes_its_draws_alone():
         ({"curve": {"half_height": {"formula": "robot.nothing"}}}, "no number of a scenario"),
         ({"curve": {"half_height": {"formula": "1 / 0"}}}, "formula '1 / 0' must have a value"),
         ({"curve": {"half_height": {"formula": "curve.half_width"}, "half_width": {"low": 1.0, "high": 2.0}}}, "later"),
-        ({"scale": {"depth": 2.0}}, "draw.scale must hold length or time, got 'depth'"),
+        ({"scale": {"depth": 2.0}}, "draw.scale must contain length or time, got 'depth'"),
         ({"curve": 3}, "draw.curve must be a mapping"),
     ],
 )  # fmt: skip

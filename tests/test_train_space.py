@@ -68,7 +68,7 @@ def test_a_space_is_told_from_a_scenario(file, tmp_path):
 @pytest.mark.parametrize("name", ["monitoring-v1", "FILE"])
 def test_one_scenario_is_asked_of_what_plays_one(name, file):
     name = file if name == "FILE" else name
-    with pytest.raises(ValueError, match=r"scenario must be one scenario, got the space .*: name one of it, as"):
+    with pytest.raises(ValueError, match=r"scenario must be a single scenario, got the space .*; choose one of"):
         lissajous_env.scenario(name)
 
 

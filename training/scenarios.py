@@ -36,7 +36,7 @@ def space_of(name: str) -> ScenarioSpace | None:
         return scenario_space(name)
     space, colon, rest = name.partition(":")
     if colon and is_space(space) and not rest.rpartition("-")[2].isdecimal():
-        rule = f"must be the name of a space without a split: a training learns from {LEARNED}"
+        rule = f"must be the name of a space without a split, because a training uses the split {LEARNED}"
         raise ValueError(f"scenario {rule} and is evaluated on {EVALUATED}, got {name}")
     return None
 

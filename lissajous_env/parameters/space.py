@@ -44,7 +44,7 @@ class ScenarioSpace:
               formula's value;
             * `{"choices": [...]}`, one of the values, with `"weights": [...]` not all equally often;
             * `{"formula": FORMULA}`, the value of a `lissajous_env.settings.formulas.Formula` of fields;
-            * any other value, as it is.
+            * any other value, which is used unchanged.
 
             Under the key `choices`, a part itself has a list of mappings, of which one is drawn: fields that belong
             together. `variables` are numbers for formulas. `scale` may draw `length` and `time`, by which
@@ -84,7 +84,7 @@ class ScenarioSpace:
         """Return the scenario of a seed.
 
         Raises:
-            ValueError: the seed is no whole number from 0 to 2^31 - 1, the drawn fields are no valid scenario, or a
+            ValueError: the seed is not a whole number from 0 to 2^31 - 1, the drawn scenario is not valid, or a
                 thousand draws violate a rule of `require`.
         """
         if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
@@ -180,7 +180,7 @@ class ScenarioSpace:
                 raise ValueError(f"draw.{part} must be a mapping from fields to draws, got {shown(given_fields)}")
             left = dict(given_fields)
             if part == "scale" and (other := set(left) - set(_SCALE)):
-                raise ValueError(f"draw.scale must hold length or time, got {shown(min(other))}")
+                raise ValueError(f"draw.scale must contain length or time, got {shown(min(other))}")
             if part in PARTS and "choices" in left:
                 together = {name: left.pop(name) for name in ("choices", "weights") if name in left}
                 drawings[f"{part}.choices"] = drawing(f"draw.{part}", together)

@@ -178,7 +178,7 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
     if curve.half_depth > 0:
         raise ValueError(f"curve.half_depth must be 0 for cars [m], got {curve.half_depth}")
     if robot.drag * h > 2.5:
-        rule = f"must be at most {2.5 / h:g} with integration steps of {h:g} s, for these to be stable [1/s]"
+        rule = f"must be at most {2.5 / h:g} with integration steps of {h:g} s, which are otherwise unstable [1/s]"
         raise ValueError(f"robot.drag {rule}, got {robot.drag}")
     at_start = formation.phase_rate * math.hypot(curve.half_width * curve.a, curve.half_height * curve.b)
     if at_start > 1e5:
