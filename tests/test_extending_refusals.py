@@ -238,7 +238,7 @@ def test_scenarios_and_the_policy_are_told_apart(names, told):
 
 
 @pytest.mark.parametrize(("names", "words"), [
-    (["theirs:still"], "scenario must be given beside the policy"),
+    (["theirs:still"], "scenario must be given before the policy"),
     (["x.toml"], "policy must be given after the scenario, got x.toml"),
     (["theirs:scenario", "stil"], "got 'stil'; did you mean still?"),
     (["still", "kuramoto", "theirs:scenario"], "exactly one policy must be given, got still, kuramoto"),

@@ -116,7 +116,7 @@ def test_it_is_data_on_the_command_line_and_in_pictures():
         (lambda: lissajous_env.Curve(harmonics=((1, 0, 0),)), "curve.harmonics must contain at most 64 rows of four"),
         (lambda: lissajous_env.Curve(harmonics=((0, 0, 0, 0),)), "curve.harmonics must contain a number that is not 0"),
         (lambda: lissajous_env.Curve(harmonics=((1, 0, 0, 1),) * 65), "curve.harmonics must contain at most 64 rows"),
-        (lambda: lissajous_env.Curve(harmonics=((1, 0, 0, 1),), half_depth=1.0), "curve.half_depth must be 0 beside"),
+        (lambda: lissajous_env.Curve(harmonics=((1, 0, 0, 1),), half_depth=1.0), "curve.half_depth must be 0 with"),
         (lambda: lissajous_env.Curve.through(lambda gamma: gamma), "position must return finite x and y"),
         (lambda: lissajous_env.Curve.through(lambda gamma: (gamma, gamma)), "position must be smooth and around the"),
         (lambda: Mpcc(CIRCLE), "curve of the contouring controller must be a Lissajous curve"),

@@ -201,7 +201,7 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
         assert words in error
     with pytest.raises(ValueError, match="rounds must be from 0 to 10,000, got -1"):
         RogueTraining(rounds=-1)
-    with pytest.raises(ValueError, match="steps must be at least 1 where there are no rounds"):
+    with pytest.raises(ValueError, match="steps must be at least 1 if there are no rounds"):
         RogueTraining(rounds=0, steps=0)
     with pytest.raises(ValueError, match=r"targets.rogues must be omitted if rogues are trained"):
         RogueTraining(overrides={"rogues": "hide"})

@@ -58,7 +58,7 @@ def test_entries_of_the_observation_have_names_of_their_own():
         ({"table": (("1",),)}, "table of robot model mine must contain rows"),
         ({"rest": (math.nan,)}, "rest of robot model mine must contain rows of 1 numbers"),
         ({"rest": (0.0, 0.0)}, "rest of robot model mine must contain rows of 1 numbers"),
-        ({"actions": ("",)}, "robot model mine must have an action of at least one component, each with a name"),
+        ({"actions": ("",)}, "robot model mine must have an action of at least one component, with different names"),
         ({"actions": ("a", "a"), "table": ((0.0, 0.0),)}, "robot model mine must have an action of at least one"),
     ],
 )

@@ -239,7 +239,7 @@ def test_a_step_takes_the_actions_of_both_sides_or_of_one():
     # Story: agents need actions, scripts and ordinary targets take none.
     both, one = Simulation("experiment", **AGENTS), Simulation("experiment", **SMALL, rogues="flee")
     robots, rogues = actions(both, 0)
-    with pytest.raises(ValueError, match=r"rogue_action must be given where targets.rogues is agents"):
+    with pytest.raises(ValueError, match=r"rogue_action must be given if, and only if, targets.rogues is agents"):
         both.step(robots)
     with pytest.raises(ValueError, match=r"rogue_action must be given if, and only if, targets.rogues is agents"):
         one.step(robots, rogues)

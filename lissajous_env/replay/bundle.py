@@ -124,7 +124,7 @@ def _text(name: str, folders: Folders) -> str:
 
 def _element(name: str, text: str, attributes: str = "") -> str:
     if re.search(rf"</{name}|<!--", text, re.IGNORECASE):
-        raise ValueError(f"a bundled {name} must not contain its own end tag")
+        raise ValueError(f"a bundled {name} must not contain its end tag or a comment")
     return f"<{name}{attributes}>{text}</{name}>"
 
 
