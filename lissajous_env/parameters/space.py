@@ -9,7 +9,7 @@ from typing import Any
 from lissajous_env.parameters.drawing import Drawing, drawing
 from lissajous_env.parameters.overriding import by_field, overridden
 from lissajous_env.parameters.scenario import PARTS, Scenario
-from lissajous_env.settings.checks import is_whole
+from lissajous_env.settings.checks import LAST_SEED, whole_number
 from lissajous_env.settings.formulas import Formula
 from lissajous_env.wording import nearest, shown
 
@@ -20,7 +20,6 @@ _OTHERS = "variables", "scale"
 _SCALE = "length", "time"
 _MOST_TRIES = 1000
 """Limit on the draws for one scenario that rules reject."""
-_LAST_SEED = 2**31 - 1
 
 
 @dataclass(frozen=True)
@@ -87,11 +86,10 @@ class ScenarioSpace:
             ValueError: the seed is not a whole number from 0 to 2^31 - 1, the drawn scenario is not valid, or a
                 thousand draws violate a rule of `require`.
         """
-        if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
-            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
+        seed = whole_number("seed", seed, 0, LAST_SEED)
         violated: list[str] = []
         for attempt in range(_MOST_TRIES):
-            made = self._drawn(int(seed), attempt)
+            made = self._drawn(seed, attempt)
             broken = next((rule.text for rule in self._rules if not rule(functools.partial(_property, made))), None)
             if broken is None:
                 return made
@@ -116,11 +114,11 @@ class ScenarioSpace:
             ValueError: there is neither a split nor a shift of this name.
         """
         if split in self.shifts:
-            return iter(range(_LAST_SEED + 1))
+            return iter(range(LAST_SEED + 1))
         if split not in SPLITS:
             words = f"split must be one of {', '.join([*SPLITS, *self.shifts])}"
             raise ValueError(f"{words}, got {shown(split)}{nearest(split, [*SPLITS, *self.shifts])}")
-        return (seed for seed in range(_LAST_SEED + 1) if self.split_of(seed) == split)
+        return (seed for seed in range(LAST_SEED + 1) if self.split_of(seed) == split)
 
     def scenarios(self, split: str) -> Iterator[Scenario]:
         """Return an iterator over the scenarios of a split, or of a shift, always in the same order.

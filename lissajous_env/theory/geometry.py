@@ -36,11 +36,6 @@ def largest_speed(curve: Curve, places: int | None = None) -> float:
     return -_minimum(lambda gamma: -closed_forms.curve_speed(curve, gamma), lap_phases(curve, 1))
 
 
-def smallest_speed(curve: Curve) -> float:
-    """Return the smallest ||r'(gamma)|| of the plane curve [m/rad]."""
-    return _minimum(lambda gamma: closed_forms.curve_speed(curve, gamma), lap_phases(curve, 1))
-
-
 def top_speed(curve: Curve, phase_rate: float) -> float:
     """Return the speed of a formation on the fastest stretch of the curve [m/s], for `phase_rate` omega [rad/s].
 
@@ -194,9 +189,7 @@ def lap_phases(curve: Curve, density: int = 16) -> np.ndarray:
     return np.linspace(0, 2 * np.pi, density * _SAMPLES_PER_OSCILLATION * oscillations, endpoint=False)
 
 
-def _minimum(
-    function: Callable[[np.ndarray], np.ndarray], samples: np.ndarray, periodic: bool = True, rounds: int = 6
-) -> float:
+def _minimum(function: Callable[[np.ndarray], np.ndarray], samples: np.ndarray, periodic: bool = True) -> float:
     """Return the smallest value of a smooth function by refining every local minimum of the samples."""
     values = function(samples)
     before, after = np.roll(values, 1), np.roll(values, -1)
@@ -205,7 +198,7 @@ def _minimum(
     centres = samples[(values <= before) & (values <= after)]
     spacing = samples[1] - samples[0]
     offsets = np.linspace(-1, 1, 17)
-    for _ in range(rounds):
+    for _ in range(6):
         candidates = centres[:, None] + spacing * offsets
         if not periodic:
             candidates = np.clip(candidates, samples[0], samples[-1])
