@@ -45,7 +45,7 @@ DIGESTS = {
     "hall": "dd3a5b3b2faa815e",
     "rough": "35881e23fe6bdf10",
     "rough-lost": "cb5030d657984cc4",
-    "team": "fc28cbccf7e9adba",
+    "team": "22f140e5284cb649",
     "redundant": "0d028d17b49af44f",
     "knot": "c47a621d8c141568",
     "swarm": "5461b8c91095b1a3",

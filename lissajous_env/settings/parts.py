@@ -144,7 +144,7 @@ class Formation(Checked):
     """Robots displaced along the phase at reset, each as (robot, angle [rad])."""
     start_headway: float = number(0.0, 0, 1e3, "s")
     """Time within which no two robots that go straight on from the start collide [s]: the random displacement of a
-    robot that would is drawn again. With 0, none is, and bodies may overlap at the start."""
+    robot that would is drawn again, up to 99 times. With 0, none is, and bodies may overlap at the start."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Starts with a headway: robots that would collide at once begin at another place."""
+"""Starts with a headway: a robot that would collide at once begins at another place."""
 
 import warp as wp
 
@@ -13,15 +13,22 @@ from lissajous_env.world.state import Clock, Robots, planar
 wp.set_module_options(OPTIONS)
 
 _DRAWS = wp.constant(100)
-"""Displacements that are drawn for a robot at most; the last one remains."""
+"""Displacements of a robot that are drawn at most; the last one remains."""
 
 
 @wp.func
-def collides_within(w: int, i: int, j: int, time: float, radius: float, robots: Robots) -> bool:
-    """Return whether the bodies of two robots overlap within a time [s] if both go straight on, seen from above."""
-    apart = planar(robots.position[w, i] - robots.position[w, j])
-    velocity = robots.speed[w, i] * cos_sin(robots.heading[w, i]) - robots.speed[w, j] * cos_sin(robots.heading[w, j])
-    return closest_approach(apart, apart + time * velocity) < 4.0 * radius * radius
+def collides_at_once(w: int, i: int, time: float, radius: float, places: wp.array(dtype=int), robots: Robots) -> bool:
+    """Return whether a robot collides within a time [s] with one of a smaller number if all go straight on.
+
+    They are seen from above. Robots of one of `places` overlap by design: `Scenario.places`.
+    """
+    velocity = robots.speed[w, i] * cos_sin(robots.heading[w, i])
+    for j in range(i):
+        apart = planar(robots.position[w, i] - robots.position[w, j])
+        parting = velocity - robots.speed[w, j] * cos_sin(robots.heading[w, j])
+        if places[i] != places[j] and closest_approach(apart, apart + time * parting) < 4.0 * radius * radius:
+            return True
+    return False
 
 
 @wp.kernel
@@ -33,21 +40,17 @@ def draw_apart(
     equilibrium: wp.array(dtype=wp.float64),
     displaced: wp.array(dtype=float),
     top_speeds: wp.array(dtype=float),
+    places: wp.array(dtype=int),
     clock: Clock,
     robots: Robots,
 ):
-    """Draw the start of a robot again while it would collide with one of a smaller number within the headway."""
+    """Draw the start of a robot again while it would collide within the headway, one robot after another."""
     w = first + wp.tid()
     if clock.active[w] == 0:
         return
     for i in range(1, robots.status.shape[1]):
-        draw = int(0)
-        j = int(0)
-        while j < i and draw < _DRAWS:
-            if collides_within(w, i, j, formation.start_headway, robot.radius, robots):
-                draw += 1
-                phase = start_phase(w, i, draw, formation, equilibrium, displaced, clock)
-                begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
-                j = 0
-            else:
-                j += 1
+        for draw in range(1, _DRAWS):
+            if not collides_at_once(w, i, formation.start_headway, robot.radius, places, robots):
+                break
+            phase = start_phase(w, i, draw, formation, equilibrium, displaced, clock)
+            begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
