@@ -49,9 +49,7 @@ def times_of(kind: str, seed: int, options: argparse.Namespace) -> list[float]:
     train_rogues(settings, Console())
     scenario = lissajous_env.scenario(SCENARIO)
     bare = lissajous_env.scenario(SCENARIO, **{"task.grid": None, "task.contamination": None})
-    found = {
-        each: survive(team, with_starts(bare, each, STARTS), HELD_OUT) for each in (str(fresh), SHIPPED, *SCRIPTS)
-    }
+    found = {each: survive(team, with_starts(bare, each, STARTS), HELD_OUT) for each in (str(fresh), SHIPPED, *SCRIPTS)}
     mean = {each: float(np.mean(of.means)) for each, of in found.items()}
     alone = survive(team, with_starts(bracketed(scenario), "wander", 2), HELD_OUT)
     bound = bound_of(alone)
@@ -78,7 +76,7 @@ def table_of(results: dict[str, list[list[float]]]) -> figures.Table:
     for kind, of in results.items():
         cells = np.array(of)
         spread = zip(cells.mean(axis=0), cells.min(axis=0), cells.max(axis=0), strict=True)
-        rows.append([TEAMS[kind], *(f"{mean:.2f} ({low:.2f}–{high:.2f})" for mean, low, high in spread)])
+        rows.append([TEAMS[kind], *(f"{mean:.2f} ({low:.2f} to {high:.2f})" for mean, low, high in spread)])
     return {"columns": TITLES, "rows": rows}
 
 
