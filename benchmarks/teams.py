@@ -49,9 +49,7 @@ def times_of(kind: str, seed: int, options: argparse.Namespace) -> list[float]:
     train_rogues(settings, Console())
     scenario = lissajous_env.scenario(SCENARIO)
     bare = lissajous_env.scenario(SCENARIO, **{"task.grid": None, "task.contamination": None})
-    found = {
-        each: survive(team, with_starts(bare, each, STARTS), HELD_OUT) for each in (str(fresh), SHIPPED, *SCRIPTS)
-    }
+    found = {each: survive(team, with_starts(bare, each, STARTS), HELD_OUT) for each in (str(fresh), SHIPPED, *SCRIPTS)}
     mean = {each: float(np.mean(of.means)) for each, of in found.items()}
     alone = survive(team, with_starts(bracketed(scenario), "wander", 2), HELD_OUT)
     bound = bound_of(alone)
