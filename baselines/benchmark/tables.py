@@ -42,7 +42,7 @@ def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, s
         count = names.count(",") + 1
         over = names if count <= _MOST_NAMED else f"all {count} scenarios"
         left_out += print_policies(console, Text(f"over {over}", "bold"), policies, OVERALL)
-    print_left_out(console, left_out, f"They are in {settings.out}/episodes.csv, and a wider terminal shows them.")
+    print_left_out(console, left_out, f"They are in {settings.out}/summary.json, and a wider terminal shows them.")
     for words in _legend(cells, comparisons.bounds, settings.episodes):
         print_line(console, words, "dim")
     for refusal in outcome.left_out:

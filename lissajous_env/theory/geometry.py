@@ -24,6 +24,7 @@ def curve_length(curve: Curve) -> float:
     return 2 * np.pi * float(np.mean(closed_forms.curve_speed(curve, lap_phases(curve))))
 
 
+@lru_cache(maxsize=64)
 def largest_speed(curve: Curve, places: int | None = None) -> float:
     """Return the largest ||r'(gamma)|| of the plane curve [m/rad]; omega times this is the top speed of the formation.
 
@@ -84,9 +85,8 @@ def turning_radius(wheelbase: float, steering_max: float) -> float:
 
 def tight_share(curve: Curve, radius: float) -> float:
     """Return the share of the arc of the plane curve that turns tighter than `radius` [m], between 0 and 1."""
-    gamma = lap_phases(curve)
-    speed = closed_forms.curve_speed(curve, gamma)
-    return float(speed[curvature_radius(curve, gamma) < radius].sum() / speed.sum())
+    speed, bends = along_lap(curve)
+    return float(speed[bends < radius].sum() / speed.sum())
 
 
 def chord_length(curve: Curve, middle: np.ndarray, half: np.ndarray | float) -> np.ndarray:
