@@ -333,7 +333,7 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
         ({"overrides": {"name": "evil"}}, "override must name one of curve, .*got 'name'"),
         ({"address": ""}, "address"),
         ({"seed": 2**31 - 2}, "seed must be"),
-        ({"scenarios": ("failure", "failure")}, "each one once"),
+        ({"scenarios": ("failure", "failure")}, "each entry once"),
         ({"overrides": {"targets.cont": 3}}, "did you mean count"),
         ({"device": "gpu"}, "device must be one of"),
     ],
