@@ -322,7 +322,7 @@ def test_a_team_of_another_size(action):
     env = lissajous_env.LissajousEnv("failure")
     env.reset(seed=1)
     before = state_of(env.parallel.simulation)
-    with pytest.raises(ValueError, match="action must have a row for each of 5 robots, got"):
+    with pytest.raises(ValueError, match=r"action must have shape \(5, 1\), got"):
         env.step(action)
     with pytest.raises(ValueError, match="action of robot_0 must be numbers"):
         env.step(np.zeros((5, 2)))

@@ -199,7 +199,7 @@ class TrainingSettings:
     def space(self) -> ScenarioSpace | None:
         """Space of scenarios to train on, with its overrides, or None for one scenario."""
         space = scenarios.space_of(self.scenario)
-        return None if space is None else scenarios.overridden(space, self.overrides)
+        return None if space is None else space.overridden(self.overrides)
 
     @cached_property
     def papers_method(self) -> tuple[str | None, str]:

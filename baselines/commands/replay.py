@@ -9,7 +9,7 @@ from baselines.benchmark.running import Benchmark, plan
 from baselines.commands.playing import FORMATS, record_one, scenarios_and_policy
 from baselines.policies import registry
 from lissajous_env.console.recordings import check_file, check_pace, has_display, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Output, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, Output, OutputOptions
 from lissajous_env.here import beside
 from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 from lissajous_env.wording import nearest
@@ -17,7 +17,6 @@ from lissajous_env.wording import nearest
 if TYPE_CHECKING:
     from lissajous_env.episodes.recording import Recording
 
-_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _Against = Annotated[str | None, tyro.conf.arg(metavar="POLICY")]
 _Names = Annotated[
     tuple[str, ...],
@@ -28,7 +27,7 @@ _Names = Annotated[
 
 def replay(
     names: _Names,
-    out: _Out = None,
+    out: OutFile = None,
     against: _Against = None,
     seed: int = 0,
     device: str = "cpu",

@@ -113,7 +113,7 @@ def reproduce(
         _write(folder, found, pictures, command)
     claims.print_claims(console, found)
     words = f"\n{claims.summary(found)}. {len(pictures)} pictures, table.csv, table.md and README.md are in {out}"
-    console.print(words, markup=False, highlight=False, soft_wrap=True)
+    output.print(words)
     output.print_json([dataclasses.asdict(claim) for claim in found])
     return found
 

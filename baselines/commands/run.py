@@ -1,6 +1,5 @@
 """The command `lissajous run`: one episode, played and shown."""
 
-from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -8,10 +7,9 @@ import tyro
 from baselines.benchmark.running import Benchmark
 from baselines.commands.playing import FORMATS, progress_console, record_one, scenarios_and_policy
 from lissajous_env.console.recordings import check_file, has_display, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_line
 from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 
-_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _PolicyName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY]", help_behavior_hint="")]
 _ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 
@@ -21,7 +19,7 @@ def run(
     policy: _PolicyName = None,
     seed: int = 0,
     device: str = "cpu",
-    out: _Out = None,
+    out: OutFile = None,
     rogues: RogueName = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
@@ -58,4 +56,4 @@ def run(
         show(recording, out, output)
     else:
         words = f"there is no display for a window; --out FILE writes {', '.join(FORMATS)} instead"
-        progress_console(output).print(words, highlight=False, soft_wrap=True)
+        print_line(progress_console(output), words)

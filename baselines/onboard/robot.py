@@ -15,7 +15,7 @@ from baselines.policies import factories
 from baselines.policies.base import Policy
 from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import is_whole
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.theory.locating import locate
 from lissajous_env.wording import shown
 from lissajous_env.world.row_outside import RowOutside
@@ -80,9 +80,7 @@ class Onboard:
         if self.scenario.robot.kind != "car":
             raise ValueError(f"scenario must be of robots of kind car, got {self.scenario.robot.kind}")
         n = self.scenario.num_robots
-        if not is_whole(robot) or not 0 <= robot < n:
-            raise ValueError(f"robot must be a whole number from 0 to {n - 1}, got {shown(robot)}")
-        self.robot = int(robot)
+        self.robot = whole_number("robot", robot, 0, n - 1)
         self.neighbours = tuple(int(each) for each in self.scenario.neighbours[self.robot])
         self.limits: Any = (limits or Limits()).of(self.scenario)
         self._policy = _made(policy, self.scenario, self.robot)

@@ -16,6 +16,7 @@ from baselines.planning.search import Search
 from lissajous_env.episodes.limits import guaranteed_time_limit
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 
 _LAST_SEED, _LONGEST = 2**31 - 1000, 10**6
@@ -147,9 +148,7 @@ def prepare(
     if not isinstance(failures, int) or not 0 <= failures < request.numbers[0]:
         rule = f"failures must be a whole number from 0 to {request.numbers[0] - 1}, fewer than the robots"
         raise ValueError(f"{rule}, got {shown(failures)}")
-    if not isinstance(seed, int) or not 0 <= seed <= _LAST_SEED:
-        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
-    outcome = Outcome(request, Episodes(seed, failures), guarantee)
+    outcome = Outcome(request, Episodes(whole_number("seed", seed, 0, _LAST_SEED), failures), guarantee)
     with quietly():
         for number in request.numbers:
             task = outcome.tasks[number] = request.task(number)

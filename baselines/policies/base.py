@@ -16,10 +16,10 @@ from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import is_whole
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import few_of, shown
 from lissajous_env.world.observation import layout
-from lissajous_env.world.selection import whole_number, world_mask
+from lissajous_env.world.selection import world_mask
 
 _ARRAYS = ("numpy", "torch", "warp")
 
@@ -100,8 +100,7 @@ class Policy(Copyable):
         Raises:
             ValueError: there is no such robot.
         """
-        if not is_whole(robot) or not 0 <= robot < self.num_robots:
-            raise ValueError(f"robot must be a whole number from 0 to {self.num_robots - 1}, got {shown(robot)}")
+        whole_number("robot", robot, 0, self.num_robots - 1)
         for part in vars(self).values():
             if isinstance(part, Policy):
                 part.restrict(robot)

@@ -14,8 +14,8 @@ from lissajous_env.identity import parts_of
 from lissajous_env.parameters.robot_models import robot_kinds
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import EntryPoints
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import few_of, nearest, shown
-from lissajous_env.world.selection import whole_number
 
 
 @dataclass(frozen=True)

@@ -49,16 +49,18 @@ def cores() -> int:
     return bound
 
 
+def memory() -> int:
+    """Return the size of the machine's memory [bytes]."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
 def check_room(sizes: Sequence[int], num_worlds: int, device: Any) -> None:
     """Refuse arrays of these sizes per world [bytes] that exceed the memory.
 
     Raises:
         ValueError: the arrays of `num_worlds` worlds do not fit on the device, or one world not into an array.
     """
-    if device.is_cpu:
-        room = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 2**40
-    else:
-        room = device.total_memory
+    room = memory() if device.is_cpu else device.total_memory
     each = f"{sum(sizes) / 2**20:.3g} MiB a world"
     if max(sizes) >= 2**31:  # Warp counts the bytes of a world in an array by 32 bits
         raise ValueError(f"scenario must need less than 2048 MiB in an array of a world (grid, robots), got {each}")

@@ -162,7 +162,7 @@ class Program:
     ):
         self.stages = tuple(stage for stage in stages if stage.when and sizes.get(stage.over, 1) > 0)
         self._values, self._sizes, self._device = values, sizes, device
-        load_together((stage.run for stage in self.stages if stage.is_kernel), device, cores())
+        load_together((stage.run for stage in self.stages if stage.is_kernel), device, cores)
         edges = np.linspace(0, num_worlds, split.blocks + 1).astype(int).tolist()
         self._blocks = list(pairwise(edges))
         own = [stage for stage in self.stages if stage.is_kernel and not stage.run.module.name.startswith(OURS)]

@@ -86,8 +86,7 @@ def with_own_locks(cls: _Class) -> _Class:
             if isinstance(each, functools.cached_property) and hasattr(each, "lock"):
                 each.lock = threading.RLock()  # type: ignore[attr-defined]
 
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(after_in_child=renew)
+    os.register_at_fork(after_in_child=renew)
     return cls
 
 
@@ -129,5 +128,4 @@ def _give_back_in_child() -> None:
     _give_back()
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=_take_all, after_in_parent=_give_back, after_in_child=_give_back_in_child)
+os.register_at_fork(before=_take_all, after_in_parent=_give_back, after_in_child=_give_back_in_child)

@@ -10,9 +10,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from lissajous_env.envs.actions import action_space, action_table
-from lissajous_env.envs.gymnasium_env import refuse_rogue_agents, team_spaces
+from lissajous_env.envs.gymnasium_env import refuse_rogue_agents
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.envs.recorded import followed, replay_of
+from lissajous_env.envs.team_env import team_spaces
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
@@ -99,7 +100,8 @@ class LissajousVectorEnv(VectorEnv):
             self.single_observation_space = gymnasium.spaces.Box(layout.low, layout.high, dtype=np.float32)
             self.single_action_space = action_space(self.scenario, discrete_actions)
         else:
-            spaces = team_spaces(self.simulation, discrete_actions, flat_actions)
+            n = self.simulation.num_robots
+            spaces = team_spaces(self.scenario, n, discrete_actions, flat_actions)
             self.single_observation_space, self.single_action_space = spaces
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)

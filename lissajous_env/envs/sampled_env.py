@@ -45,7 +45,7 @@ class SampledParallelEnv(SpacesOfAgents):
         max_cycles: As for `LissajousParallelEnv`.
         device: Warp device.
         record: True to record episodes for `replay`.
-        **overrides: Fields of all scenarios, as in `lissajous_env.scenario`.
+        **overrides: Fields that are given instead of drawn, as for `ScenarioSpace.overridden`.
 
     Raises:
         UnknownSettingError: an unknown keyword (a `ValueError` and a `TypeError`).

@@ -10,17 +10,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from lissajous_env import here
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
-from lissajous_env.parameters.ids import register_ids, register_space_ids
+from lissajous_env.parameters.ids import register_ids
 from lissajous_env.parameters.overriding import overridden
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import SUFFIX, is_space_file, read_scenario_file, read_space_file
 from lissajous_env.parameters.shipped import SHIPPED
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.plugins import EntryPoints, import_attribute
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import nearest, shown, where_raised
 
 _SHIPPED = {each.name: each for each in SHIPPED}
@@ -112,7 +111,7 @@ def register_scenario_space(space: ScenarioSpace) -> ScenarioSpace:
     if space.name in _SHIPPED_SPACES or _SPACES.setdefault(space.name, space) != space:
         raise ValueError(f"name of a space must be new, got {space.name}, which another one has")
     if is_new:
-        register_space_ids(space.name)
+        register_ids(space.name, is_space=True)
     return space
 
 
@@ -262,10 +261,8 @@ def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
     """
     if max_cycles is None:
         return made
-    whole = isinstance(max_cycles, (int, np.integer)) and not isinstance(max_cycles, bool)
-    if not whole or not 1 <= max_cycles <= _MOST_STEPS:
-        raise ValueError(f"max_cycles must be a whole number from 1 to {_MOST_STEPS}, got {shown(max_cycles)}")
-    return build(made, **{"task.duration": int(max_cycles) * made.task.step})
+    steps = whole_number("max_cycles", max_cycles, 1, _MOST_STEPS)
+    return build(made, **{"task.duration": steps * made.task.step})
 
 
 def _warn(made: Scenario) -> None:

@@ -54,7 +54,12 @@ PARTS = {
 }
 ADDED = {"messages": dataclasses.asdict(Messages())}
 """Defaults of the parts that the first scenarios did not have: digests omit them, and files may."""
-_LATER = {"robot": {"drive_factors": None}, "targets": {"rogues": None, "sight": None}, "faults": {"stop": "dead"}}
+_LATER = {
+    "formation": {"start_headway": None},
+    "robot": {"drive_factors": None},
+    "targets": {"rogues": None, "sight": None},
+    "faults": {"stop": "dead"},
+}
 """Fields that the first scenarios did not have, with their defaults (None: empty): digests omit these."""
 
 _NO_DEFAULT = object()
@@ -249,6 +254,13 @@ class Scenario:
             factors[robot] *= factor
         factors.flags.writeable = False
         return factors
+
+    @cached_property
+    def top_speeds(self) -> np.ndarray:
+        """(N,) steady speed of each robot at full throttle [m/s]; infinite for robots that are no cars."""
+        if self.robot.kind != "car":
+            return np.full(self.num_robots, np.inf)
+        return np.array([self.robot.steady_speed(self.robot.drive * factor) for factor in self.drive_factors])
 
     @cached_property
     def robot_radius_bound(self) -> float:

@@ -142,6 +142,9 @@ class Formation(Checked):
         (), "must contain pairs of a robot and an angle from -100 to 100 [rad]", _as_displacement, units=("", "rad")
     )
     """Robots displaced along the phase at reset, each as (robot, angle [rad])."""
+    start_headway: float = number(0.0, 0, 1e3, "s")
+    """Time within which no two robots that go straight on from the start collide [s]: the random displacement of a
+    robot that would is drawn again, up to 99 times. With 0, none is, and bodies may overlap at the start."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ import numpy as np
 from lissajous_env.parameters.draws import Draws
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
-from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
+from lissajous_env.settings.checks import whole_number
+from lissajous_env.world.selection import chosen_worlds, world_mask
 from lissajous_env.world.simulation import Simulation
 
 

@@ -14,7 +14,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import is_whole
+from lissajous_env.settings.checks import LAST_SEED, is_whole, whole_number
 from lissajous_env.wording import shown
 from lissajous_env.world.columns import plain, score_of
 from lissajous_env.world.constants import constants_of
@@ -25,7 +25,7 @@ from lissajous_env.world.reward import TERMS
 from lissajous_env.world.robots.bin_sizes import bins_of
 from lissajous_env.world.rogues.rows import rogue_layout
 from lissajous_env.world.score import detection_times, episodes_of
-from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
+from lissajous_env.world.selection import chosen_worlds, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
 from lissajous_env.world.state import (
     RUNNING,
@@ -42,7 +42,6 @@ from lissajous_env.world.state import (
 )
 from lissajous_env.world.tally import EpisodeTotals
 
-_LAST_SEED = 2**31 - 1
 _TARGET_BYTES = 60
 
 _ROBOT_WORK, _TARGET_WORK = 500, 40
@@ -97,8 +96,7 @@ class Simulation:
     ):
         if threads is not None and not (is_whole(threads) and threads >= 1):
             raise ValueError(f"threads must be a whole number of at least 1 or None, got {shown(threads)}")
-        if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
-            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
+        seed = whole_number("seed", seed, 0, LAST_SEED)
         plain = isinstance(scenario, Scenario) and not overrides  # internal variants pass here without a warning
         self.scenario = (cast(Scenario, scenario) if plain else named.scenario(scenario, **overrides)).resolve()
         self.num_worlds = whole_number("num_worlds", num_worlds)
@@ -111,7 +109,7 @@ class Simulation:
         self._allocate()
         with compile_quietly():
             self._build()
-            self.reset(seeds=int(seed) + np.arange(self.num_worlds))
+            self.reset(seeds=seed + np.arange(self.num_worlds))
 
     @property
     def stages(self) -> Program:
@@ -349,9 +347,9 @@ def _checked_seeds(seeds: Any, count: int) -> np.ndarray:
     try:
         array = np.atleast_1d(np.asarray(seeds))
     except ValueError as error:  # rows of different lengths
-        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seeds)}") from error
-    if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > _LAST_SEED):
-        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seeds)}")
+        raise ValueError(f"seed must be a whole number from 0 to {LAST_SEED}, got {shown(seeds)}") from error
+    if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > LAST_SEED):
+        raise ValueError(f"seed must be a whole number from 0 to {LAST_SEED}, got {shown(seeds)}")
     if array.shape != (count,):
         raise ValueError(f"seeds must be one for each of the {count} worlds that are reset, got shape {array.shape}")
     return array.astype(np.int32)
