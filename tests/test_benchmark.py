@@ -347,7 +347,7 @@ def test_columns_that_do_not_fit_are_in_the_file_that_is_named(tmp_path):
         ({"overrides": {"name": "evil"}}, "override must name one of curve, .*got 'name'"),
         ({"address": ""}, "address"),
         ({"seed": 2**31 - 2}, "seed must be"),
-        ({"scenarios": ("failure", "failure")}, "each one once"),
+        ({"scenarios": ("failure", "failure")}, "each entry once"),
         ({"overrides": {"targets.cont": 3}}, "did you mean count"),
         ({"device": "gpu"}, "device must be one of"),
     ],

@@ -105,7 +105,7 @@ def test_a_step_that_was_left_out_is_refused():
     with pytest.raises(ValueError, match="at least one moment"):
         recorder.recording()
     simulation.step(np.zeros(simulation.action_shape, np.float32))
-    with pytest.raises(ValueError, match="step 0 is due, got 1"):
+    with pytest.raises(ValueError, match="expected step 0, got 1"):
         recorder.take()
 
 

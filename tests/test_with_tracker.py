@@ -82,7 +82,7 @@ def test_a_registered_coordinator_has_the_names_that_ours_have():
         scenario = lissajous_env.scenario("failure" if described["kind"] == "curve" else "rough", **SHORT)
         assert lissajous_env.evaluate(baselines.make(name, scenario), scenario, [0])[0]["policy"] == name
     assert registry.describe("my-method")["description"] == "Time-inverted Kuramoto, once more."
-    assert "by cars under model predictive contouring control" in registry.describe("my-method-mpcc")["description"]
+    assert "for cars with model predictive contouring control" in registry.describe("my-method-mpcc")["description"]
     baselines.register_coordinator("my-method", Again)  # the same again, as a module that is loaded anew does
     with pytest.raises(ValueError, match="name of a policy must be new, got my-method"):
         baselines.register_coordinator("my-method", Kuramoto)

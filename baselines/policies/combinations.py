@@ -26,11 +26,11 @@ COORDINATORS: dict[str, tuple[Callable[..., Coordinator], str]] = {
     "open-loop": (OpenLoop, "Constant phase rate of every robot, without feedback (Borkar et al.)"),
     "tracked-reference": (
         TrackedReference,
-        "Each robot tracks its own reference, which stops when it stops (Borkar et al.)",
+        "Each robot tracks its own reference, which stops with the robot (Borkar et al.)",
     ),
     "running-reference": (
         partial(TrackedReference, parameters=RUNNING),
-        "Each robot tracks its own reference, which keeps moving when it stops",
+        "Each robot tracks its own reference, which keeps moving if the robot stops",
     ),
     "consensus": (Consensus, "Linear consensus with the desired spacing given (Yao et al.)"),
     "arc": (KuramotoByArc, "Kuramoto on the arc length, at constant ground speed, without the guarantee"),
@@ -39,8 +39,8 @@ COORDINATORS: dict[str, tuple[Callable[..., Coordinator], str]] = {
 
 TRACKERS: dict[str, tuple[type[Coordinated], str]] = {
     "": (OnCurve, ""),
-    "-mpcc": (WithMpcc, ", by cars under model predictive contouring control"),
-    "-gvf": (WithVectorField, ", by cars that follow a guiding vector field (Yao et al.)"),
+    "-mpcc": (WithMpcc, ", for cars with model predictive contouring control"),
+    "-gvf": (WithVectorField, ", for cars that follow a guiding vector field (Yao et al.)"),
 }
 """Trackers by the suffix of their name, each with the end of the description."""
 

@@ -214,7 +214,9 @@ def registered_scenario(name: Any) -> Scenario:
 def unknown_scenario(name: Any, others: Iterable[str] = ()) -> ValueError:
     """Return the error for an unknown scenario, which suggests the closest match among scenarios and `others`."""
     if isinstance(name, str) and (space := _known_space(name)) is not None:
-        return ValueError(f"scenario must be one scenario, got the space {name}: name one of it, as {space.name}-0")
+        return ValueError(
+            f"scenario must be a single scenario, got the space {name}; choose one of its scenarios, as {space.name}-0"
+        )
     known = scenarios()
     hint = nearest(name, [*known, *others])
     words = f"scenario must be one of the {len(known)} that `lissajous scenarios` lists, got {shown(name)}{hint}"

@@ -129,7 +129,7 @@ def calls_inside(draw: np.random.Generator) -> str | None:
         simulation.step(np.zeros(simulation.action_shape))
         return f"{call} inside a step was taken"
     except RuntimeError as error:
-        if "is at work" not in str(error):
+        if "is running in" not in str(error):
             return f"{call} inside a step: {error}"
     inside.clear()
     simulation.load_state(saved)
