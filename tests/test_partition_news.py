@@ -54,7 +54,7 @@ def test_two_that_fail_leave_no_cell_open():
     ("policy", "size"), [("partition-repair", 15), pytest.param("line-abreast", 0, marks=pytest.mark.long)]
 )
 def test_no_robots_of_a_team_collide_under_the_proved_filter(policy, size):
-    """Oracle: half a minute in which two robots stop. Without a headway bodies of seeds 33, 35, 39 ... overlap at once."""
+    """Oracle: half a minute in which two robots stop. Without a headway, cars of seeds 33 and 35 collide at once."""
     scenario = lissajous_env.scenario("team", **{**NEWS, "messages.size": size, "task.duration": 30.0})
     rows = lissajous_env.evaluate(baselines.make(f"{policy}-proved", scenario, 8), scenario, range(33, 41))
     assert sum(row["collisions"] for row in rows) == 0

@@ -365,5 +365,4 @@ def test_a_start_without_room_ends():
     # Two robots whose places are given leave no other draw: the last one remains, and a reset ends.
     together = {"formation.displaced": ((1, 2 * math.pi / 5), (1, 2 * math.pi / 5)), "formation.start_headway": 0.2}
     scenario = lissajous_env.scenario("experiment", **{"formation.start_noise": 0.0, **together})
-    place = lissajous_env.Simulation(scenario).robots.position.numpy()[0]
-    assert np.linalg.norm(place[:, None] - place[None], axis=-1)[np.triu_indices(5, 1)].min() < 2 * scenario.robot.radius
+    assert _least_distances(lissajous_env.Simulation(scenario), 0.0).min() < 2 * scenario.robot.radius

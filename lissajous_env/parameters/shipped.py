@@ -155,8 +155,8 @@ SHIPPED = (
         name="team",
         description="Fifteen cars on the curve of Fig. 2; two neighbours stop from 15 s to 25 s.",
         curve=Curve(half_width=5.0, half_height=5.0, a=7, b=8),
-        # On this curve 0.02 rad are up to 4.3 m, so without a headway some bodies would overlap at the start. In 0.3 s two
-        # cars of 1.4 m/s or more that meet head on can turn away: they see it within a step, and need 0.28 m.
+        # On this curve 0.02 rad are up to 4.3 m, so without a headway some bodies would overlap at the start. In 0.3 s
+        # two cars of 1.4 m/s or more that meet head on can turn away: they see it within a step, and need 0.28 m.
         formation=Formation(phase_rate=0.05, coupling=1.0, p=7, start="rotated", start_noise=0.02, start_headway=0.3),
         robot=Robot(kind="car", radius=0.09, model_offset=3.804),
         targets=_ARRIVING,
