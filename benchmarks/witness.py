@@ -36,6 +36,8 @@ COSTS = ("evaders", "kuramoto-mpcc"), ("evaders", "open-loop-mpcc"), ("evaders-f
 COSTS = (*COSTS, ("team", "kuramoto-mpcc"), ("redundant", "kuramoto"), ("hall", "kuramoto-mpcc"))
 _EXACT = 1e-6
 _ROUNDS = 3
+_LABELS = 200_000_000
+"""Limit on the labels of episodes that are played at once, each of which takes 8 bytes."""
 
 
 def row_of(rogue: Witness) -> dict[str, Any]:
@@ -68,8 +70,9 @@ def measured(names: Sequence[str], seeds: int, together: int, out: Path | None) 
         for name in names:
             scenario = lissajous_env.scenario(name)
             for policy in [each for each in dict.fromkeys((*CARS, *POINTS)) if each in baselines.names(scenario)]:
-                batch = [seed for seed in range(first, first + together) if (name, policy, seed) not in done]
-                if batch:
+                wanted = [seed for seed in range(first, first + together) if (name, policy, seed) not in done]
+                at_once = max(_LABELS // labels_of(scenario), 1)
+                for batch in [wanted[k : k + at_once] for k in range(0, len(wanted), at_once)]:
                     acting = baselines.make(policy, scenario, len(batch))
                     found = witnesses_of(acting, scenario, batch, prove=False)
                     new = [row_of(rogue) for rogue in found if rogue is not None]
@@ -81,10 +84,17 @@ def measured(names: Sequence[str], seeds: int, together: int, out: Path | None) 
     return rows
 
 
+def labels_of(scenario: lissajous_env.Scenario) -> int:
+    """Return the number of labels that the search reads of an episode."""
+    hops = scenario.spreading
+    return scenario.task.steps // hops.period * hops.columns * hops.rows
+
+
 def costs_of(name: str, policy: str, worlds: int) -> list[str]:
     """Return a row of the costs of the stage and of a witness, measured by turns on the same episodes."""
     scenario = lissajous_env.scenario(name)
     bare = lissajous_env.scenario(scenario, **{"task.contamination": None})
+    worlds = min(worlds, max(_LABELS // labels_of(scenario), 1))
     episodes = play(baselines.make(policy, scenario, worlds), scenario, list(range(worlds)))
     sides: list[tuple[Callable[[], Any], list[float]]] = [
         (lambda made=made: repeat(made, episodes), []) for made in (scenario, bare)
@@ -94,9 +104,9 @@ def costs_of(name: str, policy: str, worlds: int) -> list[str]:
     )
     for _ in range(_ROUNDS):
         for act, times in sides:
-            began = time.perf_counter()
+            began = time.process_time()
             act()
-            times.append(time.perf_counter() - began)
+            times.append(time.process_time() - began)
     whole, alone, witness = (1e3 * statistics.median(times) / worlds for _, times in sides)
     cells = [f"{whole - alone:.3g}", f"{witness:.3g}", f"{witness / (whole - alone):.2g}"]
     return [f"`{name}`, `{policy}`", *cells]
@@ -114,7 +124,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     known = [name for name in lissajous_env.scenarios() if lissajous_env.scenario(name).task.contamination]
     parser.add_argument("--seeds", type=int, default=32)
-    parser.add_argument("--together", type=int, default=16, help="episodes that are played together")
+    parser.add_argument("--together", type=int, default=16, help="seeds of every policy before further ones")
     parser.add_argument("--scenarios", nargs="+", default=known)
     parser.add_argument("--out", type=Path)
     parser.add_argument("--cost", action="store_true", help="measure times instead")

@@ -135,5 +135,5 @@ def test_the_summary_has_limits_and_pairs_and_another_reference_plays_nothing_ag
     )
     assert json.loads((tmp_path / "summary.json").read_text())["against"]["intruders"]["reference"] == "still"
     assert (tmp_path / "episodes.jsonl").read_bytes() == before
-    with pytest.raises(ValueError, match=r"against must be a policy that is played \(laps, still\), got sweep"):
+    with pytest.raises(ValueError, match=r"against must be one of the policies \(laps, still\), got sweep"):
         run(Benchmark(**given, out=tmp_path, against="sweep"), console=Console(quiet=True))

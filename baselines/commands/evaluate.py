@@ -52,9 +52,9 @@ def evaluate(
         batch: number of episodes that are played together; it changes the speed, not the results.
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         out: CSV file to which the score rows are written; without it they are only summarized.
-        rogues: rogue by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs a
-            scenario with task.contamination; a learned one, such as hide-from-sweep or a folder; or some joined by +.
-            Without it they move as the scenario says.
+        rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
+            task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default
+            targets move as the scenario defines.
         output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """

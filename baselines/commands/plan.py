@@ -65,17 +65,18 @@ def plan(
         robot_radius: radius of a robot's body [m].
         sensor_radius: radius of a robot's sensing disc [m].
         speed: top speed of the robots [m/s].
-        turning_radius: radius of a car's tightest circle [m]; without it robots are points that stay on the curve, with
-            which formations alone can be played.
+        turning_radius: radius of a car's tightest circle [m]; without it robots are points that stay on the curve, and
+            all plans are formations.
         rogue_speed: top speed of evading targets that know the robots' future [m/s]; 0 by default.
-        entry: place where targets appear: anywhere in the rectangle, on its boundary, or where no robot senses.
+        entry: place where targets appear: anywhere in the rectangle, on its boundary, or outside all sensing discs.
         failures: number of robots that fail for good at random times, and are removed.
-        guarantee: time within which every target must be detected [s]; of a range of robots, the fewest are sought.
+        guarantee: time within which every target must be detected [s]; if robots is a range, the command searches for
+            the smallest number that achieves it.
         seconds: duration of the search [s].
-        optimise: also improve paths of any form by CMA-ES, from the best plans; requires the extra `plan`, and takes
-            more seconds to be worth it.
-        fixed_start: only plans whose robots begin where the scenario places them.
-        rows: most plans to show and to write.
+        optimise: also improve paths of any form by CMA-ES, from the best plans; requires the extra `plan` and a longer
+            search.
+        fixed_start: include only plans whose robots begin where the scenario places them.
+        rows: largest number of plans to show and to write.
         seed: seed of the simulated episodes and of the search.
         out: folder to which the plans are written, one folder each, with a picture of the best three.
         output: Console output.

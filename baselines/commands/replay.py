@@ -56,9 +56,9 @@ def replay(
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         speed: playback speed, in seconds of the episode per second, from 0.01 to 1000.
         fps: frames per second of a GIF or MP4, from 0.1 to 50; more of them make a larger file.
-        rogues: rogue by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs a
-            scenario with task.contamination; a learned one, such as hide-from-sweep or a folder; or some joined by +.
-            Without it they move as the scenario says.
+        rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
+            task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default
+            targets move as the scenario defines.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
@@ -97,5 +97,5 @@ def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, ov
         scenarios, policy, home = scenarios_and_policy(names)
         return record_one(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=overrides), output, home)
     if overrides:
-        raise ValueError("overrides must be left out beside a recording, which was played as it is")
+        raise ValueError("overrides must be omitted for a recording, which is replayed unchanged")
     return load(first)

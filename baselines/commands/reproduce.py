@@ -127,7 +127,7 @@ def _chosen(figures: Sequence[str]) -> list[str]:
     for name in figures:
         if name not in PARTS and name != "all":
             known = [*PARTS, "all"]
-            raise ValueError(f"figures must be of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
+            raise ValueError(f"figures must be some of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
     return list(PARTS) if "all" in figures or not figures else [name for name in PARTS if name in figures]
 
 

@@ -39,9 +39,9 @@ def run(
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf, .npz (a recording) or .mcap (a log of
             ROS); without it, a window opens if there is a display.
-        rogues: rogue by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs a
-            scenario with task.contamination; a learned one, such as hide-from-sweep or a folder; or some joined by +.
-            Without it they move as the scenario says.
+        rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
+            task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default
+            targets move as the scenario defines.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """

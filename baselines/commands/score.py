@@ -37,7 +37,7 @@ def score(
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
-    """Score a log of robots with the simulation's score; its targets are virtual.
+    """Score a log of robots like a simulated episode, with virtual targets.
 
     Example:
         lissajous score lab.mcap --scenario lab.toml --episodes 16 --out lab.html

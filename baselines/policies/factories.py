@@ -43,12 +43,12 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
             "(nor is it a policy: a name that `lissajous policies` lists, a checkpoint's folder, or module:factory)"
         )
     if len(policies) > 1:
-        raise ValueError(f"policy must be one alone, got {few_of(policies)}")
+        raise ValueError(f"exactly one policy must be given, got {few_of(policies)}")
     if not policies and not unknown:
-        raise ValueError(f"policy must be given beside the scenario, got {few_of(names)}")
+        raise ValueError(f"policy must be given after the scenario, got {few_of(names)}")
     if not asked:
         raise ValueError(
-            f"scenario must be given beside the policy, one that `lissajous scenarios` lists; got {shown(names[0])}"
+            f"scenario must be given before the policy, one that `lissajous scenarios` lists; got {shown(names[0])}"
         )
     return tuple(asked), (policies or unknown)[0]
 

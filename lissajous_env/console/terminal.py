@@ -33,7 +33,7 @@ class Output:
     """Options for a command's output."""
 
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Print only the result, as JSON; a number that does not exist is null."""
+    """Print only the result, as JSON; undefined numbers are null."""
     quiet: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Print nothing but errors and the JSON; files are still written."""
 

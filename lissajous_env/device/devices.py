@@ -75,11 +75,11 @@ def copy_in(name: str, value: Any, target: Any) -> None:
     """
     if is_torch(value):
         if value.is_complex() or str(value.dtype) == "torch.bool":
-            raise ValueError(f"{name} must hold real numbers, got {value.dtype}")
+            raise ValueError(f"{name} must contain real numbers, got {value.dtype}")
         value = wp.from_torch(value.detach().float().contiguous())
     elif isinstance(value, wp.array):
         if value.dtype is not wp.float32:
-            raise ValueError(f"{name} must hold float32 where it is a Warp array, got {value.dtype.__name__}")
+            raise ValueError(f"{name} must contain float32 if it is a Warp array, got {value.dtype.__name__}")
     else:
         value = _as_floats(name, value)
     if tuple(value.shape) != tuple(target.shape):
@@ -94,9 +94,9 @@ def _as_floats(name: str, value: Any) -> np.ndarray:
     try:
         array = np.asarray(value)
     except ValueError as error:  # rows of different lengths
-        raise ValueError(f"{name} must hold real numbers, got rows of different lengths") from error
+        raise ValueError(f"{name} must contain real numbers, got rows of different lengths") from error
     if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name} must hold real numbers, got {array.dtype} {value!r:.80}")
+        raise ValueError(f"{name} must contain real numbers, got {array.dtype} {value!r:.80}")
     # A number beyond the range of float32 becomes infinite, and is treated as such.
     with np.errstate(over="ignore"):
         return np.asarray(array, dtype=np.float32, order="C")

@@ -78,7 +78,7 @@ class Stage:
         placed = {name for names in _PLACED.values() for name in names}
         got = tuple(name for name in self.labels if name in placed)
         if self.is_kernel and got != _PLACED[self.layout]:
-            rule = f"of layout {self.layout} must take {', '.join(_PLACED[self.layout])}"
+            rule = f"of layout {self.layout} must have {', '.join(_PLACED[self.layout])}"
             raise ValueError(f"kernel of stage {self.name} {rule}, got {', '.join(got) or 'none of them'}")
 
     @property

@@ -45,9 +45,9 @@ class Turn:
     def refusal(self) -> RuntimeError:
         """The error of a turn that cannot begin."""
         if self.lost:
-            words = "was at work in another thread when this process was forked; it is half done, so make another one"
+            words = "was running in another thread when this process was forked and is incomplete; make another one"
         else:
-            words = "is at work in this thread; what runs meanwhile, a signal handler or an extension, must not call it"
+            words = "is running in this thread; a signal handler or an extension must not call it"
         return RuntimeError(f"{self.owner} {words}")
 
 

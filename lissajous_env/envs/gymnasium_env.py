@@ -27,7 +27,7 @@ def team_spaces(simulation: Simulation, discrete: bool, flat: bool) -> tuple[gym
 def refuse_rogue_agents(scenario: Scenario) -> None:
     """Raise ValueError for a scenario whose rogues are agents."""
     if scenario.targets.rogues == AGENTS:
-        rule = "must be None or a scripted rogue where the team of robots is the agent"
+        rule = "must be None or a scripted rogue if the team of robots is the agent"
         raise ValueError(f"targets.rogues {rule}, got {AGENTS}; robots=POLICY makes an environment of the rogues")
 
 

@@ -181,7 +181,7 @@ class LissajousVectorEnv(VectorEnv):
         Rows of one world share its picture. Return None without a render mode.
         """
         if self.render_mode is None:
-            gymnasium.logger.warn("render was called on an environment that was made without a render_mode")
+            gymnasium.logger.warn("render was called on an environment without a render_mode")
             return None
         if self._gallery is None:
             from lissajous_env.render import Gallery
@@ -220,7 +220,7 @@ class LissajousVectorEnv(VectorEnv):
             raise ValueError(f"reset_mask must be bool of shape ({self.num_envs},), got {shown(mask)}")
         of_worlds = np.asarray(mask).reshape(len(self._begun), self._rows_each)
         if (of_worlds.any(axis=1) != of_worlds.all(axis=1)).any():
-            raise ValueError("reset_mask must hold all robots of a world or none: worlds begin anew as wholes")
+            raise ValueError("reset_mask must contain all rows of a world or none, because worlds are reset as a whole")
         return np.flatnonzero(of_worlds.all(axis=1))
 
     def _of_robots(self, actions: Any) -> Any:

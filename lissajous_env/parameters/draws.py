@@ -68,8 +68,10 @@ class Draws:
             if made.num_robots == robots if fits is None else fits(made):
                 return made, self._seed_of_episodes(group)
         if fits is not None:
-            raise ValueError(f"space {self.space.name} must have more scenarios that fit, got none")
-        raise ValueError(f"space {self.space.name} must have more scenarios with {self.robots[group]} robots, got none")
+            raise ValueError(f"space {self.space.name} must contain more scenarios of the largest size, got none")
+        raise ValueError(
+            f"space {self.space.name} must contain more scenarios with {self.robots[group]} robots, got none"
+        )
 
     def latest(self, group: int) -> tuple[Scenario, int]:
         """Return the latest scenario of a group, and the seed for its worlds, again."""

@@ -200,12 +200,12 @@ def as_extensions(given: Any) -> tuple[Extension, ...]:
             raise ValueError(f"extensions must be objects or module:name, got {shown(one)}")
     names = [one.name for one in made]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ValueError(f"extensions must have names of their own, got {few_of(twice)} twice")
+        raise ValueError(f"extensions must have different names, got {few_of(twice)} twice")
     entries = [entry for one in made if isinstance(one, ObservationEntry) for entry in one.entries]
     if twice := sorted({entry for entry in entries if entries.count(entry) > 1}):
-        raise ValueError(f"entries of the observation must have names of their own, got {few_of(twice)} twice")
+        raise ValueError(f"entries of the observation must have different names, got {few_of(twice)} twice")
     if sum(isinstance(one, TargetMotion) for one in made) > 1:
-        raise ValueError(f"extensions must hold one motion of targets at most, got {few_of(names)}")
+        raise ValueError(f"extensions must contain at most one motion of targets, got {few_of(names)}")
     return made
 
 
@@ -215,7 +215,7 @@ def _loaded(one: Any) -> Any:
     if not isinstance(one, Mapping):
         return one
     if not isinstance(place := one.get("place"), str):
-        raise ValueError(f"extensions must hold tables with a place, as module:name, got {shown(one)}")
+        raise ValueError(f"extensions must contain tables with a place, as module:name, got {shown(one)}")
     return load_extension(place, {name: value for name, value in one.items() if name != "place"})
 
 

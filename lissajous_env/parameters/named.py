@@ -282,7 +282,9 @@ def _found(name: Any) -> Scenario:
     given = os.fspath(name) if isinstance(name, os.PathLike) else name
     if is_scenario_file(given):
         if is_space_file(given):
-            raise ValueError(f"scenario must be one scenario, got the space {given}: name one of it, as {given}:0")
+            raise ValueError(
+                f"scenario must be a single scenario, got the space {given}; choose one of its scenarios, as {given}:0"
+            )
         return _of_file(given)
     if isinstance(given, str) and (part := _SAMPLED.fullmatch(given)):
         space = scenario_space(part[1])

@@ -118,7 +118,7 @@ class Mixture:
             observation, reward, terminated, truncated: the arrays of these names, which are overwritten by each step.
 
         Raises:
-            ValueError: the action has another shape, or does not hold real numbers.
+            ValueError: the action has another shape, or does not contain real numbers.
         """
         given = np.asarray(action)
         if given.shape != self.action_shape or given.dtype.kind not in "fiu":

@@ -55,7 +55,7 @@ class Simulation:
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
         observation: (W, N, D) float32, one row a robot; `lissajous_env.world.observation` documents the entries.
         final_observation: (W, N, D) the rows with which each world's episode before ended.
-        reward: (W, N) float32; `reward_terms` (W, N, terms) holds its terms, named by `reward_term_names`.
+        reward: (W, N) float32; `reward_terms` (W, N, terms) contains its terms, named by `reward_term_names`.
         terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and zero was taken instead.
@@ -73,7 +73,7 @@ class Simulation:
     threads. A world whose episode has ended stands still, with reward 0, until it is reset.
 
     Args:
-        scenario: What to simulate: a scenario, or the name of one.
+        scenario: Name of a scenario, or a `Scenario`.
         num_worlds: W.
         device: `cpu`, `cuda` or `cuda:k`.
         seed: Seed of world 0; world k has seed + k.
@@ -82,8 +82,8 @@ class Simulation:
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
-        ValueError: a number of worlds below 1 or of more than the device's memory holds, a device that is not there,
-            or a seed out of range.
+        ValueError: the number of worlds is below 1 or exceeds the device's memory, the device is not available, or the
+            seed is out of range.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Simulation:
 
     @property
     def stages(self) -> Program:
-        """Stages of a step; `print(simulation.stages)` shows what each goes over, does and takes."""
+        """Stages of a step; `print(simulation.stages)` lists each with its description and its arguments."""
         return self._step
 
     @property
@@ -164,10 +164,11 @@ class Simulation:
             observation, reward, terminated, truncated: the arrays of these names.
 
         Raises:
-            ValueError: an action has another shape, does not hold real numbers, is missing, or has no rogues to move.
+            ValueError: an action has another shape, does not contain real numbers, or is missing, or there is one for
+                rogues that the scenario does not have.
         """
         if (rogue_action is not None) != (self.scenario.targets.rogues == AGENTS):
-            rule = f"must be given where targets.rogues is {AGENTS}, and only there"
+            rule = f"must be given if, and only if, targets.rogues is {AGENTS}"
             raise ValueError(f"rogue_action {rule}, got {shown(rogue_action)}")
         if rogue_action is not None:
             copy_in("rogue_action", rogue_action, self.rogue_action)
@@ -322,7 +323,7 @@ class Simulation:
         for name, array in self._groups().items():
             if name not in saved or saved[name].shape != array.numpy().shape:
                 got = saved[name].shape if name in saved else "none"
-                raise ValueError(f"saved state must hold {name} of shape {array.numpy().shape}, got {got}")
+                raise ValueError(f"saved state must contain {name} of shape {array.numpy().shape}, got {got}")
         for name, array in self._groups().items():
             array.assign(saved[name])
 

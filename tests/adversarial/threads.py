@@ -149,7 +149,7 @@ def signals(draw: np.random.Generator) -> str | None:
             simulation.step(zeros)
             taken[0] += 1
         except RuntimeError as error:
-            other.extend([] if "is at work" in str(error) else [str(error)])
+            other.extend([] if "is running in" in str(error) else [str(error)])
 
     before = signal.signal(signal.SIGALRM, step)
     signal.setitimer(signal.ITIMER_REAL, 0.001, float(draw.uniform(0.0002, 0.005)))

@@ -54,7 +54,7 @@ class MixedVecEnv(BatchVecEnv):
         for name in ("short", "short_time", "critic_places"):
             if name in settings:
                 raise ValueError(
-                    f"{name} must be left out where groups have scenarios of their own, got {settings[name]!r}"
+                    f"{name} must be omitted, because each group has its own scenario, got {settings[name]!r}"
                 )
         self._draws = Draws(space, split, seed, change)
         self._card_of, self._settings = card_of, settings

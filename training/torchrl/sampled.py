@@ -55,7 +55,7 @@ class SampledTorchEnv(EnvBase):
         discrete_actions: As for `LissajousTorchEnv`.
         state: Return the true state, of the size of the largest team and the largest number of target slots.
         threads: CPU threads of the simulations; all cores by default.
-        **overrides: Fields of all scenarios, as in `lissajous_env.scenario`.
+        **overrides: Fields that are given instead of drawn, as for `ScenarioSpace.overridden`.
 
     Raises:
         ValueError: an argument is invalid, rogues are agents, or scenarios have rows or actions of different sizes.
