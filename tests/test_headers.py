@@ -110,10 +110,12 @@ def nothing():
     pass
 
 with compile_quietly():
-    twice = threading.Thread(target=lambda: kernel_cache.load_together(kernels[:1], "cpu", lambda: 1))
-    twice.start()
-    kernel_cache.load_together([*kernels, nothing], "cpu", lambda: 2)
-    twice.join()
+    kernel_cache.load_together([*kernels[1:], nothing], "cpu", lambda: 2)
+    twice = [threading.Thread(target=lambda: kernel_cache.load_together(kernels[:1], "cpu", lambda: 1)) for _ in "ab"]
+    for thread in twice:
+        thread.start()
+    for thread in twice:
+        thread.join()
 print(json.dumps(built))
 """
 
