@@ -82,11 +82,14 @@ def follow_loop(
     spacing: float,
     lookahead: float,
     step: float,
+    gather: float,
     memory: wp.array2d(dtype=wp.vec2),
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
     """Drive to robot i's place in the file, which moves around the loop at cruising speed [m/s].
+
+    With a time constant `gather` [s] the places start from rest: their speed is (1 - exp(-t / gather)) of that.
 
     The memory of a robot is the index on the loop where its place began, and one more than the number of steps since
     then.
@@ -98,6 +101,8 @@ def follow_loop(
         slot = slot_of(i, own_phase(w, i, observation), curve, alpha, equilibrium, loop)
         known = wp.vec2(slot, 1.0)
     place = known[0] + (cruise * step * (known[1] - 1.0) + lookahead) / spacing
+    if gather > 0.0:
+        place -= cruise * gather * (1.0 - wp.exp(-step * (known[1] - 1.0) / gather)) / spacing
     memory[w, i] = wp.vec2(known[0], known[1] + 1.0)
     goal = loop[((int(wp.floor(place)) % size) + size) % size]
     position = own_position(w, i, curve, observation)
@@ -231,7 +236,8 @@ class Sweep(Policy):
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
         inputs = [self._curve, self._robot, self._driving, self._alpha, self._equilibrium, self._loop, self._cruise,
-                  self._spacing, self._lookahead, self.scenario.task.step, self._memory, observation]  # fmt: skip
+                  self._spacing, self._lookahead, self.scenario.task.step, self.parameters.gather,
+                  self._memory, observation]  # fmt: skip
         self.launch(follow_loop, self.shape, inputs, [self.action])
 
 
