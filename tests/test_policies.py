@@ -263,6 +263,30 @@ def test_the_places_of_a_patrol_start_from_rest():
     assert behind == pytest.approx(4.0 * cruising_speed(scenario) * (1 - np.exp(-10)), abs=0.1)
 
 
+def test_cars_with_a_lowest_speed_reach_their_places_along_the_loop():
+    """Oracle: the distances of the cars from the loop, and from one another along it."""
+    scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0})
+    loop = patrol_loop(scenario)
+    length = np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()
+    farthest, uneven = [], []
+    for slowest in (None, 0.3):
+        policy = Sweep(scenario, 32, parameters=SweepParameters(gather=2.0, slowest=slowest))
+        simulation, away = lissajous_env.Simulation(scenario, 32, seed=1), []
+        for _ in range(200):
+            played(policy, simulation, 1)
+            offsets = simulation.robots.position.numpy()[:, :, None, :2] - loop
+            distances = np.linalg.norm(offsets, axis=3)
+            away.append(distances.min(axis=2).max())
+        farthest.append(max(away[60:120]))
+        along = np.sort(distances.argmin(axis=2), axis=1) * length / len(loop)
+        gaps = np.diff(along, axis=1, append=along[:, :1] + length)
+        uneven.append((np.abs(gaps - length / 5).max(axis=1) > 1).mean())
+    assert farthest[1] < 0.15
+    assert farthest[0] > 0.4
+    # Robots that compare their phases with their neighbours' seldom disagree on the order of their places.
+    assert uneven[1] < 0.1 < uneven[0]
+
+
 @pytest.mark.parametrize(
     ("make", "rule"),
     [
