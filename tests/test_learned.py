@@ -90,16 +90,18 @@ def test_a_base_carries_the_network():
 
 def test_a_base_has_the_parameters_of_the_card(tmp_path):
     # Oracle: the base made with them by hand, under a network of zeros, after a checkpoint was written and read.
-    scenario, given = lissajous_env.scenario("intruders"), {"cruise": 1.2, "inset": 0.4}
+    scenario, parameters = lissajous_env.scenario("intruders"), SweepParameters(cruise=1.2, inset=0.4)
+    given = {"cruise": 1.2, "inset": 0.4}
     network = Network((np.zeros((2, 44)),), (np.zeros(2),), "relu")
     checkpoint.save(tmp_path, network, Card.of(scenario, base="sweep", base_parameters=given))
     _, actions = played(training.load(tmp_path, num_worlds=2), Simulation(scenario, 2), 30)
-    _, expected = played(Sweep(scenario, 2, "cpu", SweepParameters(**given)), Simulation(scenario, 2), 30)
+    _, expected = played(Sweep(scenario, 2, "cpu", parameters), Simulation(scenario, 2), 30)
     _, default = played(baselines.make("sweep", scenario, 2), Simulation(scenario, 2), 30)
     assert (actions == expected).all()
     assert (actions != default).any()
-    card = checkpoint.read(tmp_path)[1]
-    assert (Wiring(card, scenario).base.act(Simulation(scenario).observation.numpy()) == expected[0, :1]).all()
+    trained = Wiring(checkpoint.read(tmp_path)[1], scenario, 2)
+    rows = trained.read(Simulation(scenario, 2).observation.numpy())
+    assert (rows[:, :, -2:] == expected[0]).all()
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ CIRCLE = {"curve.harmonics": ((0.0, 0.7, 0.7, 0.0),), "robot.count": 3, "sensing
         ({"scenario": "experiment", "overrides": CIRCLE, "base": "none"}, None, ("kuramoto-gvf",), "arc-gvf"),
         ({"base": "none"}, None, ("kuramoto-mpcc",), "arc-mpcc"),
         ({"base": "laps"}, "laps", ("kuramoto-mpcc", "laps"), None),
-        ({"start": "learned-intruders"}, "laps", ("kuramoto-mpcc", "laps"), None),
+        ({"start": "learned-intruders"}, "sweep-safe", ("kuramoto-mpcc", "sweep-safe"), None),
         ({"algorithm": "dagger"}, None, ("kuramoto-mpcc",), "arc-mpcc"),
         ({"teacher": "sweep"}, None, ("kuramoto-mpcc",), "sweep"),
         ({"rivals": ("still",)}, "kuramoto-mpcc", ("still",), None),
