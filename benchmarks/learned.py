@@ -22,13 +22,23 @@ from baselines.benchmark.shown_columns import SHOWN
 from baselines.benchmark.statistics import Statistics, interquartile_mean, summarize
 from baselines.benchmark.tables import in_words, number
 from baselines.policies.base import Policy
+from baselines.policies.registry import unwrapped
+from baselines.policies.settings import PolicySettings
 from training.learned import checkpoint
 from training.learned.policy import find
 
 TUNED = Path(__file__).parent / "tuned.json"
 LEARNED = {"intruders": "learned-intruders", "rough-lost": "learned-rough"}
 OTHERS = {
-    "intruders": ("learned-intruders-safe", "kuramoto-mpcc", "arc-mpcc", "sweep", "sweep-safe", "laps"),
+    "intruders": (
+        "learned-intruders-proved",
+        "learned-intruders-safe",
+        "kuramoto-mpcc",
+        "arc-mpcc",
+        "sweep",
+        "sweep-safe",
+        "laps",
+    ),
     "rough-lost": ("learned-rough-safe", "kuramoto-mpcc", "kuramoto-mpcc-safe", "arc-mpcc-safe", "sweep-safe"),
 }
 COLUMNS = {"detection_time_mean": "detection [s]", "collisions": "collisions", "recovery_time": "recovery [s]"}
@@ -39,6 +49,11 @@ def candidates(scenario: str, worlds: int) -> dict[str, Policy]:
     made = lissajous_env.scenario(scenario)
     found = {LEARNED[scenario]: baselines.make(LEARNED[scenario], made, worlds)}
     found |= {name: baselines.make(name, made, worlds) for name in OTHERS[scenario]}
+    card = checkpoint.read(find(LEARNED[scenario]))[1]
+    if card.base is not None:
+        for name in (card.base, f"{unwrapped(card.base)[0]}-proved"):
+            policy = PolicySettings(name, card.base_parameters).make(made, worlds)
+            found[f"{name}, with the parameters of the base"] = policy
     tuned: dict[str, Any] = json.loads(TUNED.read_text()).get(scenario, {})
     for name, by_goal in tuned.items():
         played: list[Any] = [{}]
@@ -90,9 +105,9 @@ def ratios(scenario: str, scores: dict[str, dict[str, Statistics]], console: Con
 
 
 def touches(scenario: str, seeds: range) -> list[list[str]]:
-    """Return a row for the learned policy without and with the filter: the number of episodes with collisions."""
+    """Return a row for the learned policy without and with each filter: the number of episodes with collisions."""
     rows = []
-    for name in (LEARNED[scenario], f"{LEARNED[scenario]}-safe"):
+    for name in (LEARNED[scenario] + suffix for suffix in ("", "-safe", "-proved")):
         policy = baselines.make(name, scenario, len(seeds))
         played = lissajous_env.evaluate(policy, scenario, seeds)
         touched = [row["seed"] for row in played if row["collisions"] > 0]

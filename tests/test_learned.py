@@ -1,5 +1,6 @@
 """Learned policies: the interface of the classical ones, with the observation as the only input."""
 
+import re
 import subprocess
 import sys
 
@@ -10,6 +11,8 @@ import baselines
 import lissajous_env
 import training
 from baselines.policies import registry
+from baselines.policies.patrol import Sweep
+from baselines.policies.patrol_path import SweepParameters
 from lissajous_env import Simulation
 from tests.test_network import make_network
 from training.learned import checkpoint
@@ -83,6 +86,38 @@ def test_a_base_carries_the_network():
     observation = simulation.observation.numpy().copy()
     wanted = np.clip(base.act(observation) + 0.25 * np.array([1.0, -0.4], np.float32), -1, 1)
     assert policy.act(observation) == pytest.approx(wanted, abs=1e-6)
+
+
+def test_a_base_has_the_parameters_of_the_card(tmp_path):
+    # Oracle: the base made with them by hand, under a network of zeros, after a checkpoint was written and read.
+    scenario, parameters = lissajous_env.scenario("intruders"), SweepParameters(cruise=1.2, inset=0.4)
+    given = {"cruise": 1.2, "inset": 0.4}
+    network = Network((np.zeros((2, 44)),), (np.zeros(2),), "relu")
+    checkpoint.save(tmp_path, network, Card.of(scenario, base="sweep", base_parameters=given))
+    _, actions = played(training.load(tmp_path, num_worlds=2), Simulation(scenario, 2), 30)
+    _, expected = played(Sweep(scenario, 2, "cpu", parameters), Simulation(scenario, 2), 30)
+    _, default = played(baselines.make("sweep", scenario, 2), Simulation(scenario, 2), 30)
+    assert (actions == expected).all()
+    assert (actions != default).any()
+    trained = Wiring(checkpoint.read(tmp_path)[1], scenario, 2)
+    rows = trained.read(Simulation(scenario, 2).observation.numpy())
+    assert (rows[:, :, -2:] == expected[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"base": "sweep", "base_parameters": {"cruise": "fast"}}, "base_parameters must be numbers by name"),
+        ({"base_parameters": {"cruise": 1.0}}, "base_parameters must be empty without a base"),
+        ({"base": "sweep", "base_parameters": {"crise": 1.0}}, "got 'crise'; did you mean cruise?"),
+        ({"base": "sweep", "base_parameters": {"cruise": -1.0}}, "cruise must be from 0.001"),
+        ({"base": "still", "base_parameters": {"cruise": 1.0}}, "parameters must be empty for still"),
+    ],
+)
+def test_wrong_parameters_of_a_base_are_refused(more, message):
+    scenario = lissajous_env.scenario("intruders")
+    with pytest.raises(ValueError, match=re.escape(message)):
+        Card.of(scenario, **more).make_base(scenario, 1, "cpu")
 
 
 def test_a_policy_is_played_as_it_was_trained_to_the_last_bit():

@@ -14,7 +14,13 @@ from baselines.policies.coordinators.arc_length import ArcParameters, KuramotoBy
 from baselines.policies.coordinators.consensus import Consensus
 from baselines.policies.coordinators.kuramoto import Kuramoto
 from baselines.policies.patrol import Sweep
-from baselines.policies.patrol_path import SweepParameters, corner_radius, fastest_speed, patrol_loop
+from baselines.policies.patrol_path import (
+    SweepParameters,
+    corner_radius,
+    cruising_speed,
+    fastest_speed,
+    patrol_loop,
+)
 from baselines.policies.trackers.mpcc import WithMpcc
 from baselines.policies.trackers.point import OnCurve
 from baselines.policies.trackers.vector_field import FieldParameters, WithVectorField
@@ -220,6 +226,14 @@ def test_a_patrol_is_what_its_parameters_say():
     half = np.array([scenario.curve.half_width, scenario.curve.half_height])
     loop = patrol_loop(scenario, parameters=SweepParameters(inset=0.5))
     assert np.abs(loop).max(axis=0) == pytest.approx(half - 0.5, abs=1e-3)
+    bowed = patrol_loop(scenario, parameters=SweepParameters(inset=0.1, corner=1.0, bow=0.3))
+    for k, corner in ((0, half[1]), (1, half[0])):
+        from_side = half[k] - np.abs(bowed[:, k])
+        in_middle = np.abs(bowed[:, 1 - k]) < 0.02
+        share = min((corner - 0.1 - 1.0) / 2, 1)  # of the bow, which is whole two radii from the corner
+        assert from_side[in_middle] == pytest.approx(0.1 + 0.3 * share**2 * (3 - 2 * share), abs=5e-3)
+    # The arc of a corner of 1 m is (sqrt 2 - 1) m closer to the middle than the corner of the loop.
+    assert np.linalg.norm(half - np.abs(bowed), axis=1).min() == pytest.approx(0.1 * 2**0.5 + 2**0.5 - 1, abs=2e-3)
     lanes = patrol_loop(scenario, parameters=SweepParameters(lanes=4))
     crossings = np.flatnonzero(np.diff(np.sign(lanes[:, 0] - 0.1)))
     assert len(crossings) == 4
@@ -230,6 +244,47 @@ def test_a_patrol_is_what_its_parameters_say():
     played(policy, simulation, 10)
     gone = np.linalg.norm(simulation.robots.position.numpy()[0, :, :2] - before, axis=1)
     assert gone == pytest.approx(0.8, abs=0.1)
+
+
+def test_the_places_of_a_patrol_start_from_rest():
+    """Oracle: the integral of the places' speed, c (t - g (1 - exp(-t / g))) ahead of where each began."""
+    scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0})
+    length = np.linalg.norm(np.diff(loop := patrol_loop(scenario), axis=0, append=loop[:1]), axis=1).sum()
+    reached = []
+    for gather in (0.0, 4.0):
+        policy, simulation = (
+            Sweep(scenario, parameters=SweepParameters(gather=gather)),
+            lissajous_env.Simulation(scenario),
+        )
+        played(policy, simulation, 400)
+        places = simulation.robots.position.numpy()[0, :, :2]
+        reached.append(np.linalg.norm(places[:, None] - loop, axis=2).argmin(axis=1) * length / len(loop))
+    behind = (reached[0] - reached[1]) % length
+    assert behind == pytest.approx(4.0 * cruising_speed(scenario) * (1 - np.exp(-10)), abs=0.1)
+
+
+def test_cars_with_a_lowest_speed_reach_their_places_along_the_loop():
+    """Oracle: the distances of the cars from the loop, and from one another along it."""
+    scenario = lissajous_env.scenario("intruders", **{"targets.arrival_rate": 0.0})
+    loop = patrol_loop(scenario)
+    length = np.linalg.norm(np.diff(loop, axis=0, append=loop[:1]), axis=1).sum()
+    farthest, uneven = [], []
+    for slowest in (None, 0.3):
+        policy = Sweep(scenario, 32, parameters=SweepParameters(gather=2.0, slowest=slowest))
+        simulation, away = lissajous_env.Simulation(scenario, 32, seed=1), []
+        for _ in range(200):
+            played(policy, simulation, 1)
+            offsets = simulation.robots.position.numpy()[:, :, None, :2] - loop
+            distances = np.linalg.norm(offsets, axis=3)
+            away.append(distances.min(axis=2).max())
+        farthest.append(max(away[60:120]))
+        along = np.sort(distances.argmin(axis=2), axis=1) * length / len(loop)
+        gaps = np.diff(along, axis=1, append=along[:, :1] + length)
+        uneven.append((np.abs(gaps - length / 5).max(axis=1) > 1).mean())
+    assert farthest[1] < 0.15
+    assert farthest[0] > 0.4
+    # Robots that compare their phases with their neighbours' seldom disagree on the order of their places.
+    assert uneven[1] < 0.1 < uneven[0]
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -15,7 +16,10 @@ import lissajous_env
 from tests.adversarial import killing
 from tests.test_train import QUIET, SMALL
 from training.display import Display
+from training.learned import checkpoint
+from training.learned.card import Card
 from training.learned.history import LEARNING, MOST_UPDATES, History
+from training.learned.network import Network
 from training.sb3.trainer import train
 from training.settings import TrainingSettings
 
@@ -33,7 +37,7 @@ CIRCLE = {"curve.harmonics": ((0.0, 0.7, 0.7, 0.0),), "robot.count": 3, "sensing
         ({"scenario": "experiment", "overrides": CIRCLE, "base": "none"}, None, ("kuramoto-gvf",), "arc-gvf"),
         ({"base": "none"}, None, ("kuramoto-mpcc",), "arc-mpcc"),
         ({"base": "laps"}, "laps", ("kuramoto-mpcc", "laps"), None),
-        ({"start": "learned-intruders"}, "laps", ("kuramoto-mpcc", "laps"), None),
+        ({"start": "learned-intruders"}, "sweep-safe", ("kuramoto-mpcc", "sweep-safe"), None),
         ({"algorithm": "dagger"}, None, ("kuramoto-mpcc",), "arc-mpcc"),
         ({"teacher": "sweep"}, None, ("kuramoto-mpcc",), "sweep"),
         ({"rivals": ("still",)}, "kuramoto-mpcc", ("still",), None),
@@ -44,6 +48,36 @@ def test_the_papers_method_is_the_base_and_the_rival(given, base, rivals, imitat
     assert (settings.chosen_base, settings.chosen_rivals, settings.imitated) == (base, rivals, imitated)
     assert settings.to_dict()["base"] == (base or "none")
     assert settings.num_worlds == (512 if base is None else 128)
+
+
+def test_parameters_of_the_base_are_given_or_those_of_the_start(tmp_path):
+    given = ("cruise=1.9", "inset=0.05")
+    settings = TrainingSettings(base="sweep", base_parameters=given)
+    assert settings.chosen_base_parameters == {"cruise": 1.9, "inset": 0.05}
+    card = Card.of(settings.make_scenario(), base="sweep", base_parameters=settings.chosen_base_parameters)
+    checkpoint.save(tmp_path, Network((np.zeros((2, 44)),), (np.zeros(2),), "relu"), card)
+    assert TrainingSettings(start=str(tmp_path)).chosen_base_parameters == settings.chosen_base_parameters
+    assert TrainingSettings(start=str(tmp_path), base="sweep").chosen_base_parameters == {}
+    # A training refuses to resume with other parameters, also where one has none.
+    default, stored = TrainingSettings(base="sweep"), settings.to_dict()
+    assert [each.split()[0] for each in default.differences(stored)] == ["base_parameters"]
+    assert [each.split()[0] for each in settings.differences(default.to_dict())] == ["base_parameters"]
+    assert settings.differences(stored) == []
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"base": "sweep", "base_parameters": ("cruise",)}, "base_parameters must be given as name=number"),
+        ({"base": "sweep", "base_parameters": ("cruise=fast",)}, "got 'cruise=fast'"),
+        ({"base": "sweep", "base_parameters": ("cruise=1", "cruise=2")}, "got 'cruise=2'"),
+        ({"base": "sweep", "base_parameters": ("crise=1",)}, "did you mean cruise?"),
+        ({"base": "none", "base_parameters": ("cruise=1",)}, "base_parameters must be left out without a base"),
+    ],
+)
+def test_wrong_parameters_of_the_base_are_refused(given, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        TrainingSettings(**given)
 
 
 def test_a_robot_of_ones_own_has_no_base(monkeypatch):

@@ -39,8 +39,8 @@ def train(
 
     Options:
         training: scenario, set, algorithm, steps, seed, start, out
-        start and base: base, residual, initial_output, residual_penalty, teacher, imitation, imitation_steps,
-            imitation_batch, imitation_epochs
+        start and base: base, base_parameters, residual, initial_output, residual_penalty, teacher, imitation,
+            imitation_steps, imitation_batch, imitation_epochs
         worlds: worlds, groups, short, short_time, rollout, caution
         network: inputs, layers, activation, critic, critic_steps
         optimizer: learning_rate, batch_size, epochs, gamma, gae_lambda, clip_range, entropy, value_weight,

@@ -1,7 +1,10 @@
 """Ranges of the settings of a training that do not depend on its scenario."""
 
+import math
+from collections.abc import Iterable
 from typing import Any
 
+from lissajous_env.wording import shown
 from training.learned.network import ACTIVATIONS
 
 _MOST = {
@@ -21,6 +24,24 @@ _MOST = {
 }
 """Largest value of each whole number, all of which must be at least 1; larger ones can only be typing errors."""
 _POSITIVE = ("residual", "clip_range", "gradient_max", "short_time")
+
+
+def parse_numbers(name: str, entries: Iterable[str]) -> dict[str, float]:
+    """Parse numbers by name, as in ("cruise=1.9", "inset=0.1").
+
+    Raises:
+        ValueError: an entry is not of this form, or a name is given twice.
+    """
+    numbers: dict[str, float] = {}
+    for entry in entries:
+        word, equals, text = entry.partition("=")
+        try:
+            numbers[word] = float(text) if equals and word not in numbers else math.nan
+        except ValueError:
+            numbers[word] = math.nan
+        if not math.isfinite(numbers[word]):
+            raise ValueError(f"{name} must be given as name=number, each name once, got {shown(entry)}")
+    return numbers
 
 
 def require(settings: Any, name: str, holds: bool, rule: str) -> None:

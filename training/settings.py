@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from baselines.policies import registry
+from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env import scenario as make_scenario
 from lissajous_env.device.devices import as_device
@@ -17,7 +18,7 @@ from training import scenarios
 from training.learned import checkpoint
 from training.learned.constants import CONSTANTS
 from training.learned.policy import find
-from training.setting_ranges import check_numbers, require
+from training.setting_ranges import check_numbers, parse_numbers, require
 
 CHANGES_NOTHING = (
     "steps",
@@ -31,6 +32,8 @@ CHANGES_NOTHING = (
 )
 """Settings that may change when a training is resumed: they do not affect what is learned from a step."""
 
+_LEFT_OUT = ("base_parameters", "initial_output")
+"""Settings that a checkpoint names only if they are given."""
 _PAPERS_METHODS = {"car": ("kuramoto-mpcc", "kuramoto-gvf"), "curve": ("kuramoto",)}
 _GROUPS, _GROUP_SIZE = 32, 16
 """Default number of scenarios of a space that are played at the same time, and of the worlds of each."""
@@ -75,6 +78,9 @@ class TrainingSettings:
     base of `start`, or, if nothing is imitated, the paper's method: kuramoto-mpcc for cars (kuramoto-gvf on a curve
     of harmonics), kuramoto for points; for a space of scenarios, sweep for cars. The policy then starts as good as the
     base."""
+    base_parameters: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE ...", help_behavior_hint="")] = ()
+    """Parameters of the base that are not to be its defaults, as in cruise=1.9 inset=0.1; by default those of the base
+    of `start`, if that is used."""
     residual: float = 0.5
     """Factor of the network's output if there is a base: 0.5 lets it change an action by half of its range."""
     initial_output: tuple[float, ...] = ()
@@ -185,6 +191,10 @@ class TrainingSettings:
                 for made in played if name is not None else ():
                     registry.check(str(name), made)
 
+        if self.chosen_base_parameters:
+            self._require("base_parameters", self.chosen_base is not None, "must be left out without a base")
+            PolicySettings(str(self.chosen_base), self.chosen_base_parameters).make(self.make_scenario())
+
     def _check_for_space(self) -> None:
         """Raise ValueError for settings that suit only one scenario."""
         space = f"for a space of scenarios ({self.scenario})"
@@ -224,6 +234,13 @@ class TrainingSettings:
     def chosen_base(self) -> str | None:
         """Policy to whose action the network's output is added."""
         return self._base_and_reason[0]
+
+    @cached_property
+    def chosen_base_parameters(self) -> dict[str, float]:
+        """Parameters of the base that are not its defaults."""
+        if self.base is None and self.start is not None and not self.base_parameters:
+            return dict(checkpoint.read(find(self.start))[1].base_parameters)
+        return parse_numbers("base_parameters", self.base_parameters)
 
     @property
     def reason_for_base(self) -> str:
@@ -340,8 +357,10 @@ class TrainingSettings:
         kept = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         kept |= {"base": self.chosen_base or "none", "rivals": self.chosen_rivals, "worlds": self.num_worlds}
         kept |= {"noise_steps": self.chosen_noise_steps}
-        if not self.initial_output:
-            del kept["initial_output"]
+        kept["base_parameters"] = self.chosen_base_parameters
+        for name in _LEFT_OUT:
+            if not kept[name]:
+                del kept[name]
         if self.space is None:
             del kept["groups"], kept["evaluation_scenarios"]
         else:
@@ -353,7 +372,7 @@ class TrainingSettings:
         """Return the settings that prevent a training from resuming what is stored, each in words."""
         return [
             f"{name} = {stored.get(name)!r} there, {value!r} here"
-            for name, value in self.to_dict().items()
+            for name, value in (dict.fromkeys(_LEFT_OUT) | self.to_dict()).items()
             if name not in CHANGES_NOTHING and stored.get(name) != value
         ]
 

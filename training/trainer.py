@@ -62,6 +62,7 @@ class Trainer:
             settings.make_home_scenario(),
             settings.inputs,
             base=settings.chosen_base,
+            base_parameters=settings.chosen_base_parameters,
             residual=settings.residual if settings.chosen_base else 1.0,
             constants=settings.constants,
             settings=settings.to_dict() | {"code": _code_of(settings, self.scenario)},
@@ -185,10 +186,11 @@ class Trainer:
         if name is None:
             return None
         network, card, _ = checkpoint.read(find(name))
-        theirs = {"inputs": card.inputs, "constants": card.constants, "base": card.base}
+        shared = ("inputs", "constants", "base", "base_parameters")
+        theirs = {each: getattr(card, each) for each in shared}
         theirs |= {"layers": network.hidden, "activation": network.activation}
         settings = self.settings
-        ours = {"inputs": self.card.inputs, "constants": self.card.constants, "base": self.card.base}
+        ours = {each: getattr(self.card, each) for each in shared}
         ours |= {"layers": tuple(settings.layers)}
         for what, wanted in (ours | {"activation": settings.activation}).items():
             if theirs[what] != wanted:

@@ -9,7 +9,7 @@ import warp as wp
 from baselines.policies.base import Policy
 from baselines.policies.driving import Driving, drive_towards, driving_of, steady_speed
 from baselines.policies.memory import clear_worlds
-from baselines.policies.own_row import own_heading, own_key, own_phase, own_position, own_speed
+from baselines.policies.own_row import hears, lead, own_heading, own_key, own_phase, own_position, own_speed
 from baselines.policies.patrol_path import (
     SweepParameters,
     cruising_speed,
@@ -20,7 +20,7 @@ from baselines.policies.patrol_path import (
 )
 from lissajous_env.device import randomness
 from lissajous_env.device.compilation import OPTIONS
-from lissajous_env.device.curve import CurveStruct, curve_struct, point2
+from lissajous_env.device.curve import CurveStruct, curve_struct, point2, wrap
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.robot_models import model_of
@@ -70,6 +70,26 @@ def slot_of(
     return middle + float(rank * size) / float(n)
 
 
+@wp.func
+def agreed_phase(
+    w: int,
+    i: int,
+    equilibrium: wp.array(dtype=float),
+    ring: wp.array(dtype=wp.vec2i),
+    observation: wp.array3d(dtype=float),
+) -> float:
+    """Return robot i's phase after the mean of its own and its neighbours' deviations from the equilibrium is removed.
+
+    Robots whose phases deviate differently so agree better on the order of their places.
+    """
+    phase = own_phase(w, i, observation)
+    for side in range(2):
+        if hears(w, i, side, observation):
+            expected = equilibrium[ring[i][side]] - equilibrium[i]
+            phase += wrap(lead(w, i, side, observation) - expected) / 3.0
+    return phase
+
+
 @wp.kernel
 def follow_loop(
     curve: CurveStruct,
@@ -77,16 +97,22 @@ def follow_loop(
     driving: Driving,
     alpha: float,
     equilibrium: wp.array(dtype=float),
+    ring: wp.array(dtype=wp.vec2i),
     loop: wp.array(dtype=wp.vec2),
     cruise: float,
     spacing: float,
     lookahead: float,
     step: float,
+    gather: float,
+    slowest: float,
     memory: wp.array2d(dtype=wp.vec2),
     observation: wp.array3d(dtype=float),
     action_out: wp.array3d(dtype=float),
 ):
     """Drive to robot i's place in the file, which moves around the loop at cruising speed [m/s].
+
+    With a time constant `gather` [s] the places start from rest: their speed is (1 - exp(-t / gather)) of that. If
+    `slowest` [m/s] is not negative, a car drives there along the loop, at least at that speed.
 
     The memory of a robot is the index on the loop where its place began, and one more than the number of steps since
     then.
@@ -95,15 +121,26 @@ def follow_loop(
     size = loop.shape[0]
     known = memory[w, i]
     if known[1] == 0.0:
-        slot = slot_of(i, own_phase(w, i, observation), curve, alpha, equilibrium, loop)
+        phase = own_phase(w, i, observation)
+        if slowest >= 0.0:
+            phase = agreed_phase(w, i, equilibrium, ring, observation)
+        slot = slot_of(i, phase, curve, alpha, equilibrium, loop)
         known = wp.vec2(slot, 1.0)
     place = known[0] + (cruise * step * (known[1] - 1.0) + lookahead) / spacing
+    if gather > 0.0:
+        place -= cruise * gather * (1.0 - wp.exp(-step * (known[1] - 1.0) / gather)) / spacing
     memory[w, i] = wp.vec2(known[0], known[1] + 1.0)
     goal = loop[((int(wp.floor(place)) % size) + size) % size]
     position = own_position(w, i, curve, observation)
     speed = own_speed(w, i, steady_speed(robot), observation)
     # At cruising speed the distance of the goal stays `lookahead`; a car that is farther from it drives faster.
     wanted = cruise * wp.length(goal - position) / lookahead
+    if slowest >= 0.0:
+        here = nearest_on_loop(loop, position)
+        turns = (place - float(here)) / float(size)
+        ahead = (turns - wp.floor(turns + 0.5)) * float(size) * spacing
+        wanted = wp.max(cruise * ahead / lookahead, slowest)
+        goal = loop[(here + int(lookahead / spacing)) % size]
     action = drive_towards(robot, driving, position, own_heading(w, i, observation), speed, goal, wanted)
     action_out[w, i, 0] = action[0]
     action_out[w, i, 1] = action[1]
@@ -197,6 +234,14 @@ def act_at_random(observation: wp.array3d(dtype=float), action_out: wp.array3d(d
         action_out[w, i, k] = 2.0 * draw - 1.0
 
 
+def _neighbours(scenario: Scenario) -> np.ndarray:
+    """Return the robots before and after each robot on the ring, (N, 2)."""
+    ring = np.array(scenario.ring)
+    neighbours = np.empty((len(ring), 2), dtype=np.int32)
+    neighbours[ring] = np.stack([np.roll(ring, 1), np.roll(ring, -1)], axis=1)
+    return neighbours
+
+
 class Sweep(Policy):
     """Cars in single file, evenly spaced, on a loop: along the boundary if targets enter there, else along lanes."""
 
@@ -218,10 +263,12 @@ class Sweep(Policy):
         self._driving = driving_of(self.scenario)
         self._alpha = float(self.scenario.alpha)
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
+        self._ring = wp.array(_neighbours(self.scenario), dtype=wp.vec2i, device=self.device)
         self._loop = wp.array(loop, dtype=wp.vec2, device=self.device)
         self._cruise = self.parameters.cruise or cruising_speed(self.scenario)
         self._spacing = loop_spacing(loop)
         self._lookahead = lookahead(self.scenario, self._cruise, self.parameters)
+        self._slowest = -1.0 if self.parameters.slowest is None else self.parameters.slowest
         self._memory = wp.zeros(self.shape, dtype=wp.vec2, device=self.device)
 
     def forget(self, mask: np.ndarray) -> None:
@@ -230,8 +277,9 @@ class Sweep(Policy):
 
     def decide(self, observation: wp.array) -> None:
         """Write `action`."""
-        inputs = [self._curve, self._robot, self._driving, self._alpha, self._equilibrium, self._loop, self._cruise,
-                  self._spacing, self._lookahead, self.scenario.task.step, self._memory, observation]  # fmt: skip
+        inputs = [self._curve, self._robot, self._driving, self._alpha, self._equilibrium, self._ring, self._loop,
+                  self._cruise, self._spacing, self._lookahead, self.scenario.task.step, self.parameters.gather,
+                  self._slowest, self._memory, observation]  # fmt: skip
         self.launch(follow_loop, self.shape, inputs, [self.action])
 
 

@@ -14,6 +14,8 @@ _CRUISE = 0.85
 """Speed of a patrol as a share of the limit, so that a car that fell behind can catch up."""
 _ROOM = 1.15
 """Radius of the corners, in radii of a car's tightest turn."""
+_RAMP = 2.0
+"""Distance from a corner beyond which a side is bowed by the whole bow, in radii of the corner after its end."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,16 @@ class SweepParameters(Checked):
     boundary, else 0.7, or less if the corners would not fit."""
     lanes: int | None = whole(None, 2, 64)
     """Lanes of the loop, an even number; 2 goes around the rectangle. None is described in `patrol_loop`."""
+    corner: float | None = number(None, 1e-3, 1e4, "m")
+    """Radius of the loop's corners [m]; None is `corner_radius`."""
+    bow: float = number(0.0, 0, 1e4, "m")
+    """Further distance from the boundary in the middle of each side of a loop around the rectangle [m]. Round corners
+    must be close to the boundary to be covered; on the sides a target that flees is better passed from inside."""
+    gather: float = number(0.0, 0, 1e4, "s")
+    """Time constant in which the places in the file of `sweep` start to move [s], so that cars reach them sooner."""
+    slowest: float | None = number(None, 0, 1e4, "m/s")
+    """Lowest speed of a car of `sweep` that is ahead of its place, to which it then drives along the loop [m/s]; None:
+    cars drive straight to their places."""
     lookahead: float | None = number(None, 1e-3, 1e4, "m")
     """Distance of the goal ahead of a car's place [m]; None is the distance that the patrol drives in
     0.3 s, in the time scale of the paper's experiment, and at least 4 wheelbases."""
@@ -72,7 +84,7 @@ def patrol_loop(scenario: Scenario, points: int = 2048, parameters: SweepParamet
     parameters = parameters or SweepParameters()
     curve, radius = scenario.curve, scenario.sensing_radius
     A, B = curve.half_width, curve.half_height
-    corner = corner_radius(scenario, parameters.cruise)
+    corner = parameters.corner or corner_radius(scenario, parameters.cruise)
     at_boundary = scenario.targets.entry == "boundary"
     wanted = (0.1 if at_boundary else 0.7) * radius if parameters.inset is None else parameters.inset
     inset = max(min(wanted, B - corner, A - corner), 0.0)
@@ -88,7 +100,20 @@ def patrol_loop(scenario: Scenario, points: int = 2048, parameters: SweepParamet
             corners += [(near, y), (far, y)] if k % 2 == 0 else [(far, y), (near, y)]
         del corners[2]  # the first lane continues the way back
         corners.pop()  # and the last one into it
-    return _resampled(_rounded(np.array(corners), corner), points)
+    path = _resampled(_rounded(np.array(corners), corner), points)
+    if lanes == 2 and parameters.bow > 0:
+        path = _resampled(_bowed(path, np.array([A - inset, B - inset]), corner, parameters.bow), points)
+    return path
+
+
+def _bowed(path: np.ndarray, half_sides: np.ndarray, corner: float, bow: float) -> np.ndarray:
+    """Move the sides of a loop around the rectangle inwards, smoothly from the ends of its corners."""
+    from_sides = half_sides - np.abs(path)
+    share = np.clip((from_sides.max(axis=1) - corner) / (_RAMP * corner), 0, 1)
+    inwards = bow * share**2 * (3 - 2 * share)
+    rows, side = np.arange(len(path)), from_sides.argmin(axis=1)
+    path[rows, side] -= np.sign(path[rows, side]) * inwards
+    return path
 
 
 def _rounded(corners: np.ndarray, radius: float) -> np.ndarray:

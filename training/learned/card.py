@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from baselines.policies import registry
+from baselines.policies.base import Policy
+from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario
 from lissajous_env.console.terminal import plain
 from lissajous_env.world.observation import layout
@@ -38,6 +40,8 @@ class Card:
 
     The network also reads the base's action, after `inputs` and `constants`.
     """
+    base_parameters: Mapping[str, float] = field(default_factory=dict)
+    """Parameters of the base that are not its defaults, by name."""
     residual: float = 1.0
     """Factor of the network's output, clipped to [-1, 1], before it is added to the base's action."""
     constants: tuple[str, ...] = ()
@@ -60,6 +64,10 @@ class Card:
         base = self.base
         known = base is None or (isinstance(base, str) and registry.is_classical(base))
         require("base", known, "must be a registered classical policy, or none", base)
+        given = self.base_parameters
+        numbers = isinstance(given, Mapping) and all(type(value) in (int, float) for value in given.values())
+        require("base_parameters", numbers, "must be numbers by name", given)
+        require("base_parameters", base is not None or not given, "must be empty without a base", given)
         known = isinstance(self.constants, tuple) and all(name in CONSTANTS for name in self.constants)
         once = known and len(set(self.constants)) == len(self.constants)
         require("constants", once, f"must be some of {', '.join(CONSTANTS)}, each once", self.constants)
@@ -90,7 +98,7 @@ class Card:
         for name in names:
             require("policy", name in policy, f"must contain {name}", list(policy))
         values: dict[str, Any] = {name: policy[name] for name in names}
-        values["constants"] = policy.get("constants", ())
+        values["constants"], values["base_parameters"] = policy.get("constants", ()), policy.get("base_parameters", {})
         for name in ("inputs", "constants"):
             if isinstance(values[name], list):
                 values[name] = tuple(values[name])
@@ -99,8 +107,19 @@ class Card:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values of all fields but the settings and the scenario."""
         names = ("scenario", "kind", "inputs", "action_size", "base", "residual")
-        more = {"constants": self.constants} if self.constants else {}
-        return {name: getattr(self, name) for name in names} | more
+        more = ("constants", "base_parameters")
+        given = {name: getattr(self, name) for name in more if getattr(self, name)}
+        return {name: getattr(self, name) for name in names} | given
+
+    def make_base(self, scenario: Scenario, num_worlds: int, device: Any) -> Policy | None:
+        """Make the base, or return None if there is none.
+
+        Raises:
+            ValueError: the base does not fit the scenario, or has no such parameter.
+        """
+        if self.base is None:
+            return None
+        return PolicySettings(self.base, self.base_parameters).make(scenario, num_worlds, device)
 
     @property
     def network_inputs(self) -> int:

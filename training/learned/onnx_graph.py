@@ -93,6 +93,8 @@ def _model(network: Network, card: Card, scenario: Scenario) -> Any:
     graph = helper.make_graph(nodes, f"policy of {card.scenario}", inputs, [output], tensors)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", _OPSET)], ir_version=8)
     about = {"scenario": card.scenario, "robots": card.kind, "base": card.base or "none"}
+    if card.base_parameters:
+        about["base_parameters"] = json.dumps(dict(card.base_parameters))
     helper.set_model_props(model, about | {"observation": json.dumps(names)})
     checker.check_model(model)
     return model

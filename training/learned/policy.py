@@ -46,7 +46,7 @@ class Learned(Policy):
         _check(network, card)
         self.network, self.card, self.kind = network, card, card.kind
         columns = card.columns(self.scenario, or_silent=True)
-        self.base = None if card.base is None else baselines.make(card.base, self.scenario, num_worlds, self.device)
+        self.base = card.make_base(self.scenario, num_worlds, self.device)
         added_to = None if self.base is None else self.base.action
         if card.constants:
             values = constants_of(self.scenario, card.constants)

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 
-import baselines
 from lissajous_env import Scenario
 from lissajous_env.world.observation import layout
 from training.learned.card import Card
@@ -35,12 +34,12 @@ class Wiring:
     ):
         ranges, columns = layout(scenario), card.columns(scenario)
         self._columns = None if np.array_equal(columns, np.arange(ranges.size)) else columns
-        self.base, self._penalty, ends = None, 0.0, np.zeros(0, dtype=np.float32)
+        self._penalty, ends = 0.0, np.zeros(0, dtype=np.float32)
+        self.base = card.make_base(scenario, num_worlds, device)
         constants = constants_of(scenario, card.constants)
         self._constants = np.broadcast_to(constants, (num_worlds, scenario.num_robots, len(constants)))
-        if card.base is not None:
+        if self.base is not None:
             self._penalty = residual_penalty
-            self.base = baselines.make(card.base, scenario, num_worlds, device)
             self._base_action = np.zeros((num_worlds, scenario.num_robots, card.action_size), dtype=np.float32)
             self._adder = Adder(self._base_action.shape, card.residual)
             ends = np.ones(card.action_size, dtype=np.float32)
