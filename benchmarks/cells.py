@@ -34,7 +34,7 @@ _FIRST_SEED = 100
 def row_of(name: str, policy: str, grid: tuple[int, int], episodes: int) -> list[str]:
     """Return a row of the table."""
     scenario = lissajous_env.scenario(name)
-    radius, cell = scenario.sensing_radius, 2 * scenario.curve.half_width / grid[0]
+    radius, cell = scenario.sensing_radius, 2 * scenario.curve.half_width / (grid[0] - 1)
     times = []
     for factor, more in CHANGES:
         changed: dict[str, Any] = {"task.contamination": tuple(factor * cells for cells in grid)}
@@ -49,7 +49,7 @@ def row_of(name: str, policy: str, grid: tuple[int, int], episodes: int) -> list
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--episodes", type=int, default=8)
+    parser.add_argument("--episodes", type=int, default=6)
     parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     table = {"columns": TITLES, "rows": [row_of(*case, options.episodes) for case in CASES]}

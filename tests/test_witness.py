@@ -11,8 +11,9 @@ import baselines
 import lissajous_env
 from baselines.commands.exploit import exploit
 from lissajous_env.console.terminal import Output
-from lissajous_env.episodes.witness import witness_of, witnesses_of
+from lissajous_env.episodes.witness import nearest, witness_of, witnesses_of
 from lissajous_env.episodes.witness.lattice import COARSE, Fineness, Lattice, Window, lattice_of, packed, unpacked
+from lissajous_env.episodes.witness.played import play
 from lissajous_env.episodes.witness.replayed import record_again
 from lissajous_env.episodes.witness.search import Search
 from lissajous_env.replay import page
@@ -217,6 +218,20 @@ def test_a_move_of_the_search_is_never_detected():
 def data_of(html):
     """Data of a page."""
     return json.loads(html.partition('id="data"')[2].partition(">")[2].partition("</script>")[0])
+
+
+def test_episodes_that_are_searched_apart_have_the_same_rogues(monkeypatch):
+    # Law: the limit on the labels that are read at once changes no way.
+    scenario = lissajous_env.scenario("evaders", **SHORT)
+    episodes = play(baselines.make("open-loop-mpcc", scenario, 3), scenario, [0, 1, 2])
+    together, counts, search = nearest.longest_ways(episodes), [], nearest._longest_ways
+    monkeypatch.setattr(nearest, "_LABELS", 2 * episodes[0].labels.size)
+    monkeypatch.setattr(nearest, "_longest_ways", lambda some: (counts.append(len(some)), search(some))[1])
+    apart = nearest.longest_ways(episodes)
+    assert counts == [2, 1]
+    for one, other in zip(together, apart, strict=True):
+        assert one.appears_at == other.appears_at
+        assert np.array_equal(one.places, other.places)
 
 
 def test_the_page_shows_the_rogue():
