@@ -1,4 +1,4 @@
-"""Policies to compare against: the paper's method, its rivals, and what a person would try first."""
+"""Classical policies to compare with: the paper's method, competing methods and simple patrols."""
 
 import importlib
 import pkgutil
@@ -30,13 +30,13 @@ __all__ = [
 
 for _name, (_coordinator, _tracker, _about) in COMBINATIONS.items():
     register(_name, _tracker.kind, partial(_tracker, _coordinator), about=_about, on_request=_name in ON_REQUEST)
-register("sweep", "car", Sweep, about="A patrol in file: around the boundary, or in lanes.")
-register("laps", "car", Laps, about="The loop of the patrol, each car for itself, at top speed.")
-register("random", None, RandomWaypoint, about="Random waypoints; for points random phase rates.")
+register("sweep", "car", Sweep, about="Single-file patrol along the boundary, or in lanes.")
+register("laps", "car", Laps, about="The loop of `sweep`, each car independently, at top speed.")
+register("random", None, RandomWaypoint, about="Random waypoints; random phase rates for points.")
 register("still", None, Still, about="No motion.")
-register_wrapper("-safe", "car", Safe, "with the collision filter under it")
-register_wrapper("-close", "car", close, "with a filter that gives way late and little")
-register_wrapper("-proved", "car", Proved, "with a filter that is proved to prevent collisions")
+register_wrapper("-safe", "car", Safe, "with the collision filter")
+register_wrapper("-close", "car", close, "with a collision filter that intervenes late and gently")
+register_wrapper("-proved", "car", Proved, "with a filter that is proved, under conditions, to prevent collisions")
 
 # A policy in a file of its own there registers itself.
 for _module in sorted(each.name for each in pkgutil.walk_packages(policies.__path__, f"{policies.__name__}.")):

@@ -6,18 +6,20 @@ from the best of these. The seconds are processor time, so the result depends li
 shorter worst-case undetected time than the stored one, of whole episodes or of their second halves, takes its place in
 `baselines/planning/known`, together with this command and its figures. Plans with a collision, or without a bound, are
 not stored. `--again` first plays the stored plans of the scenario and stores their figures, which a change of the
-simulation or of the contamination grid alters.
+simulation or of the contamination grid alters. `--filtered` looks at partitions and lines under the proved filter too,
+for scenarios in which they collide on the way from the start.
 """
 
 import argparse
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from baselines.benchmark.standard import as_played
 from baselines.planning import best_known
 from baselines.planning.families.base import Settings
 from baselines.planning.families.known import Known
-from baselines.planning.families.tuned import LINES, PARTITIONS
+from baselines.planning.families.tuned import LINES, PARTITIONS, Tuned
 from baselines.planning.plans import SETTLED, Plan
 from baselines.planning.playing import Episodes, play, quietly
 from baselines.planning.search import Search
@@ -42,6 +44,14 @@ class Alike(Known):
         return Plan(self.name, task, found.settings, settings["stored"])
 
 
+def filtered(family: Tuned) -> Tuned:
+    """Return a family under the proved filter, of which the defaults and all numbers of rows or lines come first."""
+    counted = {"partition": "rows", "lines": "lines"}[family.name]
+    first = ({}, *({counted: count} for count in range(1, 9)))
+    policies = tuple(f"{each}-proved" for each in family.policies)
+    return replace(family, name=f"{family.name}-proved", policies=policies, first=first)
+
+
 def measure_again(name: str) -> None:
     """Store the figures of the stored plans of a scenario, as they are now."""
     for each in best_known.all_known():
@@ -60,15 +70,19 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--again", action="store_true")
+    parser.add_argument("--filtered", action="store_true")
     options = parser.parse_args()
     for name in options.scenarios:
         if options.again:
             measure_again(name)
         task, families = as_played(name, {}), (Alike(), PARTITIONS, LINES)
+        if options.filtered:
+            families += filtered(PARTITIONS), filtered(LINES)
         search = Search(task, Episodes(), families, options.seed, fixed_start=True, clock=time.process_time)
         with quietly():
             search.run(options.seconds, free_paths=True)
         command = f"python benchmarks/known.py {name} --seconds {options.seconds:g} --seed {options.seed}"
+        command += " --filtered" if options.filtered else ""
         kept = best_known.keep(name, search.finals, command)
         print(f"{name}: {len(search.looks)} looks, {len(search.finals)} played, stored: {', '.join(kept) or 'nothing'}")
         for each in sorted(search.finals, key=lambda each: each.figures.worst_case):

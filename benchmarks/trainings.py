@@ -78,7 +78,7 @@ def two_level_interval(
     except ValueError as error:
         raise ValueError("rows_by_training must have the same seeds in every row") from error
     if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
-        rule = "must hold finite numbers of at least two trainings on at least two seeds"
+        rule = "must contain finite numbers of at least two trainings on at least two seeds"
         raise ValueError(f"rows_by_training {rule}, got shape {table.shape}")
     generator = np.random.default_rng(seed)
     trainings, seeds = (generator.integers(0, size, (resamples, size)) for size in table.shape)
@@ -99,7 +99,7 @@ def scored(out: Path, scenario: str, seed: int, steps: int, episodes: int, more:
     if (folder / "checkpoint.json").exists():
         done = checkpoint.read(folder)[2]["counters"]["steps"]
         if done > 1.05 * steps + _ROLLOUT:
-            raise ValueError(f"{folder} must hold at most {steps:,} steps to be judged after these, got {done:,}")
+            raise ValueError(f"{folder} must contain at most {steps:,} steps to be judged after these, got {done:,}")
     command = [sys.executable, "-m", "lissajous_env", "train", "--scenario", scenario, "--steps", str(steps),
                "--seed", str(seed), "--out", str(folder), "--quiet", *more]  # fmt: skip
     subprocess.run(command, check=True)

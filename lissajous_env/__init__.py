@@ -21,7 +21,6 @@ from lissajous_env.episodes.policies import base as _base
 from lissajous_env.episodes.policies import load, policies, policy
 from lissajous_env.parameters.extensions import observation_entry, reward_term, score_column, target_motion
 from lissajous_env.parameters.ids import register_ids as _register_ids
-from lissajous_env.parameters.ids import register_space_ids as _register_space_ids
 from lissajous_env.parameters.named import (
     register_scenario,
     register_scenario_space,
@@ -100,7 +99,7 @@ __all__ = [
 for _each in _SHIPPED:
     _register_ids(_each.name)
 for _space in scenario_spaces():
-    _register_space_ids(_space)
+    _register_ids(_space, is_space=True)
 
 
 def __getattr__(name: str) -> _Any:

@@ -1,5 +1,6 @@
 """Settings of every test: no window, no waiting, random numbers that repeat, and registries of its own."""
 
+import gc
 import os
 import random
 import signal
@@ -56,6 +57,11 @@ def ctrl_c():
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="also run the tests marked long: minutes each")
+
+
+def pytest_collection_finish() -> None:
+    # What has been imported stays: to look through it at each collection takes some percent of all tests.
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -45,7 +45,7 @@ def with_(base=POINTS, **parts):
         (POINTS, []),
         (with_(robot={"count": 12}), ["12 robots on a curve with a + b = 15: the paper's bounds require N = a + b"]),
         (with_(robot={"count": 30}, formation={"p": 14}), ["2 robots share each place on the curve"]),
-        (with_(formation={"p": 3}), ["p = 3 of 15 robots is no stable", "15 robots on 5 places on a curve"]),
+        (with_(formation={"p": 3}), ["p = 3 of 15 robots is not a stable", "15 robots on 5 places on a curve"]),
         (with_(formation={"p": 7, "alpha": 1}), ["alpha = 1 and p = 7: ring neighbours are not neighbours on the"]),
         (with_(robot={"radius": 0.125}), ["bodies of 0.125 m, bound (6) allows 0.09779 m"]),
         (with_(sensing={"radius": 1.2}), ["sensors reach 1.2 m, (8) requires 1.47 m: T_max does not bound"]),

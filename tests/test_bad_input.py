@@ -119,7 +119,7 @@ NO_NUMBERS = {
 def test_an_action_that_is_no_numbers(action):
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"), 2)
     before = state_of(simulation)
-    with pytest.raises(ValueError, match=r"^action must hold real numbers, got"):
+    with pytest.raises(ValueError, match=r"^action must contain real numbers, got"):
         simulation.step(action)
     assert_untouched(simulation, before)
 
@@ -129,7 +129,7 @@ def test_a_warp_action_of_another_type(dtype):
     # Its bits used to be read as float32.
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"), 2)
     before = state_of(simulation)
-    with pytest.raises(ValueError, match=r"^action must hold float32 where it is a Warp array, got"):
+    with pytest.raises(ValueError, match=r"^action must contain float32 if it is a Warp array, got"):
         simulation.step(wp.zeros((2, 5, 1), dtype=dtype))
     assert_untouched(simulation, before)
 
@@ -322,7 +322,7 @@ def test_a_team_of_another_size(action):
     env = lissajous_env.LissajousEnv("failure")
     env.reset(seed=1)
     before = state_of(env.parallel.simulation)
-    with pytest.raises(ValueError, match="action must have a row for each of 5 robots, got"):
+    with pytest.raises(ValueError, match=r"action must have shape \(5, 1\), got"):
         env.step(action)
     with pytest.raises(ValueError, match="action of robot_0 must be numbers"):
         env.step(np.zeros((5, 2)))

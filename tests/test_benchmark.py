@@ -6,10 +6,12 @@ import functools
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -320,6 +322,18 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
         assert max(map(len, text.splitlines())) <= width
 
 
+def test_columns_that_do_not_fit_are_in_the_file_that_is_named(tmp_path):
+    console = Console(width=60, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
+    run(small(tmp_path, scenarios=("failure", "knot"), episodes=2), console=console)
+    (line,) = (each for each in console.export_text().splitlines() if each.startswith("Columns that do not fit"))
+    names, file = re.fullmatch(r"Columns that do not fit the terminal: (.*)\. They are in (\S+), .*", line).groups()
+    found = json.loads(Path(file).read_text())
+    tables = [of for part in ("statistics", "overall") for of in found[part].values()]
+    tables += [each["policies"] for each in found["against"].values()]
+    columns = {column for of in tables for policy in of.values() for column in policy}
+    assert {name.split()[0] for name in names.split(", ")} <= columns
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -333,7 +347,7 @@ def test_no_number_and_no_name_is_cut_at_any_width(width, digits):
         ({"overrides": {"name": "evil"}}, "override must name one of curve, .*got 'name'"),
         ({"address": ""}, "address"),
         ({"seed": 2**31 - 2}, "seed must be"),
-        ({"scenarios": ("failure", "failure")}, "each one once"),
+        ({"scenarios": ("failure", "failure")}, "each entry once"),
         ({"overrides": {"targets.cont": 3}}, "did you mean count"),
         ({"device": "gpu"}, "device must be one of"),
     ],

@@ -87,7 +87,7 @@ def test_damaged_settings_are_refused_by_name(out, name, value):
 @pytest.mark.parametrize(
     ("column", "value", "words"),
     [
-        ("policy", "sweep", "settings.json does not name"), ("policy", "open-loop", "there already"),
+        ("policy", "sweep", "settings.json does not name"), ("policy", "open-loop", "already contains"),
         ("episode", 7, "episode 7 of 2"), ("seed", 5, "must have seed 0"),
         ("collisions", "many", "collisions must be a whole number of at least 0"),
     ],

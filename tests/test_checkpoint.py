@@ -113,12 +113,12 @@ def test_any_entry_may_be_missing_or_wrong(folder):
 @pytest.mark.parametrize(
     ("place", "value", "words"),
     [
-        (("policy", "residual"), float("nan"), "it must hold finite numbers alone, got NaN"),
+        (("policy", "residual"), float("nan"), "it must contain only finite numbers, got NaN"),
         (("policy", "residual"), None, "residual must be from 0 to 2, got None"),
         (("policy", "residual"), "0.3", "residual must be from 0 to 2, got '0.3'"),
         (("policy", "residual"), 1e300, r"residual must be from 0 to 2, got 1e\+300"),
         (("policy", "residual"), True, "residual must be from 0 to 2, got True"),
-        (("policy", "action_size"), 10**400, "it must hold finite numbers alone"),
+        (("policy", "action_size"), 10**400, "it must contain only finite numbers"),
         (("policy", "action_size"), 2.0, "action_size must be a whole number of at least 1, got 2.0"),
         (("policy", "inputs"), "abc", "inputs must be words, each once, got 'abc'"),
         (("policy", "inputs"), ["x", "x"], "inputs must be words, each once"),

@@ -245,7 +245,7 @@ def test_without_ray_the_extra_is_named(tmp_path, monkeypatch):
     ("changes", "words"),
     [
         ({"engine": "spark"}, "engine must be local or ray"),
-        ({"address": "auto"}, "engine ray alone"),
+        ({"address": "auto"}, "only with engine ray"),
         ({"engine": "ray", "address": ""}, "address must be auto, local, HOST:PORT .* got ''"),
         ({"engine": "ray", "device": "cuda:1"}, "device of engine ray must be cpu or cuda"),
     ],

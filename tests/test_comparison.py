@@ -12,7 +12,7 @@ from rich.text import Text
 import lissajous_env
 from baselines.benchmark import clairvoyant, tables
 from baselines.benchmark.bounds import mean_time_bound
-from baselines.benchmark.comparison import compare, with_derived
+from baselines.benchmark.comparison import compare, complete, with_derived
 from baselines.benchmark.running import run
 from baselines.benchmark.shown_columns import OVER_LOWER_BOUND, SHOWN
 from baselines.benchmark.statistics import summarize
@@ -135,5 +135,14 @@ def test_the_summary_has_limits_and_pairs_and_another_reference_plays_nothing_ag
     )
     assert json.loads((tmp_path / "summary.json").read_text())["against"]["intruders"]["reference"] == "still"
     assert (tmp_path / "episodes.jsonl").read_bytes() == before
-    with pytest.raises(ValueError, match=r"against must be a policy that is played \(laps, still\), got sweep"):
+    with pytest.raises(ValueError, match=r"against must be one of the policies \(laps, still\), got sweep"):
         run(Benchmark(**given, out=tmp_path, against="sweep"), console=Console(quiet=True))
+
+
+def test_a_scenario_without_episodes_does_not_count_over_all():
+    # Story: every policy failed on the third scenario; a policy that played one of the others alone is left out.
+    scenarios = {name: lissajous_env.scenario(name) for name in ("rough", "evaders", "team")}
+    played = [row for of in ("rough", "evaders") for row in rows("a", of, detection_time_mean=[1.0, 2.0])]
+    played += rows("b", "evaders", detection_time_mean=[3.0])
+    assert {names: [*of] for names, of in complete(played, scenarios).items()} == {"rough, evaders": ["a"]}
+    assert complete(played[:2], scenarios) == {}

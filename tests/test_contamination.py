@@ -261,7 +261,7 @@ def test_what_a_disc_sweeps_is_a_stadium():
             {"task.contamination": (900, 400), "targets.speed_limit": 9.0},
             "of what an evading target moves in a step",
         ),
-        ({"targets.speed_limit": 0.1}, "at least what these targets move at, 0.2 m/s"),
+        ({"targets.speed_limit": 0.1}, "at least the speed of these targets, 0.2 m/s"),
         (
             {"task.contamination": (90, 40), "targets.custom": 0.5, "targets.wandering": 0.5},
             "speed_limit must be given",

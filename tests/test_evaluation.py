@@ -46,7 +46,7 @@ def test_a_policy_that_returns_no_numbers_is_named_with_where_it_did(value):
     scenario = lissajous_env.scenario("failure", **SHORT)
     policy = Failing(scenario, 3, value=value, step=7, world=2, episode=1)
     words = (
-        r"^policy failing must return finite actions, got one that is not in step 7 of failure in world 2 \(seed 15\)$"
+        r"^policy failing must return finite actions, got NaN or infinity in step 7 of failure in world 2 \(seed 15\)$"
     )
     with pytest.raises(InvalidActionError, match=words):
         evaluate(policy, scenario, range(10, 20))
@@ -105,7 +105,7 @@ def test_a_benchmark_counts_it_as_a_failure_of_that_policy_alone(tmp_path):
     outcome = measure(settings, {"failing": failing}, console=Console(quiet=True))
     (failure,) = outcome.failures
     assert failure.policy == "failing"
-    assert "must return finite actions, got one that is not in step 7 of failure in world 0" in failure.error
+    assert "must return finite actions, got NaN or infinity in step 7 of failure in world 0" in failure.error
     assert {row["policy"] for row in outcome.rows} == {"still"}
 
 

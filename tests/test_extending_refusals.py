@@ -77,9 +77,9 @@ def test_a_module_without_a_scenario(given, words, capsys):
 
 
 FILES = {
-    "curve = 3": "must hold curve as a table, got int",
-    "name = 3": "must hold name as text, got int",
-    "base = ['failure']": "must hold base as text, got list",
+    "curve = 3": "must contain curve as a table, got int",
+    "name = 3": "must contain name as text, got int",
+    "base = ['failure']": "must contain base as text, got list",
     "[cruve]\na = 3": "'cruve'; did you mean curve",
     "[curve]\nhalf_widht = 3": "curve.half_widht; did you mean half_width",
     "[curve]\na = 2": "curve.a must be an odd whole number from 1 to 1023, got 2",
@@ -92,23 +92,23 @@ FILES = {
     "[faults]\nschedule = [[99, 5.0, inf]]": "faults.schedule must name robots 0 to 4",
     "base = 'falure'": "scenario must be one of .* got 'falure'; did you mean failure",
     "base = 'theirs:scenario'": "scenario must be one of .* got 'theirs:scenario'",
-    "extensions = 'theirs:term'": "must hold extensions as a list, got str",
+    "extensions = 'theirs:term'": "must contain extensions as a list, got str",
     "extensions = ['theirs:number']": "extension theirs:number must be made by reward_term",
     "extensions = ['theirs:gone']": "has no attribute 'gone'",
     "extensions = [3]": "extensions must be objects or module:name, got 3",
-    "extensions = [{weight = 1.0}]": "extensions must hold tables with a place, as module:name, got",
-    "extensions = [{place = 3}]": "extensions must hold tables with a place, as module:name, got",
+    "extensions = [{weight = 1.0}]": "extensions must contain tables with a place, as module:name, got",
+    "extensions = [{place = 3}]": "extensions must contain tables with a place, as module:name, got",
     "extensions = [{place = 'theirs:term', wight = 1.0}]": "must be of weight, got 'wight'; did you mean weight?",
     "extensions = [{place = 'theirs:term', weight = 'much'}]": "weight of theirs:term must be a number, got 'much'",
     "extensions = [{place = 'theirs:term', name = 'x'}]": "settings of theirs:term must be of weight, got 'name'",
     "base = 'x.toml'": "scenario must be one of .* got 'x.toml'",
     "name = 'two words'": "name of a scenario must be a word",
     "name = 'other.toml'": "name of a scenario must be a word",
-    "'curve.a' = 3": "must hold name, description, base, extensions, curve, .* got 'curve.a'",
+    "'curve.a' = 3": "must contain name, description, base, extensions, curve, .* got 'curve.a'",
     "[curve]\na = 3\na = 5": "Cannot overwrite",
     "curve": "must be a TOML file",
-    "x = " + "[" * 5000: "must nest fewer levels",
-    "a." * 501 + "a = 1": "line 1 must hold at most 500 dots, got 501",
+    "x = " + "[" * 5000: "must have fewer nested levels",
+    "a." * 501 + "a = 1": "line 1 must contain at most 500 dots, got 501",
     "x = " + "9" * 5000: "must be a TOML file",
     "#" * 65537: "must be at most 65,536 bytes",
 }
@@ -238,10 +238,10 @@ def test_scenarios_and_the_policy_are_told_apart(names, told):
 
 
 @pytest.mark.parametrize(("names", "words"), [
-    (["theirs:still"], "scenario must be given beside the policy"),
-    (["x.toml"], "policy must be given beside the scenario, got x.toml"),
+    (["theirs:still"], "scenario must be given before the policy"),
+    (["x.toml"], "policy must be given after the scenario, got x.toml"),
     (["theirs:scenario", "stil"], "got 'stil'; did you mean still?"),
-    (["still", "kuramoto", "theirs:scenario"], "policy must be one alone, got still, kuramoto"),
+    (["still", "kuramoto", "theirs:scenario"], "exactly one policy must be given, got still, kuramoto"),
 ])  # fmt: skip
 def test_names_that_are_too_few_or_too_many(names, words):
     with pytest.raises(ValueError, match=words):
@@ -291,12 +291,12 @@ class Returning(Policy):
 
 
 @pytest.mark.parametrize(("value", "words"), [
-    (None, "must hold real numbers, got object None"),
+    (None, "must contain real numbers, got object None"),
     (np.zeros((2, 5)), r"must have shape \(2, 5, 1\), got \(2, 5\)"),
-    (np.zeros((2, 5, 1), complex), "must hold real numbers"),
-    (np.full((2, 5, 1), "a"), "must hold real numbers"),
-    (wp.zeros((2, 5, 1), dtype=wp.float64, device="cpu"), "must hold float32 where it is a Warp array"),
-    ([[0.0], [1.0, 2.0]], "must hold real numbers, got rows of different lengths"),
+    (np.zeros((2, 5, 1), complex), "must contain real numbers"),
+    (np.full((2, 5, 1), "a"), "must contain real numbers"),
+    (wp.zeros((2, 5, 1), dtype=wp.float64, device="cpu"), "must contain float32 if it is a Warp array"),
+    ([[0.0], [1.0, 2.0]], "must contain real numbers, got rows of different lengths"),
 ])  # fmt: skip
 def test_a_decision_of_another_form_names_the_policy(value, words):
     policy = Returning("failure", 2, value=value)

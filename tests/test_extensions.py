@@ -194,7 +194,7 @@ def test_what_a_function_returns_is_checked(door, value, message):
     [
         (lambda: made("no_module:x"), "extension must be module:name that can be loaded, got 'no_module:x'"),
         (lambda: made("os:getcwd"), "extension os:getcwd must be made by reward_term, score_column"),
-        (lambda: made(near_wall, near_wall), "extensions must have names of their own, got near_wall twice"),
+        (lambda: made(near_wall, near_wall), "extensions must have different names, got near_wall twice"),
         (lambda: made(5), "extensions must be objects or module:name, got 5"),
         (lambda: lissajous_env.score_column("median")(returning(1)), "reduce of wrong must be one of mean, sum, max"),
         (lambda: lissajous_env.observation_entry(0)(returning(1)), "size of wrong must be from 1 to 1024, got 0"),
@@ -284,7 +284,8 @@ def test_a_model_is_drawn_as_a_disc_with_a_tip_or_in_its_own_shape(slider, monke
     [
         (("car", ("a",), ((1.0,),), slide), "name of a robot model must be new, got 'car'"),
         (("m", (), ((1.0,),), slide), "robot model m must have an action of at least one component"),
-        (("m", ("a",), ((1.0, 2.0),), slide), "robot model m must have a table of rows of 1"),
+        (("m", ("a",), ((1.0, 2.0),), slide), "table of robot model m must contain rows of 1 numbers"),
+        (("m", ("a",), (), slide), "robot model m must have a table of at least one row"),
         (("m", ("a",), ((1.0,),), print), "robot model m must move by a Warp kernel"),
     ],
 )

@@ -78,7 +78,7 @@ def test_a_file_of_the_user_with_the_name_of_a_result_is_refused_at_once(tmp_pat
         (out / name).mkdir()
     else:
         (out / name).symlink_to(outside if kind == "link" else tmp_path / "nothing")
-    with pytest.raises(ValueError, match=rf"out must be a folder without a {name} of another origin, got .*{name}"):
+    with pytest.raises(ValueError, match=rf"folder without a {name} that another program wrote, got .*{name}"):
         command(out)
     assert [path.name for path in out.iterdir()] == [name], "nothing was begun"
     assert outside.read_text() == "mine"
@@ -159,7 +159,7 @@ def test_only_what_was_written_is_removed(tmp_path):
         folder.remove("b")
         assert folder.written == ()
         (tmp_path / "a").write_text("mine")
-        with pytest.raises(ValueError, match="of another origin"):
+        with pytest.raises(ValueError, match="that another program wrote"):
             folder.write("a", "2")
     assert [(tmp_path / name).read_text() for name in "ab"] == ["mine", "mine"]
 
@@ -223,9 +223,9 @@ def test_a_name_may_be_as_long_as_the_disk_allows(tmp_path):
 @pytest.mark.parametrize(
     ("out", "words"),
     [
-        ("nowhere/a.csv", "out must be in a folder that is there, got"),
+        ("nowhere/a.csv", "out must be in an existing folder, got"),
         ("folder", "out must be a file, got the folder"),
-        ("file/a.csv", "out must be in a folder that is there, got"),
+        ("file/a.csv", "out must be in an existing folder, got"),
         ("/proc/a.csv", "out must be in a folder that can be written to, got"),
     ],
 )
@@ -254,12 +254,12 @@ def test_a_folder_that_cannot_be_written_is_found_before_any_work(tmp_path, comm
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('{"a": NaN}', "finite numbers alone, got NaN"),
-        ("[Infinity]", "finite numbers alone, got Infinity"),
-        ("[-Infinity]", "finite numbers alone, got -Infinity"),
-        ("1e400", "finite numbers alone, got 1e400"),
-        ("1" + 400 * "0", "finite numbers alone, got 1000"),
-        ("-" + 5000 * "9", "finite numbers alone, got -999"),
+        ('{"a": NaN}', "only finite numbers, got NaN"),
+        ("[Infinity]", "only finite numbers, got Infinity"),
+        ("[-Infinity]", "only finite numbers, got -Infinity"),
+        ("1e400", "only finite numbers, got 1e400"),
+        ("1" + 400 * "0", "only finite numbers, got 1000"),
+        ("-" + 5000 * "9", "only finite numbers, got -999"),
         ('{"a": 1, "b": 2, "a": 3}', "name each entry once, got 'a' twice"),
         (101 * "[" + 101 * "]", "nest at most 100 levels"),
         (100_000 * "[" + 100_000 * "]", "nest at most 100 levels"),

@@ -92,3 +92,19 @@ def test_cells_are_limited_by_longer_stages():
     assert made._counts.max() <= 320
     reach = made.stage * 0.02 * 0.1
     assert reach / made._cell.max() == pytest.approx(2.0, rel=0.05)
+
+
+def test_values_are_the_times_for_which_a_rogue_can_still_stay_undetected():
+    # Story: a disc of 1 m rests at the left for 3 s. A rogue beside it stays undetected to the end, one well inside it
+    # is detected at every moment. Law: no rogue stays undetected for longer from discs that are larger.
+    visits = visits_of(np.tile([[-2.0, 0.0]], (31, 1)), [(0.0, 0.0)])
+    found = [(moment, value.copy()) for moment, value in Foresight(field(), margin=0.0, blur=0.0).values(visits)]
+    assert [moment for moment, _ in found] == list(range(30, -1, -1))
+    for moment, value in found:
+        rows, columns = value.shape[1:]
+        beside, inside = value[0, rows // 2, 3 * columns // 4], value[0, rows // 2, columns // 4]
+        assert beside == pytest.approx(0.1 * (30 - moment), abs=1e-4)
+        assert inside == 0
+    for (_, value), (_, larger) in zip(found, Foresight(field(), margin=0.3, blur=0.0).values(visits), strict=True):
+        assert (larger <= value).all()
+    assert larger.sum() < value.sum()

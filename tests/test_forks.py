@@ -154,8 +154,8 @@ def test_what_is_still_at_work_when_patience_ends_is_refused_in_the_child():
     simulation.step(zeros(simulation))
     """
     said = run(code).splitlines()
-    words = "the simulation was at work in another thread when this process was forked"
-    assert said == [f"{words}; it is half done, so make another one", "0"]
+    words = "the simulation was running in another thread when this process was forked"
+    assert said == [f"{words} and is incomplete; make another one", "0"]
 
 
 @forks
@@ -201,7 +201,7 @@ def test_a_signal_handler_that_steps_what_is_being_stepped():
     signal.setitimer(signal.ITIMER_REAL, 0)
     print(len(refused) > 0, set(refused), int(simulation.clock.step.numpy()[0]) == min(taken[0], 600))
     """
-    words = "the simulation is at work in this thread; what runs meanwhile, a signal handler or an extension, must not "
+    words = "the simulation is running in this thread; a signal handler or an extension must not "
     assert run(code) == f"True {{'{words}call it'}} True"
 
 
@@ -220,7 +220,7 @@ def test_an_extension_that_calls_its_own_simulation_is_refused(call):
     simulation = lissajous_env.Simulation(lissajous_env.scenario("experiment", extensions=[nosy]))
     action = np.zeros(simulation.action_shape, dtype=np.float32)
     inside.append(simulation.save_state())
-    with pytest.raises(RuntimeError, match="the simulation is at work in this thread"):
+    with pytest.raises(RuntimeError, match="the simulation is running in this thread"):
         simulation.step(action)
     inside.clear()
     simulation.reset()

@@ -109,8 +109,8 @@ def test_actions_and_commands_are_inverse():
     ("change", "words"),
     [
         (lambda t, c: (Track(t.time[:10], t.position[:10], t.heading[:10], t.speed[:10]), c), "at least 20 poses"),
-        (lambda t, c: (Track(t.time, t.position, t.heading, 0 * t.speed), c), "whose speed changes"),
-        (lambda t, c: (t, Series(c.time, 0 * c.value)), "that is steered"),
+        (lambda t, c: (Track(t.time, t.position, t.heading, 0 * t.speed), c), "whose steering and speed change"),
+        (lambda t, c: (t, Series(c.time, 0 * c.value)), "whose steering and speed change"),
     ],
 )
 def test_a_log_that_shows_nothing_is_refused(change, words):

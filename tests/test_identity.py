@@ -81,7 +81,9 @@ def test_a_folder_holds_one_version_of_a_module(tmp_path, file, old, new, more):
     refused = benchmark(tmp_path, 3, *more)
     assert refused.returncode == 2
     first, *table = refused.stderr.splitlines()
-    assert first == "error: out holds results of other code under the same name; take another --out or undo the change"
+    assert (
+        first == "error: out contains results of the same name with other code; choose another --out or undo the change"
+    )
     assert any(f".module {file[:-3]} " in line for line in table)
     assert len((tmp_path / "out" / "episodes.jsonl").read_text().splitlines()) == 2
     (tmp_path / file).write_text(text)
@@ -169,7 +171,7 @@ def test_a_folder_holds_one_version_of_what_a_policy_has_captured(tmp_path, make
     assert len(play(policy, 1)) == 1
     assert len(play(policy, 2)) == 2
     assert len(play(make(0.1), 3)) == 3
-    with pytest.raises(ValueError, match="results of other code under the same name") as error:
+    with pytest.raises(ValueError, match="results of the same name with other code") as error:
         play(make(0.2), 4)
     assert "played.mine" in str(error.value)
     assert len((tmp_path / "episodes.jsonl").read_text().splitlines()) == 3

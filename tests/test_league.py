@@ -160,7 +160,7 @@ def test_bad_input_is_refused_by_name(finished, capsys, tmp_path):
         settings_of(tmp_path, rounds=0)
     for arguments, words in (
         (("--rogues", "fle"), "targets.rogues must be one of"),
-        (("--rogues", "flee", "--set", "rogues=shadow"), "rogues must be left out of --set beside --rogues"),
+        (("--rogues", "flee", "--set", "rogues=shadow"), "rogues must not be set with --set if --rogues"),
         (("--rogues", "flee", "--side", "rogues"), "side must be robots with --rogues or --league, got rogues"),
         (("--league", 1), "against must be policies, each once, got none"),
         (("--league", 1, "--against", "sweep", "sweep"), "against must be policies, each once, got sweep, sweep"),

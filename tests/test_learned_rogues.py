@@ -188,10 +188,10 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
         lissajous_env.scenario("evaders", rogues=str(damaged))
     for arguments, words in (
         (("--side", "rogues"), "against must be the policy from which the rogues learn to hide, got none"),
-        (("--against", "sweep"), "side must be rogues where options of rogues are given (against), got robots"),
+        (("--against", "sweep"), "side must be rogues if options of rogues are given (against), got robots"),
         (
             ("--side", "rogues", "--against", "sweep", "--base", "none"),
-            "base must be left out where rogues are trained",
+            "base must be omitted if rogues are trained",
         ),
         (("--side", "rogues", "--against", "sweep", "--rogue-starts", 1), "starts must be from 2 to 4096, got 1"),
         (("--side", "rogues", "--against", "swep"), "policy must be one of"),
@@ -201,7 +201,7 @@ def test_bad_input_is_refused_by_name(trained, capsys, tmp_path):
         assert words in error
     with pytest.raises(ValueError, match="rounds must be from 0 to 10,000, got -1"):
         RogueTraining(rounds=-1)
-    with pytest.raises(ValueError, match="steps must be at least 1 where there are no rounds"):
+    with pytest.raises(ValueError, match="steps must be at least 1 if there are no rounds"):
         RogueTraining(rounds=0, steps=0)
-    with pytest.raises(ValueError, match=r"targets.rogues must be left out where rogues are trained"):
+    with pytest.raises(ValueError, match=r"targets.rogues must be omitted if rogues are trained"):
         RogueTraining(overrides={"rogues": "hide"})

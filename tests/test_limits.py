@@ -150,11 +150,21 @@ def test_nothing_is_said_where_nothing_is_proved(changes):
 
 
 def test_top_speed_of_robots_is_never_passed():
-    # Oracle: the speeds that were driven.
-    for name, policy in (("intruders", "laps"), ("failure", "random"), ("team", "kuramoto-mpcc")):
-        scenario = lissajous_env.scenario(name, **{"task.duration": 5.0})
+    # Oracle: the speeds that were driven, also by cars that are too slow for the formation in which they start.
+    slow = ("intruders", "kuramoto-mpcc", {"robot.speed_max": 0.5})
+    for name, policy, changes in (("intruders", "laps", {}), ("failure", "random", {}), ("team", "still", {}), slow):
+        scenario = lissajous_env.scenario(name, **{"task.duration": 5.0}, **changes)
         (row,) = lissajous_env.evaluate(baselines.make(policy, scenario), scenario, seeds=[1])
         assert row["speed_max"] < 1.001 * robot_speed_limit(scenario)
+
+
+def test_cars_that_are_too_slow_for_the_formation_start_at_their_top_speed():
+    changes = {"robot.speed_max": 1.0, "robot.drive_factors": ((2, 0.9),)}
+    free = lissajous_env.Simulation("intruders", num_worlds=8).robots.speed.numpy()
+    scenario = lissajous_env.scenario("intruders", **changes)
+    speeds = lissajous_env.Simulation(scenario, num_worlds=8).robots.speed.numpy()
+    np.testing.assert_allclose(speeds, np.minimum(free, scenario.top_speeds), rtol=1e-6)
+    assert speeds.max() > speeds[:, 2].max()
 
 
 @pytest.mark.parametrize("name", ["sweep", "laps", "kuramoto-mpcc", "learned-intruders", "random"])

@@ -89,7 +89,7 @@ def test_lines_share_the_span():
 
 
 @pytest.mark.parametrize(("overrides", "words"), [
-    ({"sensing.radius": 0.3}, r"line-abreast needs N \* 2 \* sensing radius >= the shorter side: 5 \* 2 \* 0.3 < 4.8"),
+    ({"sensing.radius": 0.3}, r"requires N \* 2 \* sensing radius >= the shorter side: 5 \* 2 \* 0.3 < 4.8"),
     ({"targets.speed_limit": 4.0}, "5 cars to span 4.8 m with discs of 0.5 m while rogues move at 4 m/s"),
 ])  # fmt: skip
 @pytest.mark.filterwarnings("ignore::UserWarning")

@@ -36,7 +36,7 @@ def entry(name, size):
 
 def test_entries_of_the_observation_have_names_of_their_own():
     # Oracle: the message; names that differ make a layout in which each is there once.
-    with pytest.raises(ValueError, match=r"entries of the observation must have names of their own, got a_0 twice"):
+    with pytest.raises(ValueError, match=r"entries of the observation must have different names, got a_0 twice"):
         lissajous_env.scenario("ideal", extensions=[entry("a", 2), entry("a_0", 1)])
     env = lissajous_env.parallel_env(lissajous_env.scenario("ideal", extensions=[entry("a", 2), entry("a_2", 1)]))
     assert env is not None
@@ -49,13 +49,16 @@ def test_entries_of_the_observation_have_names_of_their_own():
         ({"name": " car"}, "name of a robot model must be"),
         ({"name": "a\nb"}, "name of a robot model must be"),
         ({"name": 3}, "name of a robot model must be"),
-        ({"table": ((math.nan,),)}, "table of robot model mine must hold rows of 1 numbers from -1 to 1, got (nan,)"),
-        ({"table": ((-1.0,), (math.inf,))}, "table of robot model mine must hold rows"),
-        ({"table": ((2.0,),)}, "table of robot model mine must hold rows"),
-        ({"table": (("1",),)}, "table of robot model mine must hold rows"),
-        ({"rest": (math.nan,)}, "rest of robot model mine must hold rows of 1 numbers"),
-        ({"rest": (0.0, 0.0)}, "rest of robot model mine must hold rows of 1 numbers"),
-        ({"actions": ("",)}, "robot model mine must have an action of at least one component, each with a name"),
+        (
+            {"table": ((math.nan,),)},
+            "table of robot model mine must contain rows of 1 numbers from -1 to 1, got (nan,)",
+        ),
+        ({"table": ((-1.0,), (math.inf,))}, "table of robot model mine must contain rows"),
+        ({"table": ((2.0,),)}, "table of robot model mine must contain rows"),
+        ({"table": (("1",),)}, "table of robot model mine must contain rows"),
+        ({"rest": (math.nan,)}, "rest of robot model mine must contain rows of 1 numbers"),
+        ({"rest": (0.0, 0.0)}, "rest of robot model mine must contain rows of 1 numbers"),
+        ({"actions": ("",)}, "robot model mine must have an action of at least one component, with different names"),
         ({"actions": ("a", "a"), "table": ((0.0, 0.0),)}, "robot model mine must have an action of at least one"),
     ],
 )

@@ -211,7 +211,7 @@ def test_a_layout_that_does_not_fit_is_refused_in_words():
     narrow = lissajous_env.scenario("intruders", **{"sensing.targets_seen": 3})
     with pytest.raises(ValueError, match=r"lists 2 robots and 3 targets and lacks target_3_present, target_3_x"):
         card.columns(narrow)
-    with pytest.raises(ValueError, match=r"must drive robots of kind car, got failure, whose robots are of kind curve"):
+    with pytest.raises(ValueError, match=r"must drive robots of kind car, got failure, with robots of kind curve"):
         card.columns(lissajous_env.scenario("failure"))
     wide = lissajous_env.scenario("intruders", **{"sensing.robots_seen": 4})
     names = lissajous_env.Simulation(wide).layout.names

@@ -41,7 +41,7 @@ def test_the_same_number_keeps_the_formation_and_what_is_given_stays():
     assert (made.ring, made.p) == ((6, 5, 4, 3, 2, 1, 0), 2)
     whole = lissajous_env.Formation(p=2)
     assert lissajous_env.scenario("experiment", formation=whole, **{"robot.count": 7}).p == 2
-    with pytest.raises(ValueError, match=r"^formation.ring must hold each of the 7 robots once, got \(0, 1\)$"):
+    with pytest.raises(ValueError, match=r"^formation.ring must contain each of the 7 robots once, got \(0, 1\)$"):
         lissajous_env.scenario("experiment", **{"robot.count": 7, "formation.ring": (0, 1)})
 
 

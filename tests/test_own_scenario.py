@@ -122,7 +122,7 @@ def test_what_it_brings_is_taken_from_modules_that_are_imported_already(here, mo
     [
         ("curve", {"half_widht": 1.0}, "half_widht"),
         ("curve", {"half_width": -1.0}, "half_width must be"),
-        ("curve", 3, "scenario must hold the parts and fields"),
+        ("curve", 3, "scenario must contain the parts and fields"),
         ("robot", {"kind": "theirs"}, "robot.kind must be one of"),
         ("extensions", 0.5, "extensions of a scenario must be a list, got 0.5"),
         ("extensions", [{"place": 3}], "place of an extension must be module:name, got 3"),
@@ -144,5 +144,5 @@ def test_plain_values_make_the_scenario(name):
     made = lissajous_env.scenario(name).resolve()
     text = json.dumps(plain(made.to_dict()), allow_nan=False)
     assert scenario_of(json.loads(text)) == made
-    with pytest.raises(ValueError, match="scenario must hold curve, got name"):
+    with pytest.raises(ValueError, match="scenario must contain curve, got name"):
         scenario_of({"name": name})

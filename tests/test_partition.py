@@ -158,9 +158,9 @@ def test_the_speed_is_a_parameter():
 
 @pytest.mark.parametrize(("make", "words"), [
     (lambda: partition_plan(lissajous_env.scenario("evaders", **{"robot.wheelbase": 0.4})),
-     r"partition needs a rectangle that holds the turning circle of every car, of radius 1.19 m, got one of 0.8 m"),
+     r"partition requires a rectangle that contains a car's turning circle, of radius 1.19 m, got one of 0.8 m"),
     (lambda: partition_plan(lissajous_env.scenario("evaders", **{"robot.count": 40})),
-     r"partition needs room for 40 loops of radius 0.52 m, .* 0.375 m from one another, got 3.6 m x 1.6 m"),
+     r"partition requires room for 40 loops of radius 0.52 m, .* 0.375 m from one another, got 3.6 m x 1.6 m"),
     (lambda: partition_plan(lissajous_env.scenario("evaders"), PartitionParameters(rows=6)),
      "rows must be at most the 5 robots, got 6"),
     (lambda: PartitionParameters(lanes=3), "lanes must be even, got 3"),

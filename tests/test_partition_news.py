@@ -50,6 +50,17 @@ def test_two_that_fail_leave_no_cell_open():
     assert collisions.sum() == 0
 
 
+@pytest.mark.parametrize(
+    ("policy", "size"), [("partition-repair", 15), pytest.param("line-abreast", 0, marks=pytest.mark.long)]
+)
+def test_no_robots_of_a_team_collide_under_the_proved_filter(policy, size):
+    """Oracle: half a minute in which two robots stop. Without a headway, cars of seeds 33 and 35 collide at once."""
+    scenario = lissajous_env.scenario("team", **{**NEWS, "messages.size": size, "task.duration": 30.0})
+    rows = lissajous_env.evaluate(baselines.make(f"{policy}-proved", scenario, 8), scenario, range(33, 41))
+    assert sum(row["collisions"] for row in rows) == 0
+    assert max(row["guaranteed_detection_time"] for row in rows) <= 9.0
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("robot", range(15))
 def test_any_robot_that_fails_is_replaced(robot):

@@ -353,6 +353,9 @@ def test_plans_without_a_bound_after_failures_say_why():
     assert words.startswith("No plan has a bound with 1 lost: 2 of 2 leave a gap")
     outcome.finals.append(planned(6.0, failed=7.0))
     assert not any("with 1 lost:" in each for each in tables.sentences(outcome))
+    assert "and 8 in which 1 robot is lost (" in tables.sentences(outcome)[0]
+    outcome.episodes = Episodes(failures=2)
+    assert "and 8 in which 2 robots are lost (" in tables.sentences(outcome)[0]
 
 
 def test_a_fixed_start_is_that_of_every_plan(small):

@@ -170,10 +170,10 @@ def test_a_device_array_that_its_making_does_not_make_is_named():
 
 
 @pytest.mark.parametrize(("change", "words"), [
-    (lambda saved: saved.pop("_memory"), "must hold _memory of shape .2, 5, 2. of float32, got none"),
+    (lambda saved: saved.pop("_memory"), "must contain _memory of shape .2, 5, 2. of float32, got none"),
     (lambda saved: saved.update(_memory=np.zeros((1, 5, 2), np.float32)), r"got shape .1, 5, 2. of float32"),
     (lambda saved: saved.update(_memory=np.zeros((2, 5, 2))), r"got shape .2, 5, 2. of float64"),
-    (lambda saved: saved.update(other=np.zeros(2)), "must hold what Sweep keeps alone, got other"),
+    (lambda saved: saved.update(other=np.zeros(2)), "must contain only the arrays of Sweep, got other"),
 ])  # fmt: skip
 def test_a_state_of_something_else_is_refused_by_name(change, words):
     policy = baselines.make("sweep", "rough", 2)

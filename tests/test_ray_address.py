@@ -84,7 +84,7 @@ def test_one_who_is_no_cluster_is_told_apart_in_one_line(monkeypatch, reply, clo
         cluster.connected(kind + address),
     ):
         pass
-    assert str(raised.value).startswith(f"something answers at {kind}{address}, but it is no Ray cluster: {words}")
+    assert str(raised.value).startswith(f"a server answers at {kind}{address}, but it is not a Ray cluster: {words}")
     assert "\n" not in str(raised.value)
 
 
@@ -99,7 +99,7 @@ def test_what_auto_stands_for_is_looked_at_as_well(monkeypatch):
     monkeypatch.setattr(ray_address, "_PATIENCE", 1.0)
     with server() as (address, _):
         monkeypatch.setenv("RAY_ADDRESS", address)
-        with pytest.raises(ConnectionError, match=f"something answers at {address}, but it is no Ray cluster"):
+        with pytest.raises(ConnectionError, match=f"a server answers at {address}, but it is not a Ray cluster"):
             ray_address.knock("auto")
     monkeypatch.setenv("RAY_ADDRESS", "localhost:-1")
     with pytest.raises(ValueError, match=r"address must be .* got 'localhost:-1'"):

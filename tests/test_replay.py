@@ -105,7 +105,7 @@ def test_a_step_that_was_left_out_is_refused():
     with pytest.raises(ValueError, match="at least one moment"):
         recorder.recording()
     simulation.step(np.zeros(simulation.action_shape, np.float32))
-    with pytest.raises(ValueError, match="step 0 is due, got 1"):
+    with pytest.raises(ValueError, match="expected step 0, got 1"):
         recorder.take()
 
 
@@ -330,7 +330,7 @@ def test_a_gif_too_slow_to_be_shown_is_refused(recording, tmp_path):
 
 
 def test_contact_sheets_have_a_largest_size(recording, tmp_path):
-    with pytest.raises(ValueError, match="at must hold at most 100 times, got 101"):
+    with pytest.raises(ValueError, match="at must contain at most 100 times, got 101"):
         film.save_sheet(recording, tmp_path / "a.png", [0.0] * 101)
     for columns in (0, -1, 1.5):
         with pytest.raises(ValueError, match="columns must be a whole number of at least 1"):
@@ -339,7 +339,7 @@ def test_contact_sheets_have_a_largest_size(recording, tmp_path):
 
 def test_an_episode_too_large_to_be_kept_is_refused_while_it_is_recorded(monkeypatch):
     monkeypatch.setattr(recordings.archive, "MOST_BYTES", 10_000)
-    with pytest.raises(ValueError, match=r"a recording must hold at most 10,000 bytes: take a coarser task\.grid"):
+    with pytest.raises(ValueError, match=r"a recording must contain at most 10,000 bytes: use a coarser task\.grid"):
         recordings.record(Straight(), lissajous_env.scenario("experiment", **SHORT))
 
 

@@ -185,7 +185,7 @@ def test_commands_write_pages(tmp_path, monkeypatch, capsys):
     ("arguments", "words"),
     [
         (["failure", "kuramoto", "--against", "still", "--out", "a.gif"], "out must end in .html beside --against"),
-        (["failure", "knot", "kuramoto", "--out", "a.html"], "scenario must be one alone, got failure, knot"),
+        (["failure", "knot", "kuramoto", "--out", "a.html"], "exactly one scenario must be given, got failure, knot"),
         (["nowhere.npz", "--out", "a.html"], "there is no file nowhere.npz"),
         (["failure", "kuramoto", "--against", "stil", "--out", "a.html"], "did you mean still?"),
         (["--out", "a.html"], "got nothing"),
@@ -249,7 +249,7 @@ def test_modules_that_cannot_be_joined_are_refused(monkeypatch):
     with pytest.raises(ValueError, match=r"a\.js must not declare y, which b\.js does"):
         bundle.joined("a.js")
     files["a.js"] = 'import * as b from "./b.js";\n'
-    with pytest.raises(ValueError, match=r"a\.js must import names"):
+    with pytest.raises(ValueError, match=r"a\.js must import only names"):
         bundle.joined("a.js")
     files["a.js"] = 'import { x } from "./b.js";\nexport const z = x;\n'
     assert bundle.joined("a.js").split("\n")[:3] == ["const x = 1;", "const y = 2;", ""]

@@ -4,6 +4,7 @@ import io
 import json
 import math
 import re
+import threading
 
 import numpy as np
 import pytest
@@ -168,6 +169,27 @@ def test_rounds_put_the_worst_of_all_before_medians_and_bests():
     assert replays.chosen(("all",), rows) == [of(0, 1, 2, 3, 4)]
     assert replays.chosen(("none",), rows) == []
     assert replays.chosen(("a:y:3", "none"), rows) == [[("a", "y", 3)]]
+
+
+def test_replays_are_the_same_on_any_number_of_threads(tmp_path, monkeypatch):
+    # Oracle: the report of one thread.
+    threads, before = set(), replays.record_together
+
+    def noting(*given):
+        threads.add(threading.current_thread())
+        return before(*given)
+
+    monkeypatch.setattr(replays, "record_together", noting)
+    found = []
+    for name, cores in (("one", 1), ("three", 3)):
+        threads.clear()
+        monkeypatch.setattr(replays, "cores", lambda cores=cores: cores)
+        run(small(tmp_path / name, replays=("2",)), console=QUIET)
+        assert (len(threads) > 1) == (cores > 1)
+        blocks = blocks_of(tmp_path / name)
+        assert len(blocks["data"]["replays"]) > 3
+        found.append((blocks["data"]["replays"], {key: of for key, of in blocks.items() if key != "data"}))
+    assert found[0] == found[1]
 
 
 def test_few_replays_end_in_time(tmp_path, monkeypatch):

@@ -329,3 +329,40 @@ def test_starts_are_as_the_formation_says():
     assert abs(np.exp(1j * (free[:, 0] - free[:, 1])).mean()) < 4 / math.sqrt(4000)
     speed = closed_forms.curve_speed(scenario.curve, scenario.alpha * equilibrium) * 0.3
     np.testing.assert_allclose(lissajous_env.Simulation(scenario).robots.speed.numpy()[0], speed, rtol=1e-4)
+
+
+def _least_distances(simulation, time):
+    """Return the smallest distance (W, N, N) of robots that go straight on for a time [s], from 1,000 moments of it."""
+    place, speed, heading = (array.numpy() for array in (simulation.robots.position, simulation.robots.speed,
+                                                         simulation.robots.heading))  # fmt: skip
+    velocity = speed[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    apart = place[:, :, None, :2] - place[:, None, :, :2]
+    parting = velocity[:, :, None] - velocity[:, None]
+    least = np.full(apart.shape[:-1], np.inf)
+    for moment in np.linspace(0, time, 1000):
+        least = np.minimum(least, np.linalg.norm(apart + moment * parting, axis=-1))
+    return least + np.where(np.eye(least.shape[1], dtype=bool), np.inf, 0)
+
+
+def test_no_robots_of_a_team_collide_at_once():
+    # Oracle: straight lines, in NumPy, and the starts without a headway, which all other worlds have.
+    scenario = lissajous_env.scenario("team", **{"task.contamination": None, "task.duration": 1.0})
+    headway, touch = scenario.formation.start_headway, 2 * scenario.robot.radius
+    plain = lissajous_env.Simulation(scenario, 256, **{"formation.start_headway": 0.0})
+    apart = lissajous_env.Simulation(scenario, 256)
+    meets = (_least_distances(plain, headway) < touch).any(axis=(1, 2))
+    assert 20 < meets.sum() < 128
+    assert (_least_distances(apart, headway) > 0.999 * touch).all()
+    before, after = plain.robots.phase.numpy(), apart.robots.phase.numpy()
+    np.testing.assert_array_equal(before[~meets], after[~meets])
+    changed = (before != after).sum(axis=1)
+    assert (changed[meets] >= 1).all()
+    assert changed.max() <= 4  # of fifteen
+    np.testing.assert_array_equal(apart.robots.track.numpy()[:, :, -1], apart.robots.position.numpy())
+
+
+def test_a_start_without_room_ends():
+    # Two robots whose places are given leave no other draw: the last one remains, and a reset ends.
+    together = {"formation.displaced": ((1, 2 * math.pi / 5), (1, 2 * math.pi / 5)), "formation.start_headway": 0.2}
+    scenario = lissajous_env.scenario("experiment", **{"formation.start_noise": 0.0, **together})
+    assert _least_distances(lissajous_env.Simulation(scenario), 0.0).min() < 2 * scenario.robot.radius

@@ -43,7 +43,7 @@ def test_each_side_has_its_module():
     with pytest.raises(ValueError, match="agent must be a robot or a rogue, got 'other_1'"):
         policy_mapping_fn("other_1")
     scenario = {"scenario": "experiment", "rogues": "agents"}
-    with pytest.raises(ValueError, match=r"card must be None where targets.rogues is agents"):
+    with pytest.raises(ValueError, match=r"card must be None if targets.rogues is agents"):
         LissajousMultiAgentEnv({**scenario, "card": Card.of(lissajous_env.scenario("experiment"))})
 
 

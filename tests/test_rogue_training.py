@@ -10,9 +10,10 @@ import lissajous_env
 pytest.importorskip("stable_baselines3")
 
 import torch
-from stable_baselines3 import PPO
+from stable_baselines3 import DQN, PPO
 from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor
 
+from lissajous_env.envs.actions import rogue_table
 from training.sb3 import RobotVecEnv, RogueVecEnv
 
 
@@ -53,6 +54,25 @@ def test_rows_are_the_rogues_of_the_simulation_bit_for_bit():
             driver.reset(over)
     assert ends == {True, False}
     assert len(env.scores) > 3
+
+
+def test_discrete_actions_are_rows_of_the_table():
+    # Oracle: the same environments with the actions of the table. Story: DQN learns from these rows.
+    chosen = RogueVecEnv("experiment", 2, "still", seed=5, discrete_actions=True, **SHORT)
+    plain, draw = RogueVecEnv("experiment", 2, "still", seed=5, **SHORT), np.random.default_rng(0)
+    assert chosen.action_space.n == len(rogue_table()) == 9
+    assert (chosen.reset() == plain.reset()).all()
+    for _ in range(50):
+        indices = draw.integers(9, size=6)
+        ours, theirs = chosen.step(indices), plain.step(rogue_table()[indices])
+        assert all((one == other).all() for one, other in zip(ours[:3], theirs[:3], strict=True))
+    assert len(chosen.scores) > 0
+    DQN("MlpPolicy", chosen, learning_starts=60, buffer_size=600).learn(120)
+    for wrong, words in (([0] * 5, r"whole numbers of shape \(6,\)"), ([0.0] * 6, "whole numbers"),
+                         ([0, 9, 0, 0, 0, 0], "rogue_1 in world 0 must be from 0 to 8, got 9"),
+                         ([0, 0, 0, 0, -1, 0], "rogue_1 in world 1 must be from 0 to 8, got -1")):  # fmt: skip
+        with pytest.raises(ValueError, match=words):
+            chosen.step(np.array(wrong))
 
 
 def test_returns_are_detection_times():

@@ -219,7 +219,7 @@ def test_settings_without_sense_are_refused():
     # Story: each error names the parameter, the rule and the value.
     wrong = {
         "targets.rogues must be one of agents, wander, .* got 'wonder'; did you mean wander": {"rogues": "wonder"},
-        "targets.speed_limit must be above 0 where rogues move": {"rogues": "flee", "targets.wandering": 0.0},
+        "targets.speed_limit must be above 0 if rogues move": {"rogues": "flee", "targets.wandering": 0.0},
         "task.contamination must be given for the rogue hide, got None": {"rogues": "hide"},
         r"targets.sight must be from 1e-06 to 100000 \[m\], got 0": {"targets.sight": 0},
     }
@@ -231,7 +231,7 @@ def test_settings_without_sense_are_refused():
     def still(world):
         return world.targets.position
 
-    with pytest.raises(ValueError, match=r"targets.rogues must be None beside the target motion still, got flee"):
+    with pytest.raises(ValueError, match=r"targets.rogues must be None with the target motion still, got flee"):
         lissajous_env.scenario("experiment", rogues="flee", extensions=still)
 
 
@@ -239,9 +239,9 @@ def test_a_step_takes_the_actions_of_both_sides_or_of_one():
     # Story: agents need actions, scripts and ordinary targets take none.
     both, one = Simulation("experiment", **AGENTS), Simulation("experiment", **SMALL, rogues="flee")
     robots, rogues = actions(both, 0)
-    with pytest.raises(ValueError, match=r"rogue_action must be given where targets.rogues is agents"):
+    with pytest.raises(ValueError, match=r"rogue_action must be given if, and only if, targets.rogues is agents"):
         both.step(robots)
-    with pytest.raises(ValueError, match=r"rogue_action must be given where targets.rogues is agents, and only there"):
+    with pytest.raises(ValueError, match=r"rogue_action must be given if, and only if, targets.rogues is agents"):
         one.step(robots, rogues)
     with pytest.raises(ValueError, match="rogue_action must have shape"):
         both.step(robots, rogues[:, :1])

@@ -136,7 +136,7 @@ def test_scenarios_are_of_the_split(split):
     for seed in range(3):
         env.reset(seed=seed)
         assert env.space.split_of(int(env.scenario.name.rpartition("-")[2])) == split
-        assert env.scenario.task.duration == 1.0
+        assert env.scenario.task.duration == pytest.approx(10 * env.scenario.task.step)
 
 
 def test_a_space_in_a_file_and_its_shift(tmp_path, monkeypatch):

@@ -42,10 +42,10 @@ DIGESTS = {
     "evaders-lost": "9baa3ea821c1c189",
     "evaders-fast": "84e6086f6fc552c1",
     "evaders-uneven": "5a6e304dbc5d36fe",
-    "hall": "dc444b0b682fd421",
+    "hall": "dd3a5b3b2faa815e",
     "rough": "35881e23fe6bdf10",
     "rough-lost": "cb5030d657984cc4",
-    "team": "fc28cbccf7e9adba",
+    "team": "22f140e5284cb649",
     "redundant": "0d028d17b49af44f",
     "knot": "c47a621d8c141568",
     "swarm": "5461b8c91095b1a3",
@@ -153,12 +153,18 @@ def test_every_field_says_its_unit_where_it_has_one(part, field):
         ),
         (
             lambda: Targets(wandering=0.6, fleeing=0.5),
-            "targets.fleeing must leave drifting + wandering + fleeing + custom at 1",
+            "targets.fleeing must not make drifting + wandering + fleeing + custom exceed 1",
         ),
         (lambda: Task(duration=0.05), "task.duration must be at least one step of 0.1 s, got 0.05"),
         (lambda: Task(duration=1e8, step=1e-3), "task.duration must be at most 1048576 steps, got 100000000.0"),
-        (lambda: Scenario(formation=Formation(ring=(0, 1, 2))), "formation.ring must hold each of the 5 robots once"),
-        (lambda: Scenario(formation=Formation(ring=(0, 1, 2, 3, 3))), "formation.ring must hold each of the 5 robots"),
+        (
+            lambda: Scenario(formation=Formation(ring=(0, 1, 2))),
+            "formation.ring must contain each of the 5 robots once",
+        ),
+        (
+            lambda: Scenario(formation=Formation(ring=(0, 1, 2, 3, 3))),
+            "formation.ring must contain each of the 5 robots",
+        ),
         (lambda: Scenario(formation=Formation(ring=(0, 1, 2, 3, 5))), "formation.ring must name robots 0 to 4, got"),
         (lambda: Scenario(formation=Formation(displaced=((5, 0.1),))), "formation.displaced must name robots 0 to 4"),
         (lambda: Scenario(robot=Robot(drive_factors=((5, 1.1),))), "robot.drive_factors must name robots 0 to 4"),
@@ -175,7 +181,7 @@ def test_every_field_says_its_unit_where_it_has_one(part, field):
         ),
         (
             lambda: Scenario(curve=Curve(a=1023, b=1022)),
-            "robot.count must be given, from 1 to 1024, where a + b is 2045",
+            "robot.count must be given, from 1 to 1024, because a + b is 2045",
         ),
         (
             lambda: Scenario(robot=Robot(drag=60.0, drive=1e4)),

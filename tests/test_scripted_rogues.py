@@ -179,7 +179,7 @@ def test_commands_name_a_script(capsys, tmp_path):
     assert json.loads(said.out)["detection_time_mean"] == due["detection_time_mean"]
     code, said = run("evaluate", "evaders", "sweep", "--rogues", "agents", *short)
     assert code == 2
-    assert "rogues must be a script such as flee, or a folder, in a command, got agents" in said.err
+    assert "rogues of a command must be the name of a rogue, such as flee, or a folder, got agents" in said.err
     code, said = run("replay", "evaders", "sweep", "--rogues", "flea", "--out", str(tmp_path / "a.html"))
     assert code == 2
     assert "did you mean flee?" in said.err

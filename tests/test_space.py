@@ -11,6 +11,7 @@ import lissajous_env
 from baselines.policies.factories import split_scenarios_and_policy
 from lissajous_env import ScenarioSpace, register_scenario_space, scenario, scenario_space
 from lissajous_env.parameters.named import expanded
+from lissajous_env.parameters.overriding import UnknownSettingError
 from lissajous_env.parameters.space import SPLITS
 from lissajous_env.settings.formulas import Formula
 
@@ -114,6 +115,48 @@ def test_a_scale_scales_the_whole_scenario():
     assert scaled.curve.half_height == 4 * plain.curve.half_height
 
 
+def test_a_given_field_is_not_drawn_and_changes_no_other_field():
+    # Oracle: the space itself; a scaled scenario has the field in its own units.
+    space = scenario_space("monitoring-v1")
+    given = space.overridden({"targets.arrival_rate": 2 * space.base.targets.arrival_rate})
+    for seed in range(5):
+        before, after = space.sample(seed), given.sample(seed)
+        assert after.targets.arrival_rate == pytest.approx(2 * before.targets.arrival_rate)
+        same = scenario(after, **{"targets.arrival_rate": before.targets.arrival_rate})
+        assert same == before
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [{"curve.a": 3, "curve.b": 2}, {"curve": {"a": 3, "b": 2}}, {"curve": scenario("evaders").curve}],
+)
+def test_a_field_is_given_by_any_name_and_for_shifts_too(overrides):
+    # The shift `larger` draws a and b.
+    space = scenario_space("monitoring-v1").overridden(overrides)
+    for made in (space.sample(3), space.shifted("larger").sample(3)):
+        assert (made.curve.a, made.curve.b) == (3, 2)
+
+
+def test_what_follows_from_a_given_field_by_a_formula_changes_with_it():
+    space = scenario_space("monitoring-v1")
+    given = space.overridden({"robot.radius": 0.2})
+    for seed in range(3):
+        before, after = space.sample(seed).robot, given.sample(seed).robot
+        assert after.wheelbase / after.radius == pytest.approx(before.wheelbase / before.radius)
+
+
+def test_an_environment_takes_given_fields_as_a_training_does():
+    # Both are before the scale, in the units of the space.
+    of = scenario_space("monitoring-v1")
+    env = lissajous_env.parallel_env("monitoring-v1:test", **{"sensing.radius": 0.9})
+    env.reset(seed=4)
+    seed = int(env.scenario.name.rpartition("-")[2])
+    assert env.scenario.sensing.radius == of.overridden({"sensing.radius": 0.9}).sample(seed).sensing.radius
+    for wrong in ({"sensing.radios": 0.9}, {"duration": 3.0}):
+        with pytest.raises(UnknownSettingError):
+            lissajous_env.parallel_env("monitoring-v1", **wrong)
+
+
 def test_a_shift_changes_its_draws_alone():
     of = space(shifts={"high": {"curve": {"half_height": {"low": 5.0, "high": 6.0}}}})
     made = first(of, "high", 20)
@@ -137,7 +180,7 @@ def test_a_shift_changes_its_draws_alone():
         ({"curve": {"half_height": {"formula": "robot.nothing"}}}, "no number of a scenario"),
         ({"curve": {"half_height": {"formula": "1 / 0"}}}, "formula '1 / 0' must have a value"),
         ({"curve": {"half_height": {"formula": "curve.half_width"}, "half_width": {"low": 1.0, "high": 2.0}}}, "later"),
-        ({"scale": {"depth": 2.0}}, "draw.scale must hold length or time, got 'depth'"),
+        ({"scale": {"depth": 2.0}}, "draw.scale must contain length or time, got 'depth'"),
         ({"curve": 3}, "draw.curve must be a mapping"),
     ],
 )  # fmt: skip

@@ -121,10 +121,10 @@ def count(first: int, clock: Clock, count_out: wp.array(dtype=int)):
 @pytest.mark.parametrize(
     ("kernel", "over", "layout", "rule"),
     [
-        (count, ROBOT, LANES, "of layout lanes must take first, lanes, got first"),
-        (ask_for_nonsense, WORLD, LANES, "of layout worlds must take first, got first, lanes"),
-        (ask_for_nonsense, ROBOT, PARTS, "of layout parts must take first, lanes, begin, end, got first, lanes"),
-        (count, ROBOT, BLOCKS, "of layout blocks must take begin, end, got first"),
+        (count, ROBOT, LANES, "of layout lanes must have first, lanes, got first"),
+        (ask_for_nonsense, WORLD, LANES, "of layout worlds must have first, got first, lanes"),
+        (ask_for_nonsense, ROBOT, PARTS, "of layout parts must have first, lanes, begin, end, got first, lanes"),
+        (count, ROBOT, BLOCKS, "of layout blocks must have begin, end, got first"),
     ],
 )
 def test_a_layout_that_the_kernel_does_not_have_is_refused(kernel, over, layout, rule):

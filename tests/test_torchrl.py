@@ -314,5 +314,5 @@ def test_refusals():
 @pytest.mark.parametrize("dtype", ["bool", "complex64"])
 def test_a_torch_action_that_is_no_numbers(dtype):
     simulation = lissajous_env.Simulation(lissajous_env.scenario("failure"), 2)
-    with pytest.raises(ValueError, match=r"^action must hold real numbers, got"):
+    with pytest.raises(ValueError, match=r"^action must contain real numbers, got"):
         simulation.step(torch.zeros((2, 5, 1), dtype=getattr(torch, dtype)))

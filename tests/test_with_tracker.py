@@ -82,7 +82,7 @@ def test_a_registered_coordinator_has_the_names_that_ours_have():
         scenario = lissajous_env.scenario("failure" if described["kind"] == "curve" else "rough", **SHORT)
         assert lissajous_env.evaluate(baselines.make(name, scenario), scenario, [0])[0]["policy"] == name
     assert registry.describe("my-method")["description"] == "Time-inverted Kuramoto, once more."
-    assert "by cars under model predictive contouring control" in registry.describe("my-method-mpcc")["description"]
+    assert "for cars with model predictive contouring control" in registry.describe("my-method-mpcc")["description"]
     baselines.register_coordinator("my-method", Again)  # the same again, as a module that is loaded anew does
     with pytest.raises(ValueError, match="name of a policy must be new, got my-method"):
         baselines.register_coordinator("my-method", Kuramoto)
@@ -123,7 +123,7 @@ def test_a_coordinator_in_warp_alone():
 @pytest.mark.parametrize(("rates", "words"), [
     (lambda rows: rows.phase[0], r"rates of Wrong must have shape \(2, 5\), got \(5,\)"),
     (lambda rows: np.full((2, 5), np.nan), r"rates of Wrong must be finite \[rad/s\], got nan for robot_0 in"),
-    (lambda rows: "fast", "rates of Wrong must hold real numbers"),
+    (lambda rows: "fast", "rates of Wrong must contain real numbers"),
 ])  # fmt: skip
 def test_rates_that_are_none(rates, words):
     wrong = type("Wrong", (baselines.NumpyCoordinator,), {"rates": lambda self, rows: rates(rows)})

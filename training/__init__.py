@@ -1,4 +1,4 @@
-"""Learned policies: shipped ones, and what trains them."""
+"""Learned policies: the shipped ones, and their training."""
 
 from training.learned.onnx_graph import export_onnx
 from training.learned.policy import Learned, load, names

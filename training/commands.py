@@ -86,7 +86,7 @@ def train(
         output.print_json({"out": settings.out, **_train_rogues(settings, of_rogues, console)})
         return
     if of_rogues:
-        raise ValueError(f"side must be rogues where options of rogues are given ({', '.join(of_rogues)}), got robots")
+        raise ValueError(f"side must be rogues if options of rogues are given ({', '.join(of_rogues)}), got robots")
     if rogues:
         settings = dataclasses.replace(settings, overrides={**settings.overrides, "targets.rogues": AND.join(rogues)})
     uses_ray = settings.engine == "ray"
@@ -101,7 +101,7 @@ def _require_no_rogues(settings: TrainingSettings, side: str) -> None:
     """Raise ValueError if rogues are given in another way."""
     for name in ("rogues", "targets.rogues"):
         if name in settings.overrides:
-            raise ValueError(f"{name} must be left out of --set beside --rogues or --league")
+            raise ValueError(f"{name} must not be set with --set if --rogues or --league is given")
     if side == "rogues":
         raise ValueError("side must be robots with --rogues or --league, got rogues")
 

@@ -66,9 +66,9 @@ class RogueTraining:
             if not least <= value <= most:
                 raise ValueError(f"{name} must be from {least} to {most:,}, got {value!r}")
         if self.rounds == 0 and self.steps == 0:
-            raise ValueError("steps must be at least 1 where there are no rounds of imitation, got 0")
+            raise ValueError("steps must be at least 1 if there are no rounds of imitation, got 0")
         if "rogues" in self.overrides or "targets.rogues" in self.overrides:
-            raise ValueError("targets.rogues must be left out where rogues are trained")
+            raise ValueError("targets.rogues must be omitted if rogues are trained")
         as_device(self.device)
         self.learner()
         for name in ("worlds", "evaluation_episodes"):
@@ -86,7 +86,7 @@ class RogueTraining:
         for each in dataclasses.fields(common):
             default = each.default if each.default is not dataclasses.MISSING else {}
             if each.name not in (*SHARED, "overrides") and getattr(common, each.name) != default:
-                rule = f"must be left out where rogues are trained, which share only {', '.join(SHARED)}"
+                rule = f"must be omitted if rogues are trained, which share only {', '.join(SHARED)}"
                 raise ValueError(f"{each.name} {rule}; got {getattr(common, each.name)!r}")
         return cls(**{name: getattr(common, name) for name in (*SHARED, "overrides")}, **more)
 

@@ -1,10 +1,9 @@
 """Scenarios of a training: one, or those of a space, of which each split has its purpose."""
 
 import contextlib
-import dataclasses
 import itertools
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import baselines
@@ -12,7 +11,6 @@ from lissajous_env import Scenario, ScenarioSpace, evaluate
 from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.assumptions import AssumptionWarning
 from lissajous_env.parameters.named import is_space, scenario_space
-from lissajous_env.parameters.scenario import PARTS
 
 LEARNED, EVALUATED = "train", "validation"
 """Splits of a space from which a training draws its scenarios, and those of its evaluations. No training uses the
@@ -38,7 +36,7 @@ def space_of(name: str) -> ScenarioSpace | None:
         return scenario_space(name)
     space, colon, rest = name.partition(":")
     if colon and is_space(space) and not rest.rpartition("-")[2].isdecimal():
-        rule = f"must be the name of a space without a split: a training learns from {LEARNED}"
+        rule = f"must be the name of a space without a split, because a training uses the split {LEARNED}"
         raise ValueError(f"scenario {rule} and is evaluated on {EVALUATED}, got {name}")
     return None
 
@@ -46,29 +44,6 @@ def space_of(name: str) -> ScenarioSpace | None:
 def evaluated(space: ScenarioSpace, count: int) -> list[Scenario]:
     """Return the first scenarios of the split for evaluations."""
     return list(itertools.islice(space.scenarios(EVALUATED), count))
-
-
-def overridden(space: ScenarioSpace, overrides: Mapping[str, Any]) -> ScenarioSpace:
-    """Return a space in which fields have given values instead of being drawn, before lengths and times are scaled.
-
-    All other fields of a seed's scenario remain as they are, unless they follow from a given one by a formula.
-
-    Args:
-        space: The space.
-        overrides: Values by dotted name, such as `targets.arrival_rate`.
-
-    Raises:
-        ValueError: a name is not dotted or unknown, or a scenario with the value is invalid.
-    """
-    draw = {part: dict(fields) for part, fields in space.draw.items()}
-    for name, value in overrides.items():
-        part, dot, field = name.partition(".")
-        if not dot or part not in PARTS:
-            rule = f"must be fields as PART.FIELD for a space of scenarios ({space.name})"
-            raise ValueError(f"overrides {rule}, got {name}")
-        given = {"choices": [value]} if isinstance(value, Mapping) else value
-        draw[part] = {field: given} | {other: each for other, each in draw.get(part, {}).items() if other != field}
-    return dataclasses.replace(space, draw=draw, shifts={}) if overrides else space
 
 
 @contextlib.contextmanager

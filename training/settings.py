@@ -66,7 +66,7 @@ class TrainingSettings:
     short: float = 0.0
     """Fraction of the worlds whose episodes end after `short_time`: the beginning of an episode is learned better."""
     short_time: float = 3.0
-    """Duration of their episodes [s]."""
+    """Duration of the episodes of these worlds [s]."""
     seed: int = 0
     """Seed of the worlds, initial weights and exploration."""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/train")
@@ -174,7 +174,7 @@ class TrainingSettings:
             fits = len(self.initial_output) == size and all(-1 <= value <= 1 for value in self.initial_output)
             self._require("initial_output", fits, f"must be {size} numbers from -1 to 1")
             alone = self.start is None and self.engine == "sb3"
-            self._require("initial_output", alone, "must be left out with start, and with engine ray")
+            self._require("initial_output", alone, "must be omitted with start, and with engine ray")
         self._require(
             "teacher", self.imitated is None or self.base in (None, "none"), "must be none if there is a base"
         )
@@ -209,7 +209,7 @@ class TrainingSettings:
     def space(self) -> ScenarioSpace | None:
         """Space of scenarios to train on, with its overrides, or None for one scenario."""
         space = scenarios.space_of(self.scenario)
-        return None if space is None else scenarios.overridden(space, self.overrides)
+        return None if space is None else space.overridden(self.overrides)
 
     @cached_property
     def papers_method(self) -> tuple[str | None, str]:

@@ -40,7 +40,9 @@ def check(device: str, address: str | None) -> None:
     _ray()
     ray_address.check(address)
     if device not in ("cpu", "cuda"):
-        raise ValueError(f"device of engine ray must be cpu or cuda, for Ray chooses which one; got {shown(device)}")
+        raise ValueError(
+            f"device of engine ray must be cpu or cuda, because Ray selects the device; got {shown(device)}"
+        )
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ from baselines.benchmark import clairvoyant
 from baselines.benchmark.bounds import Bounds, bounds_of, mean_time_bound
 from baselines.benchmark.censoring import summarize_censored
 from baselines.benchmark.ratios import Profiles, growing, over_scenarios, profiles, with_ratios
-from baselines.benchmark.rows import numbers_of
+from baselines.benchmark.rows import Rows, by_kind, grouped, numbers_of
 from baselines.benchmark.shown_columns import COMPARED, OVER_LOWER_BOUND, OVER_SCENARIOS, OVERALL, TIME_OVER_BOUND
 from baselines.benchmark.statistics import Paired, Statistics, paired, summarize
 from lissajous_env.parameters.scenario import Scenario
@@ -24,7 +24,6 @@ Cells = dict[str, dict[str, dict[str, Statistics]]]
 """Statistics by scenario, policy and column."""
 Against = dict[str, tuple[str, dict[str, dict[str, Paired]]]]
 """The reference of each scenario, and the comparison of each policy with it by column."""
-Rows = Sequence[dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ def statistics(rows: Iterable[dict[str, Any]]) -> Cells:
             policy: {column: _summarized(column, played) for column in numbers_of(played[0])}
             for policy, played in policies.items()
         }
-        for scenario, policies in _grouped(rows).items()
+        for scenario, policies in grouped(rows).items()
     }
 
 
@@ -105,17 +104,8 @@ def complete(rows: Rows, scenarios: Mapping[str, Scenario]) -> dict[str, dict[st
 
     A kind with a single scenario is left out.
     """
-    found: dict[str, dict[str, dict[str, Rows]]] = {}
-    for kind in dict.fromkeys(scenario.robot.kind for scenario in scenarios.values()):
-        group = [name for name, scenario in scenarios.items() if scenario.robot.kind == kind]
-        strata: dict[str, dict[str, list[dict[str, Any]]]] = {}
-        for row in rows:
-            if row["scenario"] in group:
-                strata.setdefault(row["policy"], {}).setdefault(row["scenario"], []).append(row)
-        of_all: dict[str, dict[str, Rows]] = {p: dict(by) for p, by in strata.items() if len(by) == len(group)}
-        if len(group) > 1 and of_all:
-            found[", ".join(group)] = of_all
-    return found
+    found = [(next(iter(policies.values())), policies) for policies in by_kind(rows, scenarios).values()]
+    return {", ".join(names): policies for names, policies in found if len(names) > 1}
 
 
 def seed_by_seed(rows: Iterable[dict[str, Any]], against: str | None = None) -> Against:
@@ -125,7 +115,7 @@ def seed_by_seed(rows: Iterable[dict[str, Any]], against: str | None = None) -> 
     still growing at the end is only known to be worse than a shorter one; otherwise the two count as equal.
     """
     found: Against = {}
-    for scenario, policies in _grouped(rows).items():
+    for scenario, policies in grouped(rows).items():
         reference = reference_of(policies, against)
         if reference and len(policies) > 1:
             theirs = {row["seed"]: row for row in policies[reference]}
@@ -166,10 +156,3 @@ def _worst_cases(ours: dict[str, Any], other: dict[str, Any]) -> tuple[float, fl
     if growing == (False, True) and second > first:
         return first, np.inf
     return (np.inf, np.inf) if any(growing) else (first, second)
-
-
-def _grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, list[dict[str, Any]]]]:
-    episodes: dict[str, dict[str, list[dict[str, Any]]]] = {}
-    for row in rows:
-        episodes.setdefault(row["scenario"], {}).setdefault(row["policy"], []).append(row)
-    return episodes

@@ -73,8 +73,8 @@ def play_all(
             raise
 
     left = [(cell, numbers) for cell, numbers in work if numbers]
-    shared = deque(each for each in left if settings.device == "cpu" and _may_be_shared(each[0]))
-    own = deque(each for each in left if settings.device != "cpu" or not _may_be_shared(each[0]))
+    shared = deque(each for each in left if settings.device == "cpu" and may_be_shared(each[0]))
+    own = deque(each for each in left if settings.device != "cpu" or not may_be_shared(each[0]))
     with ThreadPoolExecutor(cores()) as pool:
         helpers = [pool.submit(play_each, shared) for _ in range(min(cores(), len(shared)) - (0 if own else 1))]
         try:
@@ -88,7 +88,7 @@ def play_all(
     return [failures[id(cell)] for cell, _ in work if id(cell) in failures]
 
 
-def _may_be_shared(cell: Cell) -> bool:
+def may_be_shared(cell: Cell) -> bool:
     """Return whether all code that plays a cell is of this package."""
     shipped = cell.policy == clairvoyant.NAME or registry.ships(cell.policy)
     return shipped and not cell.scenario.extensions and cell.scenario.robot.kind in clairvoyant.KINDS

@@ -13,45 +13,33 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from baselines.benchmark.rows import numbers_of
+from baselines.benchmark.rows import Rows, by_kind, grouped, numbers_of
 from lissajous_env.parameters.scenario import Scenario
 
 NAME = "marl-eval.json"
 _DIGITS = 6
 
-_Episodes = Mapping[str, Mapping[str, Mapping[int, Mapping[str, Any]]]]
-"""Score rows by scenario, policy and seed."""
 
-
-def as_marl_eval(rows: Sequence[Mapping[str, Any]], scenarios: Mapping[str, Scenario]) -> str:
+def as_marl_eval(rows: Rows, scenarios: Mapping[str, Scenario]) -> str:
     """Put score rows into that form, as JSON; metrics without a number in some episode are left out."""
-    episodes: dict[str, dict[str, dict[int, Mapping[str, Any]]]] = {}
-    for row in rows:
-        episodes.setdefault(row["scenario"], {}).setdefault(row["policy"], {})[row["seed"]] = row
-    told = {}
-    for kind in dict.fromkeys(scenarios[name].robot.kind for name in episodes):
-        group = {name: of for name, of in episodes.items() if scenarios[name].robot.kind == kind}
-        if len(group) > 1:
-            told[f"lissajous {kind}".lower()] = _environment(group)
-    return json.dumps(told | {f"lissajous {name}".lower(): _environment({name: of}) for name, of in episodes.items()})
+    kinds = {kind: of for kind, of in by_kind(rows, scenarios).items() if len(next(iter(of.values()))) > 1}
+    single = {name: {policy: {name: rows} for policy, rows in of.items()} for name, of in grouped(rows).items()}
+    environments = (*kinds.items(), *single.items())
+    return json.dumps({f"lissajous {name}".lower(): _environment(played) for name, played in environments})
 
 
-def _environment(episodes: _Episodes) -> dict[str, Any]:
-    """An environment of the policies and seeds that all of some scenarios have."""
-    policies = [p for p in next(iter(episodes.values())) if all(p in of for of in episodes.values())]
-    runs = [set(by_seed) for of in episodes.values() for policy, by_seed in of.items() if policy in policies]
-    seeds = sorted(set.intersection(*runs)) if runs else []
-    played = [by_policy[policy][seed] for by_policy in episodes.values() for policy in policies for seed in seeds]
-    columns = (
-        [c for c in numbers_of(played[0]) if all(math.isfinite(r.get(c, math.nan)) for r in played)] if played else []
-    )
-    return {
+def _environment(played: Mapping[str, Mapping[str, Rows]]) -> dict[str, Any]:
+    """An environment of the seeds that all policies have on all scenarios; `played` has rows by policy and scenario."""
+    seeds = set.intersection(*({row["seed"] for row in rows} for of in played.values() for rows in of.values()))
+    kept = [row for of in played.values() for rows in of.values() for row in rows if row["seed"] in seeds]
+    names = numbers_of(kept[0]) if kept else ()
+    columns = [name for name in names if all(math.isfinite(row.get(name, math.nan)) for row in kept)]
+    environment: dict[str, Any] = {}
+    for row in kept:
         # Names are looked up in small letters there.
-        scenario.lower(): {
-            policy: {f"seed_{seed}": _run(by_policy[policy][seed], columns) for seed in seeds} for policy in policies
-        }
-        for scenario, by_policy in episodes.items()
-    }
+        runs = environment.setdefault(row["scenario"].lower(), {}).setdefault(row["policy"], {})
+        runs[f"seed_{row['seed']}"] = _run(row, columns)
+    return environment
 
 
 def _run(row: Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from baselines.benchmark import clairvoyant
 from baselines.benchmark.comparison import Comparisons, complete, is_censored, reference_of
 from baselines.benchmark.plot_styles import STYLE, saved, styles_of
 from baselines.benchmark.ratios import profile, with_ratios
+from baselines.benchmark.rows import Rows, by_kind, grouped
 from baselines.benchmark.shown_columns import COMPARED, RATIOS, brought_in
 from baselines.benchmark.statistics import performance_profile, probability_of_improvement, summarize
 from baselines.benchmark.tables import shown_name
@@ -56,8 +57,6 @@ _FIRST_ROW = 0.55
 _ROW = 0.17
 """Height of a row [inch]."""
 
-Rows = Sequence[Mapping[str, Any]]
-
 
 @dataclass(frozen=True)
 class Group:
@@ -84,16 +83,11 @@ class Group:
 def groups_of(rows: Rows, scenarios: Mapping[str, Scenario], against: str | None = None) -> list[Group]:
     """Put score rows, with their derived columns, together by kind of robots."""
     found = []
-    for kind in dict.fromkeys(scenarios[row["scenario"]].robot.kind for row in rows):
-        names = [n for n, of in scenarios.items() if of.robot.kind == kind and any(r["scenario"] == n for r in rows)]
-        by: dict[str, dict[str, list[Mapping[str, Any]]]] = {}
-        for row in rows:
-            if row["scenario"] in names:
-                by.setdefault(row["policy"], {}).setdefault(row["scenario"], []).append(row)
+    for kind, played in by_kind(rows, scenarios).items():
+        names = list(next(iter(played.values())))
         scores = {
             policy: {c: [_scores(of[name], c, scenarios[name]) for name in names] for c in COMPARED}
-            for policy, of in by.items()
-            if all(name in of for name in names)
+            for policy, of in played.items()
         }
         rivals = [policy for policy in scores if policy != clairvoyant.NAME]
         if rivals:
@@ -115,11 +109,9 @@ def draw(
             kind = scenarios[next(iter(next(iter(by.values()))))].robot.kind
             if columns := _finite_ratios(by):
                 yield f"ratios-{kind}.{form}", saved(_ratios(by, columns, styles), form)
+        of_scenarios = grouped(rows)
         for name in scenarios:
-            of: dict[str, list[Mapping[str, Any]]] = {}
-            for row in rows:
-                if row["scenario"] == name:
-                    of.setdefault(row["policy"], []).append(row)
+            of = of_scenarios.get(name, {})
             played = [row for episodes in of.values() for row in episodes]
             columns = [*COMPARED, *brought_in(played)]
             columns = [each for each in columns if any(math.isfinite(row.get(each.name, math.nan)) for row in played)]
@@ -147,19 +139,32 @@ def _scaled(axes: Axes, column: Column, values: np.ndarray) -> None:
     known = values[np.isfinite(values)]
     positive = known[known > 0]
     if column.unit == "s" and len(positive):
-        axes.set_xscale("log")
         low, high = max(positive.min(), positive.max() / 1e4) * 0.9, positive.max() * 1.1
+        _set_log_scale(axes, (1, 2, 5) if math.log10(high / low) < 2.2 else (1,))
         axes.set_xlim(low, high)
-        decades = math.log10(high / low)
-        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 2.2 else (1,), numticks=9))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.xaxis.set_minor_formatter(NullFormatter())
     elif column.rule is WHOLE and known.max() > 20:
         axes.set_xscale("symlog", linthresh=1)
         axes.set_xlim(0, known.max() * 1.1)
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     elif column.rule is SHARE:
         axes.set_xlim(min(0.5, known.min()) - 0.03, 1.03)
+
+
+def _set_log_scale(axes: Axes, subs: tuple[int, ...] = (1, 2, 5)) -> None:
+    """Set a logarithmic scale with plain numbers, at these multiples of the powers of ten."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=9))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _draw_share(axes: Axes, policy: str, at: np.ndarray, found: Any, styles: Mapping[str, Any]) -> None:
+    """Draw the share of a policy's episodes at some values, with its interval; `found` has share, low and high."""
+    share, below, above = found
+    line: dict[str, Any] = _line(policy, styles) | {"markevery": (len(at) // 8, len(at) // 4)}
+    axes.plot(at, share, label=shown_name(policy), **line)
+    axes.fill_between(at, below, above, color=styles[policy].colour, alpha=0.15, lw=0)
+    axes.set_ylim(-0.02, 1.03)
 
 
 def _profiles(group: Group, styles: Mapping[str, Any]) -> Figure:
@@ -174,11 +179,7 @@ def _profiles(group: Group, styles: Mapping[str, Any]) -> Figure:
         at = np.geomspace(low, high, _VALUES) if axes.get_xscale() == "log" else np.linspace(low, high, _VALUES)
         at = np.sort(np.concatenate([at, np.linspace(low, min(10, high), _VALUES)])) if column.rule is WHOLE else at
         for policy, of in group.scores.items():
-            share, below, above = performance_profile(of[column], at, column.better)
-            line: dict[str, Any] = _line(policy, styles) | {"markevery": (len(at) // 8, len(at) // 4)}
-            axes.plot(at, share, label=shown_name(policy), **line)
-            axes.fill_between(at, below, above, color=styles[policy].colour, alpha=0.15, lw=0)
-        axes.set_ylim(-0.02, 1.03)
+            _draw_share(axes, policy, at, performance_profile(of[column], at, column.better), styles)
         axes.set_xlabel(f"{_title(column)} $\\tau$")
         axes.set_title(f"$P(\\mathrm{{score}} {'≤' if column.better < 0 else '≥'} \\tau)$", fontweight="normal")
     _legend(figure)
@@ -192,15 +193,8 @@ def _ratios(by: Mapping[str, Mapping[str, Rows]], columns: Sequence[Column], sty
         every = np.concatenate([numbers for of in by.values() for numbers in _numbers(of, column)])
         at = np.geomspace(1.0, np.clip(np.quantile(every[np.isfinite(every)], 0.95), 2.0, 100.0), _VALUES)
         for policy, of in by.items():
-            share, below, above = np.array(profile(_numbers(of, column), at)).T
-            line: dict[str, Any] = _line(policy, styles) | {"markevery": (len(at) // 8, len(at) // 4)}
-            axes.plot(at, share, label=shown_name(policy), **line)
-            axes.fill_between(at, below, above, color=styles[policy].colour, alpha=0.15, lw=0)
-        axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=9))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set_ylim(-0.02, 1.03)
+            _draw_share(axes, policy, at, np.array(profile(_numbers(of, column), at)).T, styles)
+        _set_log_scale(axes)
         axes.set_xlabel(f"{column.short} $\\tau$")
         axes.set_title("$P(\\mathrm{ratio} ≤ \\tau)$", fontweight="normal")
     _legend(figure)

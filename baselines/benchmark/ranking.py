@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from baselines.benchmark import clairvoyant
+from baselines.benchmark.rows import Rows, by_kind
 from baselines.benchmark.shown_columns import COMPARED
 from baselines.benchmark.statistics import bootstrap_interval
 from lissajous_env.parameters.scenario import Scenario
@@ -31,30 +32,23 @@ class Ranking:
     """Mean over the columns, by policy."""
 
 
-def rankings(rows: Sequence[Mapping[str, Any]], scenarios: Mapping[str, Scenario]) -> list[Ranking]:
+def rankings(rows: Rows, scenarios: Mapping[str, Scenario]) -> list[Ranking]:
     """Rank the policies on each seed of each scenario, and average; of equal ones each has the mean of their ranks.
 
     Args:
         rows: Score rows with their derived columns.
         scenarios: Their scenarios by name.
     """
-    played: dict[str, dict[str, dict[int, Mapping[str, Any]]]] = {}
-    for row in rows:
-        if row["policy"] != clairvoyant.NAME:
-            played.setdefault(row["scenario"], {}).setdefault(row["policy"], {})[row["seed"]] = row
-    found = []
-    for kind in dict.fromkeys(scenarios[name].robot.kind for name in played):
-        group = {name: played[name] for name, of in scenarios.items() if name in played and of.robot.kind == kind}
-        policies = [p for p in next(iter(group.values())) if all(p in of for of in group.values())]
-        if len(policies) > 1:
-            found.append(_ranking(kind, group, policies))
-    return found
+    rivals = [row for row in rows if row["policy"] != clairvoyant.NAME]
+    return [_ranking(kind, of) for kind, of in by_kind(rivals, scenarios).items() if len(of) > 1]
 
 
-def _ranking(kind: str, group: Mapping[str, Mapping[str, Mapping[int, Any]]], policies: list[str]) -> Ranking:
+def _ranking(kind: str, played: Mapping[str, Mapping[str, Rows]]) -> Ranking:
     from scipy.stats import rankdata  # which takes longer to import than all of ours
 
-    worths = [_worths(of, policies) for of in group.values()]
+    policies = list(played)
+    names = tuple(played[policies[0]])
+    worths = [_worths([of[name] for of in played.values()]) for name in names]
     known = [~np.isnan(table) for table in worths]
     places = [c for c in range(len(COMPARED)) if all(table[c].all(axis=0).any() for table in known)]
     columns = tuple(COMPARED[c] for c in places)
@@ -67,19 +61,18 @@ def _ranking(kind: str, group: Mapping[str, Mapping[str, Mapping[int, Any]]], po
     }
     overall = {policy: _mean([table[:, k].mean(axis=0) for table in ranks]) for k, policy in enumerate(policies)}
     order = sorted(policies, key=lambda policy: overall[policy][0])
-    return Ranking(
-        kind,
-        tuple(group),
-        columns,
-        {p: of[p] for p in order},
-        {p: overall[p] for p in order},
-    )
+    return Ranking(kind, names, columns, {p: of[p] for p in order}, {p: overall[p] for p in order})
 
 
-def _worths(of: Mapping[str, Mapping[int, Mapping[str, Any]]], policies: Sequence[str]) -> np.ndarray:
-    """Return the numbers that policies are ranked by on the seeds that all played, smaller being better: (C, P, n)."""
-    seeds = sorted(set.intersection(*(set(of[policy]) for policy in policies)))
-    return np.array([[[_worth(of[p][seed], column) for seed in seeds] for p in policies] for column in COMPARED])
+def _worths(played: Sequence[Rows]) -> np.ndarray:
+    """Return the numbers that policies are ranked by on the seeds that all played, smaller being better: (C, P, n).
+
+    Args:
+        played: Rows of a scenario, of each policy.
+    """
+    of = [{row["seed"]: row for row in rows} for rows in played]
+    seeds = sorted(set.intersection(*map(set, of)))
+    return np.array([[[_worth(rows[seed], column) for seed in seeds] for rows in of] for column in COMPARED])
 
 
 def _worth(row: Mapping[str, Any], column: Column) -> float:

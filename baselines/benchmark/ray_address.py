@@ -47,11 +47,9 @@ def knock(address: str) -> None:
         raise ConnectionError(f"no Ray cluster answers at {address}: {error}") from error
     answer = _ask(asked, is_client, max(until - time.monotonic(), 1.0))
     if answer is _WANTS_TOKEN and address != "auto":  # for a cluster that Ray finds itself, it finds the token as well
-        raise ConnectionError(
-            f"the Ray cluster at {address} wants a token, which Ray sends where RAY_AUTH_MODE is token"
-        )
+        raise ConnectionError(f"the Ray cluster at {address} requires a token: set RAY_AUTH_MODE to token")
     if isinstance(answer, str):
-        raise ConnectionError(f"something answers at {address}, but it is no Ray cluster: {answer}")
+        raise ConnectionError(f"a server answers at {address}, but it is not a Ray cluster: {answer}")
 
 
 def _parts(address: Any) -> tuple[str, int]:
@@ -59,8 +57,8 @@ def _parts(address: Any) -> tuple[str, int]:
     found = _HOST_AND_PORT.fullmatch(address) if isinstance(address, str) else None
     if found is None or not 1 <= int(found["port"]) <= 65535:
         raise ValueError(
-            "address must be auto, local, HOST:PORT or ray://HOST:PORT with a port from 1 to 65535, "
-            f"without it Ray is started here; got {address!r}"
+            "address must be auto, local, HOST:PORT or ray://HOST:PORT with a port from 1 to 65535, or be omitted to "
+            f"start Ray on this machine, got {address!r}"
         )
     return found["host"].strip("[]"), int(found["port"])
 
@@ -71,7 +69,7 @@ def _ask(address: str, is_client: bool, patience: float) -> object:
         import grpc
         from ray._private.grpc_utils import init_grpc_channel
     except ImportError as error:
-        raise ValueError(f'address must have gRPC ({error}): pip install "lissajous-env[cluster]"') from error
+        raise ValueError(f'address requires gRPC ({error}): pip install "lissajous-env[cluster]"') from error
     messages, services = _generated("ray_client" if is_client else "gcs_service")
     channel = init_grpc_channel(address, [("grpc.enable_http_proxy", 0)])
     try:

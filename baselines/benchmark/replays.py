@@ -2,12 +2,16 @@
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 from baselines.benchmark.clairvoyant import Clairvoyant
+from baselines.benchmark.local import may_be_shared
 from baselines.benchmark.types import Cell
+from lissajous_env.device.devices import cores
 from lissajous_env.episodes import witness
 from lissajous_env.episodes.evaluation import EpisodeRunner
 from lissajous_env.episodes.recording import Recorder, Recording
@@ -16,13 +20,14 @@ from lissajous_env.world.columns import WORST_CASE
 from lissajous_env.world.simulation import Simulation, fold_seed
 
 WORDS = ("none", "few", "each", "all")
-FEW_SECONDS = 8.0
+FEW_SECONDS = 6.0
 """Time after which no further replays are begun where `few` are asked for [s]."""
 FEW_BYTES = 11e6
 """Size from which on none are added to those."""
 _TOGETHER = 4
 """Episodes that are recorded together: each holds tens of megabytes while it is."""
 
+_T = TypeVar("_T")
 Key = tuple[str, str, int]
 """Scenario, policy and seed of an episode."""
 
@@ -87,6 +92,8 @@ def make(
 ) -> Iterator[tuple[Key, Played]]:
     """Play episodes again, round after round, and yield each; before them, the same seeds of their reference.
 
+    They are played on as many threads as the benchmark's, and yielded in the same order on any number.
+
     Args:
         rounds: What to play; what has no cell cannot be, and is left out.
         cells: Policies on scenarios, by name.
@@ -98,27 +105,59 @@ def make(
         on_failure: Called with a cell whose policy raised this time, and with what it raised.
     """
     began, size, done = time.monotonic(), 0, set()
-    for keys in rounds:
-        wanted = [key for key in keys if key in rows and key[:2] in cells]
-        for place, seeds in _batches(wanted, references, rows):
-            cell, seeds = cells[place], [seed for seed in seeds if (*place, seed) not in done]
-            if not seeds:
-                continue
-            if hurried and (time.monotonic() - began > FEW_SECONDS or size > FEW_BYTES):
-                return
-            on_begin(cell)
+
+    def play(cell: Cell, seeds: list[int]) -> list[tuple[Key, Played]]:
+        recorded, found = record_together(cell, seeds, device), []
+        rogues = _missed(cell, [played for _, played in recorded])
+        for (recording, _), rogue in zip(recorded, rogues, strict=True):
+            key = (cell.scenario.name, cell.policy, int(recording.score["seed"]))
+            same, appears = _agree(recording.score, rows[key]), None if rogue is None else rogue.appears
+            found.append((key, Played(contents(recording, BRIEF, rogue), same, appears)))
+        return found
+
+    def begun(pool: ThreadPoolExecutor) -> Iterator[tuple[Cell, Future[list[tuple[Key, Played]]]]]:
+        for keys in rounds:
+            wanted = [key for key in keys if key in rows and key[:2] in cells]
+            for place, seeds in _batches(wanted, references, rows):
+                cell, left = cells[place], [seed for seed in seeds if (*place, seed) not in done]
+                if not left:
+                    continue
+                if hurried and (time.monotonic() - began > FEW_SECONDS or size > FEW_BYTES):
+                    return
+                on_begin(cell)
+                done.update((*place, seed) for seed in left)
+                shared = device == "cpu" and may_be_shared(cell)
+                yield cell, pool.submit(play, cell, left) if shared else _called(play, cell, left)
+
+    with ThreadPoolExecutor(cores()) as pool:
+        for cell, future in _ahead(begun(pool), cores()):
             try:
-                recorded = record_together(cell, seeds, device)
-                rogues = _missed(cell, [played for _, played in recorded])
+                episodes = future.result()
             except (Exception, SystemExit) as error:
                 on_failure(cell, error)
                 continue
-            for (recording, _), rogue in zip(recorded, rogues, strict=True):
-                key = (cell.scenario.name, cell.policy, int(recording.score["seed"]))
-                done.add(key)
-                kept = contents(recording, BRIEF, rogue)
-                size += _size(kept)
-                yield key, Played(kept, _agree(recording.score, rows[key]), None if rogue is None else rogue.appears)
+            size += sum(_size(played.contents) for _, played in episodes)
+            yield from episodes
+
+
+def _ahead(begun: Iterator[_T], most: int) -> Iterator[_T]:
+    """Yield in order what an iterator yields, which is up to `most` entries ahead."""
+    waiting: deque[_T] = deque()
+    for each in begun:
+        waiting.append(each)
+        if len(waiting) > most:
+            yield waiting.popleft()
+    yield from waiting
+
+
+def _called(function: Callable[..., _T], *given: Any) -> Future[_T]:
+    """Call a function in this thread, and return its result as a thread of a pool does."""
+    future: Future[_T] = Future()
+    try:
+        future.set_result(function(*given))
+    except (Exception, SystemExit) as error:
+        future.set_exception(error)
+    return future
 
 
 def record_together(

@@ -15,6 +15,7 @@ from baselines.benchmark.failures import KINDS, badness, failed, headline, worst
 from baselines.benchmark.plot_styles import COLOURS, styles_of
 from baselines.benchmark.ranking import Ranking, rankings
 from baselines.benchmark.replays import Key, Played
+from baselines.benchmark.rows import Rows, grouped
 from baselines.benchmark.shown_columns import (
     COMPARED,
     MAIN,
@@ -65,7 +66,7 @@ class Report:
         """Return the policy that the others of a scenario are compared with."""
         return {name: reference for name, (reference, _) in self.comparisons.against.items()}
 
-    def html(self, ranked: Sequence[Mapping[str, Any]], replays: Mapping[Key, Played]) -> str:
+    def html(self, ranked: Rows, replays: Mapping[Key, Played]) -> str:
         """Make the page.
 
         Args:
@@ -76,6 +77,7 @@ class Report:
         number_of = {name: k for k, name in enumerate(policies)}
         scenario_of = {name: k for k, name in enumerate(self.comparisons.cells)}
         kept, held, columns = _listed(ranked), self.outcome.held_scenarios, _columns(self.outcome.held_rows)
+        by = grouped(ranked)
         replayed = {f"replay-{k}": (key, played) for k, (key, played) in enumerate(replays.items())}
         data = {
             "format": FORMAT,
@@ -86,7 +88,7 @@ class Report:
                 self._ranking(each, scenario_of, number_of)
                 for each in rankings(with_derived(self.outcome.held_rows, held), held)
             ],
-            "scenarios": [self._scenario(name, number_of, ranked) for name in scenario_of],
+            "scenarios": [self._scenario(name, number_of, by.get(name, {})) for name in scenario_of],
             "failures": [[each.scenario, each.policy, each.error] for each in self.outcome.failures],
             "columns": columns,
             "tradeoff": [DETECTION_TIME.name, COLLISIONS.name],
@@ -156,12 +158,8 @@ class Report:
             ],
         }
 
-    def _scenario(self, name: str, number_of: Mapping[str, int], ranked: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    def _scenario(self, name: str, number_of: Mapping[str, int], rows: Mapping[str, Rows]) -> dict[str, Any]:
         scenario = self.outcome.held_scenarios[name]
-        rows: dict[str, list[Mapping[str, Any]]] = {}
-        for row in ranked:
-            if row["scenario"] == name:
-                rows.setdefault(row["policy"], []).append(row)
         played = [row for of in rows.values() for row in of]
         cells = self.comparisons.cells[name]
         shown = [each for each in shown_columns(scenario, cells) if each.page]

@@ -33,7 +33,7 @@ _ENTRIES = {"policies": dict, "episodes": int, "seed": int, "device": str, "vers
 NAMES = ("settings.json", "episodes.jsonl", detections.NAME)
 """Files that are kept."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
-_ADVICE = "take another --out, or delete the folder"
+_ADVICE = "choose another --out, or delete the folder"
 
 
 def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
@@ -50,7 +50,8 @@ def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) ->
     if not path.exists():
         if (folder.path / "episodes.jsonl").exists():
             raise ValueError(
-                f"{folder.path} holds episodes.jsonl but no settings.json, so it cannot go on; take another --out"
+                f"{folder.path} contains episodes.jsonl but no settings.json, so the benchmark cannot resume; "
+                "choose another --out"
             )
         folder.write("settings.json", json.dumps(now, indent=2) + "\n")
         return now
@@ -132,7 +133,7 @@ def scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:
         except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
             raise _damaged(folder / "settings.json", f"scenarios.{name}: {error}") from error
         if made[name].name != name or digest != held["digests"][name]:
-            raise _damaged(folder / "settings.json", f"scenarios.{name} is not what its digest was made of")
+            raise _damaged(folder / "settings.json", f"scenarios.{name} does not match its digest")
     return made
 
 
@@ -152,7 +153,7 @@ class Episodes:
                 wrong = refusal_of(row, self._brought(row)) or self._what_does_not_belong(row)
                 if wrong:
                     raise ValueError(
-                        f"{self._journal.path}, line {line}: {wrong}; delete that line to have its episode played again"
+                        f"{self._journal.path}, line {line}: {wrong}; delete that line to play its episode again"
                     )
                 self._rows[_key(row)] = row | {c: math.nan for c in numbers_of(row) if row[c] is None}
             self.detections = detections.Detections(folder)
@@ -200,7 +201,7 @@ class Episodes:
             return f"is episode {row['episode']} of {held['episodes']}"
         if row["seed"] != held["seed"] + row["episode"]:
             return f"must have seed {held['seed'] + row['episode']}, got {row['seed']}"
-        return "is an episode that is there already" if _key(row) in self._rows else None
+        return "is an episode that the folder already contains" if _key(row) in self._rows else None
 
     def __enter__(self) -> "Episodes":
         return self
@@ -221,7 +222,7 @@ def read_settings(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise ValueError(f"{error}; {_ADVICE}") from error
     if not isinstance(there, dict) or set(there) != set(_ENTRIES):
-        raise _damaged(path, f"it must hold {', '.join(_ENTRIES)}")
+        raise _damaged(path, f"it must contain {', '.join(_ENTRIES)}")
     for name, kind in _ENTRIES.items():
         if type(there[name]) is not kind or (kind is int and not 0 <= there[name] < 2**31):
             raise _damaged(path, f"{name} is {short(there[name])}")
@@ -269,6 +270,6 @@ def _refusal(folder: Path, differing: list[tuple[str, str, str]]) -> str:
     widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
     table = "\n".join(f"  {a:<{widths[0]}}  {b:<{widths[1]}}  {c}" for a, b, c in rows)
     of_code = all(name.startswith("played.") or ".parts." in name for name, *_ in differing)
-    what = "of other code under the same name" if of_code else "of other settings"
+    what = "of the same name with other code" if of_code else "of other settings"
     advice = "undo the change" if of_code else "the same settings"
-    return f"{folder} holds results {what}; take another --out or {advice}\n{table}"
+    return f"{folder} contains results {what}; choose another --out or {advice}\n{table}"

@@ -1,9 +1,35 @@
-"""Checks of score rows, column by column: a row that is read from a file must meet the same rules as one written."""
+"""Score rows, grouped, and checked column by column: one that is read meets the same rules as one that is written."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import COLUMNS, FINITE, IDENTITY, NAMES, WHOLE, Column
+
+Rows = Sequence[dict[str, Any]]
+
+
+def grouped(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, Rows]]:
+    """Return score rows by scenario and policy."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in rows:
+        found.setdefault(row["scenario"], {}).setdefault(row["policy"], []).append(row)
+    return found
+
+
+def by_kind(rows: Iterable[dict[str, Any]], scenarios: Mapping[str, Scenario]) -> dict[str, dict[str, dict[str, Rows]]]:
+    """Return score rows by kind of robots, policy and scenario, of the policies that played all scenarios of the kind.
+
+    The scenarios are those of which there are rows, in the order of `scenarios`. Kinds without such a policy are left
+    out.
+    """
+    played, found = grouped(rows), {}
+    for kind in dict.fromkeys(scenario.robot.kind for scenario in scenarios.values()):
+        names = [name for name, scenario in scenarios.items() if name in played and scenario.robot.kind == kind]
+        policies = [p for p in played[names[0]] if all(p in played[name] for name in names)] if names else []
+        if policies:
+            found[kind] = {policy: {name: played[name][policy] for name in names} for policy in policies}
+    return found
 
 
 def column_of(name: str) -> Column:

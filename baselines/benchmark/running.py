@@ -137,12 +137,12 @@ def plan(
             cells.append(Cell(scenario, clairvoyant.NAME, clairvoyant.Clairvoyant))
         if not chosen and len(cells) == before and not (own and len(made) > 1):
             kind, got = f"robots of kind {kind}", few_of((*others, *own))
-            raise ValueError(f"policies must hold one for {scenario.name}, which has {kind}; got {got}")
+            raise ValueError(f"policies must contain one for {scenario.name}, which has {kind}; got {got}")
     if not cells:
-        raise ValueError(f"policies must hold one for the scenarios, got {few_of(own)}")
+        raise ValueError(f"policies must contain one for the scenarios, got {few_of(own)}")
     if settings.against is not None and settings.against not in {cell.policy for cell in cells}:
         played = few_of((cell.policy for cell in cells), settings.against)
-        raise ValueError(f"against must be a policy that is played ({played}), got {settings.against}")
+        raise ValueError(f"against must be one of the policies ({played}), got {settings.against}")
     if len({(cell.scenario.name, cell.policy) for cell in cells}) < len(cells):
         raise ValueError(f"scenarios must differ in name, got {few_of(scenario.name for scenario in made)}")
     replays.check(settings.replays, cells, range(settings.seed, settings.seed + settings.episodes))

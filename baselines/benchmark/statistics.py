@@ -98,7 +98,7 @@ def bootstrap_interval(
         return middle_of(drawn @ pooled / n, confidence)
     order = np.argsort(pooled, kind="stable")
     drawn = drawn[:, order]
-    last = np.cumsum(drawn, axis=1)
+    last = np.cumsum(drawn, axis=1, dtype=drawn.dtype)
     counted = np.minimum(last, n - outside) - np.maximum(last - drawn, outside)
     means = np.maximum(counted, 0) @ pooled[order] / (n - 2 * outside)
     return middle_of(means, confidence)
@@ -200,7 +200,7 @@ def summarize(*strata: Sequence[float] | np.ndarray) -> Statistics:
     )
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def draws(size: int, resamples: int, seed: int) -> np.ndarray:
     """Return (resamples, size) how often each of `size` values is drawn, with replacement."""
     generator = np.random.default_rng([seed, size])

@@ -20,7 +20,7 @@ from baselines.benchmark.ratios import TAUS
 from baselines.benchmark.types import Outcome
 from baselines.benchmark.written import MARKDOWN, markdown, table_of
 from lissajous_env.console.terminal import plain
-from lissajous_env.device.devices import as_device
+from lissajous_env.device.devices import as_device, memory
 from lissajous_env.storage.files import write_atomically
 from lissajous_env.storage.folder import Folder
 from lissajous_env.world.columns import NAMES as ENTRIES
@@ -107,14 +107,11 @@ def command() -> str:
 
 def machine(device: str) -> dict[str, Any]:
     """Return a description of this machine and of a device."""
-    memory = None
-    if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
-        memory = round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1)
     warp_device = as_device(device)
     return {
         "cpu": _cpu_model(),
         "cores": os.cpu_count(),
-        "memory_gib": memory,
+        "memory_gib": round(memory() / 2**30, 1),
         "os": platform.platform(),
         "device": device if warp_device.is_cpu else f"{device}: {warp_device.name}",
     }

@@ -15,7 +15,7 @@ from baselines.benchmark.shown_columns import COMPARED, OVER_LOWER_BOUND, OVERAL
 from baselines.benchmark.statistics import Paired, Statistics
 from baselines.benchmark.types import Outcome
 from lissajous_env.console import terminal
-from lissajous_env.console.terminal import print_left_out, print_table
+from lissajous_env.console.terminal import print_left_out, print_line, print_table
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import RECOVERY, WORST_CASE, Column
 
@@ -42,31 +42,28 @@ def print_tables(console: Console, outcome: Outcome, comparisons: Comparisons, s
         count = names.count(",") + 1
         over = names if count <= _MOST_NAMED else f"all {count} scenarios"
         left_out += print_policies(console, Text(f"over {over}", "bold"), policies, OVERALL)
-    print_left_out(console, left_out, f"They are in {settings.out}/episodes.csv, and a wider terminal shows them.")
+    print_left_out(console, left_out, f"They are in {settings.out}/summary.json, and a wider terminal shows them.")
     for words in _legend(cells, comparisons.bounds, settings.episodes):
-        _say(console, words, "dim")
+        print_line(console, words, "dim")
     for refusal in outcome.left_out:
-        _say(console, f"{refusal.policy} is left out on {refusal.scenario}: {refusal.error}", "dim")
+        print_line(console, f"{refusal.policy} is left out on {refusal.scenario}: {refusal.error}", "dim")
     for failure in outcome.failures:
-        _say(console, f"{failure.policy} failed on {failure.scenario}: {failure.error}", "bold red")
+        print_line(console, f"{failure.policy} failed on {failure.scenario}: {failure.error}", "bold red")
     if outcome.failures:
-        _say(console, "Tracebacks are in summary.json.", "red")
+        print_line(console, "Tracebacks are in summary.json.", "red")
     if outcome.kept:
         words = (
             f"{outcome.kept} of {len(outcome.rows)} episodes were already in {settings.out} and were not played "
             "again; to replay them all, delete that folder or choose another --out."
         )
-        _say(console, words, "yellow")
+        print_line(console, words, "yellow")
     words = f"{len(outcome.rows)} episodes"
     if len(outcome.held_rows) > len(outcome.rows):
         words += f" requested, {len(outcome.held_rows)} with those of earlier calls,"
-    _say(
-        console,
-        f"{words} in {settings.out} (report.html, table.md, episodes.csv, summary.json), {outcome.elapsed:.1f} s",
-        "",
-    )
+    words += f" in {settings.out} (report.html, table.md, episodes.csv, summary.json), {outcome.elapsed:.1f} s"
+    print_line(console, words)
     if said:
-        _say(console, said, "")
+        print_line(console, said)
 
 
 def print_policies(
@@ -265,10 +262,6 @@ def _legend(cells: Mapping[str, Any], bounds: Mapping[str, Bounds], episodes: in
 
 def _print_title(console: Console, title: Text) -> None:
     console.print(title, soft_wrap=True, highlight=False)
-
-
-def _say(console: Console, words: str, style: str) -> None:
-    console.print(words, style=style, markup=False, highlight=False, soft_wrap=True)
 
 
 def best_of(candidates: Sequence[Mapping[str, Statistics]], column: Column) -> str:

@@ -51,7 +51,7 @@ class Benchmark:
     first policy."""
     replays: tuple[str, ...] = ("few",)
     """Episodes that report.html can play: `none`; `each`: the worst, median and best of each policy on each scenario;
-    `few`: as many of these as can be recorded in 8 s and 11 MB, the worst ones first; a number: that many of the worst
+    `few`: as many of these as can be recorded in 6 s and 11 MB, the worst ones first; a number: that many of the worst
     of each; `all`; or SCENARIO:POLICY:SEED. The reference policy is shown beside each."""
     overrides: Annotated[Mapping[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
     """Fields changed in every scenario, as {"task.duration": 30.0}."""
@@ -67,16 +67,16 @@ class Benchmark:
             if getattr(self, name) > most:
                 raise ValueError(f"{name} must be at most {most:,}, got {getattr(self, name)}")
         if not 0 <= self.seed <= 2**31 - self.episodes:
-            raise ValueError(f"seed must be from 0 to 2147483647, that of the last episode too, got {self.seed}")
+            raise ValueError(f"seed must be from 0 to 2147483647 for all episodes, got {self.seed}")
         for name in ("scenarios", "policies"):
             if len(set(getattr(self, name))) < len(getattr(self, name)):
-                raise ValueError(f"{name} must name each one once, got {few_of(getattr(self, name))}")
+                raise ValueError(f"{name} must contain each entry once, got {few_of(getattr(self, name))}")
         if not self.scenarios:
-            raise ValueError("scenarios must name at least one")
+            raise ValueError("scenarios must contain at least one name, got none")
         if self.engine not in ("local", "ray"):
             raise ValueError(f"engine must be local or ray, got {self.engine!r}")
         if self.address is not None and self.engine != "ray":
-            raise ValueError(f"address must be given with engine ray alone, got {self.address!r}")
+            raise ValueError(f"address must be given only with engine ray, got {self.address!r}")
 
     @property
     def worlds(self) -> int:

@@ -30,9 +30,9 @@ def benchmark(
 
     Args:
         settings: Episodes to play, and the folder of the results.
-        rogues: rogue by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs a
-            scenario with task.contamination; a learned one, such as hide-from-sweep or a folder; or some joined by +.
-            Without it they move as the scenario says.
+        rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
+            task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default
+            targets move as the scenario defines.
         output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """

@@ -2,7 +2,6 @@
 
 from dataclasses import asdict
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -12,10 +11,9 @@ from baselines.benchmark.progress import Progress
 from baselines.benchmark.running import Benchmark, plan
 from baselines.commands.playing import made, naming, progress_console, scenarios_and_policy
 from lissajous_env.console.recordings import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_left_out
 from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 
-_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _Names = Annotated[
     tuple[str, ...],
     tyro.conf.Positional,
@@ -29,7 +27,7 @@ def evaluate(
     seed: int = 0,
     batch: int = 16,
     device: str = "cpu",
-    out: _Out = None,
+    out: OutFile = None,
     rogues: RogueName = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
@@ -52,9 +50,9 @@ def evaluate(
         batch: number of episodes that are played together; it changes the speed, not the results.
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         out: CSV file to which the score rows are written; without it they are only summarized.
-        rogues: rogue by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs a
-            scenario with task.contamination; a learned one, such as hide-from-sweep or a folder; or some joined by +.
-            Without it they move as the scenario says.
+        rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
+            task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default
+            targets move as the scenario defines.
         output: Console output.
         overrides: fields changed in every scenario, as in --set task.duration=30 targets.count=5
     """
@@ -86,6 +84,6 @@ def evaluate(
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     if out is not None:
         summary_files.write_csv(out, rows)
-        console.print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
+        output.print(f"wrote {out}")
     of = {name: {column: asdict(of) for column, of in by[policy].items()} for name, by in statistics.items()}
     output.print_json({"policy": policy, "statistics": of, "episodes": rows})

@@ -66,8 +66,6 @@ def figures(
         for name, content in drawn:
             made.write(name, content)
         written = [place / name for name in (TABLE, *(name for name, _ in drawn))]
-    output.console().print(
-        f"{len(drawn)} figures and {TABLE} are in {place}", markup=False, highlight=False, soft_wrap=True
-    )
+    output.print(f"{len(drawn)} figures and {TABLE} are in {place}")
     output.print_json([str(path) for path in written])
     return written

@@ -97,7 +97,7 @@ def guarantee(
             }
             unseen[each.name] = curves
             folder.write(f"unseen-{each.name}.{format}", picture_of_unseen(each, curves))
-    console.print(f"wrote {', '.join(written)} in {out}", markup=False, highlight=False, soft_wrap=True)
+    output.print(f"wrote {', '.join(written)} in {out}")
     output.print_json({
         "formations": {name: [each._asdict() for each in rows] for name, rows in known.items()},
         "unseen": {

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from lissajous_env.console.recordings import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, print_left_out, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutFile, OutputOptions, print_left_out, print_table
 from lissajous_env.logs.reading import COMMAND, ODOMETRY
 from lissajous_env.parameters.scenario_file import as_toml
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 _Log = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
 _Scenario = Annotated[str | None, tyro.conf.arg(metavar="SCENARIO")]
-_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 
 
 def identify(
@@ -26,7 +25,7 @@ def identify(
     scenario: _Scenario = None,
     topics: tuple[str, ...] = ODOMETRY,
     commands: str = COMMAND,
-    out: _Out = None,
+    out: OutFile = None,
     output: OutputOptions = DEFAULT_OUTPUT,
 ) -> None:
     """Fit the car model to a log of poses and commands, and print its constants with standard errors.
@@ -64,7 +63,7 @@ def identify(
     _print(output, cars)
     if out is not None:
         write_atomically(out, _as_toml(cars, given, found.name))
-        output.console().print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
+        output.print(f"wrote {out}")
     output.print_json({
         str(robot): {"values": car.values, "errors": car.errors, "residual": car.residual, "samples": car.samples}
         for robot, car in cars.items()
@@ -87,7 +86,7 @@ def _print(output: OutputOptions, cars: "dict[int, Identified]") -> None:
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     if any(math.isnan(car.errors["dead_zone"]) for car in cars.values()):
         words = "(given): the log does not determine this constant; no throttle in it lies within the dead zone."
-        console.print(words, markup=False, highlight=False, soft_wrap=True)
+        output.print(words)
 
 
 def _with_error(value: float, error: float) -> str:

@@ -13,7 +13,8 @@ from baselines.commands.playing import progress_console
 from baselines.planning import folders, picture, planner, tables
 from baselines.planning.plans import top_speed
 from baselines.planning.search import Search
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_left_out, print_line
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 
 _Scenario = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]", help_behavior_hint="")]
@@ -65,23 +66,23 @@ def plan(
         robot_radius: radius of a robot's body [m].
         sensor_radius: radius of a robot's sensing disc [m].
         speed: top speed of the robots [m/s].
-        turning_radius: radius of a car's tightest circle [m]; without it robots are points that stay on the curve, with
-            which formations alone can be played.
+        turning_radius: radius of a car's tightest circle [m]; without it robots are points that stay on the curve, and
+            all plans are formations.
         rogue_speed: top speed of evading targets that know the robots' future [m/s]; 0 by default.
-        entry: place where targets appear: anywhere in the rectangle, on its boundary, or where no robot senses.
+        entry: place where targets appear: anywhere in the rectangle, on its boundary, or outside all sensing discs.
         failures: number of robots that fail for good at random times, and are removed.
-        guarantee: time within which every target must be detected [s]; of a range of robots, the fewest are sought.
+        guarantee: time within which every target must be detected [s]; if robots is a range, the command searches for
+            the smallest number that achieves it.
         seconds: duration of the search [s].
-        optimise: also improve paths of any form by CMA-ES, from the best plans; requires the extra `plan`, and takes
-            more seconds to be worth it.
-        fixed_start: only plans whose robots begin where the scenario places them.
-        rows: most plans to show and to write.
+        optimise: also improve paths of any form by CMA-ES, from the best plans; requires the extra `plan` and a longer
+            search.
+        fixed_start: include only plans whose robots begin where the scenario places them.
+        rows: largest number of plans to show and to write.
         seed: seed of the simulated episodes and of the search.
         out: folder to which the plans are written, one folder each, with a picture of the best three.
         output: Console output.
     """
-    if not isinstance(rows, int) or rows < 1:
-        raise ValueError(f"rows must be a whole number of at least 1, got {shown(rows)}")
+    whole_number("rows", rows)
     given = {
         "width": width, "height": height, "robots": _range(robots), "robot_radius": robot_radius,
         "sensor_radius": sensor_radius, "speed": speed, "turning_radius": turning_radius, "rogue_speed": rogue_speed,
@@ -100,7 +101,7 @@ def plan(
             lines = [f"wrote {len(plans)} plans and {folders.PICTURE} in {out}"]
             lines += [f"Watch one: lissajous run {out}/1 --out plan.html"]
             for line in lines:
-                output.console().print(line, markup=False, highlight=False, soft_wrap=True)
+                output.print(line)
     output.print_json({
         "plans": folders.as_rows(plans),
         "limits": outcome.limits,
@@ -134,15 +135,15 @@ def _print(console: Any, outcome: planner.Outcome, plans: list) -> None:
     left_out: list[str] = []
     if plans:
         title = f"Plans for {_asked(outcome)}: {len(plans)} that no other dominates"
-        console.print(title, style="italic", markup=False, highlight=False, soft_wrap=True)
+        print_line(console, title, "italic")
         left_out += tables.print_plans(console, outcome, plans)
         console.print()
         left_out += tables.print_formations(console, plans)
     else:
-        console.print(f"No plan for {_asked(outcome)} is without collisions.", markup=False, soft_wrap=True)
+        print_line(console, f"No plan for {_asked(outcome)} is without collisions.")
     print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     for line in tables.sentences(outcome):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        print_line(console, line)
 
 
 def _asked(outcome: planner.Outcome) -> str:
@@ -151,8 +152,7 @@ def _asked(outcome: planner.Outcome) -> str:
     team = f"{numbers[0]} to {numbers[-1]}" if len(numbers) > 1 else f"{numbers[0]}"
     return (
         f"{2 * task.curve.half_width:g} m x {2 * task.curve.half_height:g} m, {team} robots of {task.robot.radius:g} m "
-        f"and {top_speed(task):.3g} m/s, sensors of {task.sensing_radius:.3g} m, targets of "
-        f"{task.rogue_speed:g} m/s"
+        f"and {top_speed(task):.3g} m/s, sensors of {task.sensing_radius:.3g} m, targets of {task.rogue_speed:g} m/s"
     )
 
 

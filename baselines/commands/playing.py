@@ -36,7 +36,7 @@ def record_one(settings: Benchmark, output: Output, scenario: Scenario | None = 
     from lissajous_env.episodes.recording import record
 
     if len(settings.scenarios) > 1:
-        raise ValueError(f"scenario must be one alone, got {few_of(settings.scenarios)}")
+        raise ValueError(f"exactly one scenario must be given, got {few_of(settings.scenarios)}")
     (cell,) = plan(settings, scenarios=None if scenario is None else [scenario])
     with Progress([(cell, [0])], progress_console(output)) as progress:
         progress.begin(cell)

@@ -9,7 +9,7 @@ from baselines.benchmark.running import Benchmark, plan
 from baselines.commands.playing import FORMATS, record_one, scenarios_and_policy
 from baselines.policies import registry
 from lissajous_env.console.recordings import check_file, check_pace, has_display, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Output, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, Output, OutputOptions
 from lissajous_env.here import beside
 from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 from lissajous_env.wording import nearest
@@ -17,7 +17,6 @@ from lissajous_env.wording import nearest
 if TYPE_CHECKING:
     from lissajous_env.episodes.recording import Recording
 
-_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _Against = Annotated[str | None, tyro.conf.arg(metavar="POLICY")]
 _Names = Annotated[
     tuple[str, ...],
@@ -28,7 +27,7 @@ _Names = Annotated[
 
 def replay(
     names: _Names,
-    out: _Out = None,
+    out: OutFile = None,
     against: _Against = None,
     seed: int = 0,
     device: str = "cpu",
@@ -56,9 +55,9 @@ def replay(
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         speed: playback speed, in seconds of the episode per second, from 0.01 to 1000.
         fps: frames per second of a GIF or MP4, from 0.1 to 50; more of them make a larger file.
-        rogues: rogue by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs a
-            scenario with task.contamination; a learned one, such as hide-from-sweep or a folder; or some joined by +.
-            Without it they move as the scenario says.
+        rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
+            task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default
+            targets move as the scenario defines.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
@@ -97,5 +96,5 @@ def _recorded(names: tuple[str, ...], seed: int, device: str, output: Output, ov
         scenarios, policy, home = scenarios_and_policy(names)
         return record_one(Benchmark(scenarios, (policy,), 1, seed, 1, device, overrides=overrides), output, home)
     if overrides:
-        raise ValueError("overrides must be left out beside a recording, which was played as it is")
+        raise ValueError("overrides must be omitted for a recording, which is replayed unchanged")
     return load(first)

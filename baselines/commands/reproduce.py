@@ -113,7 +113,7 @@ def reproduce(
         _write(folder, found, pictures, command)
     claims.print_claims(console, found)
     words = f"\n{claims.summary(found)}. {len(pictures)} pictures, table.csv, table.md and README.md are in {out}"
-    console.print(words, markup=False, highlight=False, soft_wrap=True)
+    output.print(words)
     output.print_json([dataclasses.asdict(claim) for claim in found])
     return found
 
@@ -127,7 +127,7 @@ def _chosen(figures: Sequence[str]) -> list[str]:
     for name in figures:
         if name not in PARTS and name != "all":
             known = [*PARTS, "all"]
-            raise ValueError(f"figures must be of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
+            raise ValueError(f"figures must be some of {', '.join(known)}, got {shown(name)}{nearest(name, known)}")
     return list(PARTS) if "all" in figures or not figures else [name for name in PARTS if name in figures]
 
 

@@ -12,12 +12,11 @@ from baselines.commands.playing import FORMATS, progress_console
 from baselines.onboard import Onboard
 from baselines.ros.settings import CommandKind, WorldSettings
 from lissajous_env.console.recordings import check_file
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_line
 from lissajous_env.parameters import named
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
 from lissajous_env.parameters.scenario_file import as_toml
 
-_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _Duration = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
 _Flag = tyro.conf.FlagCreatePairsOff
 
@@ -30,7 +29,7 @@ def launch(
     lockstep: Annotated[bool, _Flag] = False,
     pace: float = 1.0,
     command: CommandKind = "car",
-    out: _Out = None,
+    out: OutFile = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
@@ -78,4 +77,4 @@ def launch(
         robots = ["--policy", policy, "--message-loss", str(loss), "--clock-jump", "2", "--quiet"]
         robots += [] if pace == 1 else ["--ros-args", "-p", "use_sim_time:=true"]
         team = Team(made.num_robots, [*shared, *world], [*shared, *robots])
-        team.run(lambda words: console.print(words, markup=False, highlight=False, soft_wrap=True))
+        team.run(lambda words: print_line(console, words))

@@ -6,7 +6,7 @@ import tyro
 
 from baselines.commands.playing import progress_console
 from baselines.ros.settings import RobotSettings
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions, print_line
 
 _Namespace = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 
@@ -40,6 +40,6 @@ def robot(
     with started() as ends:
         node = RobotNode(settings, namespace)
         words = f"{node.get_fully_qualified_name()} runs {node.settings.policy} on {node.scenario.name}: {node.reason}"
-        progress_console(output).print(words, markup=False, highlight=False, soft_wrap=True)
+        print_line(progress_console(output), words)
         spin([node], ends)
     output.print_json({"robot": node.settings.robot, "stopped": node.reason})

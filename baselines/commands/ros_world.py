@@ -1,8 +1,6 @@
 """The command `lissajous ros world`: the simulation as stand-in for the robots' hardware, over ROS 2."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Annotated
 
 import tyro
 from rich import progress as bars
@@ -11,17 +9,15 @@ from baselines.benchmark.progress import bar
 from baselines.commands.playing import FORMATS, progress_console
 from baselines.ros.settings import WorldSettings
 from lissajous_env.console.recordings import check_file, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_line
 from lissajous_env.parameters import named
 from lissajous_env.parameters.overrides import Overrides, parse_overrides
-
-_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 
 
 def world(
     settings: tyro.conf.OmitArgPrefixes[WorldSettings],
     scenario: str = "experiment",
-    out: _Out = None,
+    out: OutFile = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
@@ -63,7 +59,7 @@ def world(
         words = (
             f"note: {node.late_steps} of {len(recording) - 1} steps came late: this machine is too slow; try --pace 0.5"
         )
-        console.print(words, style="yellow", markup=False, highlight=False, soft_wrap=True)
+        print_line(console, words, "yellow")
     output.print_json(recording.score | {"late_steps": node.late_steps})
     if out is not None:
         show(recording, out, output)

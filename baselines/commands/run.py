@@ -1,6 +1,5 @@
 """The command `lissajous run`: one episode, played and shown."""
 
-from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -8,10 +7,9 @@ import tyro
 from baselines.benchmark.running import Benchmark
 from baselines.commands.playing import FORMATS, progress_console, record_one, scenarios_and_policy
 from lissajous_env.console.recordings import check_file, has_display, show
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutputOptions
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, OutFile, OutputOptions, print_line
 from lissajous_env.parameters.overrides import Overrides, RogueName, parse_overrides
 
-_Out = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 _PolicyName = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[POLICY]", help_behavior_hint="")]
 _ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 
@@ -21,7 +19,7 @@ def run(
     policy: _PolicyName = None,
     seed: int = 0,
     device: str = "cpu",
-    out: _Out = None,
+    out: OutFile = None,
     rogues: RogueName = None,
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
@@ -39,9 +37,9 @@ def run(
         device: device of the simulation: `cpu`, `cuda` or `cuda:k` for CUDA device k.
         out: file to write, ending in .html, .mp4, .gif, .png, .svg, .pdf, .npz (a recording) or .mcap (a log of
             ROS); without it, a window opens if there is a display.
-        rogues: rogue by which an adversary moves all targets: wander, flee, shadow, follow-gap, or hide, which needs a
-            scenario with task.contamination; a learned one, such as hide-from-sweep or a folder; or some joined by +.
-            Without it they move as the scenario says.
+        rogues: rogue (adversary) that moves all targets: wander, flee, shadow, follow-gap, or hide, which requires
+            task.contamination; a learned one, such as hide-from-sweep or a folder; or several joined by +. By default
+            targets move as the scenario defines.
         output: Console output.
         overrides: fields changed in the scenario, as in --set task.duration=30 targets.count=5
     """
@@ -58,4 +56,4 @@ def run(
         show(recording, out, output)
     else:
         words = f"there is no display for a window; --out FILE writes {', '.join(FORMATS)} instead"
-        progress_console(output).print(words, highlight=False, soft_wrap=True)
+        print_line(progress_console(output), words)

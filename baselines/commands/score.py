@@ -37,7 +37,7 @@ def score(
     output: OutputOptions = DEFAULT_OUTPUT,
     overrides: Overrides = (),
 ) -> None:
-    """Score a log of robots with the simulation's score; its targets are virtual.
+    """Score a log of robots like a simulated episode, with virtual targets.
 
     Example:
         lissajous score lab.mcap --scenario lab.toml --episodes 16 --out lab.html
@@ -81,7 +81,7 @@ def score(
     console, (name, *_) = output.console(), [row["policy"] for row in scored.rows]
     lasts = scored.scenario.task.duration
     words = f"{found.name}: {len(found.tracks)} robots, {lasts:g} s from {scored.start:.3f} s on"
-    console.print(words, markup=False, highlight=False, soft_wrap=True)
+    output.print(words)
     if episodes == 1:
         tables.print_row(console, scored.rows[0])
     else:
@@ -90,16 +90,16 @@ def score(
             left_out = tables.print_scores(console, name, scenario_name, policies[name])
             print_left_out(console, left_out, "--json has them, and a wider terminal shows them.")
     for note in scored.notes:
-        console.print(f"note: {note}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        output.print(f"note: {note}", "yellow")
     for file in out:
         if file.suffix.lower() == ".csv":
             summary_files.write_csv(file, scored.rows)
-            console.print(f"wrote {file}", markup=False, highlight=False, soft_wrap=True)
+            output.print(f"wrote {file}")
         else:
             show(scored.recording, file, output)
     if report is not None:
         from baselines.benchmark.log_report import log_report
 
         write_atomically(report, log_report(scored))
-        console.print(f"wrote {report}", markup=False, highlight=False, soft_wrap=True)
+        output.print(f"wrote {report}")
     output.print_json({"log": found.name, "start": scored.start, "notes": scored.notes, "episodes": scored.rows})

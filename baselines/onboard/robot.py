@@ -15,7 +15,7 @@ from baselines.policies import factories
 from baselines.policies.base import Policy
 from lissajous_env import scenario as make_scenario
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import is_whole
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.theory.locating import locate
 from lissajous_env.wording import shown
 from lissajous_env.world.row_outside import RowOutside
@@ -40,21 +40,20 @@ class Output(NamedTuple):
 
 
 class Onboard:
-    """One robot's policy outside the simulator: on the robot's own computer, or in a simulator of another make.
+    """One robot's policy outside the simulation: on the robot's own computer, or in another simulator.
 
     Call `act` once in each control step of the scenario (`scenario.task.step`), also while the robot is stopped. The
-    policy's steps follow the clock: after a call that was left out it takes two, and a call that comes more than half a
-    step early repeats the last action. Send `command_at(now)` to the actuators, as often as they require it. All times
-    are of one clock that the robots share; coordinates are those of the scenario, whose rectangle has its middle at the
-    origin.
+    policy's steps follow the clock: after a missed call it takes two steps, and a call more than half a step too early
+    repeats the last action. Send `command_at(now)` to the actuators, as often as they require it. All times are of one
+    clock that the robots share. Coordinates are those of the scenario: the origin is the middle of the rectangle.
 
-    A robot stops, with the reason in `Output.stopped`, for what `Limits` describes, for input that is not finite, and
-    after `stop()`. While it is stopped, its policy observes that the robot has failed, as in the simulator, and the
-    robot still sends its phase, so that its neighbours slow down.
+    A robot stops if a limit of `Limits` is exceeded, if input is not finite, and after `stop()`; `Output.stopped`
+    contains the reason. While it is stopped, its policy observes that the robot has failed, as in the simulation, and
+    the robot still sends its phase, so that its neighbours slow down.
 
     Args:
         policy: A name, a checkpoint's folder, `module:factory`, a factory, or a policy for one world.
-        scenario: The scenario that the robots play, of cars.
+        scenario: Scenario of the robots, which must be cars.
         robot: Index of this robot, from 0.
         command: `car` for steering angle and throttle; `twist` for speed and yaw rate.
         limits: The limits beyond which the robot stops.
@@ -65,8 +64,8 @@ class Onboard:
         listens: True if the policy uses the messages of the ring neighbours.
 
     Raises:
-        ValueError: an unknown policy or scenario, robots that are not cars, an index out of range, an unknown kind of
-            command, or observation entries of extensions, which are computed of a simulated world.
+        ValueError: the policy, the scenario or the kind of command is unknown, the robots are not cars, the index is
+            out of range, or the scenario has observation entries of extensions, which require a simulation.
     """
 
     def __init__(
@@ -81,9 +80,7 @@ class Onboard:
         if self.scenario.robot.kind != "car":
             raise ValueError(f"scenario must be of robots of kind car, got {self.scenario.robot.kind}")
         n = self.scenario.num_robots
-        if not is_whole(robot) or not 0 <= robot < n:
-            raise ValueError(f"robot must be a whole number from 0 to {n - 1}, got {shown(robot)}")
-        self.robot = int(robot)
+        self.robot = whole_number("robot", robot, 0, n - 1)
         self.neighbours = tuple(int(each) for each in self.scenario.neighbours[self.robot])
         self.limits: Any = (limits or Limits()).of(self.scenario)
         self._policy = _made(policy, self.scenario, self.robot)
@@ -96,7 +93,7 @@ class Onboard:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything: begin anew, as at the beginning of an episode. A stopped robot is no longer stopped."""
+        """Begin a new episode: reset all memory, and let a stopped robot drive again."""
         self._policy.reset()
         self._phase: float | None = None
         self._odometry: Odometry | None = None
@@ -114,14 +111,14 @@ class Onboard:
         self._command = self._actuation.stop
 
     def resume(self) -> None:
-        """Let a robot drive again that was told to stop, whose clock jumped, or that had left the fence.
+        """Let the robot drive again after `stop`, after a jump of its clock, or after it left the fence.
 
-        Its phase is found anew by its next pose, because it may have been moved.
+        Its phase is then computed from its next pose, because it may have been moved.
         """
         self._latched, self._phase = "", None
 
     def command_at(self, now: float) -> Any:
-        """Return the command for the actuators at a time [s]: the latest, or that of rest if it is not valid any more.
+        """Return the command for the actuators at a time [s]: the latest, or that of rest if it is no longer valid.
 
         A command is valid for `limits.watchdog` from the call of `act` that returned it.
         """
@@ -165,11 +162,11 @@ class Onboard:
             odometry: The latest pose and speed; None if there is none yet.
             heard: Messages that were received, at least those since the last call. The latest one of each ring
                 neighbour counts; those of other robots, and damaged ones, are ignored.
-            robots: What the sensor sees of other robots: (K, 4) relative x, y [m] and relative velocity [m/s], in the
+            robots: Robots that the sensor detects: (K, 4) relative x, y [m] and relative velocity [m/s], in the
                 directions of the axes.
-            targets: The same of targets: (K, 2) relative x, y [m].
-            phase: Cosine and sine of the robot's phase, where it is known; by default the phase follows the curve as
-                in the simulator, from the place that the first pose shows.
+            targets: Targets that the sensor detects: (K, 2) relative x, y [m].
+            phase: Cosine and sine of the robot's phase, if known; by default the phase is computed from the first pose
+                and then follows the curve, as in the simulation.
             works: False if the robot cannot move now; it is then stopped.
 
         Raises:

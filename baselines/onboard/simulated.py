@@ -8,8 +8,7 @@ import warp as wp
 from baselines.onboard.inputs import Message, Odometry
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import compile_quietly
-from lissajous_env.settings.checks import is_whole
-from lissajous_env.wording import shown
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.world.observing import velocity
 from lissajous_env.world.simulation import Simulation
 from lissajous_env.world.state import REMOVED, WORKING, Robots, planar
@@ -48,8 +47,7 @@ def inputs_of(simulation: Simulation, robot: int, world: int = 0) -> Inputs:
     """
     n, scenario = simulation.num_robots, simulation.scenario
     for name, value, count in (("robot", robot, n), ("world", world, simulation.num_worlds)):
-        if not is_whole(value) or not 0 <= value < count:
-            raise ValueError(f"{name} must be a whole number from 0 to {count - 1}, got {shown(value)}")
+        whole_number(name, value, 0, count - 1)
     state = simulation.robots
     status = state.status.numpy()[world]
     if status[robot] == int(REMOVED):

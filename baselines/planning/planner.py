@@ -16,6 +16,7 @@ from baselines.planning.search import Search
 from lissajous_env.episodes.limits import guaranteed_time_limit
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import shown
 
 _LAST_SEED, _LONGEST = 2**31 - 1000, 10**6
@@ -76,21 +77,21 @@ def plan(
     on_progress: OnProgress | None = None,
     **requested: Any,
 ) -> Outcome:
-    """Search for patrols of a team and simulate them; return the Pareto-optimal plans with their figures.
+    """Search for patrols of a team, simulate them, and return the Pareto-optimal plans with their scores.
 
     Args:
         scenario: Scenario from which missing values are taken; without it, the rectangle and the robots must be given.
         seconds: Duration of the search [s].
         optimise: True to improve free-form paths by CMA-ES too; requires the extra `plan`.
-        fixed_start: True for plans alone whose robots begin where the scenario places them.
+        fixed_start: True to include only plans whose robots begin where the scenario places them.
         on_progress: Called with the time that has passed [s], the outcome so far and the running search.
         **requested: The other arguments of `prepare`.
 
     Returns:
-        The outcome; after Ctrl-C, with the plans that were played until then.
+        The outcome; after Ctrl-C, with the plans that were simulated until then.
 
     Raises:
-        ValueError: an invalid value, or one that is missing.
+        ValueError: a value is invalid or missing.
     """
     check_time("seconds", seconds, 1.0)
     outcome = prepare(scenario, **requested)
@@ -120,7 +121,7 @@ def prepare(
         scenario: Scenario from which missing values are taken; without it, the rectangle and the robots must be given.
         width: Width of the rectangle [m].
         height: Height of the rectangle [m].
-        robots: Number of robots, or the fewest and the most.
+        robots: Number of robots, or a pair of the smallest and the largest number.
         robot_radius: Radius of a robot's body [m].
         sensor_radius: Sensing radius [m].
         speed: Top speed of the robots [m/s].
@@ -128,11 +129,12 @@ def prepare(
         rogue_speed: Top speed of evading targets [m/s].
         entry: Place where targets appear, as in `targets.entry`.
         failures: Robots that fail for good, each at a random time in the middle half of an episode.
-        guarantee: Time within which every target must be detected [s]; the search ends at the fewest robots.
+        guarantee: Time within which every target must be detected [s]; the search ends at the smallest number of robots
+            that achieves it.
         seed: Seed of the episodes and of the search.
 
     Raises:
-        ValueError: an invalid value, or one that is missing.
+        ValueError: a value is invalid or missing.
     """
     made = None if scenario is None else named.build(scenario)
     pair = (robots, robots) if isinstance(robots, int) else robots
@@ -146,9 +148,7 @@ def prepare(
     if not isinstance(failures, int) or not 0 <= failures < request.numbers[0]:
         rule = f"failures must be a whole number from 0 to {request.numbers[0] - 1}, fewer than the robots"
         raise ValueError(f"{rule}, got {shown(failures)}")
-    if not isinstance(seed, int) or not 0 <= seed <= _LAST_SEED:
-        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
-    outcome = Outcome(request, Episodes(seed, failures), guarantee)
+    outcome = Outcome(request, Episodes(whole_number("seed", seed, 0, _LAST_SEED), failures), guarantee)
     with quietly():
         for number in request.numbers:
             task = outcome.tasks[number] = request.task(number)

@@ -74,7 +74,8 @@ def sentences(outcome: Outcome) -> list[str]:
         f"{outcome.looks} plans were looked at, {len(outcome.finals)} played to the end: {episodes.count} episodes each"
     ]
     if episodes.failures:
-        words[0] += f", and {episodes.failed_count} in which {episodes.failures} are lost (a sample of which and when)"
+        lost = "1 robot is lost" if episodes.failures == 1 else f"{episodes.failures} robots are lost"
+        words[0] += f", and {episodes.failed_count} in which {lost} (a sample of which and when)"
     words[0] += "."
     if outcome.unplayed:
         words.append(f"{outcome.unplayed} defaults were not played: more --seconds are needed.")

@@ -16,10 +16,10 @@ from lissajous_env.device.copies import Copyable
 from lissajous_env.device.devices import as_device, compile_quietly, copy_in, is_torch
 from lissajous_env.device.program import launcher
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import is_whole
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import few_of, shown
 from lissajous_env.world.observation import layout
-from lissajous_env.world.selection import whole_number, world_mask
+from lissajous_env.world.selection import world_mask
 
 _ARRAYS = ("numpy", "torch", "warp")
 
@@ -29,18 +29,18 @@ class UnsuitableScenarioError(ValueError):
 
 
 class Policy(Copyable):
-    """Base of policies: a batch of W worlds of N robots of one scenario, on one device.
+    """Base class of policies, for a batch of W worlds of N robots of one scenario, on one device.
 
-    A subclass writes one method, `decide`, and `forget` if it remembers anything:
+    A subclass implements one method, `decide`, and also `forget` if it has a memory:
 
         class Slower(baselines.Policy):
             def decide(self, observation):  # NumPy (W, N, D)
                 return np.full(self.action.shape, 0.1)
 
-    What it keeps in attributes that `__init__` makes, Warp arrays among them, goes with every copy and pickle of it.
+    Copies and pickles of a policy include all attributes that `__init__` sets, also Warp arrays.
 
     Raises:
-        ValueError: a number of worlds below 1, or a device that is not there.
+        ValueError: the number of worlds is below 1, or the device is not available.
     """
 
     arrays: str = "numpy"
@@ -48,7 +48,7 @@ class Policy(Copyable):
     kind: str | None = None
     """Kind of robot that the policy drives; None drives any."""
     communicates: str = "nothing"
-    """Content of the messages that the policy uses; "nothing" for one that would do the same without any."""
+    """Content of the messages that the policy uses; "nothing" if messages do not change its actions."""
 
     def __init__(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu"):
         if self.arrays not in _ARRAYS:
@@ -68,22 +68,22 @@ class Policy(Copyable):
         """Launches a kernel, `launch(kernel, dim, inputs, outputs)`; with the same arguments again at little cost."""
 
     def reset(self, worlds: Any = None) -> None:
-        """Forget what was kept of some worlds, or of all.
+        """Reset the memory of some worlds, or of all.
 
         Args:
             worlds: (W,) mask or indices of the worlds; all by default.
 
         Raises:
-            ValueError: neither a mask of this shape nor indices from 0 to W - 1.
+            ValueError: `worlds` is neither a mask of this shape nor indices from 0 to W - 1.
         """
         self.forget(world_mask(worlds, self.num_worlds))
 
     def decide(self, observation: Any) -> Any:
-        """Actions (W, N, action_size) in [-1, 1] for observations (W, N, D): what a subclass writes.
+        """Return actions (W, N, action_size) in [-1, 1] for observations (W, N, D); a subclass implements this.
 
         Args:
-            observation: float32, of the type that `arrays` says. A NumPy array or a torch tensor is the policy's own;
-                a Warp array may be the simulation's, and must be left as it is.
+            observation: float32, of the type that `arrays` names. A NumPy array or a torch tensor is a copy; a Warp
+                array may be the simulation's own, and must not be changed.
 
         Returns:
             An array of any type, or nested lists, of numbers. With `arrays = "warp"` a policy may write `self.action`
@@ -92,30 +92,30 @@ class Policy(Copyable):
         raise NotImplementedError(f"{type(self).__name__} must have a method decide(observation) that returns actions")
 
     def restrict(self, robot: int) -> None:
-        """Leave out, from now on, what takes long and serves other robots than one; their actions are not used.
+        """Skip expensive computations for all robots except one, whose actions alone are used from now on.
 
-        A subclass whose robots take long overrides this; by default a policy restricts the policies that it contains.
+        A subclass with expensive computations overrides this; by default a policy restricts the policies in its
+        attributes.
 
         Raises:
             ValueError: there is no such robot.
         """
-        if not is_whole(robot) or not 0 <= robot < self.num_robots:
-            raise ValueError(f"robot must be a whole number from 0 to {self.num_robots - 1}, got {shown(robot)}")
+        whole_number("robot", robot, 0, self.num_robots - 1)
         for part in vars(self).values():
             if isinstance(part, Policy):
                 part.restrict(robot)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what is remembered of the worlds in a mask (W,), whose episodes begin anew."""
+        """Reset the memory of the worlds in a mask (W,), whose episodes begin anew."""
 
     def act(self, observation: Any) -> Any:
-        """Actions (W, N, action_size) in [-1, 1] for observations (W, N, D).
+        """Return actions (W, N, action_size) in [-1, 1] for observations (W, N, D).
 
-        Takes a NumPy array, torch tensor or Warp array of numbers and returns the like, of float32; a Warp array that
-        is returned is the policy's own and changes with the next call.
+        The observation is a NumPy array, torch tensor or Warp array of numbers; the actions are of the same type, in
+        float32. The next call overwrites a returned Warp array.
 
-        A policy for one world also takes the observations of a PettingZoo `ParallelEnv` by agent, and returns actions
-        by agent. Agents that are not there any more may be left out:
+        A policy for one world also accepts the observations of a PettingZoo `ParallelEnv` by agent, and returns
+        actions by agent. Removed agents may be missing:
 
             env, policy = lissajous_env.parallel_env("rough"), baselines.make("kuramoto-mpcc", "rough")
             observations, infos = env.reset(seed=0)
@@ -124,8 +124,8 @@ class Policy(Copyable):
                 observations, rewards, *_ = env.step(policy.act(observations))
 
         Raises:
-            ValueError: the observation has another shape, an unknown agent, or (looked for where it lies on the host)
-                a number that is not finite; or the actions that were decided on have another shape, or are no numbers.
+            ValueError: the observation has another shape, an unknown agent, or (tested only for arrays on the host) a
+                number that is not finite; or `decide` returned actions of another shape, or no numbers.
         """
         if isinstance(observation, Mapping):
             return self._act_by_agent(observation)

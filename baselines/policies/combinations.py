@@ -1,8 +1,8 @@
-"""Every coordinator over every tracker, by name: who decides the phase rates, and what makes a robot follow them.
+"""Combinations of coordinators, which compute phase rates, and trackers, which make robots follow them, by name.
 
-The name is the coordinator's and the tracker's suffix, `kuramoto-mpcc`; points, which follow exactly, have no suffix.
-So a rival is judged by its coordination and by its tracking apart: `consensus-gvf` is all of Yao et al., and
-`consensus-mpcc` their coordination alone. `register_coordinator` adds a coordinator to those below.
+A name consists of the coordinator's name and the tracker's suffix, as `kuramoto-mpcc`; points, which follow exactly,
+have no suffix. Coordination and tracking can thus be compared separately: `consensus-gvf` is the whole method of Yao
+et al., and `consensus-mpcc` their coordination alone. `register_coordinator` adds a coordinator.
 """
 
 from collections.abc import Callable
@@ -23,36 +23,36 @@ from lissajous_env.wording import nearest, shown
 
 COORDINATORS: dict[str, tuple[Callable[..., Coordinator], str]] = {
     "kuramoto": (Kuramoto, "Time-inverted Kuramoto coordination, the paper's method"),
-    "open-loop": (OpenLoop, "Constant phase rate of every robot, without reaction (Borkar et al.)"),
+    "open-loop": (OpenLoop, "Constant phase rate of every robot, without feedback (Borkar et al.)"),
     "tracked-reference": (
         TrackedReference,
-        "Each robot tracks its own reference, which stops with it (Borkar et al., later)",
+        "Each robot tracks its own reference, which stops with the robot (Borkar et al.)",
     ),
     "running-reference": (
         partial(TrackedReference, parameters=RUNNING),
-        "Each robot tracks its own reference, which runs on without it",
+        "Each robot tracks its own reference, which keeps moving if the robot stops",
     ),
-    "consensus": (Consensus, "Linear consensus, with the spacing given (Yao et al.)"),
+    "consensus": (Consensus, "Linear consensus with the desired spacing given (Yao et al.)"),
     "arc": (KuramotoByArc, "Kuramoto on the arc length, at constant ground speed, without the guarantee"),
 }
-"""Coordinators by name, each with what it is."""
+"""Coordinators by name, each with a description."""
 
 TRACKERS: dict[str, tuple[type[Coordinated], str]] = {
     "": (OnCurve, ""),
-    "-mpcc": (WithMpcc, ", by cars under model predictive contouring control"),
-    "-gvf": (WithVectorField, ", by cars that follow a guiding vector field (Yao et al.)"),
+    "-mpcc": (WithMpcc, ", for cars with model predictive contouring control"),
+    "-gvf": (WithVectorField, ", for cars that follow a guiding vector field (Yao et al.)"),
 }
-"""Trackers by the suffix of their name, each with what it adds to what the coordinator is."""
+"""Trackers by the suffix of their name, each with the end of the description."""
 
 COMBINATIONS = {
     coordination + suffix: (coordinator, tracker, f"{what}{how}.")
     for suffix, (tracker, how) in TRACKERS.items()
     for coordination, (coordinator, what) in COORDINATORS.items()
 }
-"""Coordinator, tracker and what it is, by the name of the policy."""
+"""Coordinator, tracker and description by the name of the policy."""
 
 ON_REQUEST = ("kuramoto-gvf", "open-loop-gvf", "tracked-reference-gvf", "running-reference-gvf", "arc-gvf")
-"""Those that a benchmark plays only where they are named: the field costs what MPCC does not, whatever it follows."""
+"""Policies that a benchmark plays only if they are named; they differ from `-mpcc` in the tracker alone."""
 
 
 def with_tracker(
@@ -61,14 +61,15 @@ def with_tracker(
     """Return a factory of policies that follow a coordinator: `factory(scenario, num_worlds, device)` makes one.
 
     Args:
-        coordinator: `coordinator(scenario, num_worlds, device)` makes it: a subclass of `baselines.NumpyCoordinator`,
-            or any class with a Warp array `phase_rate` (W, N) [rad/s] and `coordinate(observation)`, which writes it.
-        tracker: What makes the robots follow: "mpcc", cars by model predictive contouring control; "gvf", cars by a
-            guiding vector field; "points", points on the curve, which follow exactly.
-        **settings: Of the tracker, as `parameters=baselines.mpcc.MpccParameters(...)`.
+        coordinator: Function or class, called as `coordinator(scenario, num_worlds, device)`: a subclass of
+            `baselines.NumpyCoordinator`, or any class with a Warp array `phase_rate` (W, N) [rad/s] and a method
+            `coordinate(observation)` that writes it.
+        tracker: "mpcc" for cars with model predictive contouring control; "gvf" for cars with a guiding vector field;
+            "points" for points on the curve, which follow exactly.
+        **settings: Settings of the tracker, such as `parameters=baselines.mpcc.MpccParameters(...)`.
 
     Raises:
-        ValueError: an unknown tracker, or what is no coordinator.
+        ValueError: the tracker is unknown, or the coordinator is not callable.
     """
     trackers = {suffix.lstrip("-") or "points": made for suffix, (made, _) in TRACKERS.items()}
     if tracker not in trackers:
@@ -81,21 +82,21 @@ def with_tracker(
 
 
 def register_coordinator(name: str, coordinator: Callable[..., Coordinator] | None = None, about: str = "") -> Any:
-    """Add a policy for each tracker: `name` for points, `name-mpcc` and `name-gvf` for cars, these with `-safe` too.
+    """Register a policy for each tracker: `name` for points, `name-mpcc` and `name-gvf` for cars.
 
-    Without a coordinator, this is a decorator of one: `@register_coordinator("mine")`. A benchmark plays `name-gvf`
-    only where it is named.
+    Without `coordinator`, return a decorator, as in `@register_coordinator("mine")`. The policies for cars also accept
+    the suffixes of collision filters. A benchmark plays `name-gvf` only if it is named.
 
     Args:
-        name: Its name.
-        coordinator: What makes it, as for `with_tracker`.
-        about: What it is, in one line; the first line of its docstring by default.
+        name: Name of the coordinator.
+        coordinator: The coordinator, as for `with_tracker`.
+        about: Description in one line; by default the first line of the coordinator's docstring.
 
     Returns:
         The coordinator.
 
     Raises:
-        ValueError: a name that another policy has; the same coordinator may be registered again.
+        ValueError: another policy has the name; the same coordinator may be registered again.
     """
     if coordinator is None:
         return partial(register_coordinator, name, about=about)

@@ -32,8 +32,7 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
             named_scenarios.bring_scenario(name)
             registry.bring(name)
     either = [name for name in names if is_imported(name)]
-    policies = [name for name in names if name in registry.names() or registry.is_folder(name)]
-    policies = [name for name in policies if not denotes_scenario(name)] or either[-1:]
+    policies = [name for name in names if is_policy_alone(name)] or either[-1:]
     asked = [name for name in names if name not in policies and (name in either or denotes_scenario(name))]
     unknown = [name for name in names if name not in policies and name not in asked]
     if unknown and len(policies) + len(unknown) > 1:
@@ -44,12 +43,12 @@ def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], s
             "(nor is it a policy: a name that `lissajous policies` lists, a checkpoint's folder, or module:factory)"
         )
     if len(policies) > 1:
-        raise ValueError(f"policy must be one alone, got {few_of(policies)}")
+        raise ValueError(f"exactly one policy must be given, got {few_of(policies)}")
     if not policies and not unknown:
-        raise ValueError(f"policy must be given beside the scenario, got {few_of(names)}")
+        raise ValueError(f"policy must be given after the scenario, got {few_of(names)}")
     if not asked:
         raise ValueError(
-            f"scenario must be given beside the policy, one that `lissajous scenarios` lists; got {shown(names[0])}"
+            f"scenario must be given before the policy, one that `lissajous scenarios` lists; got {shown(names[0])}"
         )
     return tuple(asked), (policies or unknown)[0]
 
@@ -99,6 +98,11 @@ def parts(factory: Factory) -> dict[str, str]:
     if isinstance(factory, functools.partial) and factory.func is _registered:
         return registry.parts(factory.args[0])
     return parts_of(factory)
+
+
+def is_policy_alone(name: str) -> bool:
+    """Return whether a name is a registered policy or a policy's folder, and no scenario."""
+    return (name in registry.names() or registry.is_folder(name)) and not denotes_scenario(name)
 
 
 def is_imported(name: str) -> bool:

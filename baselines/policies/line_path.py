@@ -172,12 +172,12 @@ def check(scenario: Scenario, parameters: LineParameters) -> None:
     n, radius = scenario.num_robots, scenario.sensing_radius
     span = 2 * min(scenario.curve.half_width, scenario.curve.half_height)
     if n * 2 * radius < span:
-        rule = "line-abreast needs N * 2 * sensing radius >= the shorter side"
+        rule = "line-abreast requires N * 2 * sensing radius >= the shorter side"
         raise UnsuitableScenarioError(f"{rule}: {n} * 2 * {radius:g} < {span:g} [m]")
     lines = parameters.lines or 1
     if not can_span(scenario, lines):
         limit = speed_limit(spacing_of(scenario, lines), radius, rogue_speed(scenario), scenario.task.step)
-        rule = f"line-abreast needs {lines} line(s) of {n} cars to span {span:g} m with discs of {radius:g} m"
+        rule = f"line-abreast requires {lines} line(s) of {n} cars to span {span:g} m with discs of {radius:g} m"
         raise UnsuitableScenarioError(
             f"{rule} while rogues move at {rogue_speed(scenario):g} m/s: speed limit {limit:.4g} m/s"
         )

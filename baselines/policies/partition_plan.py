@@ -108,13 +108,13 @@ def partition_plan(scenario: Scenario, parameters: PartitionParameters | None = 
     room, curve = room_of(scenario, parameters), scenario.curve
     turning, smallest = room.turning * unit, min(curve.half_width, curve.half_height)
     if turning > smallest:
-        rule = "partition needs a rectangle that holds the turning circle of every car"
+        rule = "partition requires a rectangle that contains a car's turning circle"
         raise UnsuitableScenarioError(f"{rule}, of radius {turning:.3g} m, got one of {smallest:.3g} m to a side")
     if parameters.rows is not None and parameters.rows > scenario.num_robots:
         raise ValueError(f"rows must be at most the {scenario.num_robots} robots, got {parameters.rows}")
     best = _best(room, replace(parameters, speed=None, clearance=None))
     if best is None:
-        rule = f"partition needs room for {scenario.num_robots} loops of radius {turning:.3g} m"
+        rule = f"partition requires room for {scenario.num_robots} loops of radius {turning:.3g} m"
         rule = f"{rule}, in phase at least {room.apart * unit:.3g} m from one another"
         raise UnsuitableScenarioError(f"{rule}, got {2 * curve.half_width:g} m x {2 * curve.half_height:g} m")
     cells, loop, worst = best

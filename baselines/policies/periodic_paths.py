@@ -45,7 +45,7 @@ class PathParameters(Checked):
     period: int | None = whole(None, 4, 2**20)
     """Control steps of a period; None means those of a lap of the formation."""
     paths: tuple[tuple[float, ...], ...] | None = rows(
-        None, "must hold a row for each robot: x_0, y_0, then a_k, b_k of x and of y for k = 1, 2 ... [m]", _as_path
+        None, "must contain a row for each robot: x_0, y_0, then a_k, b_k of x and of y for k = 1, 2 ... [m]", _as_path
     )
     """Fourier coefficients of the path of each robot: x_0, y_0, and for each harmonic a_k, b_k of x, a_k, b_k of y [m];
     None means the places of the formation on its curve."""
@@ -131,7 +131,7 @@ def _loop(scenario: Scenario, parameters: PathParameters) -> np.ndarray:
     period = parameters.period or max(round(lap), 4)
     if parameters.paths is not None:
         if len(parameters.paths) != scenario.num_robots:
-            rule = f"paths must hold a row for each of the {scenario.num_robots} robots"
+            rule = f"paths must contain a row for each of the {scenario.num_robots} robots"
             raise ValueError(f"{rule}, got {len(parameters.paths)}")
         longest = max(map(len, parameters.paths))
         padded = [[*row, *[0.0] * (longest - len(row))] for row in parameters.paths]

@@ -1,4 +1,4 @@
-"""The registry of policies: what there is by name, what it drives, and what other packages add."""
+"""The registry of policies by name, with those that other packages add."""
 
 import os
 from collections.abc import Callable
@@ -14,8 +14,8 @@ from lissajous_env.identity import parts_of
 from lissajous_env.parameters.robot_models import robot_kinds
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import EntryPoints
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import few_of, nearest, shown
-from lissajous_env.world.selection import whole_number
 
 
 @dataclass(frozen=True)
@@ -56,23 +56,23 @@ def register(
     learned: bool = False,
     on_request: bool = False,
 ) -> Any:
-    """Add a policy. Without a factory, this is a decorator of one: `@register("mine", kind="car")`.
+    """Register a policy. Without `factory`, return a decorator, as in `@register("mine", kind="car")`.
 
     Args:
-        name: Its name.
-        kind: Kind of robots that it drives; by default the factory's `kind`, or that of the class of a partial one, and
-            any where it has none.
-        factory: `factory(scenario, num_worlds, device)` makes it.
-        made_for: Names of the scenarios on which a benchmark plays it without being asked to; all by default.
-        about: What it is, in one line; the first line of the factory's docstring by default.
-        learned: Whether it is a learned one, which no other is added to.
-        on_request: Whether a benchmark plays it only where it is named.
+        name: Name of the policy.
+        kind: Kind of robots that the policy drives; by default the factory's `kind`, or that of the class of a partial
+            one; a policy without a kind drives all.
+        factory: Function or class, called as `factory(scenario, num_worlds, device)`, that returns the policy.
+        made_for: Names of the scenarios on which a benchmark plays the policy by default; all if empty.
+        about: Description in one line; by default the first line of the factory's docstring.
+        learned: True for a learned policy, which cannot be a base of others.
+        on_request: True if a benchmark plays the policy only if it is named.
 
     Returns:
         The factory.
 
     Raises:
-        ValueError: a name that another policy has; the same policy may be registered again.
+        ValueError: another policy has the name; the same policy may be registered again.
     """
     add = partial(_added, name, kind, tuple(made_for), about, learned, on_request)
     return add if factory is None else add(factory)
@@ -116,12 +116,12 @@ def _alike(one: _Entry, other: _Entry) -> bool:
 
 
 def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy], about: str) -> None:
-    """Add every policy for robots of `kind` once more, wrapped, under its name with a suffix.
+    """Register a wrapped version of every policy for robots of `kind`, under its name with a suffix.
 
-    `about` is what is said of it after the name of the policy, such as "with the collision filter under it".
+    `about` continues the description after the name of the policy, as in "with the collision filter".
 
     Raises:
-        ValueError: a suffix that another wrapper has.
+        ValueError: another wrapper has the suffix.
     """
     if _WRAPPERS.get(suffix, (kind, wrapper, about)) != (kind, wrapper, about):
         raise ValueError(f"suffix of a wrapper must be new, got {shown(suffix)}")
@@ -134,13 +134,13 @@ def register_opener(
     parts: Callable[[str], dict[str, str]],
     file: str = "checkpoint.json",
 ) -> None:
-    """Let `make` accept as a name a folder that contains a file.
+    """Make folders that contain a certain file names of policies, which `make` accepts.
 
     Args:
-        opener: `opener(folder, scenario, num_worlds, device)` makes the policy in it.
-        home: `home(folder)` is the scenario that it was made for.
-        parts: `parts(folder)` names the parts of the policy, as `parts` does.
-        file: Name of the file. A folder without any such file goes to the opener that was registered last.
+        opener: Function `opener(folder, scenario, num_worlds, device)` that returns the policy in a folder.
+        home: Function `home(folder)` that returns the scenario of the policy.
+        parts: Function `parts(folder)` that returns the parts of the policy, as `parts` does.
+        file: Name of the file. A folder without any such file is passed to the opener that was registered last.
     """
     _OPENERS[file] = _Opener(opener, home, parts)
 
@@ -186,13 +186,13 @@ def registered_here() -> list[tuple[str, str]]:
 
 
 def meant_here(name: str) -> list[str]:
-    """Return what an unknown name may refer to: folders of policies beside it, and policies of the modules here."""
+    """Return candidates for an unknown name: folders of policies beside it, and policies of the modules here."""
     folders = [folder for file in _OPENERS for folder in here.folders_beside(name, file)]
     return [*folders, *(each for each, _ in registered_here())]
 
 
 def parts(name: str) -> dict[str, str]:
-    """Name the parts that tell a policy from another one of the same name: `lissajous_env.identity.parts_of`."""
+    """Return the parts that identify a policy among those of the same name: `lissajous_env.identity.parts_of`."""
     folder, suffix = _folder_of(name) if is_folder(name) else ("", unwrapped(name)[1])
     inside = _opener_of(folder).parts(folder) if folder else parts_of(_registry()[unwrapped(name)[0]].factory)
     wrapper = parts_of(_WRAPPERS[suffix][1]) if suffix else {}
@@ -213,7 +213,7 @@ def _opener_of(folder: str) -> _Opener:
 
 
 def _folder_of(name: str) -> tuple[str, str]:
-    """Return the folder that a name stands for, and the suffix of what wraps the policy in it ("" for nothing)."""
+    """Return the folder that a name stands for, and the suffix of the wrapper ("" for none)."""
     for suffix in _WRAPPERS:
         plain = str(name).removesuffix(suffix)
         if plain != str(name) and not _is_directory(name) and _is_directory(plain):
@@ -260,7 +260,7 @@ def sent(name: str) -> _Entry | None:
 
 
 def remember(name: str, entry: _Entry | None) -> None:
-    """Take what `sent` returned in another process, where this one does not know the name."""
+    """Register what `sent` returned in another process, unless this process has a policy of the name."""
     if entry is not None:
         _registry().setdefault(unwrapped(name)[0], entry)
 
@@ -271,7 +271,7 @@ def _registry() -> dict[str, _Entry]:
 
 
 def _kinds() -> dict[str, str | None]:
-    """Kind of robot that each policy drives, by name; the wrapped ones come last."""
+    """Return the kind of robot that each policy drives, by name; the wrapped ones come last."""
     plain = {name: entry.kind for name, entry in _registry().items()}
     kinds = dict(plain)
     for suffix, (kind, *_) in _WRAPPERS.items():
@@ -280,7 +280,7 @@ def _kinds() -> dict[str, str | None]:
 
 
 def unwrapped(name: str) -> tuple[str, str]:
-    """Name of the policy inside, and the suffix of what wraps it ("" for nothing)."""
+    """Return the name of the wrapped policy, and the suffix of the wrapper ("" for none)."""
     _BROUGHT.load()
     return _parted(name)
 
@@ -320,7 +320,7 @@ def wrapped(policy: Policy, suffix: str, name: str) -> Policy:
 
 
 def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
-    """Names of the policies; with a scenario, of those that drive its robots."""
+    """Return the names of the policies, or of those that can drive the robots of a scenario."""
     if scenario is None:
         return tuple(_kinds())
     kind = make_scenario(scenario).robot.kind
@@ -328,11 +328,11 @@ def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
 
 
 def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
-    """Make a policy by name, or of the folder of a checkpoint or a plan; a suffix such as `-safe` wraps either.
+    """Make a policy from its name, or from the folder of a checkpoint or a plan; a suffix adds a filter.
 
     Raises:
-        ValueError: an unknown name (the message offers the nearest), a policy that does not fit the scenario, a number
-            of worlds below 1, or a device that is not there.
+        ValueError: the name is unknown (the message suggests the closest match), the policy does not fit the scenario,
+            the number of worlds is below 1, or the device is not available.
     """
     num_worlds = whole_number("num_worlds", num_worlds)
     if not isinstance(name, (str, os.PathLike)):
@@ -346,7 +346,7 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
 
 
 def check(name: str, made: Scenario) -> None:
-    """Raise ValueError where `make` would: an unknown name, or a policy for another kind of robot."""
+    """Raise a ValueError if the name is unknown, or if the policy is for another kind of robot."""
     bring(name)
     if name not in (known := _kinds()):
         hint = nearest(name, [*known, *meant_here(name)])

@@ -1,6 +1,6 @@
 """The entries of a robot's observation row, decoded in NumPy and SI units for user policies.
 
-`baselines.policies.own_row` has the same as functions for Warp kernels.
+`baselines.policies.own_row` contains the same functions for Warp kernels.
 """
 
 from functools import cached_property
@@ -15,14 +15,14 @@ from lissajous_env.world.observation import layout
 
 
 class Rows:
-    """The observation (W, N, D) of W worlds of N robots by names and in SI units; the values of each robot are its own.
+    """The observation (W, N, D) of W worlds of N robots as named quantities in SI units.
 
-    A neighbour is one of the two on the ring: 0 is before, 1 after the robot. What a robot does not know is 0: of a
-    neighbour that it has not heard, of a robot or target that is not there.
+    Neighbour 0 precedes the robot on the ring, neighbour 1 follows it. Values are 0 for a neighbour without a message,
+    and for places of robots and targets that are not in the sensing disc.
 
     Args:
-        observation: As a policy is given it, of float32.
-        scenario: What it is of.
+        observation: Observation as a policy receives it, of float32.
+        scenario: Scenario of the observation.
     """
 
     def __init__(self, observation: np.ndarray, scenario: str | Scenario):

@@ -43,18 +43,18 @@ def read(folder: str | os.PathLike[str]) -> PolicySettings:
     try:
         given = tomllib.loads(read_bytes(path, _LARGEST).decode())
     except RecursionError:
-        raise ValueError(f"{path} must nest fewer levels") from None
+        raise ValueError(f"{path} must have fewer nested levels") from None
     except ValueError as error:
         raise ValueError(f"{path} must be a TOML file that can be read: {error}") from error
     known = {"policy": (str, "text")} | dict.fromkeys(_TABLES, (dict, "a table"))
     for key, value in given.items():
         if key not in known:
-            raise ValueError(f"{path} must hold {', '.join(known)}, got {key!r}{nearest(key, known)}")
+            raise ValueError(f"{path} must contain {', '.join(known)}, got {key!r}{nearest(key, known)}")
         kind, rule = known[key]
         if not isinstance(value, kind):
-            raise ValueError(f"{path} must hold {key} as {rule}, got {type(value).__name__}")
+            raise ValueError(f"{path} must contain {key} as {rule}, got {type(value).__name__}")
     if "policy" not in given:
-        raise ValueError(f"{path} must hold policy, the name of a policy, got {', '.join(given) or 'nothing'}")
+        raise ValueError(f"{path} must contain policy, the name of a policy, got {', '.join(given) or 'nothing'}")
     return PolicySettings(**given)
 
 

@@ -299,7 +299,7 @@ class TimedPaths(Policy):
             plan = np.arange(self.num_worlds) if plans == self.num_worlds else np.zeros(self.num_worlds, int)
         chosen = np.asarray(plan)
         if chosen.shape != (self.num_worlds,) or not ((chosen >= 0) & (chosen < plans)).all():
-            rule = f"must be {self.num_worlds} whole numbers from 0 to {plans - 1}, one a world"
+            rule = f"must be {self.num_worlds} whole numbers from 0 to {plans - 1}, one per world"
             raise ValueError(f"plan {rule}, got {plan!r}")
         self.tables = tables
         self.tracking = parameters or TrackingParameters()

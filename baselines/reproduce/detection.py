@@ -124,8 +124,7 @@ def fig3(player: Player) -> Part:
         picture = sheet.picture(
             f"{_CHOSEN}; the targets' motion is not given either: here they wander at {made.targets.speed} m/s, their "
             f"heading changing by {made.targets.turn_rate:g} rad in one second. theta_0 = 0 is a slow start: two "
-            "corners "
-            "are seen only after T_max / 2, when the ellipse is a circle again and stretches towards them."
+            "corners are seen only after T_max / 2, when the ellipse is a circle again and stretches towards them."
         )
     runs = zip([waited, *turned.waited], [played.found[0], *turned.found], strict=True)
     in_time = np.array([found.all() and times.max() <= bound for times, found in runs])
@@ -141,8 +140,7 @@ def fig3(player: Player) -> Part:
             0.3,
             "s",
             f"theta_0 = 0; between {by} for {_STARTS} random theta_0. Motion of the targets chosen: "
-            f"{made.targets.speed} "
-            "m/s, wandering",
+            f"{made.targets.speed} m/s, wandering",
         ),
         reported(
             "share in sight at the start",

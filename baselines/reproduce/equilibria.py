@@ -68,8 +68,7 @@ def theorem1(player: Player) -> Part:
         panels[0, 0].legend(handles=patches, loc="upper left", fontsize=7.2, labelspacing=0.25, borderaxespad=0.1)
         picture = sheet.picture(
             "All phases uniform at random, ring topology, K = 1, omega = 0.3 rad/s, 150 s. p is counted from 0 "
-            "to N - 1 by "
-            "how often the phases go around along the ring; numbers are percent."
+            "to N - 1 by how often the phases go around along the ring; numbers are percent."
         )
     return Part(claims, [picture])
 

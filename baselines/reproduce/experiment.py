@@ -48,8 +48,7 @@ def fig7(player: Player) -> Part:
             axes.set_ylim(-1.5, 1.5)
         picture = sheet.picture(
             "Simulated agents pink, physical ones blue, as in the paper, with the way of the last 1.5 s; a thick "
-            "orange rim "
-            f"marks a robot that has failed; edges of the ring orange. {_chosen(played)}."
+            f"orange rim marks a robot that has failed; edges of the ring orange. {_chosen(played)}."
         )
     before, during, _ = _spans(played)
     kept = played.deviation[before].max(axis=0)

@@ -58,8 +58,7 @@ def fig6(player: Player) -> Part:
         picture = sheet.picture(
             "Five robots as points on curve (16), omega = 0.3 rad/s, K = 1, p = 2; robots 1 and 2 (dashed) stand still "
             "in the shaded time. The paper does not say which formation it simulated, nor which two robots fail: those "
-            "of "
-            "Section VII and two ring neighbours, the harder case, are chosen. In (b) the generator of a stopped "
+            "of Section VII and two ring neighbours, the harder case, are chosen. In (b) the generator of a stopped "
             "robot's reference stops with it."
         )
     ours, rival = runs.values()

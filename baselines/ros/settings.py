@@ -54,13 +54,13 @@ class RobotSettings(Checked):
     message_loss: float = number(0.0, 0.0, 1.0)
     """Fraction of the neighbours' messages that are ignored at random, to try a bad network."""
     pose_age: float = _limit()
-    """Limit of the age of the pose [s]; 0 for the default of `baselines.onboard.Limits`, as for the next four."""
+    """Largest age of the pose [s]; here and below, 0 selects the default of `baselines.onboard.Limits`."""
     fence: float = number(0.0, 1e-3, _FOREVER, "m", or_zero=True)
-    """Limit of the distance beyond the rectangle [m]."""
+    """Largest distance of the robot from the rectangle [m]."""
     clock_jump: float = _limit()
-    """Limit of jumps of the clock [s]."""
+    """Largest jump of the clock [s]."""
     silence: float = _limit()
-    """Limit of the silence of a neighbour [s]."""
+    """Longest time without a message of a neighbour [s]."""
     watchdog: float = _limit()
     """Time for which a command is valid [s]."""
     autostart: Annotated[bool, _Flag] = flag(False)
@@ -96,7 +96,7 @@ class WorldSettings(Checked):
     frame: str = word("map", "must be the name of a frame")
     """Frame of the poses, whose origin is the middle of the rectangle."""
     watchdog: float = number(0.0, 1e-3, _FOREVER, "s", or_zero=True)
-    """Time after which a simulated robot without a command takes that of rest [s]; 0 for 2.5 control steps."""
+    """Time after which a simulated robot without a command stops [s]; 0 selects 2.5 control steps."""
     wait: float = number(60.0, 1.0, _FOREVER, "s")
     """Longest time to wait for the robots [s]."""
     pace: float = number(1.0, 0.01, 100.0)

@@ -206,7 +206,7 @@ def _check_text(arguments: list[str]) -> None:
             before = argument.rstrip("=") or next(
                 (a for a in arguments[number - 1 :: -1] if number and a), "an argument"
             )
-            raise ValueError(f"{' '.join(before.split())[:160]} must not be followed by nothing, got ''")
+            raise ValueError(f"{' '.join(before.split())[:160]} must be followed by a value, got ''")
         if "\0" in argument or any("\ud800" <= c <= "\udfff" for c in argument):
             raise ValueError(f"arguments must be text in UTF-8, got {argument!r}")
 

@@ -30,7 +30,7 @@ def check_pace(speed: float, fps: float) -> None:
 
 def has_display() -> bool:
     """Return True if a window can be opened; without a display, SDL would open an invisible one."""
-    if sys.platform in ("win32", "darwin"):
+    if sys.platform == "darwin":
         return True
     driver = os.environ.get("SDL_VIDEODRIVER", "")
     found = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
@@ -103,4 +103,4 @@ def show(
             save_mcap(recording, out)
         else:
             recording.save(out)
-    output.console().print(f"wrote {out}", markup=False, highlight=False, soft_wrap=True)
+    output.print(f"wrote {out}")

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -33,13 +34,17 @@ class Output:
     """Options for a command's output."""
 
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    """Print only the result, as JSON; a number that does not exist is null."""
+    """Print only the result, as JSON; undefined numbers are null."""
     quiet: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Print nothing but errors and the JSON; files are still written."""
 
     def console(self) -> Console:
         """Return the console for readable results; silent with --json or --quiet."""
         return make_console(quiet=self.quiet or self.json)
+
+    def print(self, words: str | Text, style: str | None = None) -> None:
+        """Print a line of a readable result; nothing with --json or --quiet."""
+        print_line(self.console(), words, style)
 
     def print_json(self, result: Any) -> None:
         """Print a result if --json is given."""
@@ -48,6 +53,8 @@ class Output:
 
 
 DEFAULT_OUTPUT = Output()
+OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+"""Type of a command's parameter `out` for one file."""
 OutputOptions = tyro.conf.OmitArgPrefixes[Output]
 """Type of a command's parameter `output`, which adds the options --json and --quiet."""
 
@@ -123,11 +130,16 @@ def print_table(
     return [column.name or column.title.replace("\n", " ") for k, column in enumerate(columns) if k not in kept]
 
 
+def print_line(console: Console, words: str | Text, style: str | None = None) -> None:
+    """Print text on one line, without markup; the terminal breaks it."""
+    console.print(words, style=style, markup=False, highlight=False, soft_wrap=True)
+
+
 def print_left_out(console: Console, names: Sequence[str], where: str) -> None:
     """Print which columns were omitted, and `where` they can be found."""
     if names:
         words = f"Columns that do not fit the terminal: {', '.join(dict.fromkeys(names))}. {where}"
-        console.print(words, style="yellow", markup=False, highlight=False, soft_wrap=True)
+        print_line(console, words, "yellow")
 
 
 def plain(value: Any) -> Any:

@@ -1,9 +1,12 @@
 """Compiler options of kernels; a module with kernels calls `wp.set_module_options`, usually with OPTIONS.
 
-They hold for all that its kernels call: a module of functions alone needs none.
+They hold for all that its kernels call: a module of functions alone needs none. Options that change how C++ is parsed
+have no place here: all modules share one parsed header (`headers.py`).
 """
 
 from typing import Any
+
+import warp as wp
 
 # LLVM's own options, of which the compiler accepts one set at a time: where they differ, modules wait for each other.
 # The last one concerns the vectoriser of straight-line code, so it has no effect where that is left out.
@@ -26,3 +29,10 @@ MOTION = OPTIONS | {
 # For the contouring controller, Warp's own flags and one more: fused multiply-adds shorten its chains of dependent
 # operations by a tenth.
 CONTRACTED = OPTIONS | {"cpu_compiler_flags": f"-march=native {_LLVM} -ffp-contract=fast"}
+
+
+def module_apart(name: str, options: dict[str, Any]) -> Any:
+    """Return a module of its own for kernels that few scenarios need, so that only these compile it."""
+    module = wp.get_module(name)
+    module.options.update(options)
+    return module

@@ -50,9 +50,13 @@ class Copyable:
             wanted = array.numpy() if _is_warp_array(array) else array
             got = f"shape {saved[name].shape} of {saved[name].dtype}" if name in saved else "none"
             if got != f"shape {wanted.shape} of {wanted.dtype}":
-                raise ValueError(f"saved state must hold {name} of shape {wanted.shape} of {wanted.dtype}, got {got}")
+                raise ValueError(
+                    f"saved state must contain {name} of shape {wanted.shape} of {wanted.dtype}, got {got}"
+                )
         if unknown := sorted(saved.keys() - own.keys()):
-            raise ValueError(f"saved state must hold what {type(self).__name__} keeps alone, got {few_of(unknown)}")
+            raise ValueError(
+                f"saved state must contain only the arrays of {type(self).__name__}, got {few_of(unknown)}"
+            )
         for name, array in own.items():
             if _is_warp_array(array):
                 array.assign(saved[name])

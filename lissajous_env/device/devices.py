@@ -49,16 +49,18 @@ def cores() -> int:
     return bound
 
 
+def memory() -> int:
+    """Return the size of the machine's memory [bytes]."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
 def check_room(sizes: Sequence[int], num_worlds: int, device: Any) -> None:
     """Refuse arrays of these sizes per world [bytes] that exceed the memory.
 
     Raises:
         ValueError: the arrays of `num_worlds` worlds do not fit on the device, or one world not into an array.
     """
-    if device.is_cpu:
-        room = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 2**40
-    else:
-        room = device.total_memory
+    room = memory() if device.is_cpu else device.total_memory
     each = f"{sum(sizes) / 2**20:.3g} MiB a world"
     if max(sizes) >= 2**31:  # Warp counts the bytes of a world in an array by 32 bits
         raise ValueError(f"scenario must need less than 2048 MiB in an array of a world (grid, robots), got {each}")
@@ -75,11 +77,11 @@ def copy_in(name: str, value: Any, target: Any) -> None:
     """
     if is_torch(value):
         if value.is_complex() or str(value.dtype) == "torch.bool":
-            raise ValueError(f"{name} must hold real numbers, got {value.dtype}")
+            raise ValueError(f"{name} must contain real numbers, got {value.dtype}")
         value = wp.from_torch(value.detach().float().contiguous())
     elif isinstance(value, wp.array):
         if value.dtype is not wp.float32:
-            raise ValueError(f"{name} must hold float32 where it is a Warp array, got {value.dtype.__name__}")
+            raise ValueError(f"{name} must contain float32 if it is a Warp array, got {value.dtype.__name__}")
     else:
         value = _as_floats(name, value)
     if tuple(value.shape) != tuple(target.shape):
@@ -94,9 +96,9 @@ def _as_floats(name: str, value: Any) -> np.ndarray:
     try:
         array = np.asarray(value)
     except ValueError as error:  # rows of different lengths
-        raise ValueError(f"{name} must hold real numbers, got rows of different lengths") from error
+        raise ValueError(f"{name} must contain real numbers, got rows of different lengths") from error
     if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name} must hold real numbers, got {array.dtype} {value!r:.80}")
+        raise ValueError(f"{name} must contain real numbers, got {array.dtype} {value!r:.80}")
     # A number beyond the range of float32 becomes infinite, and is treated as such.
     with np.errstate(over="ignore"):
         return np.asarray(array, dtype=np.float32, order="C")

@@ -1,8 +1,8 @@
-"""Warp's C++ header, parsed once for all kernels that are compiled with the same options.
+"""Warp's C++ header, parsed once for all kernels of this project.
 
-Warp keeps a parsed header for each thread that compiles and each set of compiler flags. To make one takes three times
-as long as to parse the header for one module alone, so it pays for flags of many modules only, and only when all
-threads share it.
+Warp keeps a parsed header for each thread that compiles and each set of compiler flags. To make one takes longer than
+to compile most modules, and ours would differ in their names alone: no flag in `compilation.py` changes how C++ is
+parsed. So the first header is copied for the other flags, and all threads share it.
 """
 
 import contextlib
@@ -10,56 +10,60 @@ import functools
 import threading
 from collections.abc import Callable, Iterator
 
-from lissajous_env.device.compilation import MOTION, OPTIONS
+from lissajous_env.device.warp_abi import copy_header
 
-_COMMON = {OPTIONS["cpu_compiler_flags"], MOTION["cpu_compiler_flags"]}
-"""Compiler flags of many modules."""
-
-_making = {flags: threading.Lock() for flags in _COMMON}
-"""Each held by the thread that makes the header for these flags."""
-_made: set[str] = set()
-"""Flags for which there is a header."""
+_making = threading.Lock()
+"""Held by the thread that makes the header."""
+_made: list[str] = []
+"""Flags for which there is a header; it was made with those that come first."""
 
 
 class _Compiling(threading.local):
-    """Compilation of a thread: if it is of a module of this project, and if with a header that was parsed before."""
+    """Compilation of a thread: the flags of a module of this project; None if it compiles none."""
 
-    ours, with_header = False, False
+    flags: str | None = None
 
 
 _compiling = _Compiling()
 
 
 def share_headers(folder_of_thread: Callable[[], str | None]) -> Callable[[], str | None]:
-    """Return a function that returns the folder of parsed headers of the calling thread; None for a module without one.
+    """Return a function that returns the folder of parsed headers of the calling thread.
 
     Modules of this project use the folder of the thread that was first to compile one.
     """
-    making = threading.Lock()
+    looking = threading.Lock()
     common = functools.cache(folder_of_thread)
 
     def folder() -> str | None:
-        if not _compiling.ours:
+        flags = _compiling.flags
+        if flags is None:
             return folder_of_thread()
-        with making:
-            return common() if _compiling.with_header else None
+        with looking:
+            shared = common()
+            if shared is not None and _made and flags not in _made:
+                copy_header(shared, _made[0], flags)
+                _made.append(flags)
+            return shared
 
     return folder
 
 
 @contextlib.contextmanager
 def sharing_header(flags: str) -> Iterator[None]:
-    """Compile a module of this project that has these compiler flags, with the common header where that pays.
+    """Compile a module of this project that has these compiler flags with the common header.
 
-    Other threads that compile with the same flags wait until the first module is compiled, and with it the header.
+    Other threads wait until the first module is compiled, and with it the header.
     """
-    _compiling.ours, _compiling.with_header = True, flags in _COMMON
+    _compiling.flags = flags
     try:
-        if not _compiling.with_header or flags in _made:
+        with contextlib.ExitStack() as first:
+            if not _made:
+                first.enter_context(_making)
+            if _made:  # perhaps by the thread that this one has waited for
+                first.close()
             yield
-        else:
-            with _making[flags]:
-                yield
-                _made.add(flags)
+            if not _made:
+                _made.append(flags)
     finally:
-        _compiling.ours = False
+        _compiling.flags = None

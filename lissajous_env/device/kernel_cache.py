@@ -54,7 +54,7 @@ def _watch() -> None:
             key = (id(module), str(device), args, tuple(kwargs.items()))
             if key in loaded or not module.name.startswith(OURS):
                 return load(module, device, *args, **kwargs)
-            with _small_frames():
+            with _loading.setdefault(id(module), threading.RLock()), _small_frames():
                 name = folder_of(module, args[0] if args else kwargs.get("block_dim"))
                 compiles = _prepare(name) and wp.get_device(device).is_cpu
                 try:
@@ -75,16 +75,13 @@ def _watch() -> None:
     replace_header_folder(share_headers)
 
 
-def load_together(kernels: Iterable[Any], device: Any, threads: int) -> None:
+def load_together(kernels: Iterable[Any], device: Any, threads: Callable[[], int]) -> None:
     """Compile or load the modules of some kernels side by side, those that were not loaded together before."""
     key = str(device)
     modules = {id(kernel.module): kernel.module for kernel in kernels if (id(kernel.module), key) not in _together}
     if modules:
-        # One of each set of compiler flags comes first, so that their headers are made side by side.
-        first = {compiler_flags_of(module): module for module in modules.values()}
-        ordered = sorted(modules.values(), key=lambda module: module not in first.values())
         with _small_frames():
-            wp.force_load(device, ordered, max_workers=threads)
+            wp.force_load(device, list(modules.values()), max_workers=threads())
         _together.update((each, key) for each in modules)
 
 
@@ -117,6 +114,11 @@ def _prepare(name: str) -> bool:
         _say_that_it_compiles()
         return True
 
+
+_loading: dict[int, Any] = {}
+"""Each held by the thread that compiles a module: others that need it wait rather than compile it too."""
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_loading.clear)
 
 _preparing = threading.Lock()
 """Held by the one thread that looks at the folders of modules."""

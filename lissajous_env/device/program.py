@@ -78,7 +78,7 @@ class Stage:
         placed = {name for names in _PLACED.values() for name in names}
         got = tuple(name for name in self.labels if name in placed)
         if self.is_kernel and got != _PLACED[self.layout]:
-            rule = f"of layout {self.layout} must take {', '.join(_PLACED[self.layout])}"
+            rule = f"of layout {self.layout} must have {', '.join(_PLACED[self.layout])}"
             raise ValueError(f"kernel of stage {self.name} {rule}, got {', '.join(got) or 'none of them'}")
 
     @property
@@ -162,7 +162,7 @@ class Program:
     ):
         self.stages = tuple(stage for stage in stages if stage.when and sizes.get(stage.over, 1) > 0)
         self._values, self._sizes, self._device = values, sizes, device
-        load_together((stage.run for stage in self.stages if stage.is_kernel), device, cores())
+        load_together((stage.run for stage in self.stages if stage.is_kernel), device, cores)
         edges = np.linspace(0, num_worlds, split.blocks + 1).astype(int).tolist()
         self._blocks = list(pairwise(edges))
         own = [stage for stage in self.stages if stage.is_kernel and not stage.run.module.name.startswith(OURS)]

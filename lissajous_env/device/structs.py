@@ -36,6 +36,7 @@ def place_of(dataclass: type, name: str, option: str) -> int:
     return field.metadata["options"].index(option)
 
 
+@functools.cache
 def _kernel_fields(dataclass: type) -> list[tuple[str, type]]:
     hints = typing.get_type_hints(dataclass)
     kinds = [

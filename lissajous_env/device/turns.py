@@ -45,9 +45,9 @@ class Turn:
     def refusal(self) -> RuntimeError:
         """The error of a turn that cannot begin."""
         if self.lost:
-            words = "was at work in another thread when this process was forked; it is half done, so make another one"
+            words = "was running in another thread when this process was forked and is incomplete; make another one"
         else:
-            words = "is at work in this thread; what runs meanwhile, a signal handler or an extension, must not call it"
+            words = "is running in this thread; a signal handler or an extension must not call it"
         return RuntimeError(f"{self.owner} {words}")
 
 
@@ -86,8 +86,7 @@ def with_own_locks(cls: _Class) -> _Class:
             if isinstance(each, functools.cached_property) and hasattr(each, "lock"):
                 each.lock = threading.RLock()  # type: ignore[attr-defined]
 
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(after_in_child=renew)
+    os.register_at_fork(after_in_child=renew)
     return cls
 
 
@@ -129,5 +128,4 @@ def _give_back_in_child() -> None:
     _give_back()
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=_take_all, after_in_parent=_give_back, after_in_child=_give_back_in_child)
+os.register_at_fork(before=_take_all, after_in_parent=_give_back, after_in_child=_give_back_in_child)

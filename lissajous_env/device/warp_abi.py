@@ -5,7 +5,9 @@
 
 import ctypes
 import functools
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import warp as wp
@@ -48,6 +50,21 @@ def replace_header_folder(replacement: Callable[[Callable[[], str | None]], Call
     """
     runtime: Any = wp._src.context.runtime
     runtime.get_clang_pch_dir = replacement(runtime.get_clang_pch_dir)
+
+
+def copy_header(folder: str, made_for: str, flags: str) -> None:
+    """Let the parsed C++ header that was made for some compiler flags serve others, if Warp names it as expected."""
+    name, copy = _hash_of(made_for), _hash_of(flags)
+    for path in Path(folder).glob(f"*_f{name}.pch"):
+        shutil.copyfile(path, path.with_name(path.name.replace(name, copy)))
+
+
+def _hash_of(flags: str) -> str:
+    """Return the hash of flags in the names of parsed headers: FNV-1a of 64 bits, each flag ended by a zero."""
+    value = 0xCBF29CE484222325
+    for byte in b"".join(flag.encode() + b"\0" for flag in flags.split()):
+        value = (value ^ byte) * 0x100000001B3 % 2**64
+    return f"{value:016x}"
 
 
 def compiler_flags_of(module: Any) -> str:

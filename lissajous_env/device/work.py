@@ -111,7 +111,7 @@ def shared_launch(
     """
     shares = min(TASKS_PER_THREAD * threads, max(size // smallest, 1)) if device.is_cpu and threads > 1 else 1
     edges = [size * share // shares for share in range(shares + 1)]
-    load_together([kernel, take_part] if device.is_cpu else [kernel], device, cores())
+    load_together([take_part, kernel] if device.is_cpu else [kernel], device, cores)
     launches = [
         wp.launch(kernel, high - low, inputs(low), outputs=outputs, device=device, record_cmd=True)
         for low, high in pairwise(edges)

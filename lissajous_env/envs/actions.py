@@ -46,14 +46,6 @@ def rogue_action_space(discrete: bool = False) -> gymnasium.Space:
     return gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
-def team_action_space(scenario: Scenario, discrete: bool, flat: bool, num_robots: int | None = None) -> gymnasium.Space:
-    """Return the action space of the team: `Box(-1, 1, (N, action_size))`, flattened, or `MultiDiscrete` (N,)."""
-    n, size = num_robots or scenario.num_robots, scenario.action_size
-    if discrete:
-        return gymnasium.spaces.MultiDiscrete([len(action_table(scenario))] * n)
-    return gymnasium.spaces.Box(-1.0, 1.0, (n * size,) if flat else (n, size), np.float32)
-
-
 class ActionReader:
     """Writes the actions of one world into an array; errors name the agent.
 

@@ -10,9 +10,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from lissajous_env.envs.actions import action_space, action_table
-from lissajous_env.envs.gymnasium_env import refuse_rogue_agents, team_spaces
+from lissajous_env.envs.gymnasium_env import refuse_rogue_agents
 from lissajous_env.envs.pettingzoo_env import LissajousParallelEnv
 from lissajous_env.envs.recorded import followed, replay_of
+from lissajous_env.envs.team_env import team_spaces
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
@@ -99,7 +100,8 @@ class LissajousVectorEnv(VectorEnv):
             self.single_observation_space = gymnasium.spaces.Box(layout.low, layout.high, dtype=np.float32)
             self.single_action_space = action_space(self.scenario, discrete_actions)
         else:
-            spaces = team_spaces(self.simulation, discrete_actions, flat_actions)
+            n = self.simulation.num_robots
+            spaces = team_spaces(self.scenario, n, discrete_actions, flat_actions)
             self.single_observation_space, self.single_action_space = spaces
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -181,7 +183,7 @@ class LissajousVectorEnv(VectorEnv):
         Rows of one world share its picture. Return None without a render mode.
         """
         if self.render_mode is None:
-            gymnasium.logger.warn("render was called on an environment that was made without a render_mode")
+            gymnasium.logger.warn("render was called on an environment without a render_mode")
             return None
         if self._gallery is None:
             from lissajous_env.render import Gallery
@@ -220,7 +222,7 @@ class LissajousVectorEnv(VectorEnv):
             raise ValueError(f"reset_mask must be bool of shape ({self.num_envs},), got {shown(mask)}")
         of_worlds = np.asarray(mask).reshape(len(self._begun), self._rows_each)
         if (of_worlds.any(axis=1) != of_worlds.all(axis=1)).any():
-            raise ValueError("reset_mask must hold all robots of a world or none: worlds begin anew as wholes")
+            raise ValueError("reset_mask must contain all rows of a world or none, because worlds are reset as a whole")
         return np.flatnonzero(of_worlds.all(axis=1))
 
     def _of_robots(self, actions: Any) -> Any:

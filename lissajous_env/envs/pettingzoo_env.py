@@ -160,7 +160,7 @@ class LissajousParallelEnv(SpacesOfAgents):
     def render(self) -> np.ndarray | None:
         """Draw the world: return (H, W, 3) uint8 for `rgb_array`, or open a window and return None for `human`."""
         if self.render_mode is None:
-            gymnasium.logger.warn("render was called on an environment that was made without a render_mode")
+            gymnasium.logger.warn("render was called on an environment without a render_mode")
             return None
         if self._renderer is None:
             from lissajous_env.render import Renderer

@@ -32,7 +32,7 @@ def replay_of(follower: "Follower | None", policy: str, how: str, ended: bool = 
         ValueError: nothing was recorded; the message contains `how` to enable it.
     """
     if follower is None:
-        raise ValueError(f"replay needs an environment that was made with {how}")
+        raise ValueError(f"replay requires an environment that was made with {how}")
     from lissajous_env.replay import Replay
 
     return Replay(follower.recording(policy, ended))

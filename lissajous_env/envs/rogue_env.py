@@ -71,7 +71,7 @@ class LissajousRogueEnv(gymnasium.Env):
         **settings: Any,
     ):
         if settings.get("discrete_actions", False):
-            raise ValueError("discrete_actions must be False where robots are driven by a policy, got True")
+            raise ValueError("discrete_actions must be False if a policy drives the robots, got True")
         settings = {"rogues": AGENTS} | settings
         self.sides = TwoSidedParallelEnv(LissajousParallelEnv(scenario, render_mode, **settings))
         self.render_mode, self.scenario = render_mode, self.sides.scenario

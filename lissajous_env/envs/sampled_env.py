@@ -27,9 +27,8 @@ class SampledParallelEnv(SpacesOfAgents):
     """Robots in scenarios drawn from a space, as a PettingZoo `ParallelEnv`; `parallel_env` makes it for a space.
 
     Each reset draws a scenario, and its episode is that of a `LissajousParallelEnv` of the scenario. A reset with a
-    seed draws the same scenario and the same episode whatever came before, and the resets without a seed that follow
-    it go on with a sequence of scenarios that belongs to that seed. Without any seed, the sequence comes from the
-    operating system.
+    seed draws the same scenario and the same episode whatever came before. Later resets without a seed draw a sequence
+    of scenarios that depends only on that seed. Without any seed, the sequence comes from the operating system.
 
     `possible_agents` are those of the largest team among the first 64 scenarios of the split, and `agents` are the
     robots of the scenario. A drawn scenario with more robots or more target slots than all of these is skipped.
@@ -46,7 +45,7 @@ class SampledParallelEnv(SpacesOfAgents):
         max_cycles: As for `LissajousParallelEnv`.
         device: Warp device.
         record: True to record episodes for `replay`.
-        **overrides: Fields of all scenarios, as in `lissajous_env.scenario`.
+        **overrides: Fields that are given instead of drawn, as for `ScenarioSpace.overridden`.
 
     Raises:
         UnknownSettingError: an unknown keyword (a `ValueError` and a `TypeError`).

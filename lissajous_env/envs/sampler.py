@@ -23,7 +23,7 @@ class Sampler:
     Args:
         space: Name of a space or SPACE:SPLIT, where SPLIT is a split or a shift, by default `train`; or a
             `ScenarioSpace`.
-        overrides: Fields of all scenarios, as in `lissajous_env.scenario`.
+        overrides: Fields that are given instead of drawn, as for `ScenarioSpace.overridden`.
         max_cycles: Number of steps of an episode, instead of `task.duration`.
 
     Raises:
@@ -37,8 +37,8 @@ class Sampler:
     ):
         if (found := named.space_and_split(space)) is None:
             raise ValueError(f"space must be a space of scenarios, as SPACE or SPACE:SPLIT, got {shown(space)}")
-        self.space, self.split = found
-        self._overrides, self._max_cycles = dict(overrides), max_cycles
+        self.space, self.split = found[0].overridden(overrides), found[1]
+        self._max_cycles = max_cycles
         first = [self._changed(made) for made in itertools.islice(self.space.scenarios(self.split), LOOKED_AT)]
         self.first = first[0]
         """First scenario of the split."""
@@ -66,8 +66,8 @@ class Sampler:
         return made, seed
 
     def _changed(self, made: Scenario) -> Scenario:
-        """Return a drawn scenario with its fields overridden, without warnings: it is one of many."""
-        return named.with_cycles(named.build(made, **self._overrides), self._max_cycles).resolve()
+        """Return a drawn scenario with the number of steps of an episode, and every derived field."""
+        return named.with_cycles(made, self._max_cycles).resolve()
 
     def _fits(self, made: Scenario) -> bool:
         return made.num_robots <= self.most_robots and made.target_capacity <= self.most_targets

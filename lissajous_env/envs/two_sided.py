@@ -35,7 +35,7 @@ class TwoSidedParallelEnv(SpacesOfAgents):
         discrete_actions: True for rogues whose actions are indices of `lissajous_env.envs.actions.rogue_table`.
 
     Raises:
-        ValueError: the rogues of the scenario are no agents.
+        ValueError: the rogues of the scenario are not agents.
     """
 
     metadata = LissajousParallelEnv.metadata

@@ -30,7 +30,7 @@ def read_arrays(stored: zipfile.ZipFile, dtypes: dict[str, np.dtype]) -> dict[st
             raise ValueError(f"its {name} must be {dtype}, got {claimed}")
         left -= size
         if left < 0:
-            raise ValueError(f"its arrays must hold at most {MOST_BYTES:,} bytes together")
+            raise ValueError(f"its arrays must contain at most {MOST_BYTES:,} bytes together")
         arrays[name] = _read(stored, name)
     return arrays
 
@@ -68,7 +68,7 @@ def _claims(stored: zipfile.ZipFile, name: str) -> tuple[np.dtype, int]:
         shape, _, dtype = _HEADERS[version](file)
         size = math.prod(shape) * dtype.itemsize
         if min(shape, default=0) < 0 or dtype.hasobject or file.tell() + size != member.file_size:
-            raise ValueError(f"its {name} does not hold what it says")
+            raise ValueError(f"its {name} has another size than its header states")
     return dtype, size
 
 

@@ -118,7 +118,7 @@ class EpisodeRunner:
             world = min(np.flatnonzero(seen), key=lambda each: at[each])
             seed = self.simulation.clock.seed.numpy()[world]
             where = f"step {at[world]} of {self.simulation.scenario.name} in world {world} (seed {seed})"
-            raise InvalidActionError(f"policy {self.name} must return finite actions, got one that is not in {where}")
+            raise InvalidActionError(f"policy {self.name} must return finite actions, got NaN or infinity in {where}")
 
     def _checked(self, action: Any) -> Any:
         if isinstance(action, (list, tuple)):

@@ -105,7 +105,7 @@ def in_formation(
     side = 2 * max(curve.half_width, curve.half_height) / cells
     limit = 30 * side / scenario.task.step
     if speed > limit:
-        rule = f"must be at most {limit:.3g} m/s where cells are {side:.3g} m and a step {scenario.task.step:g} s"
+        rule = f"must be at most {limit:.3g} m/s for cells of {side:.3g} m and a step of {scenario.task.step:g} s"
         raise ValueError(f"the speed of targets {rule}, got {speed:g}")
     columns, rows = (max(round(2 * half / side), 1) for half in (curve.half_width, curve.half_height))
     rate = scenario.formation.phase_rate / scenario.alpha

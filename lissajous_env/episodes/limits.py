@@ -28,7 +28,7 @@ import numpy as np
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.settings.parts import Targets
-from lissajous_env.theory.geometry import largest_speed, top_speed
+from lissajous_env.theory.geometry import largest_speed
 from lissajous_env.theory.worst_case import clearing_time, revisiting_time
 
 _INSTANTS = 40_001
@@ -72,14 +72,13 @@ def mean_time_on_boundary(length: float, num_robots: int, radius: float, speed: 
 def robot_speed_limit(scenario: str | Scenario) -> float:
     """Return the top speed of a robot over the ground [m/s]; NaN for registered models.
 
-    For a car it is the speed at the start, or at full throttle with the largest drive that `robot.drive_factors` and
+    For a car it is the speed at full throttle with the largest drive that `robot.drive_factors` and
     `noise.drive_spread` allow; for a point it is alpha `phase_rate_max` max ||r'||.
     """
     made = named.scenario(scenario).resolve()
     if made.robot.kind == "car":
         strongest = made.robot.drive * made.noise.most_drive * float(made.drive_factors.max())
-        fastest = made.robot.steady_speed(strongest)
-        return max(fastest, top_speed(made.curve, made.formation.phase_rate))
+        return made.robot.steady_speed(strongest)
     if made.robot.kind == "curve":
         return made.alpha * float(made.robot.phase_rate_max or 0.0) * largest_speed(made.curve)
     return math.nan

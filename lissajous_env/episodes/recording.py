@@ -152,7 +152,7 @@ class Recorder:
         now = Snapshot.of(self.simulation, self.world)
         due = 0 if self._last is None else self._last.step + 1
         if now.step != due:
-            raise ValueError(f"a recording must take every step once: step {due} is due, got {now.step}")
+            raise ValueError(f"a recording must contain every step once: expected step {due}, got {now.step}")
         others = self._others()
         for name, kept in self._moments.items():
             kept.append(np.array(others[name] if name in others else getattr(now, name)))
@@ -179,7 +179,7 @@ class Recorder:
     def recording(self, policy: str = "") -> Recording:
         """Return the recording so far, with the current score and the name of the policy."""
         if self._last is None:
-            raise ValueError("a recording must hold at least one moment, got none")
+            raise ValueError("a recording must contain at least one moment, got none")
         arrays = {name: np.stack(kept) for name, kept in self._moments.items()}
         arrays |= {name: getattr(self._last, name) for name in _FIXED}
         arrays["contact"] = np.concatenate(self._contact)
@@ -289,8 +289,8 @@ def _loaded(file: BinaryIO) -> Recording:
 def _check_size(size: int) -> None:
     if size > archive.MOST_BYTES:
         raise ValueError(
-            f"a recording must hold at most {archive.MOST_BYTES:,} bytes: take a coarser task.grid, fewer targets or a "
-            "shorter task.duration"
+            f"a recording must contain at most {archive.MOST_BYTES:,} bytes: use a coarser task.grid, fewer targets or "
+            "a shorter task.duration"
         )
 
 

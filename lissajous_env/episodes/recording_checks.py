@@ -40,19 +40,19 @@ def check(recording: Any, fixed: Sequence[str]) -> None:
         if array.shape != shape or f == 0:
             raise ValueError(f"its {name} must have shape {shape}, got {array.shape}")
         if not np.isfinite(array).all():
-            raise ValueError(f"its {name} must hold finite numbers")
+            raise ValueError(f"its {name} must contain finite numbers")
         if array.dtype.kind == "i" and array.size and not -latest <= array.min() <= array.max() <= latest:
-            raise ValueError(f"its {name} must hold numbers from {-latest} to {latest}")
+            raise ValueError(f"its {name} must contain numbers from {-latest} to {latest}")
     if ((recording.found_early < 0) | (recording.found_early > 1)).any():
-        raise ValueError("its found_early must hold shares from 0 to 1")
+        raise ValueError("its found_early must contain shares from 0 to 1")
     contact = recording.contact
     if (contact < 0).any() or (contact >= [f, scenario.num_robots, scenario.num_robots]).any():
-        raise ValueError("its contact must hold moments and robots that are there")
+        raise ValueError("its contact must contain moments and robots of the recording")
     if f > scenario.task.steps + 1:
         raise ValueError(f"its moments must be at most the {scenario.task.steps} steps and the reset, got {f}")
     for name in ("observation_names", "reward_names"):
         if not all(isinstance(each, str) for each in getattr(recording, name)):
-            raise ValueError(f"its {name} must hold words")
+            raise ValueError(f"its {name} must contain text")
     _check_score(recording.score)
 
 
@@ -71,7 +71,7 @@ def _shapes(recording: Any, fixed: Sequence[str]) -> dict[str, tuple[int, ...]]:
 
 def _check_score(score: Any) -> None:
     if not isinstance(score, dict) or not all(isinstance(value, _PLAIN) for value in score.values()):
-        raise ValueError("its score must hold numbers and words by name")
+        raise ValueError("its score must contain numbers and text by name")
     seed = score.get("seed")
     if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**31:
-        raise ValueError("its score must hold the seed, a whole number from 0 to 2147483647")
+        raise ValueError("its score must contain the seed, a whole number from 0 to 2147483647")

@@ -73,12 +73,12 @@ class _Fit:
         time, count = track.time[inside], int(inside.sum())
         if count < 20 or last - first < 2 * _SEGMENT:
             raise ValueError(
-                f"log must have at least 20 poses over {2 * _SEGMENT:g} s with commands, got {count} over "
+                f"log must contain at least 20 poses over {2 * _SEGMENT:g} s with commands, got {count} over "
                 f"{max(last - first, 0.0):.3g} s"
             )
         measured = np.stack([*track.position.T[:2], track.heading, track.speed], axis=1)[inside]
         if np.ptp(measured[:, 3]) < 1e-3 or np.ptp(commands.value[:, 0]) < 1e-3:
-            raise ValueError("log must be of a car that is steered and whose speed changes")
+            raise ValueError("log must be of a car whose steering and speed change")
         segment = ((time - time[0]) / _SEGMENT).astype(int)
         failed = np.zeros(count, bool) if status is None else status.before(time) != int(WORKING)
         kept = np.setdiff1d(segment, segment[failed])

@@ -140,7 +140,7 @@ class _Reading:
         if not np.isfinite(values[:, :5]).all():
             at = values[~np.isfinite(values[:, :5]).all(axis=1)][0, 0]
             raise _RefusedError(
-                f"topic {topic} of {self._name} must have finite poses, got one that is not at {at:.3f} s"
+                f"topic {topic} of {self._name} must have finite poses, got NaN or infinity at {at:.3f} s"
             )
         return self._moved(values)
 
@@ -173,10 +173,10 @@ class _Reading:
             return None
         episode = json.loads(self._messages(EPISODE)[0][1].data)
         if not isinstance(episode, dict) or not isinstance(episode.get("scenario"), dict):
-            raise ValueError(f"its {EPISODE} must hold a scenario")
+            raise ValueError(f"its {EPISODE} must contain a scenario")
         seed: Any = episode.get("seed")
         if not is_whole(seed) or not 0 <= seed < 2**31:
-            raise ValueError(f"its {EPISODE} must hold the seed, a whole number from 0 to {2**31 - 1}")
+            raise ValueError(f"its {EPISODE} must contain the seed, a whole number from 0 to {2**31 - 1}")
         return episode
 
 

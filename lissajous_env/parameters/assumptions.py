@@ -24,7 +24,9 @@ def _of_formation(scenario: Scenario) -> list[str]:
     n, p, kappa, curve = scenario.num_robots, scenario.p, scenario.clusters, scenario.curve
     found = []
     if n > 2 and p not in closed_forms.stable_equilibria(n):
-        found.append(f"p = {p} of {n} robots is no stable equilibrium: p must be between N / 4 and 3 N / 4 (Theorem 1)")
+        found.append(
+            f"p = {p} of {n} robots is not a stable equilibrium: p must be between N / 4 and 3 N / 4 (Theorem 1)"
+        )
     if curve.harmonics:
         return found  # the paper's bounds apply to Lissajous curves only
     places = curve.a + curve.b

@@ -1,10 +1,9 @@
 """Draw the value of a field from a range or from choices, as a `ScenarioSpace` describes them."""
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from lissajous_env.settings.checks import is_whole
+from lissajous_env.settings.checks import is_finite, is_whole
 from lissajous_env.settings.formulas import Formula
 from lissajous_env.wording import shown
 
@@ -37,7 +36,7 @@ def _choosing(name: str, choices: Any, weights: Any) -> Drawing:
     if not isinstance(choices, (list, tuple)) or not choices:
         raise ValueError(f"{name}.choices must be a list of at least one value, got {shown(choices)}")
     shares = [1.0] * len(choices) if weights is None else list(weights)
-    if len(shares) != len(choices) or not all(_is_finite(share) and share >= 0 for share in shares) or not sum(shares):
+    if len(shares) != len(choices) or not all(is_finite(share) and share >= 0 for share in shares) or not sum(shares):
         raise ValueError(
             f"{name}.weights must be {len(choices)} numbers of at least 0, not all 0, got {shown(weights)}"
         )
@@ -54,7 +53,7 @@ def _choosing(name: str, choices: Any, weights: Any) -> Drawing:
 
 
 def _ranging(name: str, low: Any, high: Any, log: bool = False, times: str | None = None) -> Drawing:
-    if not (_is_finite(low) and _is_finite(high) and low <= high):
+    if not (is_finite(low) and is_finite(high) and low <= high):
         raise ValueError(f"{name} must have finite numbers low <= high, got {shown(low)} and {shown(high)}")
     if log and low <= 0:
         raise ValueError(f"{name}.low must be above 0 with log, got {shown(low)}")
@@ -68,7 +67,3 @@ def _ranging(name: str, low: Any, high: Any, log: bool = False, times: str | Non
         return value if formula is None else value * formula(look_up)
 
     return draw
-
-
-def _is_finite(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

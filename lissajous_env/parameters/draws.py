@@ -7,10 +7,8 @@ from collections.abc import Callable
 from lissajous_env.parameters.named import scenario_space
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
-from lissajous_env.settings.checks import is_whole
-from lissajous_env.wording import shown
+from lissajous_env.settings.checks import LAST_SEED, whole_number
 
-_LAST_SEED = 2**31 - 1
 _MOST_TRIES = 10_000
 """Limit on the seeds that are tried for a scenario with a group's number of robots."""
 
@@ -35,13 +33,11 @@ class Draws:
         seed: int = 0,
         change: Callable[[Scenario], Scenario] | None = None,
     ):
-        if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
-            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
+        self.seed, self._change = whole_number("seed", seed, 0, LAST_SEED), change
         of = scenario_space(space)
         next(of.seeds(split))
         self.split = None if split in of.shifts else split
         self.space = of.shifted(split) if split in of.shifts else of
-        self.seed, self._change = int(seed), change
         self.counts: dict[int, int] = {}
         """Number of draws of each group so far, those included that were not used."""
         self.robots: dict[int, int] = {}
@@ -68,8 +64,10 @@ class Draws:
             if made.num_robots == robots if fits is None else fits(made):
                 return made, self._seed_of_episodes(group)
         if fits is not None:
-            raise ValueError(f"space {self.space.name} must have more scenarios that fit, got none")
-        raise ValueError(f"space {self.space.name} must have more scenarios with {self.robots[group]} robots, got none")
+            raise ValueError(f"space {self.space.name} must contain more scenarios of the largest size, got none")
+        raise ValueError(
+            f"space {self.space.name} must contain more scenarios with {self.robots[group]} robots, got none"
+        )
 
     def latest(self, group: int) -> tuple[Scenario, int]:
         """Return the latest scenario of a group, and the seed for its worlds, again."""
@@ -84,4 +82,4 @@ class Draws:
 
     def _hashed(self, what: str) -> int:
         digest = hashlib.sha256(f"{self.space.name}/{self.seed}/{what}".encode()).digest()
-        return int.from_bytes(digest[:8]) % _LAST_SEED
+        return int.from_bytes(digest[:8]) % LAST_SEED

@@ -68,6 +68,13 @@ class Extension:
         made_of = {field.name for field in dataclasses.fields(Extension)}
         return {each.name: getattr(self, each.name) for each in dataclasses.fields(self) if each.name not in made_of}
 
+    def _check_number(self, setting: str) -> None:
+        """Raise ValueError for a setting that is no number, or too large."""
+        value = getattr(self, setting)
+        if not (isinstance(value, (int, float)) and abs(value) <= LARGEST):
+            rule = f"must be a number from -{LARGEST:g} to {LARGEST:g}"
+            raise ValueError(f"{setting} of {self.name} {rule}, got {shown(value)}")
+
     def __reduce__(self) -> tuple:
         return load_extension, (self.place, self.settings)
 
@@ -81,9 +88,7 @@ class RewardTerm(Extension):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (isinstance(self.weight, (int, float)) and abs(self.weight) <= LARGEST):
-            rule = f"must be a number from -{LARGEST:g} to {LARGEST:g}"
-            raise ValueError(f"weight of {self.name} {rule}, got {shown(self.weight)}")
+        self._check_number("weight")
 
 
 @dataclass(frozen=True)
@@ -114,10 +119,8 @@ class ObservationEntry(Extension):
         super().__post_init__()
         if not 1 <= self.size <= 1024:
             raise ValueError(f"size of {self.name} must be from 1 to 1024, got {shown(self.size)}")
-        for name, value in (("low", self.low), ("high", self.high)):
-            if not (isinstance(value, (int, float)) and abs(value) <= LARGEST):
-                rule = f"must be a number from -{LARGEST:g} to {LARGEST:g}"
-                raise ValueError(f"{name} of {self.name} {rule}, got {shown(value)}")
+        self._check_number("low")
+        self._check_number("high")
         if not self.low < self.high:
             raise ValueError(f"high of {self.name} must be above low = {self.low}, got {shown(self.high)}")
 
@@ -200,12 +203,12 @@ def as_extensions(given: Any) -> tuple[Extension, ...]:
             raise ValueError(f"extensions must be objects or module:name, got {shown(one)}")
     names = [one.name for one in made]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ValueError(f"extensions must have names of their own, got {few_of(twice)} twice")
+        raise ValueError(f"extensions must have different names, got {few_of(twice)} twice")
     entries = [entry for one in made if isinstance(one, ObservationEntry) for entry in one.entries]
     if twice := sorted({entry for entry in entries if entries.count(entry) > 1}):
-        raise ValueError(f"entries of the observation must have names of their own, got {few_of(twice)} twice")
+        raise ValueError(f"entries of the observation must have different names, got {few_of(twice)} twice")
     if sum(isinstance(one, TargetMotion) for one in made) > 1:
-        raise ValueError(f"extensions must hold one motion of targets at most, got {few_of(names)}")
+        raise ValueError(f"extensions must contain at most one motion of targets, got {few_of(names)}")
     return made
 
 
@@ -215,7 +218,7 @@ def _loaded(one: Any) -> Any:
     if not isinstance(one, Mapping):
         return one
     if not isinstance(place := one.get("place"), str):
-        raise ValueError(f"extensions must hold tables with a place, as module:name, got {shown(one)}")
+        raise ValueError(f"extensions must contain tables with a place, as module:name, got {shown(one)}")
     return load_extension(place, {name: value for name, value in one.items() if name != "place"})
 
 

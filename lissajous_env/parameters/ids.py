@@ -4,20 +4,13 @@ import gymnasium
 import pettingzoo
 
 
-def register_ids(name: str) -> None:
-    """Register `lissajous/NAME-v0` with Gymnasium and PettingZoo; environments look up the scenario when made."""
-    vector = "lissajous_env.envs.gymnasium_vector:LissajousVectorEnv"
-    _register(name, vector_entry_point=vector)
+def register_ids(name: str, is_space: bool = False) -> None:
+    """Register `lissajous/NAME-v0` with Gymnasium and PettingZoo; environments look up the scenario when made.
 
-
-def register_space_ids(name: str) -> None:
-    """Register `lissajous/NAME-v0` for a space of scenarios, whose batches are made by Gymnasium itself."""
-    _register(name)
-
-
-def _register(name: str, **entry_points: str) -> None:
-    of_ours, settings = f"lissajous/{name}-v0", {"scenario": name}
-    making = "lissajous_env.envs.making:gymnasium_env"
-    gymnasium.register(id=of_ours, entry_point=making, kwargs=settings, **entry_points)  # type: ignore[arg-type]
-    pettingzoo.register("parallel", of_ours, "lissajous_env.envs.making:parallel_env", kwargs=settings)
-    pettingzoo.register("aec", of_ours, "lissajous_env.envs.making:env", kwargs=settings)
+    Batches of a space of scenarios are made by Gymnasium itself.
+    """
+    of_ours, settings, making = f"lissajous/{name}-v0", {"scenario": name}, "lissajous_env.envs.making"
+    vector = None if is_space else "lissajous_env.envs.gymnasium_vector:LissajousVectorEnv"
+    gymnasium.register(of_ours, f"{making}:gymnasium_env", kwargs=settings, vector_entry_point=vector)
+    pettingzoo.register("parallel", of_ours, f"{making}:parallel_env", kwargs=settings)
+    pettingzoo.register("aec", of_ours, f"{making}:env", kwargs=settings)

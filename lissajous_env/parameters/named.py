@@ -10,17 +10,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from lissajous_env import here
 from lissajous_env.parameters.assumptions import AssumptionWarning, violations
-from lissajous_env.parameters.ids import register_ids, register_space_ids
+from lissajous_env.parameters.ids import register_ids
 from lissajous_env.parameters.overriding import overridden
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.scenario_file import SUFFIX, is_space_file, read_scenario_file, read_space_file
 from lissajous_env.parameters.shipped import SHIPPED
 from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.plugins import EntryPoints, import_attribute
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.wording import nearest, shown, where_raised
 
 _SHIPPED = {each.name: each for each in SHIPPED}
@@ -112,7 +111,7 @@ def register_scenario_space(space: ScenarioSpace) -> ScenarioSpace:
     if space.name in _SHIPPED_SPACES or _SPACES.setdefault(space.name, space) != space:
         raise ValueError(f"name of a space must be new, got {space.name}, which another one has")
     if is_new:
-        register_space_ids(space.name)
+        register_ids(space.name, is_space=True)
     return space
 
 
@@ -215,7 +214,9 @@ def registered_scenario(name: Any) -> Scenario:
 def unknown_scenario(name: Any, others: Iterable[str] = ()) -> ValueError:
     """Return the error for an unknown scenario, which suggests the closest match among scenarios and `others`."""
     if isinstance(name, str) and (space := _known_space(name)) is not None:
-        return ValueError(f"scenario must be one scenario, got the space {name}: name one of it, as {space.name}-0")
+        return ValueError(
+            f"scenario must be a single scenario, got the space {name}; choose one of its scenarios, as {space.name}-0"
+        )
     known = scenarios()
     hint = nearest(name, [*known, *others])
     words = f"scenario must be one of the {len(known)} that `lissajous scenarios` lists, got {shown(name)}{hint}"
@@ -260,10 +261,8 @@ def with_cycles(made: Scenario, max_cycles: int | None) -> Scenario:
     """
     if max_cycles is None:
         return made
-    whole = isinstance(max_cycles, (int, np.integer)) and not isinstance(max_cycles, bool)
-    if not whole or not 1 <= max_cycles <= _MOST_STEPS:
-        raise ValueError(f"max_cycles must be a whole number from 1 to {_MOST_STEPS}, got {shown(max_cycles)}")
-    return build(made, **{"task.duration": int(max_cycles) * made.task.step})
+    steps = whole_number("max_cycles", max_cycles, 1, _MOST_STEPS)
+    return build(made, **{"task.duration": steps * made.task.step})
 
 
 def _warn(made: Scenario) -> None:
@@ -282,7 +281,9 @@ def _found(name: Any) -> Scenario:
     given = os.fspath(name) if isinstance(name, os.PathLike) else name
     if is_scenario_file(given):
         if is_space_file(given):
-            raise ValueError(f"scenario must be one scenario, got the space {given}: name one of it, as {given}:0")
+            raise ValueError(
+                f"scenario must be a single scenario, got the space {given}; choose one of its scenarios, as {given}:0"
+            )
         return _of_file(given)
     if isinstance(given, str) and (part := _SAMPLED.fullmatch(given)):
         space = scenario_space(part[1])

@@ -32,7 +32,7 @@ def parse_overrides(groups: Iterable[Iterable[str]], rogues: str | None = None) 
             actions no command has.
     """
     if rogues == AGENTS:
-        raise ValueError(f"rogues must be a script such as flee, or a folder, in a command, got {AGENTS}")
+        raise ValueError(f"rogues of a command must be the name of a rogue, such as flee, or a folder, got {AGENTS}")
     overrides: dict[str, Any] = {} if rogues is None else {"rogues": rogues}
     for entry in (entry for group in groups for entry in tuple(group) or ("",)):
         name, equals, text = (part.strip() for part in entry.partition("="))

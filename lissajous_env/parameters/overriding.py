@@ -22,6 +22,18 @@ class UnknownSettingError(ValueError, TypeError):
     """
 
 
+def by_field(overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Return overrides by dotted names, each part by its fields; what is no field remains as it is."""
+    found: dict[str, Any] = {}
+    for key, value in overrides.items():
+        name = _SHORT.get(key, key)
+        if name in PARTS and isinstance(value, PARTS[name]):
+            value = {each.name: getattr(value, each.name) for each in dataclasses.fields(value)}
+        is_part = name in PARTS and isinstance(value, Mapping)
+        found |= {f"{name}.{field}": one for field, one in value.items()} if is_part else {name: value}
+    return found
+
+
 def overridden(base: Scenario, overrides: Mapping[str, Any]) -> Scenario:
     """Return a scenario with fields overridden; `lissajous_env.scenario` documents overrides and errors."""
     whole: dict[str, Any] = {}

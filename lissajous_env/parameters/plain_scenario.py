@@ -19,7 +19,7 @@ def scenario_of(plain: Mapping[str, Any], extensions: Iterable[Extension] = ()) 
     """
     try:
         if unknown := sorted(plain.keys() - {"name", "description", "extensions", *PARTS}):
-            raise ValueError(f"scenario must hold no {unknown[0]}")
+            raise ValueError(f"scenario must contain no {unknown[0]}")
         given = ADDED | dict(plain)
         parts: dict[str, Any] = {
             part: kind(**{field: _number(value) for field, value in given[part].items()})
@@ -27,9 +27,9 @@ def scenario_of(plain: Mapping[str, Any], extensions: Iterable[Extension] = ()) 
         }
         return Scenario(plain["name"], plain["description"], **parts, extensions=tuple(extensions))
     except KeyError as error:
-        raise ValueError(f"scenario must hold {error.args[0]}, got {', '.join(map(str, plain))[:100]}") from error
+        raise ValueError(f"scenario must contain {error.args[0]}, got {', '.join(map(str, plain))[:100]}") from error
     except (TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(f"scenario must hold the parts and fields of a scenario: {error}") from error
+        raise ValueError(f"scenario must contain the parts and fields of a scenario: {error}") from error
 
 
 def _number(value: Any) -> Any:

@@ -76,17 +76,17 @@ def register_robot_model(model: RobotModel) -> RobotModel:
         raise ValueError(f"name of a robot model must be new, got {shown(model.name)}")
     words = all(isinstance(each, str) and each.strip() == each != "" for each in model.actions)
     if not model.actions or not words or len(set(model.actions)) < len(model.actions):
-        rule = "must have an action of at least one component, each with a name of its own"
+        rule = "must have an action of at least one component, with different names"
         raise ValueError(f"robot model {model.name} {rule}, got {shown(model.actions)}")
     if not isinstance(model.move, wp.Kernel):
         raise ValueError(f"robot model {model.name} must move by a Warp kernel, got {shown(model.move)}")
-    if not model.table or any(len(row) != model.action_size for row in model.table):
-        raise ValueError(f"robot model {model.name} must have a table of rows of {model.action_size}, got another")
+    if not model.table:
+        raise ValueError(f"robot model {model.name} must have a table of at least one row, got {shown(model.table)}")
     rows = {"table": model.table, "rest": [model.rest] if model.rest is not None else []}
     for what, given in rows.items():
         for row in given:
             if len(row) != model.action_size or not all(_is_action(each) for each in row):
-                rule = f"must hold rows of {model.action_size} numbers from -1 to 1"
+                rule = f"must contain rows of {model.action_size} numbers from -1 to 1"
                 raise ValueError(f"{what} of robot model {model.name} {rule}, got {shown(row)}")
     _MODELS[model.name] = model
     return model

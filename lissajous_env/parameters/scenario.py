@@ -54,7 +54,12 @@ PARTS = {
 }
 ADDED = {"messages": dataclasses.asdict(Messages())}
 """Defaults of the parts that the first scenarios did not have: digests omit them, and files may."""
-_LATER = {"robot": {"drive_factors": None}, "targets": {"rogues": None, "sight": None}, "faults": {"stop": "dead"}}
+_LATER = {
+    "formation": {"start_headway": None},
+    "robot": {"drive_factors": None},
+    "targets": {"rogues": None, "sight": None},
+    "faults": {"stop": "dead"},
+}
 """Fields that the first scenarios did not have, with their defaults (None: empty): digests omit these."""
 
 _NO_DEFAULT = object()
@@ -66,7 +71,7 @@ _OUTSIDE = 1.002
 @with_own_locks
 @dataclass(frozen=True)
 class Scenario:
-    """All constants of an episode. Each part checks its own fields; rules across parts are checked here."""
+    """All constants of an episode, in parts. Each part checks its own fields; this class checks rules across parts."""
 
     name: str = "custom"
     description: str = ""
@@ -97,7 +102,7 @@ class Scenario:
         self._check_contamination()
         self._check_rogues()
         if self.target_capacity > MOST_TARGETS:
-            rule = f"must bring at most {MOST_TARGETS} targets an episode, with those of the start and six deviations"
+            rule = f"must bring at most {MOST_TARGETS} targets per episode, with those of the start and six deviations"
             raise ValueError(f"targets.arrival_rate {rule} [1/s], got {self.targets.arrival_rate}")
 
     def _check_harmonics(self) -> None:
@@ -115,10 +120,12 @@ class Scenario:
         if self.curve.harmonics:
             for name, value in (("robot.count", self.robot.count), ("sensing.radius", self.sensing.radius)):
                 if value is None:
-                    raise ValueError(f"{name} must be given for a curve of harmonics, of which no formula tells it")
+                    raise ValueError(
+                        f"{name} must be given for a curve of harmonics, because the paper's formulas do not apply"
+                    )
         n = self.num_robots
         if n > 1024:
-            raise ValueError(f"robot.count must be given, from 1 to 1024, where a + b is {n}, got None")
+            raise ValueError(f"robot.count must be given, from 1 to 1024, because a + b is {n}, got None")
         named = [
             ("formation.ring", self.formation.ring or ()),
             ("formation.displaced", [robot for robot, _ in self.formation.displaced]),
@@ -131,7 +138,7 @@ class Scenario:
                 raise ValueError(f"{name} must name robots 0 to {n - 1}, got {tuple(robots)}")
         ring = self.formation.ring
         if ring is not None and sorted(ring) != list(range(n)):
-            raise ValueError(f"formation.ring must hold each of the {n} robots once, got {ring}")
+            raise ValueError(f"formation.ring must contain each of the {n} robots once, got {ring}")
         if self.faults.lost > n:
             raise ValueError(f"faults.lost must be at most the {n} robots, got {self.faults.lost}")
         if self.faults.stop == "coast" and self.robot.kind != "car":
@@ -139,7 +146,7 @@ class Scenario:
 
     def _check_contamination(self) -> None:
         if self.task.contamination is not None and self.targets.custom > 0 and self.targets.speed_limit is None:
-            rule = "must be given where targets move as the scenario's own motion says and contamination is followed"
+            rule = "must be given if targets have a custom motion and task.contamination is set"
             raise ValueError(f"targets.speed_limit {rule} [m/s], got None")
         _ = self.spreading
 
@@ -149,19 +156,23 @@ class Scenario:
             return
         rogue = rogue_of(name)
         if self.rogue_speed <= 0:
-            raise ValueError(f"targets.speed_limit must be above 0 where rogues move [m/s], got {self.rogue_speed}")
+            raise ValueError(
+                f"targets.speed_limit must be above 0 if rogues move the targets [m/s], got {self.rogue_speed}"
+            )
         if rogue is not None and rogue.needs_contamination and self.task.contamination is None:
             raise ValueError(f"task.contamination must be given for the rogue {name}, got None")
         for each in self.extensions:
             if isinstance(each, TargetMotion):
-                raise ValueError(f"targets.rogues must be None beside the target motion {each.name}, got {name}")
+                raise ValueError(f"targets.rogues must be None with the target motion {each.name}, got {name}")
 
     def _check_times(self) -> None:
         """Check that times do not round to zero steps."""
         step = self.task.step
         for fault in self.faults.schedule:
             if fault[2] < math.inf and round(fault[2] / step) == round(fault[1] / step):
-                rule = f"must hold faults that cover a step of {step:g} s at least, both ends rounded to steps [s]"
+                rule = (
+                    f"must contain faults of at least one step of {step:g} s, after both ends are rounded to steps [s]"
+                )
                 raise ValueError(f"faults.schedule {rule}, got {fault}")
         delay = self.noise.message_delay
         if delay > 0 and not 1 <= round(delay / step) <= 1000:
@@ -243,6 +254,13 @@ class Scenario:
             factors[robot] *= factor
         factors.flags.writeable = False
         return factors
+
+    @cached_property
+    def top_speeds(self) -> np.ndarray:
+        """(N,) steady speed of each robot at full throttle [m/s]; infinite for robots that are no cars."""
+        if self.robot.kind != "car":
+            return np.full(self.num_robots, np.inf)
+        return np.array([self.robot.steady_speed(self.robot.drive * factor) for factor in self.drive_factors])
 
     @cached_property
     def robot_radius_bound(self) -> float:

@@ -65,10 +65,10 @@ def _read(what: str, path: str, known: Mapping[str, tuple[type, str]]) -> dict[s
     given = _parsed(what, path)
     for key, value in given.items():
         if key not in known:
-            raise ValueError(f"{what} {path} must hold {', '.join(known)}, got {key!r}{nearest(key, known)}")
+            raise ValueError(f"{what} {path} must contain {', '.join(known)}, got {key!r}{nearest(key, known)}")
         kind, rule = known[key]
         if not isinstance(value, kind):
-            raise ValueError(f"{what} {path} must hold {key} as {rule}, got {type(value).__name__}")
+            raise ValueError(f"{what} {path} must contain {key} as {rule}, got {type(value).__name__}")
     return given
 
 
@@ -78,7 +78,7 @@ def _parsed(what: str, path: str) -> dict[str, Any]:
         _check_dots(text)
         return tomllib.loads(text)
     except RecursionError:
-        raise ValueError(f"{what} {path} must nest fewer levels") from None
+        raise ValueError(f"{what} {path} must have fewer nested levels") from None
     except ValueError as error:
         hint = "" if os.path.exists(path) else nearest(path, beside(path, SUFFIX))
         raise ValueError(f"{what} {path} must be a TOML file that can be read: {error}{hint}") from error
@@ -120,4 +120,4 @@ def toml_value(name: str, value: Any) -> str:
 def _check_dots(text: str) -> None:
     for number, line in enumerate(text.split("\n"), start=1):
         if (dots := line.count(".")) > _MOST_DOTS:
-            raise ValueError(f"line {number} must hold at most {_MOST_DOTS} dots, got {dots}; break it")
+            raise ValueError(f"line {number} must contain at most {_MOST_DOTS} dots, got {dots}; break it")

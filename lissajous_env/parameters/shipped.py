@@ -155,7 +155,9 @@ SHIPPED = (
         name="team",
         description="Fifteen cars on the curve of Fig. 2; two neighbours stop from 15 s to 25 s.",
         curve=Curve(half_width=5.0, half_height=5.0, a=7, b=8),
-        formation=Formation(phase_rate=0.05, coupling=1.0, p=7, start="rotated", start_noise=0.02),
+        # On this curve 0.02 rad are up to 4.3 m, so without a headway some bodies would overlap at the start. In 0.3 s
+        # two cars of 1.4 m/s or more that meet head on can turn away: they see it within a step, and need 0.28 m.
+        formation=Formation(phase_rate=0.05, coupling=1.0, p=7, start="rotated", start_noise=0.02, start_headway=0.3),
         robot=Robot(kind="car", radius=0.09, model_offset=3.804),
         targets=_ARRIVING,
         faults=Faults(schedule=((0, 15.0, 25.0), (1, 15.0, 25.0))),
@@ -184,7 +186,8 @@ SHIPPED = (
             flee_radius=12.0,
             flee_speed=0.6,
         ),
-        task=Task(duration=300.0, grid=(40, 25), contamination=(80, 50)),
+        # Gaps between discs are often narrower than 0.5 m: with cells of that size, rogues would get stuck in them.
+        task=Task(duration=300.0, grid=(40, 25), contamination=(240, 150)),
     ),
     Scenario(
         name="redundant",

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from lissajous_env.parameters.drawing import Drawing, drawing
-from lissajous_env.parameters.overriding import overridden
+from lissajous_env.parameters.overriding import by_field, overridden
 from lissajous_env.parameters.scenario import PARTS, Scenario
-from lissajous_env.settings.checks import is_whole
+from lissajous_env.settings.checks import LAST_SEED, whole_number
 from lissajous_env.settings.formulas import Formula
 from lissajous_env.wording import nearest, shown
 
@@ -20,7 +20,6 @@ _OTHERS = "variables", "scale"
 _SCALE = "length", "time"
 _MOST_TRIES = 1000
 """Limit on the draws for one scenario that rules reject."""
-_LAST_SEED = 2**31 - 1
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class ScenarioSpace:
               formula's value;
             * `{"choices": [...]}`, one of the values, with `"weights": [...]` not all equally often;
             * `{"formula": FORMULA}`, the value of a `lissajous_env.settings.formulas.Formula` of fields;
-            * any other value, as it is.
+            * any other value, which is used unchanged.
 
             Under the key `choices`, a part itself has a list of mappings, of which one is drawn: fields that belong
             together. `variables` are numbers for formulas. `scale` may draw `length` and `time`, by which
@@ -54,6 +53,7 @@ class ScenarioSpace:
             scenario for which one is False is drawn anew.
         shifts: For each shift, the draws that differ, in the form of `draw`.
         description: A sentence for readers.
+        given: Fields that have values instead of being drawn; see `overridden`.
 
     Raises:
         ValueError: a draw or rule is invalid, or the scenario of seed 0 cannot be drawn.
@@ -65,6 +65,7 @@ class ScenarioSpace:
     require: tuple[str, ...] = ()
     shifts: Mapping[str, Mapping[str, Mapping[str, Any]]] = field(default_factory=dict)
     description: str = ""
+    given: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.base, Scenario):
@@ -74,21 +75,21 @@ class ScenarioSpace:
         for name in self.shifts:
             if name in SPLITS:
                 raise ValueError(f"a shift must not have the name of a split, got {name}")
-            self.shifted(name)
+            if not self.given:  # a given value may violate the rules in a shift that is not used
+                self.shifted(name)
         self.sample(0)
 
     def sample(self, seed: int) -> Scenario:
         """Return the scenario of a seed.
 
         Raises:
-            ValueError: the seed is no whole number from 0 to 2^31 - 1, the drawn fields are no valid scenario, or a
+            ValueError: the seed is not a whole number from 0 to 2^31 - 1, the drawn scenario is not valid, or a
                 thousand draws violate a rule of `require`.
         """
-        if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
-            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
+        seed = whole_number("seed", seed, 0, LAST_SEED)
         violated: list[str] = []
         for attempt in range(_MOST_TRIES):
-            made = self._drawn(int(seed), attempt)
+            made = self._drawn(seed, attempt)
             broken = next((rule.text for rule in self._rules if not rule(functools.partial(_property, made))), None)
             if broken is None:
                 return made
@@ -113,11 +114,11 @@ class ScenarioSpace:
             ValueError: there is neither a split nor a shift of this name.
         """
         if split in self.shifts:
-            return iter(range(_LAST_SEED + 1))
+            return iter(range(LAST_SEED + 1))
         if split not in SPLITS:
             words = f"split must be one of {', '.join([*SPLITS, *self.shifts])}"
             raise ValueError(f"{words}, got {shown(split)}{nearest(split, [*SPLITS, *self.shifts])}")
-        return (seed for seed in range(_LAST_SEED + 1) if self.split_of(seed) == split)
+        return (seed for seed in range(LAST_SEED + 1) if self.split_of(seed) == split)
 
     def scenarios(self, split: str) -> Iterator[Scenario]:
         """Return an iterator over the scenarios of a split, or of a shift, always in the same order.
@@ -142,6 +143,21 @@ class ScenarioSpace:
             draw[part] = draw.get(part, {}) | dict(other)
         return replace(self, name=f"{self.name}-{shift}", draw=draw, shifts={})
 
+    def overridden(self, overrides: Mapping[str, Any]) -> "ScenarioSpace":
+        """Return the space in which fields have given values instead of being drawn, in its shifts too.
+
+        All other fields of a seed's scenario remain as they are, unless they follow from a given one by a formula.
+        Values are in the units in which the space is written, before `scale` multiplies lengths and times.
+
+        Args:
+            overrides: Fields by dotted or nested name, as for `lissajous_env.scenario`.
+
+        Raises:
+            UnknownSettingError: an unknown field.
+            ValueError: the scenario of seed 0 cannot be drawn with these values.
+        """
+        return replace(self, given={**self.given, **by_field(overrides)}) if overrides else self
+
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields alone: what is compiled from them cannot be pickled."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
@@ -162,7 +178,7 @@ class ScenarioSpace:
                 raise ValueError(f"draw.{part} must be a mapping from fields to draws, got {shown(given_fields)}")
             left = dict(given_fields)
             if part == "scale" and (other := set(left) - set(_SCALE)):
-                raise ValueError(f"draw.scale must hold length or time, got {shown(min(other))}")
+                raise ValueError(f"draw.scale must contain length or time, got {shown(min(other))}")
             if part in PARTS and "choices" in left:
                 together = {name: left.pop(name) for name in ("choices", "weights") if name in left}
                 drawings[f"{part}.choices"] = drawing(f"draw.{part}", together)
@@ -178,11 +194,12 @@ class ScenarioSpace:
             part, _, what = name.partition(".")
             values |= {f"{part}.{each}": one for each, one in value.items()} if what == "choices" else {name: value}
         changed = {name: value for name, value in values.items() if name.partition(".")[0] in PARTS}
+        changed.update(self.given)
         scale = {name: values[f"scale.{name}"] for name in _SCALE if f"scale.{name}" in values}
         try:
             made = overridden(self.base, changed).scaled(**scale)
         except ValueError as error:
-            raise ValueError(f"seed {seed} of {self.name}: {error}") from error
+            raise type(error)(f"seed {seed} of {self.name}: {error}") from error
         return replace(made, name=f"{self.name}-{seed}", description=f"Scenario {seed} of {self.name}.")
 
     def _uniform(self, what: str, seed: int) -> float:
@@ -191,10 +208,10 @@ class ScenarioSpace:
         return int.from_bytes(digest[:8]) / 2**64
 
     def _value(self, values: Mapping[str, Any], name: str) -> Any:
-        """Return a variable, or a field as drawn or of the base, for a formula."""
-        for known in (name, f"variables.{name}"):
-            if known in values:
-                return values[known]
+        """Return a variable, or a field as given, as drawn or of the base, for a formula."""
+        for known, found in ((name, self.given), (name, values), (f"variables.{name}", values)):
+            if known in found:
+                return found[known]
         if name in self._drawings:
             raise ValueError(f"{name}, which is drawn later")
         return _property(self.base, name)

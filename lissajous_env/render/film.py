@@ -16,6 +16,7 @@ from lissajous_env.render.gif import GifWriter
 from lissajous_env.render.mp4 import Mp4Writer
 from lissajous_env.render.renderer import Renderer
 from lissajous_env.render.window import Window
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.storage.files import replacing
 from lissajous_env.wording import shown
 
@@ -134,11 +135,11 @@ def save_sheet(
     step, last = recording.scenario.task.step, len(recording) - 1
     times = [k * step for k in _spread(last + 1, 6)] if at is None else list(at)
     if not times or not all(0 <= when <= recording.duration + step / 2 for when in times):
-        raise ValueError(f"at must hold times from 0 to {recording.duration:g} s, got {times}")
+        raise ValueError(f"at must contain times from 0 to {recording.duration:g} s, got {times}")
     if len(times) > MOST_PICTURES:
-        raise ValueError(f"at must hold at most {MOST_PICTURES} times, got {len(times)}")
-    if columns is not None and (not isinstance(columns, int) or columns < 1):
-        raise ValueError(f"columns must be a whole number of at least 1, got {shown(columns)}")
+        raise ValueError(f"at must contain at most {MOST_PICTURES} times, got {len(times)}")
+    if columns is not None:
+        whole_number("columns", columns)
     suffix = Path(path).suffix.lower()
     if suffix not in STILLS:
         raise ValueError(f"path must end in {', '.join(STILLS)}, got {path}")

@@ -101,7 +101,7 @@ def joined(entry: str, folders: Folders = (ASSETS,)) -> str:
     owner: dict[str, str] = {}
     for name, source in zip(order, sources, strict=True):
         if re.search(r"^\s*(?:import|export)\b", source, re.MULTILINE):
-            raise ValueError(f"{name} must import names of modules beside it and export declarations alone")
+            raise ValueError(f"{name} must import only names of modules beside it, and export only declarations")
         for declared in _DECLARED.findall(source):
             if declared in owner:
                 raise ValueError(f"{name} must not declare {declared}, which {owner[declared]} does")
@@ -124,7 +124,7 @@ def _text(name: str, folders: Folders) -> str:
 
 def _element(name: str, text: str, attributes: str = "") -> str:
     if re.search(rf"</{name}|<!--", text, re.IGNORECASE):
-        raise ValueError(f"a bundled {name} must not hold what ends it")
+        raise ValueError(f"a bundled {name} must not contain its end tag or a comment")
     return f"<{name}{attributes}>{text}</{name}>"
 
 

@@ -19,6 +19,9 @@ import numpy as np
 
 from lissajous_env.wording import shown
 
+LAST_SEED = 2**31 - 1
+"""Largest seed of a world, of a draw and of a scenario of a space."""
+
 
 def number(
     default: float | None, low: float, high: float, unit: str = "", or_zero: bool = False, or_infinite: bool = False
@@ -135,6 +138,23 @@ class Checked:
 def is_whole(value: Any) -> bool:
     """Return True for a whole number of any type except bool."""
     return hasattr(value, "__index__") and not isinstance(value, (bool, np.bool_))
+
+
+def is_finite(value: Any) -> bool:
+    """Return True for a finite number of Python's, which a bool is not."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def whole_number(name: str, value: Any, low: int = 1, high: int | None = None) -> int:
+    """Return a whole number as an int.
+
+    Raises:
+        ValueError: it is not a whole number of at least `low`, or, if `high` is given, from `low` to `high`.
+    """
+    if not is_whole(value) or value < low or (high is not None and value > high):
+        rule = f"of at least {low}" if high is None else f"from {low} to {high}"
+        raise ValueError(f"{name} must be a whole number {rule}, got {shown(value)}")
+    return int(value)
 
 
 def as_robot(value: Any) -> int:

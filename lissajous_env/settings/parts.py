@@ -70,7 +70,7 @@ class Curve(Checked):
     c: int = whole(1, 1, 1023)
     """Oscillations along z in one lap, c of (10)."""
     harmonics: tuple[tuple[float, float, float, float], ...] = rows(
-        (), "must hold at most 64 rows of four numbers from -10000 to 10000 [m]", _as_harmonic, units=("m",) * 4
+        (), "must contain at most 64 rows of four numbers from -10000 to 10000 [m]", _as_harmonic, units=("m",) * 4
     )
     """Fourier coefficients of another closed curve in place of (3): row k contains the factors of cos(k gamma) and
     sin(k gamma) in x, then in y [m]. The curve must stay in the rectangle. A circle of radius R is ((R, 0, 0, R),)."""
@@ -112,9 +112,9 @@ class Curve(Checked):
 
     def _check_together(self) -> None:
         if self.harmonics:
-            self._require(len(self.harmonics) <= 64, "harmonics", "must hold at most 64 rows")
-            self._require(any(any(row) for row in self.harmonics), "harmonics", "must hold a number that is not 0")
-            self._require(self.half_depth == 0, "half_depth", "must be 0 beside harmonics [m]")
+            self._require(len(self.harmonics) <= 64, "harmonics", "must contain at most 64 rows")
+            self._require(any(any(row) for row in self.harmonics), "harmonics", "must contain a number that is not 0")
+            self._require(self.half_depth == 0, "half_depth", "must be 0 with harmonics [m]")
             return
         # The paper does not require it, but without it the formation collides: (3, 6) has a smallest distance of 0.
         self._require(math.gcd(self.a, self.b) == 1, "b", f"must share no factor with a = {self.a}")
@@ -139,9 +139,12 @@ class Formation(Checked):
     start_noise: float = number(0.0, 0, 100, "rad")
     """Standard deviation of a random displacement of each robot's phase at reset [rad]."""
     displaced: tuple[tuple[int, float], ...] = rows(
-        (), "must hold pairs of a robot and an angle from -100 to 100 [rad]", _as_displacement, units=("", "rad")
+        (), "must contain pairs of a robot and an angle from -100 to 100 [rad]", _as_displacement, units=("", "rad")
     )
     """Robots displaced along the phase at reset, each as (robot, angle [rad])."""
+    start_headway: float = number(0.0, 0, 1e3, "s")
+    """Time within which no two robots that go straight on from the start collide [s]: the random displacement of a
+    robot that would is drawn again, up to 99 times. With 0, none is, and bodies may overlap at the start."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +198,7 @@ class Robot(Checked):
     lateral_acceleration_max: float = number(math.inf, 1e-6, 1e6, "m/s^2", or_infinite=True)
     """Largest lateral acceleration (grip) [m/s^2]; the yaw rate is limited to it divided by the speed."""
     drive_factors: tuple[tuple[int, float], ...] = rows(
-        (), "must hold pairs of a robot and a factor from 0.01 to 10", _as_factor, units=("", "")
+        (), "must contain pairs of a robot and a factor from 0.01 to 10", _as_factor, units=("", "")
     )
     """Cars with a weaker or stronger motor, each as (robot, factor on `drive`); model-based controllers ignore it."""
 
@@ -213,7 +216,9 @@ class Robot(Checked):
             return
         reached = (self.drive * self.throttle_max - self.offset) / self.drag
         fits = math.isclose(self.drive * self.throttle_max, self.drag * self.speed_max + self.offset, rel_tol=1e-9)
-        rule = f"must be the {reached:.6g} m/s of throttle_max = {self.throttle_max:g}, or one of the two be None [m/s]"
+        rule = (
+            f"must be {reached:.6g} m/s for throttle_max = {self.throttle_max:g}, or one of the two must be None [m/s]"
+        )
         self._require(fits, "speed_max", rule)
 
     @property
@@ -287,8 +292,8 @@ class Targets(Checked):
 
     def _check_together(self) -> None:
         total = self.drifting + self.wandering + self.fleeing + self.custom
-        self._require(total < 1 + 1e-9, "fleeing", "must leave drifting + wandering + fleeing + custom at 1 or below")
-        rule = f"must be None or at least what these targets move at, {self.speed_max:g} m/s"
+        self._require(total < 1 + 1e-9, "fleeing", "must not make drifting + wandering + fleeing + custom exceed 1")
+        rule = f"must be None or at least the speed of these targets, {self.speed_max:g} m/s"
         self._require(self.speed_limit is None or self.speed_limit >= self.speed_max, "speed_limit", rule)
 
     @property
@@ -308,13 +313,13 @@ class Faults(Checked):
 
     schedule: tuple[tuple[int, float, float], ...] = rows(
         (),
-        "must hold rows of a robot, a start from 0 to 1000000000 and a later end, or an infinite one [s]",
+        "must contain rows of a robot, a start from 0 to 1000000000 and a later end, or an infinite one [s]",
         _as_fault,
         units=("", "s", "s"),
     )
     """Robots that fail for a time, each as (robot, start [s], end [s]); with an infinite end, they never resume."""
     removed: tuple[tuple[int, float], ...] = rows(
-        (), "must hold pairs of a robot and a time from 0 to 1000000000 [s]", _as_removal, units=("", "s")
+        (), "must contain pairs of a robot and a time from 0 to 1000000000 [s]", _as_removal, units=("", "s")
     )
     """Robots that are removed, each as (robot, time [s])."""
     rate: float = number(0.0, 0, 1e3, "1/s")

@@ -52,7 +52,7 @@ def parse_json(text: bytes | str, source: str | Path) -> Any:
         if _depth(found) > _DEEPEST:
             raise RecursionError
     except RecursionError:
-        raise ValueError(f"{source} is damaged: it must nest at most {_DEEPEST} levels, and nests more") from None
+        raise ValueError(f"{source} is damaged: it must nest at most {_DEEPEST} levels, got more") from None
     except ValueError as error:
         raise ValueError(f"{source} is damaged: {error}") from None
     return found
@@ -123,7 +123,7 @@ def check_writable_file(path: str | Path, name: str = "out") -> None:
     if is_folder:
         raise ValueError(f"{name} must be a file, got the folder {path}")
     if not has_home:
-        raise ValueError(f"{name} must be in a folder that is there, got {path}")
+        raise ValueError(f"{name} must be in an existing folder, got {path}")
     # Permissions are not enough: the folder may be on a full or read-only disk.
     tried = _temporary(path)
     try:
@@ -210,7 +210,7 @@ def _temporary(path: Path) -> Path:
 def _number(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"it must hold finite numbers alone, got {text[:20]}")
+        raise ValueError(f"it must contain only finite numbers, got {text[:20]}")
     return value
 
 

@@ -133,8 +133,8 @@ class Folder:
                 continue
             if name not in self._written:
                 raise ValueError(
-                    f"out must be a folder without a {name.rstrip('/')} of another origin, got {path}, which is not "
-                    f"listed in {LIST}; move it, or take another --out"
+                    f"out must be a folder without a {name.rstrip('/')} that another program wrote, got {path}, "
+                    f"which is not listed in {LIST}; move it, or choose another --out"
                 )
             if path.is_symlink() or path.is_dir() != name.endswith("/") or not (path.is_dir() or path.is_file()):
                 kind = "link" if path.is_symlink() else "folder" if path.is_dir() else "file"
@@ -169,7 +169,7 @@ class Folder:
             with open(open_plainly(path, os.O_RDONLY), "rb") as file:
                 begin = file.read(len(_BEGINS))
             if not _BEGINS.startswith(begin):
-                raise ValueError(f"{path} must be a list of what was written here, got {begin!r}; take another --out")
+                raise ValueError(f"{path} must be a list of what was written here, got {begin!r}; choose another --out")
 
     def _read_list(self) -> str:
         """Read the names of the files that were written, and return the folder's token, which a new folder draws."""
@@ -192,7 +192,7 @@ class Folder:
                 case {"process": int()}:
                     continue
                 case _:
-                    raise ValueError(f"{self._list.path}, line {number} must say what was written, got {entry}")
+                    raise ValueError(f"{self._list.path}, line {number} must contain what was written, got {entry}")
             _require_plain(name)
         return token
 
@@ -212,7 +212,7 @@ class _LockedJournal(Journal):
     def read(self) -> None:
         if not _try_lock(self._descriptor):
             holder = f"another process ({_holder(self.path)})"
-            raise ValueError(f"{self._folder} is in use by {holder}; wait for it or take another folder")
+            raise ValueError(f"{self._folder} is in use by {holder}; wait for it or choose another folder")
         super().read()
 
 

@@ -78,11 +78,11 @@ def _intact(data: bytes, path: Path) -> tuple[list[dict[str, Any]], int]:
         try:
             entry = parse_json(line, f"{path}, line {number}")
             if not isinstance(entry, dict):
-                raise ValueError(f"{path}, line {number} is damaged: it must hold one JSON object")
+                raise ValueError(f"{path}, line {number} is damaged: it must contain one JSON object")
         except ValueError as error:
             if number == len(lines) and not torn and not _is_json(line):
                 break
-            what = f"got {line.decode(errors='replace')[:60]!r}; delete that line to have it made again"
+            what = f"got {line.decode(errors='replace')[:60]!r}; delete that line to create it again"
             raise ValueError(f"{error}; {what}") from None
         entries.append(entry)
         end += len(line) + 1

@@ -1,8 +1,8 @@
 """Designs for a rectangle: curve, number of robots and speed, checked against (6) to (8) and the robots."""
 
 import math
-from typing import Any
 
+from lissajous_env.settings.checks import is_finite, whole_number
 from lissajous_env.settings.parts import Curve
 from lissajous_env.theory import closed_forms, geometry
 from lissajous_env.theory.candidate import Candidate, best_formation
@@ -63,12 +63,12 @@ def design(
         _require_positive(wheelbase=wheelbase)
     if lateral_acceleration_max != math.inf:
         _require_positive("m/s^2", lateral_acceleration_max=lateral_acceleration_max)
-    if not _is_number(steering_max) or not 0 < steering_max < math.pi / 2:
+    if not is_finite(steering_max) or not 0 < steering_max < math.pi / 2:
         raise ValueError(f"steering_max must be between 0 and pi / 2, both excluded [rad], got {shown(steering_max)}")
-    if not _is_number(headroom) or not 0 <= headroom < 1:
+    if not is_finite(headroom) or not 0 <= headroom < 1:
         raise ValueError(f"headroom must be at least 0 and below 1, got {shown(headroom)}")
-    if num_robots is not None and (not isinstance(num_robots, int) or not 2 <= num_robots <= 1024):
-        raise ValueError(f"num_robots must be a whole number from 2 to 1024, got {shown(num_robots)}")
+    if num_robots is not None:
+        whole_number("num_robots", num_robots, 2, 1024)
 
     turning_radius = 0.0 if wheelbase is None else geometry.turning_radius(wheelbase, steering_max)
     largest = _largest_num_robots(half_width, half_height, robot_radius, sensor_radius)
@@ -174,13 +174,9 @@ def _rank(each: Candidate) -> tuple:
     return (0, each.detection_time_bound, -each.margin) if each.feasible else (1, -each.margin, each.num_robots)
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def _require_positive(unit: str = "m", **values: float) -> None:
     for name, value in values.items():
-        if not _is_number(value) or value <= 0:
+        if not is_finite(value) or value <= 0:
             raise ValueError(f"{name} must be positive [{unit}], got {shown(value)}")
         if not _RANGE[0] <= value <= _RANGE[1]:
             raise ValueError(f"{name} must be from {_RANGE[0]:g} to {_RANGE[1]:g} [{unit}], got {shown(value)}")

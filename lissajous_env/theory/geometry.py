@@ -24,6 +24,7 @@ def curve_length(curve: Curve) -> float:
     return 2 * np.pi * float(np.mean(closed_forms.curve_speed(curve, lap_phases(curve))))
 
 
+@lru_cache(maxsize=64)
 def largest_speed(curve: Curve, places: int | None = None) -> float:
     """Return the largest ||r'(gamma)|| of the plane curve [m/rad]; omega times this is the top speed of the formation.
 
@@ -34,11 +35,6 @@ def largest_speed(curve: Curve, places: int | None = None) -> float:
     if places is not None:
         return float(closed_forms.curve_speed(curve, np.linspace(0, 2 * np.pi, places)).max())
     return -_minimum(lambda gamma: -closed_forms.curve_speed(curve, gamma), lap_phases(curve, 1))
-
-
-def smallest_speed(curve: Curve) -> float:
-    """Return the smallest ||r'(gamma)|| of the plane curve [m/rad]."""
-    return _minimum(lambda gamma: closed_forms.curve_speed(curve, gamma), lap_phases(curve, 1))
 
 
 def top_speed(curve: Curve, phase_rate: float) -> float:
@@ -89,9 +85,8 @@ def turning_radius(wheelbase: float, steering_max: float) -> float:
 
 def tight_share(curve: Curve, radius: float) -> float:
     """Return the share of the arc of the plane curve that turns tighter than `radius` [m], between 0 and 1."""
-    gamma = lap_phases(curve)
-    speed = closed_forms.curve_speed(curve, gamma)
-    return float(speed[curvature_radius(curve, gamma) < radius].sum() / speed.sum())
+    speed, bends = along_lap(curve)
+    return float(speed[bends < radius].sum() / speed.sum())
 
 
 def chord_length(curve: Curve, middle: np.ndarray, half: np.ndarray | float) -> np.ndarray:
@@ -194,9 +189,7 @@ def lap_phases(curve: Curve, density: int = 16) -> np.ndarray:
     return np.linspace(0, 2 * np.pi, density * _SAMPLES_PER_OSCILLATION * oscillations, endpoint=False)
 
 
-def _minimum(
-    function: Callable[[np.ndarray], np.ndarray], samples: np.ndarray, periodic: bool = True, rounds: int = 6
-) -> float:
+def _minimum(function: Callable[[np.ndarray], np.ndarray], samples: np.ndarray, periodic: bool = True) -> float:
     """Return the smallest value of a smooth function by refining every local minimum of the samples."""
     values = function(samples)
     before, after = np.roll(values, 1), np.roll(values, -1)
@@ -205,7 +198,7 @@ def _minimum(
     centres = samples[(values <= before) & (values <= after)]
     spacing = samples[1] - samples[0]
     offsets = np.linspace(-1, 1, 17)
-    for _ in range(rounds):
+    for _ in range(6):
         candidates = centres[:, None] + spacing * offsets
         if not periodic:
             candidates = np.clip(candidates, samples[0], samples[-1])

@@ -44,6 +44,7 @@ def constants_of(scenario: Scenario, device: Any) -> dict[str, Any]:
         "reach": as_reach(scenario.spreading.reaches, device),
         "places": wp.array(scenario.places, dtype=wp.int32, device=device),
         "drive_factors": wp.array(scenario.drive_factors, dtype=wp.float32, device=device),
+        "top_speeds": wp.array(scenario.top_speeds, dtype=wp.float32, device=device),
         "displaced": wp.array(displaced, dtype=wp.float32, device=device),
         "removals": wp.array(removal_steps(scenario.faults, n, task.step), dtype=wp.int32, device=device),
         "schedule": wp.array(schedule, dtype=wp.int32, device=device, ndim=2),

@@ -119,7 +119,7 @@ class ExtensionStages:
             except ValueError as error:
                 if "read-only" not in str(error):
                     raise
-                rule = "must not write to the world, whose arrays are read-only: take a copy of what it changes"
+                rule = "must not write to the world, whose arrays are read-only; copy an array to change it"
                 raise ValueError(f"{each.kind} {each.name} {rule}, got: {error}") from error
             if result.dtype.kind not in "fiub" or result.shape not in (shape, short):
                 got = f"{result.dtype} of shape {result.shape}" if result.ndim else shown(result)

@@ -8,7 +8,8 @@ import numpy as np
 from lissajous_env.parameters.draws import Draws
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.parameters.space import ScenarioSpace
-from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
+from lissajous_env.settings.checks import whole_number
+from lissajous_env.world.selection import chosen_worlds, world_mask
 from lissajous_env.world.simulation import Simulation
 
 
@@ -118,7 +119,7 @@ class Mixture:
             observation, reward, terminated, truncated: the arrays of these names, which are overwritten by each step.
 
         Raises:
-            ValueError: the action has another shape, or does not hold real numbers.
+            ValueError: the action has another shape, or does not contain real numbers.
         """
         given = np.asarray(action)
         if given.shape != self.action_shape or given.dtype.kind not in "fiu":

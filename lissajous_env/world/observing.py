@@ -8,7 +8,7 @@ from typing import Any
 import warp as wp
 
 from lissajous_env.device.bits import lowest
-from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.compilation import OPTIONS, module_apart
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct
 from lissajous_env.device.trig import cos_sin
@@ -17,6 +17,7 @@ from lissajous_env.world.robots.bins import Bins, bin_of, column_of, row_of
 from lissajous_env.world.state import NOWHERE, REMOVED, WORKING, Clock, Links, Robots, StepEvents, Targets, planar
 
 wp.set_module_options(OPTIONS)
+_LISTED = module_apart(f"{__name__}.listed", OPTIONS)
 
 _FAR = wp.constant(4.0)
 
@@ -291,10 +292,10 @@ def observe_targets(
     empty(w, i, entry, TARGET, sensing.targets_seen - kept, observation_out)
 
 
-def _observing(find_robots: Any, find_targets: Any) -> Any:
+def _observing(find_robots: Any, find_targets: Any, module: Any = None) -> Any:
     """Make the kernel that fills the rows, for robots and targets that are few or many."""
 
-    @wp.kernel
+    @wp.kernel(module=module)
     def observe(
         first: int,
         lanes: int,
@@ -333,7 +334,7 @@ def _observing(find_robots: Any, find_targets: Any) -> Any:
 
 
 observe = _observing(nearest_robots, nearest_targets)
-observe_listed = _observing(nearest_listed_robots, nearest_listed_targets)
+observe_listed = _observing(nearest_listed_robots, nearest_listed_targets, _LISTED)
 
 
 @wp.kernel

@@ -154,7 +154,7 @@ class RowOutside:
     def __init__(self, scenario: Scenario):
         brought = [name for each in scenario.extensions if isinstance(each, ObservationEntry) for name in each.entries]
         if brought:
-            rule = "must have no observation entries of extensions, which are computed of a simulated world"
+            rule = "must have no observation entries of extensions, which require a simulation"
             raise ValueError(f"scenario of a robot outside the simulation {rule}, got {', '.join(brought)}")
         constants = constants_of(scenario, as_device("cpu"))
         size, seen = scenario.messages.size, max(scenario.sensing.robots_seen, scenario.sensing.targets_seen)

@@ -4,19 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from lissajous_env.settings.checks import is_whole
 from lissajous_env.wording import shown
-
-
-def whole_number(name: str, value: Any) -> int:
-    """Return a number of things as an int.
-
-    Raises:
-        ValueError: it is not a whole number of at least 1.
-    """
-    if not is_whole(value) or value < 1:
-        raise ValueError(f"{name} must be a whole number of at least 1, got {shown(value)}")
-    return int(value)
 
 
 def world_mask(worlds: Any, num_worlds: int) -> np.ndarray:

@@ -14,7 +14,7 @@ from lissajous_env.parameters import named
 from lissajous_env.parameters.extensions import RewardTerm
 from lissajous_env.parameters.rogues import AGENTS
 from lissajous_env.parameters.scenario import Scenario
-from lissajous_env.settings.checks import is_whole
+from lissajous_env.settings.checks import LAST_SEED, is_whole, whole_number
 from lissajous_env.wording import shown
 from lissajous_env.world.columns import plain, score_of
 from lissajous_env.world.constants import constants_of
@@ -25,7 +25,7 @@ from lissajous_env.world.reward import TERMS
 from lissajous_env.world.robots.bin_sizes import bins_of
 from lissajous_env.world.rogues.rows import rogue_layout
 from lissajous_env.world.score import detection_times, episodes_of
-from lissajous_env.world.selection import chosen_worlds, whole_number, world_mask
+from lissajous_env.world.selection import chosen_worlds, world_mask
 from lissajous_env.world.stages import reset_stages, step_stages
 from lissajous_env.world.state import (
     RUNNING,
@@ -42,7 +42,6 @@ from lissajous_env.world.state import (
 )
 from lissajous_env.world.tally import EpisodeTotals
 
-_LAST_SEED = 2**31 - 1
 _TARGET_BYTES = 60
 
 _ROBOT_WORK, _TARGET_WORK = 500, 40
@@ -55,7 +54,7 @@ class Simulation:
     Attributes (Warp arrays on the device, the same objects for the life of the simulation; W worlds, N robots):
         observation: (W, N, D) float32, one row a robot; `lissajous_env.world.observation` documents the entries.
         final_observation: (W, N, D) the rows with which each world's episode before ended.
-        reward: (W, N) float32; `reward_terms` (W, N, terms) holds its terms, named by `reward_term_names`.
+        reward: (W, N) float32; `reward_terms` (W, N, terms) contains its terms, named by `reward_term_names`.
         terminated: (W, N) bool, robots that a collision or the edge of the rectangle removed.
         truncated: (W, N) bool, True when the time is over.
         invalid: (W,) int32, 1 where an action of the episode was not finite and zero was taken instead.
@@ -73,7 +72,7 @@ class Simulation:
     threads. A world whose episode has ended stands still, with reward 0, until it is reset.
 
     Args:
-        scenario: What to simulate: a scenario, or the name of one.
+        scenario: Name of a scenario, or a `Scenario`.
         num_worlds: W.
         device: `cpu`, `cuda` or `cuda:k`.
         seed: Seed of world 0; world k has seed + k.
@@ -82,8 +81,8 @@ class Simulation:
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
-        ValueError: a number of worlds below 1 or of more than the device's memory holds, a device that is not there,
-            or a seed out of range.
+        ValueError: the number of worlds is below 1 or exceeds the device's memory, the device is not available, or the
+            seed is out of range.
     """
 
     def __init__(
@@ -97,8 +96,7 @@ class Simulation:
     ):
         if threads is not None and not (is_whole(threads) and threads >= 1):
             raise ValueError(f"threads must be a whole number of at least 1 or None, got {shown(threads)}")
-        if not is_whole(seed) or not 0 <= seed <= _LAST_SEED:
-            raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seed)}")
+        seed = whole_number("seed", seed, 0, LAST_SEED)
         plain = isinstance(scenario, Scenario) and not overrides  # internal variants pass here without a warning
         self.scenario = (cast(Scenario, scenario) if plain else named.scenario(scenario, **overrides)).resolve()
         self.num_worlds = whole_number("num_worlds", num_worlds)
@@ -111,11 +109,11 @@ class Simulation:
         self._allocate()
         with compile_quietly():
             self._build()
-            self.reset(seeds=int(seed) + np.arange(self.num_worlds))
+            self.reset(seeds=seed + np.arange(self.num_worlds))
 
     @property
     def stages(self) -> Program:
-        """Stages of a step; `print(simulation.stages)` shows what each goes over, does and takes."""
+        """Stages of a step; `print(simulation.stages)` lists each with its description and its arguments."""
         return self._step
 
     @property
@@ -164,10 +162,11 @@ class Simulation:
             observation, reward, terminated, truncated: the arrays of these names.
 
         Raises:
-            ValueError: an action has another shape, does not hold real numbers, is missing, or has no rogues to move.
+            ValueError: an action has another shape, does not contain real numbers, or is missing, or there is one for
+                rogues that the scenario does not have.
         """
         if (rogue_action is not None) != (self.scenario.targets.rogues == AGENTS):
-            rule = f"must be given where targets.rogues is {AGENTS}, and only there"
+            rule = f"must be given if, and only if, targets.rogues is {AGENTS}"
             raise ValueError(f"rogue_action {rule}, got {shown(rogue_action)}")
         if rogue_action is not None:
             copy_in("rogue_action", rogue_action, self.rogue_action)
@@ -322,7 +321,7 @@ class Simulation:
         for name, array in self._groups().items():
             if name not in saved or saved[name].shape != array.numpy().shape:
                 got = saved[name].shape if name in saved else "none"
-                raise ValueError(f"saved state must hold {name} of shape {array.numpy().shape}, got {got}")
+                raise ValueError(f"saved state must contain {name} of shape {array.numpy().shape}, got {got}")
         for name, array in self._groups().items():
             array.assign(saved[name])
 
@@ -348,9 +347,9 @@ def _checked_seeds(seeds: Any, count: int) -> np.ndarray:
     try:
         array = np.atleast_1d(np.asarray(seeds))
     except ValueError as error:  # rows of different lengths
-        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seeds)}") from error
-    if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > _LAST_SEED):
-        raise ValueError(f"seed must be a whole number from 0 to {_LAST_SEED}, got {shown(seeds)}")
+        raise ValueError(f"seed must be a whole number from 0 to {LAST_SEED}, got {shown(seeds)}") from error
+    if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > LAST_SEED):
+        raise ValueError(f"seed must be a whole number from 0 to {LAST_SEED}, got {shown(seeds)}")
     if array.shape != (count,):
         raise ValueError(f"seeds must be one for each of the {count} worlds that are reset, got shape {array.shape}")
     return array.astype(np.int32)

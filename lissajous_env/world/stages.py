@@ -27,6 +27,7 @@ from lissajous_env.world.robots.boundary import watch_boundary
 from lissajous_env.world.robots.collisions import find_collisions, find_listed_collisions, take_consequences
 from lissajous_env.world.robots.deviations import find_deviations
 from lissajous_env.world.robots.faults import reset_losses, update_status
+from lissajous_env.world.robots.headway import draw_apart
 from lissajous_env.world.robots.measurement import measure
 from lissajous_env.world.robots.messages import hear, reset_messages, send
 from lissajous_env.world.robots.placing import follow_curve, reset_robots
@@ -87,6 +88,7 @@ def reset_stages(scenario: Scenario) -> list[Stage]:
         Stage("tally", reset_tally, WORLD),
         Stage("events", reset_events, ROBOT),
         Stage("robots", reset_robots, ROBOT),
+        Stage("headway", draw_apart, WORLD, when=scenario.formation.start_headway > 0),
         Stage("messages", reset_messages, ROBOT),
         Stage("policy messages", reset_policy_messages, ROBOT, when=scenario.messages.size > 0),
         Stage("measurement", measure, ROBOT, BLOCKS),

@@ -122,7 +122,7 @@ def not_a_number(draw: np.random.Generator) -> str | None:
     place = (world, int(draw.integers(made.num_robots)), int(draw.integers(inner.action.shape[2])))
     wrecked = Wrecked(inner, step, place, float(draw.choice([np.nan, np.inf, -np.inf])))
     where = f"step {step} of {scenario} in world {world} "
-    words = f"policy wrecked must return finite actions, got one that is not in {where}"
+    words = f"policy wrecked must return finite actions, got NaN or infinity in {where}"
     try:
         if way == 0:
             evaluate(wrecked, made, range(3))

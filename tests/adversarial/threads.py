@@ -129,7 +129,7 @@ def calls_inside(draw: np.random.Generator) -> str | None:
         simulation.step(np.zeros(simulation.action_shape))
         return f"{call} inside a step was taken"
     except RuntimeError as error:
-        if "is at work" not in str(error):
+        if "is running in" not in str(error):
             return f"{call} inside a step: {error}"
     inside.clear()
     simulation.load_state(saved)
@@ -149,7 +149,7 @@ def signals(draw: np.random.Generator) -> str | None:
             simulation.step(zeros)
             taken[0] += 1
         except RuntimeError as error:
-            other.extend([] if "is at work" in str(error) else [str(error)])
+            other.extend([] if "is running in" in str(error) else [str(error)])
 
     before = signal.signal(signal.SIGALRM, step)
     signal.setitimer(signal.ITIMER_REAL, 0.001, float(draw.uniform(0.0002, 0.005)))

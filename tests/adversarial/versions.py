@@ -103,7 +103,7 @@ def captured(draw: np.random.Generator) -> str | None:
             play(folder, 3, other)
         except ValueError as error:
             rows = len(Path(folder, "episodes.jsonl").read_text().splitlines())
-            said = "of other code" in str(error)
+            said = "with other code" in str(error)
             return None if said and rows == 2 else f"{maker}: {rows} rows, {error}"
     return f"{maker}: another was taken"
 

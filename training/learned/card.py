@@ -144,7 +144,7 @@ class Card:
         if scenario.robot.kind != self.kind:
             raise ValueError(
                 f"policy trained on {self.scenario} must drive robots of kind {self.kind}, "
-                f"got {scenario.name}, whose robots are of kind {scenario.robot.kind}"
+                f"got {scenario.name}, with robots of kind {scenario.robot.kind}"
             )
         size = scenario.action_size
         silent = or_silent and self.action_size == size - scenario.messages.size

@@ -216,7 +216,7 @@ def home_scenario(card: Card) -> Scenario:
         return scenario_of(card.home, [_brought(each, card) for each in extensions])
     if "extensions" in card.overrides:
         rule = f"must be given with the extensions that the policy was trained with, {card.overrides['extensions']}"
-        raise ValueError(f"scenario {rule}: none is imported because a folder names it")
+        raise ValueError(f"scenario {rule}: loading a folder never imports their modules")
     try:
         return named.scenario(named.registered_scenario(card.scenario), **card.overrides)
     except TypeError as error:

@@ -48,7 +48,7 @@ class LissajousMultiAgentEnv(MultiAgentEnv):
         penalty = float(given.pop("residual_penalty", 0.0))
         self.parallel = parallel_env(given.pop("scenario", "experiment"), given.pop("render_mode", None), **given)
         if card is not None and self.parallel.scenario.targets.rogues == AGENTS:
-            raise ValueError(f"card must be None where targets.rogues is {AGENTS}, got {card!r}")
+            raise ValueError(f"card must be None if targets.rogues is {AGENTS}, got {card!r}")
         if card is not None and isinstance(self.parallel, SampledParallelEnv):
             raise ValueError(f"card must be None in an environment of a space of scenarios, got {card!r}")
         self.possible_agents = list(self.parallel.possible_agents)

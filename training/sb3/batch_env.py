@@ -59,6 +59,20 @@ class BatchVecEnv(VecEnv):
     live: np.ndarray | None = None
     """(R,) True for the rows that act in the next step; None if all do."""
 
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Take the step; return rows, rewards, dones and infos, which report ended episodes as `Monitor` does."""
+        step = self._step()
+        return step.rows, step.rewards, step.dones, step.infos()
+
+    def step_rows(self, actions: np.ndarray) -> Step:
+        """Take a step as `step` does, without a dictionary per row."""
+        self.step_async(actions)
+        return self._step()
+
+    def _step(self) -> Step:
+        """Take a step with the actions that `step_async` has stored."""
+        raise NotImplementedError
+
     def close(self) -> None:
         """Do nothing: there is nothing to close."""
 

@@ -11,6 +11,7 @@ Prediction to No-Regret Online Learning" (AISTATS 2011). Discs are enlarged by `
 cells in each step, so that labels lead away from positions at which a small error is the end.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -73,12 +74,18 @@ class Labels(NamedTuple):
 
 
 class Foresight:
-    """The recursion for the rogues of a scenario."""
+    """The recursion for the rogues of a scenario.
 
-    def __init__(self, scenario: Scenario):
+    Args:
+        scenario: The scenario.
+        margin: Distance by which discs are enlarged [sensing radius].
+        blur: Standard deviation of the blur in each step [cells].
+    """
+
+    def __init__(self, scenario: Scenario, margin: float = MARGIN, blur: float = BLUR):
         curve, self._step = scenario.curve, scenario.task.step
         self._half = np.array([curve.half_width, curve.half_height])
-        self._radius = (1 + MARGIN) * scenario.sensing_radius
+        self._radius, self._blur = (1 + margin) * scenario.sensing_radius, blur
         self._speed = scenario.rogue_speed
         longest = 2 * self._half.max()
         cell = max(self._speed * self._step / REACH, longest / MOST_CELLS)
@@ -115,38 +122,59 @@ class Foresight:
         if last < self.stage:
             least, got = self.stage * self._step, last * self._step
             raise ValueError(f"task.duration must be at least {least:g} s for rogues to learn, got {got:g} s")
-        value = np.where(self.sensed(visits.sensors[last], visits.works[last]), 0.0, HORIZON).astype(np.float32)
         found = []
-        for now in range(last - self.stage, -1, -self.stage):
-            # Rogues of the moments of this stage head for the best place at its end.
-            for moment in range(now, now + self.stage):
-                found.append(self._labels(visits, moment, now + self.stage - moment, value))
-            value = self._before(value, visits, now)
+        for end, value in self.values(visits, HORIZON):
+            # Rogues of the moments of a stage head for the best place at its end.
+            for moment in range(end - self.stage, end) if end >= self.stage else ():
+                places, worlds = visits.places[moment], visits.worlds[moment]
+                found.append((visits.rows[moment], *self.best_actions(places, worlds, end - moment, value)))
         rows, actions, gains = zip(*reversed(found), strict=True)
         return Labels(np.concatenate(rows), np.concatenate(actions), np.concatenate(gains))
+
+    def values(self, visits: Visits, horizon: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:
+        """Yield the moment at the end of each stage, and V then (W, rows, columns) [s], the last one first.
+
+        Args:
+            visits: Episodes of one length.
+            horizon: Time for which a rogue that is undetected at the end is assumed to stay undetected [s].
+        """
+        last = len(visits.rows) - 1
+        value = np.where(self.sensed(visits.sensors[last], visits.works[last]), 0.0, horizon).astype(np.float32)
+        for now in range(last, -1, -self.stage):
+            yield now, value
+            if now >= self.stage:
+                value = self._before(value, visits, now - self.stage)
 
     def _before(self, after: np.ndarray, visits: Visits, now: int) -> np.ndarray:
         """Return the values at the beginning of a stage from those at its end."""
         moments = range(now + 1, now + self.stage + 1)
         blocked = np.any([self.sensed(visits.sensors[k], visits.works[k]) for k in moments], axis=0)
-        value = ndimage.gaussian_filter(after, (0, BLUR, BLUR), mode="nearest", truncate=3.0)
+        value = ndimage.gaussian_filter(after, (0, self._blur, self._blur), mode="nearest", truncate=3.0)
         value = np.where(blocked, 0.0, value + self.stage * self._step).astype(np.float32)
         for w in range(len(value)):
             value[w] = ndimage.maximum_filter(value[w], footprint=self._near, mode="constant")
         value[self.sensed(visits.sensors[now], visits.works[now])] = 0.0
         return value
 
-    def _labels(self, visits: Visits, moment: int, steps: int, value: np.ndarray) -> Labels:
-        """Return the labels of the visits at a moment, from the values some steps later."""
+    def best_actions(
+        self, places: np.ndarray, worlds: np.ndarray, steps: int, value: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the actions with foresight (V, 2), and the times that they gain over the mean action (V,) [s].
+
+        Args:
+            places: Positions of rogues (V, 2) [m].
+            worlds: Their worlds (V,).
+            steps: Control steps until the end of the stage.
+            value: V at the end of the stage.
+        """
         reach = self._speed * self._step * steps
-        aims = np.clip(visits.places[moment][:, None] + reach * self._choices, -self._half, self._half)
+        aims = np.clip(places[:, None] + reach * self._choices, -self._half, self._half)
         at = np.clip((aims + self._half) / self._cell - 0.5, 0, self._counts - 1.001)
         low = at.astype(int)
-        part, worlds = at - low, visits.worlds[moment][:, None]
+        part, worlds = at - low, worlds[:, None]
         column, row, across, up = low[..., 0], low[..., 1], part[..., 0], part[..., 1]
         lower = value[worlds, row, column] * (1 - across) + value[worlds, row, column + 1] * across
         upper = value[worlds, row + 1, column] * (1 - across) + value[worlds, row + 1, column + 1] * across
         times: Any = lower * (1 - up) + upper * up
         best = times.argmax(axis=1)
-        gains = (times.max(axis=1) - times.mean(axis=1)).astype(np.float32)
-        return Labels(visits.rows[moment], self._choices[best], gains)
+        return self._choices[best], (times.max(axis=1) - times.mean(axis=1)).astype(np.float32)

@@ -9,7 +9,7 @@ import numpy as np
 
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env.parameters.draws import Draws
-from lissajous_env.world.selection import whole_number
+from lissajous_env.settings.checks import whole_number
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.sb3.batch_env import BatchVecEnv, Step
@@ -54,7 +54,7 @@ class MixedVecEnv(BatchVecEnv):
         for name in ("short", "short_time", "critic_places"):
             if name in settings:
                 raise ValueError(
-                    f"{name} must be left out where groups have scenarios of their own, got {settings[name]!r}"
+                    f"{name} must be omitted, because each group has its own scenario, got {settings[name]!r}"
                 )
         self._draws = Draws(space, split, seed, change)
         self._card_of, self._settings = card_of, settings
@@ -90,24 +90,18 @@ class MixedVecEnv(BatchVecEnv):
         return np.concatenate([each.reset() for each in self.groups])
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Store the actions (R, action_size) of the next step."""
-        self._actions = np.asarray(actions)
-
-    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Take the step; return rows, rewards, dones and infos, as `RobotVecEnv` does."""
-        step = self.step_rows(self._actions)
-        return step.rows, step.rewards, step.dones, step.infos()
-
-    def step_rows(self, actions: np.ndarray) -> Step:
-        """Take a step as `step` does, without a dictionary per row.
+        """Store the actions (R, action_size) of the next step.
 
         Raises:
-            ValueError: actions have another shape or are not finite.
+            ValueError: actions have another shape.
         """
-        if np.shape(actions) != (self.num_envs, *self.action_space.shape):  # type: ignore[misc]
-            shape = (self.num_envs, *self.action_space.shape)  # type: ignore[misc]
+        shape = (self.num_envs, *self.action_space.shape)  # type: ignore[misc]
+        if np.shape(actions) != shape:
             raise ValueError(f"actions must be numbers of shape {shape}, got {np.shape(actions)}")
-        steps = [each.step_rows(actions[rows]) for each, rows in zip(self.groups, self._rows, strict=True)]
+        self._actions = np.asarray(actions)
+
+    def _step(self) -> Step:
+        steps = [each.step_rows(self._actions[rows]) for each, rows in zip(self.groups, self._rows, strict=True)]
         for group, each in enumerate(self.groups):
             self.scores.extend({"scenario": each.scenario.name} | score for score in each.scores)
             each.scores.clear()

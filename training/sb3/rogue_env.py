@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 
 from lissajous_env import Scenario, Simulation
-from lissajous_env.envs.actions import rogue_action_space
+from lissajous_env.envs.actions import rogue_action_space, rogue_table
 from lissajous_env.envs.rogue_env import as_driver
 from lissajous_env.world.rogues.rows import rogue_layout
 from lissajous_env.world.seeding import drawn_seeds
@@ -34,6 +34,8 @@ class RogueVecEnv(BatchVecEnv):
             `seed`, the first reset draws seeds from the operating system.
         threads: CPU threads; all cores by default.
         normal: Mean and standard deviation (D,) of each entry, if rows are to be normalized.
+        discrete_actions: True for actions that are indices of `lissajous_env.envs.actions.rogue_table`: rest, or one
+            of eight directions at full speed.
         **overrides: Fields of the scenario, as in `lissajous_env.scenario`.
 
     Raises:
@@ -49,6 +51,7 @@ class RogueVecEnv(BatchVecEnv):
         seed: int | None = None,
         threads: int | None = None,
         normal: tuple[np.ndarray, np.ndarray] | None = None,
+        discrete_actions: bool = False,
         **overrides: Any,
     ):
         settings = {"rogues": "agents"} | overrides
@@ -58,13 +61,14 @@ class RogueVecEnv(BatchVecEnv):
             raise ValueError(f"targets.rogues must be agents to be trained, got {self.scenario.targets.rogues}")
         self._driver = as_driver(robots, self.scenario, num_worlds, device)
         self._seeded, self.normal = seed is not None, normal
+        self._table = rogue_table() if discrete_actions else None
         self.live = np.zeros(num_worlds * self.scenario.target_capacity, dtype=bool)
         self.scores: deque[dict[str, Any]] = deque(maxlen=_RECENT)
         self.render_mode = None
         self._slots, layout = self.scenario.target_capacity, rogue_layout(self.scenario)
         rows = num_worlds * self._slots
         self._returns, self._lengths = np.zeros(rows), np.zeros(rows, dtype=np.int64)
-        super().__init__(rows, gymnasium.spaces.Box(layout.low, layout.high), rogue_action_space())
+        super().__init__(rows, gymnasium.spaces.Box(layout.low, layout.high), rogue_action_space(discrete_actions))
 
     def reset(self) -> np.ndarray:
         """Begin an episode in every world; return the rows (W T, D)."""
@@ -82,21 +86,37 @@ class RogueVecEnv(BatchVecEnv):
         return self._rows()
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Store the actions (W T, 2) of the next step.
+        """Store the actions of the next step: (W T, 2), or (W T,) indices of the table.
 
         Raises:
-            ValueError: actions have another shape or are not finite.
+            ValueError: actions have another shape, are not finite, or are no indices.
         """
         given = np.asarray(actions)
-        if given.shape != (self.num_envs, 2) or given.dtype.kind not in "fiu":
-            got = f"{given.shape} of {given.dtype}"
-            raise ValueError(f"actions must be numbers of shape {(self.num_envs, 2)}, got {got}")
-        finite = np.isfinite(given).all(axis=1)
-        if not finite.all():
-            row = int(np.flatnonzero(~finite)[0])
-            where = f"rogue_{row % self._slots} in world {row // self._slots}"
-            raise ValueError(f"action of {where} must be finite, got {given[row].tolist()}")
-        self._actions = np.clip(given, -1.0, 1.0).astype(np.float32).reshape(-1, self._slots, 2)
+        if self._table is not None:
+            chosen = self._table[self._indices(given, len(self._table))]
+        else:
+            self._check(given, (self.num_envs, 2), "fiu", "numbers")
+            finite = np.isfinite(given).all(axis=1)
+            if not finite.all():
+                row = int(np.flatnonzero(~finite)[0])
+                raise ValueError(f"action of {self._who(row)} must be finite, got {given[row].tolist()}")
+            chosen = np.clip(given, -1.0, 1.0).astype(np.float32)
+        self._actions = chosen.reshape(-1, self._slots, 2)
+
+    def _indices(self, given: np.ndarray, count: int) -> np.ndarray:
+        self._check(given, (self.num_envs,), "iu", "whole numbers")
+        wrong = (given < 0) | (given >= count)
+        if wrong.any():
+            row = int(np.flatnonzero(wrong)[0])
+            raise ValueError(f"action of {self._who(row)} must be from 0 to {count - 1}, got {given[row]}")
+        return given
+
+    def _check(self, given: np.ndarray, shape: tuple[int, ...], kinds: str, words: str) -> None:
+        if given.shape != shape or given.dtype.kind not in kinds:
+            raise ValueError(f"actions must be {words} of shape {shape}, got {given.shape} of {given.dtype}")
+
+    def _who(self, row: int) -> str:
+        return f"rogue_{row % self._slots} in world {row // self._slots}"
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take the step; return rows, rewards, dones and infos."""

@@ -135,7 +135,9 @@ class RogueTrainer:
             began = time.monotonic()
             labels = foresight.label(self._visit(k))
             if not len(labels.rows):
-                raise ValueError(f"starts must be so many that a rogue is undetected for a step, got {settings.starts}")
+                raise ValueError(
+                    f"starts must be large enough that a rogue is undetected for a step, got {settings.starts}"
+                )
             if self.env.normal is None:
                 spread = np.maximum(labels.rows.std(axis=0), 1e-3)
                 self.env.normal = labels.rows.mean(axis=0), spread.astype(np.float32)

@@ -2,7 +2,6 @@
 
 import time
 from collections import deque
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -27,7 +26,8 @@ class RobotVecEnv(BatchVecEnv):
 
     A world whose robots are all done is reset in the same step. At a time limit, a robot's info contains the final
     observation as `terminal_observation`, and `TimeLimit.truncated`. A removed robot terminates, and its row is
-    constant until its world is reset.
+    constant until its world is reset. `seed` seeds world k with seed + k N at the next reset: the N rows of a world use
+    the seed of the first.
 
     Args:
         scenario: Scenario, or its name.
@@ -146,16 +146,6 @@ class RobotVecEnv(BatchVecEnv):
         clipped = np.clip(given, -1.0, 1.0).astype(np.float32, copy=False)
         self._actions = clipped.reshape(worlds, robots, size)
 
-    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Take the step; return rows, rewards, dones and infos, which report ended episodes as `Monitor` does."""
-        step = self._step()
-        return step.rows, step.rewards, step.dones, step.infos()
-
-    def step_rows(self, actions: np.ndarray) -> Step:
-        """Take a step as `step` does, without a dictionary per row."""
-        self.step_async(actions)
-        return self._step()
-
     def _step(self) -> Step:
         simulation, wiring = self.simulation, self._wiring
         simulation.step(wiring.actions(self._actions))
@@ -199,7 +189,3 @@ class RobotVecEnv(BatchVecEnv):
             return np.zeros((0, flat.shape[1] + self._view.size), np.float32)
         worlds = np.asarray(chosen.reshape(self.simulation.num_worlds, -1).any(axis=1))
         return np.concatenate([flat[chosen], self._view.rows(worlds)[chosen]], axis=1)
-
-    def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seed world k with seed + k N at the next reset: N rows share a world, which uses the seed of the first."""
-        return super().seed(seed)

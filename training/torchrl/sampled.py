@@ -29,8 +29,8 @@ from torchrl.envs import EnvBase
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env.envs.sampler import Sampler
 from lissajous_env.envs.true_state import padded_rows, state_size
+from lissajous_env.settings.checks import whole_number
 from lissajous_env.world.seeding import drawn_seeds
-from lissajous_env.world.selection import whole_number
 from lissajous_env.world.simulation import fold_seed
 from training.torchrl.env import GROUP, LissajousTorchEnv
 
@@ -55,7 +55,7 @@ class SampledTorchEnv(EnvBase):
         discrete_actions: As for `LissajousTorchEnv`.
         state: Return the true state, of the size of the largest team and the largest number of target slots.
         threads: CPU threads of the simulations; all cores by default.
-        **overrides: Fields of all scenarios, as in `lissajous_env.scenario`.
+        **overrides: Fields that are given instead of drawn, as for `ScenarioSpace.overridden`.
 
     Raises:
         ValueError: an argument is invalid, rogues are agents, or scenarios have rows or actions of different sizes.

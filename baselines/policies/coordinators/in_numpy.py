@@ -1,4 +1,4 @@
-"""A coordinator of one's own, in NumPy."""
+"""Base class of custom coordinators in NumPy."""
 
 from typing import Any
 
@@ -12,17 +12,18 @@ from lissajous_env.world.view import read_only
 
 
 class NumpyCoordinator:
-    """Base of coordinators in NumPy: a subclass writes one method, `rates`, and `forget` if it remembers anything.
+    """Base class of coordinators in NumPy; a subclass implements `rates`, and also `forget` if it has a memory.
 
         class Together(baselines.NumpyCoordinator):
             def rates(self, rows):
                 return self.natural_rate + 0.1 * np.sin(rows.lead).sum(axis=-1)
 
-    `baselines.with_tracker` makes a policy of it, `baselines.register_coordinator` one for each tracker.
+    `baselines.with_tracker` returns a policy with the coordinator; `baselines.register_coordinator` registers one for
+    each tracker.
 
     Attributes:
-        scenario: What is played, with every field filled in.
-        num_worlds: W, worlds that are coordinated together.
+        scenario: The scenario, with every field filled in.
+        num_worlds: Number of worlds W.
         natural_rate: omega / alpha, the phase rate of the formation [rad/s].
         phase_rate: (W, N) the latest rates, on the device.
     """
@@ -33,11 +34,11 @@ class NumpyCoordinator:
         self.phase_rate = wp.zeros((num_worlds, scenario.num_robots), dtype=wp.float32, device=device)
 
     def rates(self, rows: Rows) -> np.ndarray:
-        """Phase rates theta' (W, N) [rad/s] that the robots should go on with, for what they read from their rows."""
+        """Return the phase rates theta' (W, N) of the robots until the next step [rad/s], given their rows."""
         raise NotImplementedError(f"{type(self).__name__} must have a method rates(rows) that returns phase rates")
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what is remembered of the worlds in a mask (W,), whose episodes begin anew."""
+        """Reset the memory of the worlds in a mask (W,), whose episodes begin anew."""
 
     def coordinate(self, observation: wp.array) -> None:
         """Write `phase_rate`.

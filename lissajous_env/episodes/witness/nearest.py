@@ -9,8 +9,12 @@ from lissajous_env.episodes.witness.played import Played, Way, peaks, resolution
 from lissajous_env.episodes.witness.tracing import Rogue, rough_ways
 from lissajous_env.episodes.witness.tube import ways_near
 
-_TRIED = ((0, 6), (0, 6), (0, 8), (0, 6), (0, 8), (0, 6), (1, 6), (1, 8), (2, 6), (2, 8))
-"""Attempts: the index of the stage's rogue, the longest first, and the nodes in the distance of a move."""
+_RANKS = (0, 0, 0, 0, 0, 1, 1, 2)
+"""Rogue of the stage whose way is traced in each attempt, the longest first."""
+_FINENESS = (6, 10, 16)
+"""Nodes in the distance of a move: near a way, gaps are searched with more of them where fewer find no passage."""
+_LABELS = 60_000_000
+"""Limit on the labels of the episodes that are searched together, each of which takes 9 bytes more while it is."""
 
 
 def longest_ways(episodes: Sequence[Played]) -> list[Way | None]:
@@ -26,7 +30,10 @@ def longest_ways(episodes: Sequence[Played]) -> list[Way | None]:
     with wp.ScopedDevice("cpu"):
         for steps in {each.steps for each in episodes}:
             places = [k for k, each in enumerate(episodes) if each.steps == steps]
-            found |= zip(places, _longest_ways([episodes[k] for k in places]), strict=True)
+            together = max(_LABELS // episodes[places[0]].labels.size, 1)
+            for first in range(0, len(places), together):
+                some = places[first : first + together]
+                found |= zip(some, _longest_ways([episodes[k] for k in some]), strict=True)
     return [found[k] for k in range(len(episodes))]
 
 
@@ -36,21 +43,26 @@ def _longest_ways(episodes: Sequence[Played]) -> list[Way | None]:
     longest: list[Way | None] = [None for _ in episodes]
     enough = resolution(episodes[0].scenario) - 1
     blocked: list[dict[Rogue, list[tuple[int, np.ndarray]]]] = [{} for _ in episodes]
-    for rank, fineness in _TRIED:
+    for rank in _RANKS:
         tried = [k for k, each in enumerate(rogues) if _is_left(each, rank, longest[k], enough)]
         if not tried:
             continue
         each = [rogues[k][rank] for k in tried]
         known = [blocked[k].setdefault(rogue, []) for k, rogue in zip(tried, each, strict=True)]
         rough = rough_ways([episodes[k] for k in tried], each, known)
-        there = [(j, way) for j, way in enumerate(rough) if way is not None]
-        if not there:
-            continue
-        chosen = [episodes[tried[j]] for j, _ in there], [each[j] for j, _ in there]
-        found = ways_near(*chosen, np.array([way for _, way in there]), fineness)
-        for (j, near), (way, lost) in zip(there, found, strict=True):
-            known[j].append((lost, near[lost]))
-            longest[tried[j]] = max(longest[tried[j]], way, key=_time)
+        lost = [-1] * len(tried)
+        for fineness in _FINENESS:
+            left = [j for j, way in enumerate(rough) if way is not None and lost[j] < each[j][1] - enough]
+            if not left:
+                break
+            chosen = [episodes[tried[j]] for j in left], [each[j] for j in left]
+            found = ways_near(*chosen, np.array([rough[j] for j in left]), fineness)
+            for j, (way, last) in zip(left, found, strict=True):
+                lost[j] = max(lost[j], last)
+                longest[tried[j]] = max(longest[tried[j]], way, key=_time)
+        for places, way, last in zip(known, rough, lost, strict=True):
+            if way is not None:
+                places.append((last, way[last]))
     return longest
 
 

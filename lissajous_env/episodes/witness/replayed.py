@@ -55,7 +55,9 @@ def replay(episodes: Sequence[Played], ways: Sequence[Way], device: Any = "cpu",
         track = simulation.robots.track.numpy()[..., :2]
         for w, each in enumerate(episodes):
             if now <= each.steps and not np.array_equal(track[w], each.track[now]):
-                raise RuntimeError(f"robots must move as before, but not in step {now} of seed {each.seed}")
+                raise RuntimeError(
+                    f"robots must move as in the first run, but do not in step {now} of seed {each.seed}"
+                )
     rows = simulation.score()
     found = []
     for w, row in enumerate(rows):

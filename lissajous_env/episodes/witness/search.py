@@ -200,7 +200,10 @@ class Search:
             fits = self.undetected(self.lattice.places(some), place, ways)
             if fits.any():
                 return some[np.argmax(fits)]
-        raise RuntimeError(f"a rogue must come from somewhere, but not in step {end} of seed {self.played.seed}")
+        raise RuntimeError(
+            "the path of a rogue must have a predecessor in each step, "
+            f"but has none in step {end} of seed {self.played.seed}"
+        )
 
     def _last(self, moment: int, window: Window) -> np.ndarray:
         """Return the node that is farthest from all sensors a step later."""

@@ -150,7 +150,7 @@ def improve(k: int, q: int, row: int, column: int, traces: Traces):
 
 @wp.kernel
 def trace(traces: Traces):
-    """Find the way of least cost from the first tick to the last."""
+    """Find the way of least cost from the first tick to the last one that any way reaches."""
     k = wp.tid()
     ticks = traces.labels.shape[1]
     node = standing(k, traces)
@@ -158,9 +158,9 @@ def trace(traces: Traces):
         for q in range(traces.first[k], ticks):
             traces.way[k, q] = node
         return
+    at = int(-1)
     for q in range(traces.first[k], ticks):
         least = float(_NOWHERE)
-        node = wp.vec2i(-1, -1)
         for row in range(traces.labels.shape[2]):
             for column in range(traces.labels.shape[3]):
                 if is_there(k, q, row, column, traces):
@@ -172,8 +172,8 @@ def trace(traces: Traces):
                     if traces.cost[k, q, row, column] < least:
                         least = traces.cost[k, q, row, column]
                         node = wp.vec2i(row, column)
-    at = ticks - 1
-    while at >= traces.first[k] and node[0] >= 0:
+                        at = q
+    while at >= traces.first[k]:
         traces.way[k, at] = node
         how = int(traces.came[k, at, node[0], node[1]])
         if how < 0:
@@ -189,7 +189,7 @@ def rough_ways(
 ) -> list[np.ndarray | None]:
     """Return the rough way (T + 1, 2) of a rogue of each episode [m], None if there is none.
 
-    Before it appears and after it is detected, a rogue waits.
+    Before it appears and after the last tick that it reaches, a rogue waits.
 
     Args:
         episodes: The episodes, of one scenario.
@@ -241,6 +241,7 @@ def _moves(hops: Spreading) -> np.ndarray:
         each = zip(HOPS, hops.delays, hops.shares, strict=False)  # none for targets at rest
         found = {(sx * i, sy * j, d, s) for (i, j), d, s in each for sx in (1, -1) for sy in (1, -1)}
         return np.array(sorted(found), dtype=np.int32).reshape(-1, 4)
-    far = hops.ticks / (hops.delays[0] + hops.shares[0] / TICK_FRACTIONS) + 0.5
+    # A hop counts where it ends: one that began in the step before is added to those of a step.
+    far = hops.ticks / (hops.delays[0] + hops.shares[0] / TICK_FRACTIONS) + 1.0
     around = range(-int(far), int(far) + 1)
     return np.array([(i, j, 1, 0) for i in around for j in around if 0 < math.hypot(i, j) <= far])

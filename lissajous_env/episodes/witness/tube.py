@@ -338,7 +338,9 @@ def ways_near(
             found.append((None, int(lost)))
             continue
         if last < 0:
-            raise RuntimeError(f"a rogue must come from somewhere, but not in seed {episodes[k].seed}")
+            raise RuntimeError(
+                f"the path of a rogue must have a predecessor in each step, but has none in seed {episodes[k].seed}"
+            )
         known = slice(first, last + 1)
         places = nodes[k, known] * np.array(spacing) - np.array(half)
         steps = np.arange(moments[k, first], moments[k, last] + 1)

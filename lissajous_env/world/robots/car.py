@@ -178,7 +178,7 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
     if curve.half_depth > 0:
         raise ValueError(f"curve.half_depth must be 0 for cars [m], got {curve.half_depth}")
     if robot.drag * h > 2.5:
-        rule = f"must be at most {2.5 / h:g} with integration steps of {h:g} s, for these to be stable [1/s]"
+        rule = f"must be at most {2.5 / h:g} with integration steps of {h:g} s, which are otherwise unstable [1/s]"
         raise ValueError(f"robot.drag {rule}, got {robot.drag}")
     at_start = formation.phase_rate * math.hypot(curve.half_width * curve.a, curve.half_height * curve.b)
     if at_start > 1e5:
@@ -186,7 +186,7 @@ def check(curve: Curve, formation: Formation, robot: Robot, noise: Noise, task: 
         raise ValueError(f"formation.phase_rate {rule}, got {formation.phase_rate}")
     # A car's own constants lie at most three deviations from those of the scenario.
     strongest = robot.drive * noise.most_drive * max([1.0, *(factor for _, factor in robot.drive_factors)])
-    fastest = max(at_start, robot.steady_speed(strongest))
+    fastest = robot.steady_speed(strongest)
     shortest = robot.wheelbase * (1 - 3 * noise.wheelbase_spread)
     turn = fastest * h * math.tan(robot.steering_max) / shortest
     if turn > 1e4:

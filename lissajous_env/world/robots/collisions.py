@@ -6,7 +6,7 @@ import warp as wp
 
 from lissajous_env.device import atomic
 from lissajous_env.device.approach import closest_approach
-from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.compilation import OPTIONS, module_apart
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
 from lissajous_env.device.structs import place_of
 from lissajous_env.settings.task import Task
@@ -16,6 +16,7 @@ from lissajous_env.world.state import NEVER, NOWHERE, REMOVED, STUCK, Clock, Rob
 from lissajous_env.world.tally import EpisodeTotals
 
 wp.set_module_options(OPTIONS)
+_LISTED = module_apart(f"{__name__}.listed", OPTIONS)
 
 PARTED = wp.constant(1.05)
 """A collision is over when the distance is above this many times the sum of the radii."""
@@ -138,10 +139,10 @@ def compare_with_listed(
     return nearest
 
 
-def _finding_collisions(compare: Any) -> Any:
+def _finding_collisions(compare: Any, module: Any = None) -> Any:
     """Make the kernel that finds collisions, for robots that are few or many."""
 
-    @wp.kernel
+    @wp.kernel(module=module)
     def find_collisions(
         first: int,
         lanes: int,
@@ -179,7 +180,7 @@ def _finding_collisions(compare: Any) -> Any:
 
 
 find_collisions = _finding_collisions(compare_with_all)
-find_listed_collisions = _finding_collisions(compare_with_listed)
+find_listed_collisions = _finding_collisions(compare_with_listed, _LISTED)
 
 
 @wp.kernel

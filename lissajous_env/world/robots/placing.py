@@ -52,6 +52,47 @@ def place_on_curve(w: int, i: int, rate: float, curve: CurveStruct, alpha: float
 
 
 @wp.func
+def start_phase(
+    w: int,
+    i: int,
+    draw: int,
+    formation: FormationStruct,
+    equilibrium: wp.array(dtype=wp.float64),
+    displaced: wp.array(dtype=float),
+    clock: Clock,
+) -> wp.float64:
+    """Return the phase of a robot at reset [rad]; each `draw`, counted from 0, has a random displacement of its own."""
+    phase = equilibrium[i] + wp.float64(displaced[i])
+    if formation.start == ROTATED:  # the same turn for every robot
+        turn = randomness.stream(randomness.step_key(clock.seed[w], 0), -1, randomness.START)
+        phase += wp.float64(6.2831853 * wp.randf(turn))
+    own = randomness.stream(randomness.step_key(clock.seed[w], -draw), i, randomness.START)
+    if formation.start == RANDOM:
+        phase = wp.float64(6.2831853 * wp.randf(own))
+    phase += wp.float64(formation.start_noise * wp.randn(own))
+    return wrap_phase(phase)
+
+
+@wp.func
+def begin_on_curve(
+    w: int,
+    i: int,
+    phase: wp.float64,
+    curve: CurveStruct,
+    formation: FormationStruct,
+    top_speeds: wp.array(dtype=float),
+    robots: Robots,
+):
+    """Put a robot on the curve at a phase [rad], at the formation's speed or its own top speed if that is lower."""
+    alpha = float(formation.alpha)
+    robots.phase[w, i] = phase
+    place_on_curve(w, i, formation.phase_rate / alpha, curve, alpha, robots)
+    robots.speed[w, i] = wp.min(robots.speed[w, i], top_speeds[i])
+    for s in range(robots.track.shape[2]):
+        robots.track[w, i, s] = robots.position[w, i]
+
+
+@wp.func
 def places_of(block: Block, robots: Robots) -> tuple[Floats, Floats, Doubles]:
     """x, y [m] and phase [rad] of the robots of a block."""
     x = coordinates(block, robots.position, 0)
@@ -101,34 +142,24 @@ def reset_robots(
     equilibrium: wp.array(dtype=wp.float64),
     displaced: wp.array(dtype=float),
     drive_factors: wp.array(dtype=float),
+    top_speeds: wp.array(dtype=float),
     clock: Clock,
     robots: Robots,
 ):
-    """Place the robots on the curve at its speed, and draw each one's own constants."""
+    """Place the robots on the curve at the formation's speed or their top speed, and draw each one's own constants."""
     tid, lane = wp.tid()
     w = first + tid
     if clock.active[w] == 0:
         return
     key = randomness.step_key(clock.seed[w], 0)
-    alpha = float(formation.alpha)
     for i in range(lane, robots.status.shape[1], lanes):
-        phase = equilibrium[i] + wp.float64(displaced[i])
-        if formation.start == ROTATED:  # the same turn for every robot
-            turn = randomness.stream(key, -1, randomness.START)
-            phase += wp.float64(6.2831853 * wp.randf(turn))
-        draw = randomness.stream(key, i, randomness.START)
-        if formation.start == RANDOM:
-            phase = wp.float64(6.2831853 * wp.randf(draw))
-        phase += wp.float64(formation.start_noise * wp.randn(draw))
-        robots.phase[w, i] = wrap_phase(phase)
+        phase = start_phase(w, i, 0, formation, equilibrium, displaced, clock)
+        begin_on_curve(w, i, phase, curve, formation, top_speeds, robots)
         robots.status[w, i] = wp.where(robots.removed_at[w, i] < 1, REMOVED, WORKING)
         robots.resumed_at[w, i] = -1
         robots.curvature[w, i] = 0.0
-        place_on_curve(w, i, formation.phase_rate / alpha, curve, alpha, robots)
         body = randomness.stream(key, i, randomness.BODY)
         # A spread is clipped at three deviations, so that no car has a wheelbase of zero.
         robots.wheelbase[w, i] = robot.wheelbase * (1.0 + noise.wheelbase_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
         drive = robot.drive * drive_factors[i]
         robots.drive[w, i] = drive * (1.0 + noise.drive_spread * wp.clamp(wp.randn(body), -3.0, 3.0))
-        for s in range(robots.track.shape[2]):
-            robots.track[w, i, s] = robots.position[w, i]

@@ -10,7 +10,7 @@ import warp as wp
 
 from lissajous_env.device import atomic, randomness
 from lissajous_env.device.abreast import ABREAST, Floats, Ints, width
-from lissajous_env.device.compilation import MOTION
+from lissajous_env.device.compilation import MOTION, module_apart
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.device.part_structs import SensingStruct, TargetStruct, TaskStruct
 from lissajous_env.world.robots.bins import Bins, bin_of
@@ -27,6 +27,7 @@ from lissajous_env.world.state import FOUND, GONE, HIDDEN, PRESENT, Clock, Robot
 from lissajous_env.world.targets.motion import CUSTOM, FLEEING, STILL, flee, is_moved, wander
 
 wp.set_module_options(MOTION)
+_LISTED = module_apart(f"{__name__}.listed", MOTION)
 
 PLACES = wp.constant(64)
 """Places that are tried for a target that appears unseen."""
@@ -45,10 +46,10 @@ def list_none(w: int, t: int, place: wp.vec2, bins: Bins):
     """List nothing where there are no bins."""
 
 
-def _placing(nearest_to: Any) -> Any:
+def _placing(nearest_to: Any, module: Any = None) -> Any:
     """Make the kernel that places targets out of sight, for robots that are few or many."""
 
-    @wp.kernel
+    @wp.kernel(module=module)
     def place_unseen(
         first: int,
         lanes: int,
@@ -85,7 +86,7 @@ def _placing(nearest_to: Any) -> Any:
 
 
 place_unseen = _placing(nearest_sensor)
-place_unseen_listed = _placing(nearest_listed)
+place_unseen_listed = _placing(nearest_listed, _LISTED)
 
 
 @wp.struct
@@ -199,7 +200,7 @@ def detect(
     return 1
 
 
-def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any) -> Any:
+def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any, module: Any = None) -> Any:
     """Make the kernel that moves and detects targets, for robots and targets that are few or many."""
 
     @wp.func
@@ -258,7 +259,7 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any) -> Any
                 waiting -= detect(w, t, now, at_end, sight, radius, targets, latest)
         return wp.vec2i(waiting, sighted)
 
-    @wp.kernel
+    @wp.kernel(module=module)
     def move_and_detect(
         first: int,
         lanes: int,
@@ -319,4 +320,4 @@ def _moving_and_detecting(nearest_to: Any, sight_of: Any, list_seen: Any) -> Any
 
 
 move_and_detect = _moving_and_detecting(nearest_sensors, first_sight, list_none)
-move_and_detect_listed = _moving_and_detecting(nearest_listed_together, first_sight_listed, list_in_sight)
+move_and_detect_listed = _moving_and_detecting(nearest_listed_together, first_sight_listed, list_in_sight, _LISTED)

@@ -1,0 +1,111 @@
+"""Undetected times of rogues that know the robots' future: `python benchmarks/foresight.py`.
+
+The learned and the scripted rogues of docs/rogues.md start at random. The same starts are played with foresight: robots
+do not react to rogues before they detect them, so the best action in each state follows from the recorded episode, by
+the dynamic programming that `training.sb3.foresight` imitates. The simulation decides when such a rogue is detected. No
+rogue that observes only the present can be expected to do better, from these starts. The table has the mean over all
+starts and, in brackets, that over the best start of each episode; "never detected" is the mean time from a start to the
+end of its episode. `--episodes` makes it shorter, `--store` puts the table into docs/figures.json.
+"""
+
+import argparse
+from collections.abc import Sequence
+
+import figures
+import numpy as np
+
+from baselines.exploitability.survival import Survival, survive
+from baselines.policies.factories import named
+from lissajous_env import Scenario, Simulation
+from lissajous_env.parameters.rogues import folder_of, rogue_of, shipped_rogues
+from training.learned import checkpoint
+from training.publish_rogue import HELD_OUT, SCRIPTS
+from training.rogue_settings import RogueTraining
+from training.sb3.foresight import Foresight, Visits
+
+WITHOUT = (("evaders", "laps"),)
+"""Scenarios and policies against which no rogue is shipped."""
+TITLES = ("scenario, policy", "best script [s]", "learned [s]", "with foresight [s]", "learned share of it")
+TITLES = (*TITLES, "never detected [s]")
+_MARGIN, _BLUR = 0.01, 0.3
+"""Those with which rogues with foresight stay undetected for longest: small errors are the end without them."""
+_TOGETHER = 4
+
+
+def with_foresight(policy: str, scenario: Scenario, seeds: Sequence[int]) -> tuple[Survival, np.ndarray]:
+    """Return the undetected times of rogues with foresight, and the mean time from a start to the end [s]."""
+    times, left = [], []
+    for first in range(0, len(seeds), _TOGETHER):
+        batch = list(seeds[first : first + _TOGETHER])
+        simulation = Simulation(scenario, len(batch))
+        appears = _play(policy, simulation, batch)
+        for world in range(len(batch)):
+            times.append(simulation.detection_times(world)[0])
+            there = appears[world][appears[world] < scenario.task.steps]
+            left.append((scenario.task.steps - there).mean() * scenario.task.step)
+    return Survival(tuple(times), ()), np.array(left)
+
+
+def _play(policy: str, simulation: Simulation, seeds: Sequence[int]) -> np.ndarray:
+    """Play an episode in each world, and again with rogues that know it; return the steps at which rogues appear."""
+    driver, steps = named(policy)(simulation.scenario, len(seeds), "cpu"), simulation.scenario.task.steps
+    resting, visits, actions = np.zeros(simulation.rogue_action.shape, np.float32), Visits.none(), []
+    simulation.reset(seeds=seeds)
+    driver.reset()
+    visits.look(simulation)
+    for _ in range(steps):
+        actions.append(np.array(driver.act(simulation.observation)))
+        simulation.step(actions[-1], resting)
+        visits.look(simulation)
+    foresight = Foresight(simulation.scenario, _MARGIN, _BLUR)
+    values = dict(foresight.values(visits))
+    ends = np.array(sorted(values))
+    simulation.reset(seeds=seeds)
+    appears = simulation.targets.appears_at.numpy().copy()
+    for now in range(steps):
+        worlds, slots = np.nonzero(simulation.rogue_present.numpy())
+        moves, end = resting.copy(), int(ends[np.searchsorted(ends, now, side="right")])
+        places = simulation.targets.position.numpy()[worlds, slots]
+        moves[worlds, slots] = foresight.best_actions(places, worlds, end - now, values[end])[0]
+        simulation.step(actions[now], moves)
+    return appears
+
+
+def row_of(name: str, policy: str, learned: str | None, seeds: Sequence[int]) -> list[str]:
+    """Return a row of the table."""
+    settings = RogueTraining(name)
+    rogues = [*SCRIPTS, learned] if learned else SCRIPTS
+    found = {each: survive(policy, settings.make_scenario(each), seeds).summary() for each in rogues}
+    known, left = with_foresight(policy, settings.make_scenario(), seeds)
+    best = {key: max(found[each][key] for each in SCRIPTS) for key in ("mean", "longest")}
+    scripts, foreseen, cells = f"{best['mean']:.2f} ({best['longest']:.1f})", known.summary(), ["", ""]
+    if learned:
+        of = found[learned]
+        cells = [f"{of['mean']:.2f} ({of['longest']:.1f})", f"{of['mean'] / foreseen['mean']:.0%}"]
+    shown = f"{foreseen['mean']:.2f} ({foreseen['longest']:.1f})"
+    return [f"`{name}`, `{policy}`", scripts, cells[0], shown, cells[1], f"{left.mean():.1f}"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--episodes", type=int, default=len(HELD_OUT), help="at most 64")
+    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
+    options = parser.parse_args()
+    rows, seeds = [], HELD_OUT[: options.episodes]
+    for learned in shipped_rogues():
+        rogue, folder = rogue_of(learned), folder_of(learned)
+        assert rogue is not None
+        assert folder is not None
+        for policy in checkpoint.read_text(folder)["held_out_times"]:
+            rows.append(row_of(rogue.trained_on, policy, learned, seeds))
+            print(*rows[-1], sep=" | ", flush=True)
+    for name, policy in WITHOUT:
+        rows.append(row_of(name, policy, None, seeds))
+    table = {"columns": TITLES, "rows": rows}
+    figures.show("foresight", table)
+    if options.store:
+        figures.store({"foresight": table})
+
+
+if __name__ == "__main__":
+    main()
