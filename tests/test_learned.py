@@ -157,7 +157,7 @@ def test_shipped_policies_are_played_like_the_classical_ones():
 @pytest.mark.parametrize(
     ("name", "rival", "scenario", "share", "collisions"),
     [
-        ("learned-intruders-safe", "kuramoto-mpcc", "intruders", 0.3, 0.0),
+        ("learned-intruders-proved", "kuramoto-mpcc", "intruders", 0.25, 0.0),
         ("learned-rough", "kuramoto-mpcc", "rough-lost", 0.9, 4.0),
     ],
 )
