@@ -1,5 +1,6 @@
 """Episodes without a bound of the worst-case undetected time, and tables of censored episodes."""
 
+import dataclasses
 import math
 import os
 from itertools import pairwise
@@ -95,14 +96,16 @@ def test_an_open_episode_that_goes_on_stays_open_until_that_rogue_is_detected(le
 
 
 def test_an_episode_that_ends_at_its_worst_moment_is_not_open():
-    # Story: `random` reaches its longest time in the last of 60 s. Half of the episode is 30 s.
-    policy = baselines.make("random", EVADERS["evaders"])
-    (row,) = lissajous_env.evaluate(policy, EVADERS["evaders"], seeds=[13])
-    assert row["guaranteed_detection_time"] == row["unseen_at_end"] == pytest.approx(7.7, abs=2)
-    assert row[OPEN.name] == 0
-    assert failures.failed(row)[1] is False
-    shown = words_of(cells([row, *rows([(9.3, 3.6), (12.8, 1.7), (8.4, 2.3)], "random")])["random"])
-    assert not shown[0].startswith(">")
+    # Story: `random` reaches its longest time at the very end of some episodes; below half of the 60 s, that is no gap.
+    policy = baselines.make("random", EVADERS["evaders"], 64)
+    of_all = lissajous_env.evaluate(policy, EVADERS["evaders"], seeds=range(64))
+    found = [row for row in of_all if row["guaranteed_detection_time"] == row["unseen_at_end"] < 29.0]
+    assert found
+    for row in found:
+        assert row[OPEN.name] == 0
+        assert failures.failed(row)[1] is False
+        shown = words_of(cells([row, *rows([(9.3, 3.6), (12.8, 1.7), (8.4, 2.3)], "random")])["random"])
+        assert not shown[0].startswith(">")
 
 
 def test_where_a_rogue_stays_unseen_since_the_beginning_every_episode_is_open():
@@ -210,7 +213,7 @@ def test_where_nothing_is_censored_it_is_the_interquartile_mean(times):
     # Oracle: the same statistics without censoring; and the weights of Kaplan and Meier, all equal, by the same route.
     never = np.zeros(len(times), dtype=bool)
     plain, found = summarize(times), summarize_censored(times, never, never)
-    np.testing.assert_equal(found, plain)
+    np.testing.assert_equal(dataclasses.astuple(found), dataclasses.astuple(plain))  # NaN equals NaN
     if times:  # one more that is open and the longest: the estimate goes through the weights
         more, last = [*times, 2e3], [*never, True]
         found, known = summarize_censored(more, last, last), summarize(more)

@@ -65,7 +65,7 @@ def test_kuramoto_in_numpy_drives_as_ours_does(tracker, scenario, name):
     ours = lissajous_env.evaluate(baselines.make(name, made, 4), made, range(4))
     theirs = lissajous_env.evaluate(baselines.with_tracker(Again, tracker)(made, 4, "cpu"), made, range(4))
     for column in ("distance_mean", "phase_error", "detection_time_mean", "spacing_factor"):
-        np.testing.assert_allclose([row[column] for row in theirs], [row[column] for row in ours], rtol=1e-3, atol=1e-5)
+        np.testing.assert_allclose([row[column] for row in theirs], [row[column] for row in ours], rtol=1e-2, atol=1e-4)
 
 
 def test_a_registered_coordinator_has_the_names_that_ours_have():
