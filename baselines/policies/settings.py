@@ -51,6 +51,16 @@ class PolicySettings:
         policy.name = plain
         return registry.wrapped(policy, suffix, self.policy)
 
+    def scaled(self, length: float, time: float) -> "PolicySettings":
+        """Return the settings with the parameters of the policy multiplied by the powers of two factors in their units.
+
+        Raises:
+            ValueError: the policy has no parameters, or no such one.
+        """
+        kind = _checked_class(self.policy, ARGUMENT, registry.factory_of(self.policy), self.parameters)
+        made = kind(**self.parameters).scaled(length, time)
+        return dataclasses.replace(self, parameters={name: getattr(made, name) for name in self.parameters})
+
 
 def _with_coordinator(settings: PolicySettings, factory: Any, scenario: Scenario) -> Callable[..., Policy]:
     """Return the factory of a tracker whose coordinator has the parameters of the settings."""
@@ -67,6 +77,19 @@ def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scena
     Raises:
         ValueError: the factory has none, or a parameter is unknown or invalid.
     """
+    kind = _checked_class(policy, table, factory, given)
+    before = factory.keywords.get(ARGUMENT) if isinstance(factory, partial) else None
+    if before is not None:
+        return dataclasses.replace(before, **given)
+    return kind.of(scenario, **given) if hasattr(kind, "of") else kind(**given)  # type: ignore[attr-defined]
+
+
+def _checked_class(policy: str, table: str, factory: Any, given: Mapping[str, Any]) -> type[Checked]:
+    """Return the dataclass of a factory's parameters after a check that it has the given names.
+
+    Raises:
+        ValueError: the factory has none, or a parameter is unknown.
+    """
     kind = parameters_class(factory)
     if kind is None:
         raise ValueError(f"{table} must be empty for {policy}, which has none, got {few_of(given)}")
@@ -75,10 +98,7 @@ def _made(policy: str, table: str, factory: Any, given: Mapping[str, Any], scena
         if name not in known:
             raise ValueError(f"{table} of {policy} must be of {few_of(known, name)}, got {shown(name)}"
                              f"{nearest(name, known)}")  # fmt: skip
-    before = factory.keywords.get(ARGUMENT) if isinstance(factory, partial) else None
-    if before is not None:
-        return dataclasses.replace(before, **given)
-    return kind.of(scenario, **given) if hasattr(kind, "of") else kind(**given)  # type: ignore[attr-defined]
+    return kind
 
 
 def parameters_class(factory: Any) -> type[Checked] | None:

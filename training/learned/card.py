@@ -10,8 +10,10 @@ import numpy as np
 from baselines.policies import registry
 from baselines.policies.base import Policy
 from baselines.policies.settings import PolicySettings
+from baselines.similarity import motion_scale
 from lissajous_env import Scenario
 from lissajous_env.console.terminal import plain
+from lissajous_env.parameters.plain_scenario import scenario_of
 from lissajous_env.world.observation import layout
 from training.learned.constants import CONSTANTS
 
@@ -114,12 +116,18 @@ class Card:
     def make_base(self, scenario: Scenario, num_worlds: int, device: Any) -> Policy | None:
         """Make the base, or return None if there is none.
 
+        Its parameters are scaled from the scenario of the training to this one, by the lengths and times of the motion.
+
         Raises:
             ValueError: the base does not fit the scenario, or has no such parameter.
         """
         if self.base is None:
             return None
-        return PolicySettings(self.base, self.base_parameters).make(scenario, num_worlds, device)
+        settings = PolicySettings(self.base, self.base_parameters)
+        if self.base_parameters and self.home is not None:
+            home, here = motion_scale(scenario_of(self.home)), motion_scale(scenario)
+            settings = settings.scaled(here.length / home.length, here.time / home.time)
+        return settings.make(scenario, num_worlds, device)
 
     @property
     def network_inputs(self) -> int:
