@@ -31,7 +31,7 @@ def test_the_kernel_computes_what_torch_does(name):
     # Oracle: torch, on the observations of an episode.
     policy = training.load(name, num_worlds=4)
     observations, actions = played(policy, Simulation(home(name), 4, seed=5), 60)
-    base = None if policy.card.base is None else baselines.make(policy.card.base, policy.scenario, 4)
+    base = policy.card.make_base(policy.scenario, 4, "cpu")
     network = policy.network.to_torch("cpu")
     for observation, action in zip(observations, actions, strict=True):
         rows, added_to = observation[:, :, policy.card.columns(policy.scenario)], 0.0
