@@ -1,6 +1,7 @@
 """Learned policies: the shipped ones, and their training."""
 
+from training.choosing.chooser import chosen
 from training.learned.onnx_graph import export_onnx
 from training.learned.policy import Learned, load, names
 
-__all__ = ["Learned", "export_onnx", "load", "names"]
+__all__ = ["Learned", "chosen", "export_onnx", "load", "names"]

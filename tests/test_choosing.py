@@ -1,0 +1,147 @@
+"""A learned choice: it finds a rule in costs, plays exactly what it chose, and refuses what it was not trained for."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from test_learned import played
+
+import baselines
+import lissajous_env
+import training
+from baselines.policies import registry
+from baselines.policies.base import UnsuitableScenarioError
+from lissajous_env import Simulation
+from lissajous_env.storage.journal import Journal
+from training.choosing import playing
+from training.choosing.candidates import Candidate
+from training.choosing.chooser import FILE, Chooser, names, outputs
+from training.choosing.features import FEATURES, numbers_of
+from training.learned.network import Network
+
+SCENARIO = lissajous_env.scenario("monitoring-v1-8", **{"task.duration": 2.0, "task.contamination": None})
+PATROLS = Candidate("sweep", {"cruise": 0.9, "inset": 0.5}), Candidate("partition"), Candidate("still")
+
+
+def chooser(weight=(0.0, 1.0, -1.0), candidates=PATROLS):
+    """Return a chooser that ranks the candidates by `weight`, whatever the scenario."""
+    count = len(FEATURES)
+    network = Network((np.zeros((len(weight), count)),), (np.array(weight),), "tanh")
+    wide = tuple((value - 1.0, value + 1.0) for value in numbers_of(SCENARIO).tolist())
+    return Chooser(network, tuple(FEATURES), candidates, wide, wide, {"space": "monitoring-v1"})
+
+
+def stored(folder, **changes):
+    folder.mkdir()
+    (folder / FILE).write_text(json.dumps(chooser().to_dict() | changes))
+    return str(folder)
+
+
+def test_the_best_candidate_is_played(tmp_path):
+    """Oracle: the policy with its parameters in the units of the scenario, bit for bit."""
+    folder = stored(tmp_path / "choice")
+    expected, found = (
+        played(baselines.make(name, SCENARIO, 2), Simulation(SCENARIO, 2), 20) for name in ("partition", folder)
+    )
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+    given = training.chosen(folder, SCENARIO)
+    assert (given.policy, dict(given.parameters)) == ("partition", {})
+
+
+def test_parameters_are_relative_to_the_scenario():
+    larger = SCENARIO.scaled(3.0, 0.5)
+    top, radius = larger.robot.top_speed, larger.sensing_radius
+    assert PATROLS[0].settings(larger).parameters == {"cruise": 0.9 * top, "inset": 0.5 * radius}
+
+
+@pytest.mark.parametrize("name", names())
+def test_the_choice_depends_on_no_unit(name):
+    learned = Chooser.read(name)
+    for seed in range(3):
+        made = lissajous_env.scenario(f"monitoring-v1-{seed}")
+        scaled = made.scaled(7.0, 0.3)
+        assert numbers_of(scaled) == pytest.approx(numbers_of(made), abs=1e-9)
+        one, other = (learned.ranked(each) for each in (made, scaled))
+        assert [each.policy for each in one] == [each.policy for each in other]
+
+
+def test_a_candidate_that_does_not_suit_the_scenario_is_passed_over():
+    lines = Candidate("line-abreast"), Candidate("sweep")
+    short = lissajous_env.scenario(SCENARIO, **{"sensing.radius": 0.03 * SCENARIO.curve.half_height})
+    wide = tuple((-99.0, 99.0) for _ in FEATURES)
+    policy = dataclasses.replace(chooser((1.0, 0.0), lines), limits=wide).make(short)
+    assert type(policy) is type(baselines.make("sweep", short))
+
+
+def test_a_scenario_outside_of_the_training_is_refused_by_name():
+    fast = lissajous_env.scenario(SCENARIO, **{"targets.speed": 5 * SCENARIO.robot.top_speed})
+    with pytest.raises(UnsuitableScenarioError, match=r"top speed over that of the robots must be from .* got 2"):
+        chooser().make(fast)
+    points = lissajous_env.scenario("ideal")
+    with pytest.raises(UnsuitableScenarioError, match=r"robot\.kind must be car, got curve"):
+        chooser().make(points)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"format": 2}, "format must be 1"),
+        ({"features": ["luck"]}, "features must be of"),
+        ({"candidates": [{"policy": "sweep", "parameters": {"cruise": "fast"}}]}, "cruise of sweep must be a finite"),
+        ({"limits": []}, "limits must have"),
+        ({"network": {}}, "must contain 'layers'"),
+        ({"candidates": []}, "network must map"),
+    ],
+)
+def test_a_damaged_file_is_named(changes, words, tmp_path):
+    folder = stored(tmp_path / "choice", **changes)
+    with pytest.raises(ValueError, match=f"{FILE} is damaged: .*{words}"):
+        Chooser.read(folder)
+
+
+def test_a_chooser_is_read_as_it_was_written(tmp_path):
+    folder = stored(tmp_path / "choice")
+    assert Chooser.read(folder).to_dict() == chooser().to_dict()
+    other = stored(tmp_path / "other", candidates=[each.to_dict() for each in PATROLS[::-1]])
+    assert registry.parts(folder) != registry.parts(other)
+
+
+def test_costs_order_candidates_by_time_and_collisions():
+    made = [SCENARIO]
+    found = {
+        (SCENARIO.name, PATROLS[0].name): {"time": 2.0, "collisions": 1.0},
+        (SCENARIO.name, PATROLS[1].name): {"time": 1.0, "collisions": 0.0},
+        (SCENARIO.name, PATROLS[2].name): {"time": None, "collisions": None},
+    }
+    ((first, second, third),) = playing.costs(found, PATROLS, made)
+    assert second == 0.0
+    assert first == pytest.approx(np.log(2.0) + 0.05)
+    assert third > first
+
+
+@pytest.mark.parametrize("objective", [playing.DETECTION, playing.GUARANTEE])
+def test_what_was_played_is_not_played_again(objective, tmp_path, monkeypatch):
+    made = lissajous_env.scenario("monitoring-v1-8", **{"task.duration": 2.0})
+    with Journal(tmp_path / "table.jsonl") as journal:
+        first = playing.table(PATROLS, [made], 2, objective, journal)
+    assert all(each["time"] > 0 for each in first.values())
+    monkeypatch.setattr(playing, "play", None)
+    with Journal(tmp_path / "table.jsonl") as journal:
+        assert playing.table(PATROLS, [made], 2, objective, journal) == first
+
+
+def test_a_rule_in_the_costs_is_found():
+    """Oracle: costs that depend on the sign of one number."""
+    pytest.importorskip("torch")
+    from training.choosing.fitting import fit
+
+    rng = np.random.default_rng(0)
+    numbers = rng.normal(5.0, 2.0, (200, 4))
+    best = (numbers[:, 1] > 5.0).astype(int)
+    costs = np.stack([best, 1.0 - best, np.full(200, 0.6)], axis=1)
+    network = fit(numbers, costs, seed=0)
+    unseen = rng.normal(5.0, 2.0, (200, 4))
+    picked = np.array([np.argmax(outputs(network, each)) for each in unseen])
+    assert np.mean(picked == (unseen[:, 1] > 5.0)) > 0.9

@@ -1,0 +1,1 @@
+"""Learned choices: a network that chooses, from the numbers of a scenario, which patrol a team drives."""

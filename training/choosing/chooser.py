@@ -1,0 +1,204 @@
+"""Policies that choose a patrol by a network: folders with `choice.json`, and the policies that they make."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import baselines
+from baselines.policies.base import Policy, UnsuitableScenarioError
+from baselines.policies.settings import PolicySettings
+from lissajous_env import Scenario
+from lissajous_env import scenario as make_scenario
+from lissajous_env.parameters import named
+from lissajous_env.storage.files import read_json
+from lissajous_env.wording import few_of, shown
+from training.choosing.candidates import Candidate
+from training.choosing.features import FEATURES
+from training.learned.network import Network
+
+FILE = "choice.json"
+FORMAT = 1
+_SHIPPED = Path(__file__).parent.parent / "policies"
+
+
+@dataclass(frozen=True)
+class Chooser:
+    """A network that ranks candidates by the numbers of a scenario.
+
+    Raises:
+        ValueError: the network does not map the numbers to an output for each candidate, or a name is unknown.
+    """
+
+    network: Network
+    features: tuple[str, ...]
+    candidates: tuple[Candidate, ...]
+    limits: tuple[tuple[float, float], ...]
+    """Smallest and largest value of each number that is accepted."""
+    seen: tuple[tuple[float, float], ...]
+    """Smallest and largest value of each number in the training; the network reads the nearest one in this range."""
+    about: Mapping[str, Any]
+    """Further entries of `choice.json`: the space, the objective, the command, scores."""
+
+    def __post_init__(self) -> None:
+        for name in self.features:
+            if name not in FEATURES:
+                raise ValueError(f"features must be of {few_of(FEATURES, name)}, got {shown(name)}")
+        sizes = len(self.features), len(self.candidates)
+        if (self.network.inputs, self.network.outputs) != sizes:
+            got = f"{self.network.inputs} to {self.network.outputs}"
+            raise ValueError(f"network must map {sizes[0]} features to {sizes[1]} candidates, got {got}")
+        for name in ("limits", "seen"):
+            if np.shape(getattr(self, name)) != (sizes[0], 2):
+                raise ValueError(f"{name} must have a lowest and a highest value for each of {sizes[0]} features")
+
+    def ranked(self, scenario: str | Scenario) -> list[PolicySettings]:
+        """Return the candidates for a scenario, the best first.
+
+        Raises:
+            UnsuitableScenarioError: the robots are not cars, or a number of the scenario is outside of the limits.
+        """
+        made = make_scenario(scenario).resolve()
+        if made.robot.kind != "car":
+            raise UnsuitableScenarioError(f"robot.kind must be car, got {made.robot.kind}")
+        features = [FEATURES[name] for name in self.features]
+        values = np.array([float(feature.read(made)) for feature in features])
+        for feature, value, (low, high) in zip(features, values, self.limits, strict=True):
+            if not low <= value <= high:
+                rule = f"must be from {feature.written(low)} to {feature.written(high)}, for which patrols are chosen"
+                raise UnsuitableScenarioError(f"{feature.meaning} {rule}, got {feature.written(value)}")
+        low, high = np.array(self.seen).T
+        ranks = np.argsort(-outputs(self.network, np.clip(values, low, high)), kind="stable")
+        return [self.candidates[k].settings(made) for k in ranks]
+
+    def make(self, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+        """Make the best candidate that the scenario suits.
+
+        Raises:
+            ValueError: no candidate suits it; or see `ranked`.
+        """
+        reason: ValueError | None = None
+        for settings in self.ranked(scenario):
+            try:
+                return settings.make(make_scenario(scenario), num_worlds, device)
+            except UnsuitableScenarioError as error:
+                reason = reason or error
+        assert reason is not None
+        raise reason
+
+    @classmethod
+    def read(cls, folder: str | os.PathLike[str]) -> "Chooser":
+        """Read the chooser of a folder, or an included one by name.
+
+        Raises:
+            ValueError: there is none, or the file is damaged; the message names it.
+        """
+        path = (_SHIPPED / folder if str(folder) in names() else Path(folder)) / FILE
+        text = read_json(path)
+        try:
+            return cls._from_dict(text)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            words = f"it must contain {error}" if isinstance(error, KeyError) else str(error)
+            raise ValueError(f"{path} is damaged: {words}") from None
+
+    @classmethod
+    def _from_dict(cls, text: dict[str, Any]) -> "Chooser":
+        if text["format"] != FORMAT:
+            raise ValueError(f"format must be {FORMAT}, got {shown(text['format'])}")
+        layers = text["network"]["layers"]
+        network = Network(
+            tuple(np.array(layer["weight"]) for layer in layers),
+            tuple(np.array(layer["bias"]) for layer in layers),
+            text["network"]["activation"],
+        )
+        return cls(
+            network=network,
+            features=tuple(text["features"]),
+            candidates=tuple(Candidate(**each) for each in text["candidates"]),
+            limits=tuple((float(low), float(high)) for low, high in text["limits"]),
+            seen=tuple((float(low), float(high)) for low, high in text["seen"]),
+            about=dict(text["about"]),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the contents of `choice.json`."""
+        layers = [
+            {"weight": _rounded(weight), "bias": _rounded(bias)}
+            for weight, bias in zip(self.network.weights, self.network.biases, strict=True)
+        ]
+        return {
+            "format": FORMAT,
+            "about": dict(self.about),
+            "features": list(self.features),
+            "limits": [list(each) for each in self.limits],
+            "seen": [list(each) for each in self.seen],
+            "candidates": [each.to_dict() for each in self.candidates],
+            "network": {"activation": self.network.activation, "layers": layers},
+        }
+
+
+def _rounded(array: np.ndarray) -> Any:
+    """Return nested lists of numbers of five digits, which is more than the choice depends on."""
+    return [_rounded(row) for row in array] if array.ndim > 1 else [float(f"{value:.5g}") for value in array]
+
+
+def outputs(network: Network, values: np.ndarray) -> np.ndarray:
+    """Return the outputs (K,) of a network, computed in float64."""
+    activation = {"relu": lambda x: np.maximum(x, 0), "tanh": np.tanh}[network.activation]
+    for weight, bias in zip(network.weights[:-1], network.biases[:-1], strict=True):
+        values = activation(weight.astype(np.float64) @ values + bias)
+    return network.weights[-1].astype(np.float64) @ values + network.biases[-1]
+
+
+def chosen(name: str | os.PathLike[str], scenario: str | Scenario) -> PolicySettings:
+    """Return the policy and the parameters that an included chooser, or one in a folder, plays on a scenario.
+
+    Raises:
+        ValueError: there is no such chooser, or no candidate suits the scenario.
+    """
+    chooser = Chooser.read(name)
+    for settings in chooser.ranked(scenario):
+        try:
+            settings.make(make_scenario(scenario))
+        except UnsuitableScenarioError:
+            continue
+        return settings
+    raise UnsuitableScenarioError(f"no candidate of {name} suits the scenario")
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of the included choosers."""
+    return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{FILE}")))
+
+
+def register_shipped() -> None:
+    """Register the included choosers in `baselines`, which then also accepts the folder of one as a name."""
+    baselines.register_opener(_make, _home, _parts, FILE)
+    for name in names():
+        baselines.register(name, "car", partial(_make, name), about=_about(name), learned=True, on_request=True)
+
+
+def _about(name: str) -> str:
+    about = json.loads((_SHIPPED / name / FILE).read_text(encoding="utf-8"))["about"]
+    return f"Plays the patrol that a network chooses for the scenario, learned on {about['space']}."
+
+
+def _make(folder: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+    policy = Chooser.read(folder).make(scenario, num_worlds, device)
+    policy.name = str(folder)
+    return policy
+
+
+def _home(folder: str) -> Scenario:
+    return named.scenario_space(Chooser.read(folder).about["space"]).sample(0)
+
+
+def _parts(folder: str) -> dict[str, str]:
+    text = json.dumps(Chooser.read(folder).to_dict(), sort_keys=True)
+    return {f"choice of {FILE}": hashlib.sha256(text.encode()).hexdigest()[:16]}

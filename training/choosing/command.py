@@ -1,0 +1,137 @@
+"""The command `lissajous choose`: learn which patrol suits which scenario."""
+
+import contextlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from rich import progress as bars
+
+from baselines.benchmark.progress import bar
+from lissajous_env import Scenario
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, make_console, print_table
+from lissajous_env.extras import missing
+from lissajous_env.parameters import named
+from lissajous_env.settings.checks import whole_number
+from lissajous_env.storage.folder import Folder
+from training.choosing import playing
+from training.choosing.candidates import GUARDS, PATROLS
+from training.choosing.chooser import FILE, Chooser, outputs
+from training.choosing.features import FEATURES, numbers_of
+from training.scenarios import EVALUATED, LEARNED, without_warnings
+
+_TABLE = "table.jsonl"
+_MARGIN = 0.25
+"""How far a number of a scenario may be beyond those of the space and its shifts, as a share of their range."""
+
+
+def choose(
+    space: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="[SPACE]", help_behavior_hint="")] = (
+        "monitoring-v1"
+    ),
+    objective: Literal["detection", "guarantee"] = "detection",
+    scenarios: int = 400,
+    evaluation_scenarios: int = 64,
+    episodes: int = 8,
+    seed: int = 0,
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/choice"),
+    output: OutputOptions = DEFAULT_OUTPUT,
+) -> None:
+    """Play many patrols on scenarios of a space, and learn to choose the best one for a scenario from its numbers.
+
+    The folder is accepted wherever a policy is named. It also keeps the results of the patrols: an interrupted command
+    continues there, and with another seed or more scenarios it plays only what is missing. The defaults take about 20
+    minutes on two cores.
+
+    Example:
+        lissajous choose lab.toml --scenarios 200 --out runs/lab
+
+    Args:
+        space: space of scenarios of cars, by its name or .toml file; those of its split `train` are played. By default
+            monitoring-v1.
+        objective: what should be short: the mean detection time, or the worst-case undetected time.
+        scenarios: number of scenarios of the split `train`.
+        evaluation_scenarios: number of scenarios of the split `validation`, on which the choice is compared with each
+            patrol alone.
+        episodes: episodes of each patrol in each scenario.
+        seed: seed of the network.
+        out: folder of the results.
+        output: Console output.
+    """
+    try:
+        from training.choosing.fitting import fit
+    except ImportError as error:
+        raise missing("choose", "train", error) from error
+
+    for name, value in (("scenarios", scenarios), ("evaluation_scenarios", evaluation_scenarios)):
+        whole_number(name, value, 2)
+    whole_number("episodes", episodes)
+    whole_number("seed", seed, 0)
+    drawn_from = named.scenario_space(space)
+    candidates = PATROLS if objective == playing.DETECTION else GUARDS
+    given = {"space": space, "objective": objective, "scenarios": scenarios, "episodes": episodes, "seed": seed}
+    with without_warnings(drawn_from), Folder(out, (FILE, _TABLE)) as folder:
+        learned, evaluated, *shifted = (
+            playing.scenarios_of(drawn_from, split, count, objective)
+            for split, count in ((LEARNED, scenarios), (EVALUATED, evaluation_scenarios),
+                                 *((shift, scenarios) for shift in drawn_from.shifts))
+        )  # fmt: skip
+        with contextlib.closing(folder.journal(_TABLE)) as journal, _bar(output) as shown:
+            task = shown.add_task("scenarios", total=len(learned) + len(evaluated))
+            found = playing.table(
+                candidates, [*learned, *evaluated], episodes, objective, journal, lambda: shown.advance(task)
+            )
+        numbers = np.array([numbers_of(each) for each in learned])
+        low, high = _range([*numbers, *(numbers_of(each) for split in shifted for each in split)])
+        chooser = Chooser(
+            network=fit(numbers, playing.costs(found, candidates, learned), seed),
+            features=tuple(FEATURES),
+            candidates=candidates,
+            limits=_pairs(low - _MARGIN * (high - low), high + _MARGIN * (high - low)),
+            seen=_pairs(*_range(numbers)),
+            about=given,
+        )
+        folder.write(FILE, json.dumps(chooser.to_dict(), allow_nan=False) + "\n")
+    rows = _compared(chooser, found, evaluated)
+    titles = "patrol", "time over\nthe choice's", "collisions\nper episode", "chosen for\n[% of scenarios]"
+    print_table(output.console(), [Column(titles[0], prose=True), *map(Column, titles[1:])], _in_words(rows))
+    output.print(f"{len(evaluated)} scenarios of {space}:{EVALUATED}; times: geometric means. Wrote {out / FILE}")
+    output.print_json({"out": out, "patrols": rows})
+
+
+def _bar(output: OutputOptions) -> bars.Progress:
+    return bar(make_console(stderr=True, quiet=output.quiet), bars.TextColumn("{task.description}"),
+               bars.MofNCompleteColumn())  # fmt: skip
+
+
+def _range(numbers: Sequence[np.ndarray] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.min(numbers, axis=0), np.max(numbers, axis=0)
+
+
+def _pairs(low: np.ndarray, high: np.ndarray) -> tuple[tuple[float, float], ...]:
+    return tuple(zip(low.tolist(), high.tolist(), strict=True))
+
+
+def _compared(chooser: Chooser, found: playing.Table, scenarios: Sequence[Scenario]) -> list[dict[str, Any]]:
+    """Return the choice's and each candidate's time relative to the choice's, and collisions, the shortest first."""
+    times, collisions = playing.as_arrays(found, chooser.candidates, scenarios)
+    every = np.arange(len(scenarios))
+    picked = np.array([int(np.argmax(outputs(chooser.network, numbers_of(each)))) for each in scenarios])
+    ratios = np.log(times / times[every, picked][:, None])
+    rows: list[dict[str, Any]] = [
+        {"patrol": each.name, "time": float(np.exp(ratios[:, k].mean())), "collisions": float(collisions[:, k].mean()),
+         "chosen": float(np.mean(picked == k))}
+        for k, each in enumerate(chooser.candidates)
+    ]  # fmt: skip
+    rows.sort(key=lambda row: row["time"])
+    choice = {"patrol": "the choice", "time": 1.0, "collisions": float(collisions[every, picked].mean()), "chosen": 1.0}
+    return [choice, *rows]
+
+
+def _in_words(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    return [
+        [row["patrol"], f"{row['time']:.2f}", f"{row['collisions']:.2f}", f"{100 * row['chosen']:.0f}"] for row in rows
+    ]

@@ -1,0 +1,114 @@
+"""Candidates that are played on scenarios of a space: the data of a choice."""
+
+import itertools
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from baselines.policies.base import UnsuitableScenarioError
+from lissajous_env import Scenario, ScenarioSpace, evaluate
+from lissajous_env import scenario as make_scenario
+from lissajous_env.storage.journal import Journal
+from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, OPEN, WORST_CASE
+from training.choosing.candidates import Candidate
+
+Table = dict[tuple[str, str], Mapping[str, Any]]
+"""Results by the names of scenario and candidate."""
+DETECTION, GUARANTEE = "detection", "guarantee"
+"""Objectives: the mean detection time, and the worst-case undetected time."""
+FIRST_SEED = 900_000
+_LONGEST = 20.0
+"""Largest time of a candidate that counts, over the shortest of all candidates."""
+_SHORTEST = 0.1
+"""Smallest detection time that counts [control steps]."""
+_OPEN = 2.0
+"""Worst case that counts where the episodes show no bound [episodes]."""
+_COLLISION, _COLLISIONS = 0.05, 20
+"""Cost of a collision in an episode, and the largest number of collisions that counts."""
+
+
+def scenarios_of(space: ScenarioSpace, split: str, count: int, objective: str) -> list[Scenario]:
+    """Return the first scenarios of a split or shift, with the fields that the objective does not need left out."""
+    spare: dict[str, Any] = {"task.grid": None}
+    if objective == DETECTION:
+        spare["task.contamination"] = None
+    return [make_scenario(drawn, **spare) for drawn in itertools.islice(space.scenarios(split), count)]
+
+
+def play(candidate: Candidate, scenario: Scenario, episodes: int, objective: str) -> dict[str, float | None]:
+    """Return the time of a candidate by an objective [s], and its collisions per episode.
+
+    The time is the mean of the episodes' detection times, or their longest worst case. Both are None for a scenario
+    that does not suit the candidate.
+    """
+    try:
+        policy = candidate.settings(scenario).make(scenario, episodes)
+    except UnsuitableScenarioError:
+        return {"time": None, "collisions": None}
+    rows = evaluate(policy, scenario, range(FIRST_SEED, FIRST_SEED + episodes))
+    collisions = sum(row[COLLISIONS.name] for row in rows) / episodes
+    if objective == GUARANTEE:
+        opened = any(row[OPEN.name] for row in rows)
+        longest = _OPEN * scenario.task.duration if opened else max(row[WORST_CASE.name] for row in rows)
+        return {"time": longest, "collisions": collisions}
+    times = [row[DETECTION_TIME.name] for row in rows if math.isfinite(row[DETECTION_TIME.name])]
+    return {"time": sum(times) / len(times) if times else None, "collisions": collisions}
+
+
+def table(
+    candidates: Sequence[Candidate],
+    scenarios: Sequence[Scenario],
+    episodes: int,
+    objective: str,
+    journal: Journal,
+    progress: Callable[[], None] = lambda: None,
+) -> Table:
+    """Return the results of `play` by the names of scenario and candidate; what the journal contains is not played."""
+    found: Table = {(entry["scenario"], entry["candidate"]): entry for entry in journal.entries}
+
+    def played(scenario: Scenario) -> list[dict[str, Any]]:
+        missing = [each for each in candidates if (scenario.name, each.name) not in found]
+        return [
+            {"scenario": scenario.name, "candidate": each.name} | play(each, scenario, episodes, objective)
+            for each in missing
+        ]
+
+    pool = ThreadPoolExecutor(os.cpu_count())
+    try:
+        for entries in pool.map(played, scenarios):
+            journal.append(entries)
+            found |= {(entry["scenario"], entry["candidate"]): entry for entry in entries}
+            progress()
+    finally:
+        pool.shutdown(cancel_futures=True)
+    return found
+
+
+def as_arrays(
+    found: Table, candidates: Sequence[Candidate], scenarios: Sequence[Scenario]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the time (S, K) of each candidate in each scenario [s], and its collisions per episode.
+
+    Times are limited to 20 times the shortest one in the scenario, which a candidate has that does not suit it.
+    """
+    times, collisions = np.empty((2, len(scenarios), len(candidates)))
+    for s, scenario in enumerate(scenarios):
+        entries = [found[scenario.name, each.name] for each in candidates]
+        given = np.array([math.inf if entry["time"] is None else entry["time"] for entry in entries])
+        given = np.maximum(given, _SHORTEST * scenario.task.step)
+        times[s] = np.minimum(given, _LONGEST * given.min())
+        collisions[s] = [_COLLISIONS if entry["collisions"] is None else entry["collisions"] for entry in entries]
+    return times, collisions
+
+
+def costs(found: Table, candidates: Sequence[Candidate], scenarios: Sequence[Scenario]) -> np.ndarray:
+    """Return the cost (S, K) of each candidate in each scenario.
+
+    It is the logarithm of its time over the shortest time in the scenario, and 0.05 for each collision in an episode.
+    """
+    times, collisions = as_arrays(found, candidates, scenarios)
+    return np.log(times / times.min(axis=1, keepdims=True)) + _COLLISION * np.minimum(collisions, _COLLISIONS)
