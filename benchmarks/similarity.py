@@ -15,6 +15,8 @@ import numpy as np
 import baselines
 import lissajous_env
 from baselines.benchmark.tables import number
+from baselines.policies.registry import unwrapped
+from training.choosing import chooser
 
 SCENARIOS = ("experiment", "evaders", "intruders")
 SCALES = ((10.0, 1.0), (10.0, 10.0), (3.0, 0.5), (0.1, 1.0), (100.0, 10.0))
@@ -42,13 +44,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=32)
     parser.add_argument("--scenarios", nargs="+", default=SCENARIOS)
-    parser.add_argument("--policies", nargs="+", help="all that drive cars, unless named")
+    parser.add_argument("--policies", nargs="+", help="all that drive the robots, learned choices aside")
     parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
     options = parser.parse_args()
     rows = []
     for name in options.scenarios:
         scenario = lissajous_env.scenario(name)
-        policies = options.policies or baselines.names(scenario)
+        policies = options.policies or [
+            each for each in baselines.names(scenario) if unwrapped(each)[0] not in chooser.names()
+        ]
         off = []
         for policy in policies:
             off.append(largest_differences(policy, scenario, options.seeds))

@@ -10,6 +10,7 @@ import training
 from baselines.policies import registry
 from baselines.policies.patrol import Laps, Still
 from lissajous_env import plugins
+from training.choosing import chooser
 from training.learned.policy import register_shipped
 
 
@@ -93,9 +94,10 @@ def test_entry_points_that_cannot_be_loaded_are_named_and_do_no_harm(monkeypatch
 
 
 def test_learned_policies_are_told_from_classical_ones():
+    everything = {*training.names(), *chooser.names()}
     learned = {name for name in baselines.names() if not registry.is_classical(name)}
-    assert {name for name in learned if not registry.unwrapped(name)[1]} == set(training.names())
-    assert {registry.unwrapped(name)[0] for name in learned} == set(training.names())
+    assert {name for name in learned if not registry.unwrapped(name)[1]} == everything
+    assert {registry.unwrapped(name)[0] for name in learned} == everything
     assert not registry.is_classical("nothing")
 
 

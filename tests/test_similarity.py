@@ -8,6 +8,7 @@ import itertools
 
 import numpy as np
 import pytest
+from choices import playing_all
 
 import baselines
 import lissajous_env
@@ -50,7 +51,7 @@ def test_a_world_keeps_its_bits_at_another_scale(name):
                     assert scaled_score[0][column] == pytest.approx(expected, rel=1e-6, abs=1e-9, nan_ok=True), column
 
 
-@pytest.mark.parametrize("policy", baselines.names("rough"))
+@pytest.mark.parametrize("policy", playing_all(baselines.names("rough")))
 @pytest.mark.parametrize("name", ["rough", "intruders"])
 def test_a_car_policy_keeps_its_bits_at_another_scale(name, policy):
     # Noise, lost messages and faults are in `rough`; grip, fleeing targets and a larger rectangle in `intruders`.
@@ -73,7 +74,7 @@ def test_a_policy_of_points_keeps_its_bits_at_another_scale(policy):
 @pytest.mark.parametrize("name", STORIES)
 def test_every_policy_keeps_its_bits_at_a_dozen_scales(name):
     scenario = lissajous_env.scenario(name)
-    for policy in baselines.names(scenario):
+    for policy in playing_all(baselines.names(scenario)):
         seen, _ = observations(scenario, policy, steps=150)
         for length, time in MORE:
             np.testing.assert_array_equal(observations(scenario.scaled(length, time), policy, steps=150)[0], seen)
