@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from baselines.policies.base import UnsuitableScenarioError
+from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario, ScenarioSpace, evaluate
 from lissajous_env import scenario as make_scenario
 from lissajous_env.storage.journal import Journal
@@ -39,14 +40,14 @@ def scenarios_of(space: ScenarioSpace, split: str, count: int, objective: str) -
     return [make_scenario(drawn, **spare) for drawn in itertools.islice(space.scenarios(split), count)]
 
 
-def play(candidate: Candidate, scenario: Scenario, episodes: int, objective: str) -> dict[str, float | None]:
-    """Return the time of a candidate by an objective [s], and its collisions per episode.
+def play(settings: PolicySettings, scenario: Scenario, episodes: int, objective: str) -> dict[str, float | None]:
+    """Return the time of a policy by an objective [s], and its collisions per episode.
 
     The time is the mean of the episodes' detection times, or their longest worst case. Both are None for a scenario
-    that does not suit the candidate.
+    that does not suit the policy.
     """
     try:
-        policy = candidate.settings(scenario).make(scenario, episodes)
+        policy = settings.make(scenario, episodes)
     except UnsuitableScenarioError:
         return {"time": None, "collisions": None}
     rows = evaluate(policy, scenario, range(FIRST_SEED, FIRST_SEED + episodes))
@@ -73,7 +74,7 @@ def table(
     def played(scenario: Scenario) -> list[dict[str, Any]]:
         missing = [each for each in candidates if (scenario.name, each.name) not in found]
         return [
-            {"scenario": scenario.name, "candidate": each.name} | play(each, scenario, episodes, objective)
+            {"scenario": scenario.name, "candidate": each.name} | play(each.settings(scenario), scenario, episodes, objective)
             for each in missing
         ]
 

@@ -1,0 +1,114 @@
+"""The worst case of a learned choice, of classical policies and of the best plan of a search, on scenarios of a space.
+
+    python benchmarks/guard.py --policies learned-guard --scenarios 24 --seconds 30
+
+Each scenario of `monitoring-v1:test` is planned for (`lissajous plan --fixed-start`), on seeds from 0. The policies and
+the plan are then played on the same other seeds. A worst case is the longest worst-case undetected time of the
+episodes; if an episode shows no bound, it counts as twice the episode. Tables show the median over scenarios of its
+ratio to that of the plan, over all scenarios and over those in which robots fail, and collisions per episode; the
+intervals (95 %) are bootstrapped over scenarios. If the command is interrupted and called again, it resumes.
+"""
+
+import argparse
+import json
+import math
+import warnings
+from pathlib import Path
+from typing import Any
+
+import figures
+import numpy as np
+from patrol import in_words
+
+from baselines.planning import planner
+from baselines.policies.settings import PolicySettings
+from lissajous_env import Scenario, scenario_space
+from lissajous_env.parameters.assumptions import AssumptionWarning
+from training.choosing.chooser import chosen, names
+from training.choosing.playing import GUARANTEE, play, scenarios_of
+
+CLASSICAL = ("line-abreast", "partition", "partition-repair", "sweep", "laps", "kuramoto-mpcc")
+PLAN = "best plan"
+
+Results = dict[tuple[str, str], dict[str, Any]]
+
+
+def best_plan(made: Scenario, seconds: float) -> PolicySettings | None:
+    """Return the plan with the shortest worst case of a search; None if each has a collision or no bound."""
+    outcome = planner.prepare(made)
+    planner.search(outcome, seconds, fixed_start=True)
+    plans = [each for each in outcome.plans if math.isfinite(each.figures.worst_case)]
+    return plans[0].plan.settings if plans else None
+
+
+def settings_of(name: str, made: Scenario, seconds: float) -> PolicySettings | None:
+    """Return the settings of a policy or of the best plan."""
+    if name == PLAN:
+        return best_plan(made, seconds)
+    return chosen(name, made) if name in names() or Path(name).is_dir() else PolicySettings(name)
+
+
+def results(path: Path, scenarios: list[Scenario], policies: list[str], options: argparse.Namespace) -> Results:
+    """Play what the file does not contain yet, and return all."""
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    found: Results = {(row["scenario"], row["policy"]): row for row in map(json.loads, lines)}
+    with path.open("a", encoding="utf-8") as file:
+        for made in scenarios:
+            for name in policies:
+                if (made.name, name) in found:
+                    continue
+                settings = settings_of(name, made, options.seconds)
+                played = {"time": None} if settings is None else play(settings, made, options.episodes, GUARANTEE)
+                fails = made.faults.rate > 0 or made.faults.lost > 0
+                row = {"scenario": made.name, "policy": name, "fails": fails} | played
+                found[made.name, name] = row
+                file.write(json.dumps(row) + "\n")
+                file.flush()
+    return found
+
+
+def as_table(found: Results, policies: list[str]) -> figures.Table:
+    """Return a row for each policy."""
+    planned = [row for (_, name), row in found.items() if name == PLAN and row["time"] is not None]
+
+    def ratios(name: str, failing: bool) -> np.ndarray:
+        pairs = [
+            (found[row["scenario"], name]["time"], row["time"])
+            for row in planned
+            if (row["fails"] or not failing) and found[row["scenario"], name]["time"] is not None
+        ]
+        return np.array([time / of_plan for time, of_plan in pairs])
+
+    rows = []
+    for name in policies:
+        collisions = [row["collisions"] for (_, policy), row in found.items() if policy == name and "collisions" in row]
+        collisions = np.array([each for each in collisions if each is not None])
+        cells = [in_words(ratios(name, failing), np.median) for failing in (False, True)]
+        rows.append([f"`{name}`" if name != PLAN else name, str(len(ratios(name, False))), *cells,
+                     in_words(collisions, np.mean)])  # fmt: skip
+    titles = ["policy", "scenarios", "worst case / best plan's, median", "where robots fail", "collisions"]
+    return {"columns": titles, "rows": rows}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--policies", nargs="*", default=["learned-guard"], help="learned choices, names or folders")
+    parser.add_argument("--space", default="monitoring-v1")
+    parser.add_argument("--scenarios", type=int, default=24)
+    parser.add_argument("--seconds", type=float, default=30.0, help="duration of each search [s]")
+    parser.add_argument("--episodes", type=int, default=8)
+    parser.add_argument("--out", type=Path, default=Path("results/guard"))
+    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore", AssumptionWarning)
+    options.out.mkdir(parents=True, exist_ok=True)
+    policies = [PLAN, *options.policies, *CLASSICAL]
+    scenarios = scenarios_of(scenario_space(options.space), "test", options.scenarios, GUARANTEE)
+    table = as_table(results(options.out / "worst-cases.jsonl", scenarios, policies, options), policies)
+    figures.show(f"{options.space}:test, {options.scenarios} scenarios, {options.episodes} episodes each", table)
+    if options.store:
+        figures.store({"guard": table})
+
+
+if __name__ == "__main__":
+    main()
