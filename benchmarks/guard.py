@@ -86,7 +86,7 @@ def as_table(found: Results, policies: list[str]) -> figures.Table:
         cells = [in_words(ratios(name, failing), np.median) for failing in (False, True)]
         rows.append([f"`{name}`" if name != PLAN else name, str(len(ratios(name, False))), *cells,
                      in_words(collisions, np.mean)])  # fmt: skip
-    titles = ["policy", "scenarios", "worst case / best plan's, median", "where robots fail", "collisions"]
+    titles = ["policy", "scenarios", "worst case over that of the plan (median)", "where robots fail", "collisions"]
     return {"columns": titles, "rows": rows}
 
 

@@ -111,7 +111,7 @@ def as_table(scores: Scores, policies: list[str]) -> figures.Table:
             in_words(100.0 * (papers[np.isfinite(papers)] <= 1), np.mean, 0), in_words(collisions, np.mean),
             in_words(100.0 * free, np.mean, 0),
         ])  # fmt: skip
-    titles = ["policy", "scenarios", "time / best, median", "time / `sweep`, geometric mean",
+    titles = ["policy", "scenarios", "time over the best one (median)", "over that of `sweep` (geometric mean)",
               f"not slower than `{PAPERS}` [%]", "collisions", "without collision [%]"]  # fmt: skip
     return {"columns": titles, "rows": rows}
 

@@ -117,7 +117,7 @@ def test_costs_order_candidates_by_time_and_collisions():
     }
     ((first, second, third),) = playing.costs(found, PATROLS, made)
     assert second == 0.0
-    assert first == pytest.approx(np.log(2.0) + 0.05)
+    assert first == pytest.approx(np.log(2.0) + 0.1)
     assert third > first
 
 

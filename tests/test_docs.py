@@ -52,6 +52,7 @@ SHORTER = {
     "train --league": "--league 1 --steps 2000 --worlds 4 --evaluation-episodes 8 --rivals --rollout 8 "
     "--rogue-rounds 2 --rogue-starts 8",
     "exploit": "--episodes 1",
+    "choose": "--scenarios 2 --evaluation-scenarios 2 --episodes 1",
 }
 """Options added to a command to shorten it."""
 LASTING = ("benchmark", "evaluate", "exploit", "guarantee", "replay", "run", "train")

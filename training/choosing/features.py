@@ -47,6 +47,12 @@ def _turning(scenario: Scenario) -> float:
     return turning_radius(scenario.robot.wheelbase, scenario.robot.steering_max)
 
 
+def _standstill(scenario: Scenario) -> float:
+    faults, duration = scenario.faults, scenario.task.duration
+    scheduled = sum(max(min(end, duration) - start, 0.0) for _, start, end in faults.schedule)
+    return min(faults.rate * faults.mean_duration + scheduled / (scenario.num_robots * duration), 1.0)
+
+
 FEATURES = {
     "robots": Feature("1 over the number of robots", lambda made: 1 / made.num_robots),
     "elongation": Feature(
@@ -78,12 +84,17 @@ FEATURES = {
     "scattered": Feature(
         "1 if robots do not start in the equilibrium", lambda made: made.formation.start != "equilibrium"
     ),
-    "failures": Feature("failures of a robot in an episode", lambda made: made.faults.rate * made.task.duration),
-    "standstill": Feature(
-        "failures of a robot during one of them, at most 1",
-        lambda made: min(made.faults.rate * made.faults.mean_duration, 1.0),
+    "failures": Feature(
+        "failures of a robot in an episode",
+        lambda made: made.faults.rate * made.task.duration + len(made.faults.schedule) / made.num_robots,
     ),
-    "lost": Feature("share of robots that fail for good", lambda made: made.faults.lost / made.num_robots),
+    "standstill": Feature(
+        "share of the time for which a robot stands because of failures", _standstill
+    ),
+    "lost": Feature(
+        "share of robots that fail for good",
+        lambda made: (made.faults.lost + len(made.faults.removed)) / made.num_robots,
+    ),
     "place_noise": Feature(
         "noise of measured positions over the radius of a body", lambda made: made.noise.position / made.robot.radius
     ),

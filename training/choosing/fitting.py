@@ -29,20 +29,20 @@ def fit(numbers: np.ndarray, costs: np.ndarray, seed: int) -> Network:
     values = -(costs - costs.mean(axis=1, keepdims=True))
     inputs = torch.from_numpy((numbers - mean) / deviation)
     targets = torch.from_numpy(values - values.mean(axis=0))
-    fitted = [_member(inputs, targets) for _ in range(_MEMBERS)]
-    first = np.concatenate([each[0].weight.detach().numpy() for each in fitted]) / deviation
-    first_bias = np.concatenate([each[0].bias.detach().numpy() for each in fitted]) - first @ mean
-    last = np.concatenate([each[2].weight.detach().numpy() for each in fitted], axis=1) / _MEMBERS
-    last_bias = np.mean([each[2].bias.detach().numpy() for each in fitted], axis=0) + values.mean(axis=0)
+    weights, biases, last_weights, last_biases = zip(*(_member(inputs, targets) for _ in range(_MEMBERS)), strict=True)
+    first = np.concatenate(weights) / deviation
+    first_bias = np.concatenate(biases) - first @ mean
+    last = np.concatenate(last_weights, axis=1) / _MEMBERS
+    last_bias = np.mean(last_biases, axis=0) + values.mean(axis=0)
     return Network((first, last), (first_bias, last_bias), "tanh")
 
 
-def _member(inputs: torch.Tensor, targets: torch.Tensor) -> nn.Sequential:
-    """Return one network after its fit."""
+def _member(inputs: torch.Tensor, targets: torch.Tensor) -> list[np.ndarray]:
+    """Return the weight and bias of both layers of one network after its fit."""
     made = nn.Sequential(nn.Linear(inputs.shape[1], _UNITS), nn.Tanh(), nn.Linear(_UNITS, targets.shape[1])).double()
     optimizer = torch.optim.AdamW(made.parameters(), lr=_LEARNING_RATE, weight_decay=_DECAY)
     for _ in range(_PASSES):
         optimizer.zero_grad()
         (made(inputs) - targets).square().mean().backward()
         optimizer.step()
-    return made
+    return [each.detach().numpy() for each in made.parameters()]

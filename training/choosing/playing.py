@@ -28,7 +28,7 @@ _SHORTEST = 0.1
 """Smallest detection time that counts [control steps]."""
 _OPEN = 2.0
 """Worst case that counts where the episodes show no bound [episodes]."""
-_COLLISION, _COLLISIONS = 0.05, 20
+_COLLISION, _COLLISIONS = 0.1, 20
 """Cost of a collision in an episode, and the largest number of collisions that counts."""
 
 
@@ -74,7 +74,8 @@ def table(
     def played(scenario: Scenario) -> list[dict[str, Any]]:
         missing = [each for each in candidates if (scenario.name, each.name) not in found]
         return [
-            {"scenario": scenario.name, "candidate": each.name} | play(each.settings(scenario), scenario, episodes, objective)
+            {"scenario": scenario.name, "candidate": each.name}
+            | play(each.settings(scenario), scenario, episodes, objective)
             for each in missing
         ]
 
@@ -109,7 +110,7 @@ def as_arrays(
 def costs(found: Table, candidates: Sequence[Candidate], scenarios: Sequence[Scenario]) -> np.ndarray:
     """Return the cost (S, K) of each candidate in each scenario.
 
-    It is the logarithm of its time over the shortest time in the scenario, and 0.05 for each collision in an episode.
+    It is the logarithm of its time over the shortest in the scenario, and a tenth for each collision in an episode.
     """
     times, collisions = as_arrays(found, candidates, scenarios)
     return np.log(times / times.min(axis=1, keepdims=True)) + _COLLISION * np.minimum(collisions, _COLLISIONS)
