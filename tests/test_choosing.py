@@ -24,7 +24,7 @@ SCENARIO = lissajous_env.scenario("monitoring-v1-8", **{"task.duration": 2.0, "t
 PATROLS = Candidate("sweep", {"cruise": 0.9, "inset": 0.5}), Candidate("partition"), Candidate("still")
 
 
-def chooser(weight=(0.0, 1.0, -1.0), candidates=PATROLS):
+def made(weight=(0.0, 1.0, -1.0), candidates=PATROLS):
     """Return a chooser that ranks the candidates by `weight`, whatever the scenario."""
     count = len(FEATURES)
     network = Network((np.zeros((len(weight), count)),), (np.array(weight),), "tanh")
@@ -34,7 +34,7 @@ def chooser(weight=(0.0, 1.0, -1.0), candidates=PATROLS):
 
 def stored(folder, **changes):
     folder.mkdir()
-    (folder / FILE).write_text(json.dumps(chooser().to_dict() | changes))
+    (folder / FILE).write_text(json.dumps(made().to_dict() | changes))
     return str(folder)
 
 
@@ -71,17 +71,17 @@ def test_a_candidate_that_does_not_suit_the_scenario_is_passed_over():
     lines = Candidate("line-abreast"), Candidate("sweep")
     short = lissajous_env.scenario(SCENARIO, **{"sensing.radius": 0.03 * SCENARIO.curve.half_height})
     wide = tuple((-99.0, 99.0) for _ in FEATURES)
-    policy = dataclasses.replace(chooser((1.0, 0.0), lines), limits=wide).make(short)
+    policy = dataclasses.replace(made((1.0, 0.0), lines), limits=wide).make(short)
     assert type(policy) is type(baselines.make("sweep", short))
 
 
 def test_a_scenario_outside_of_the_training_is_refused_by_name():
     fast = lissajous_env.scenario(SCENARIO, **{"targets.speed": 5 * SCENARIO.robot.top_speed})
     with pytest.raises(UnsuitableScenarioError, match=r"top speed over that of the robots must be from .* got 2"):
-        chooser().make(fast)
+        made().make(fast)
     points = lissajous_env.scenario("ideal")
     with pytest.raises(UnsuitableScenarioError, match=r"robot\.kind must be car, got curve"):
-        chooser().make(points)
+        made().make(points)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_a_damaged_file_is_named(changes, words, tmp_path):
 
 def test_a_chooser_is_read_as_it_was_written(tmp_path):
     folder = stored(tmp_path / "choice")
-    assert Chooser.read(folder).to_dict() == chooser().to_dict()
+    assert Chooser.read(folder).to_dict() == made().to_dict()
     other = stored(tmp_path / "other", candidates=[each.to_dict() for each in PATROLS[::-1]])
     assert registry.parts(folder) != registry.parts(other)
 
@@ -145,3 +145,12 @@ def test_a_rule_in_the_costs_is_found():
     unseen = rng.normal(5.0, 2.0, (200, 4))
     picked = np.array([np.argmax(outputs(network, each)) for each in unseen])
     assert np.mean(picked == (unseen[:, 1] > 5.0)) > 0.9
+
+
+def test_a_choice_is_loaded_as_other_learned_policies(tmp_path):
+    folder = stored(tmp_path / "choice")
+    loaded = lissajous_env.load(folder, SCENARIO, 3)
+    assert (loaded.name, loaded.num_worlds, type(loaded)) == (folder, 3, type(baselines.make("partition", SCENARIO)))
+    assert lissajous_env.load("learned-patrol").scenario.name == "monitoring-v1-0"
+    with pytest.raises(ValueError, match=r"policy must be one of learned-intruders, learned-rough"):
+        training.load("learned-nothing")

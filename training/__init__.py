@@ -1,7 +1,7 @@
 """Learned policies: the shipped ones, and their training."""
 
-from training.choosing.chooser import chosen
+from training.choosing.chooser import chosen, load
 from training.learned.onnx_graph import export_onnx
-from training.learned.policy import Learned, load, names
+from training.learned.policy import Learned, names
 
 __all__ = ["Learned", "chosen", "export_onnx", "load", "names"]

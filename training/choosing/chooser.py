@@ -21,6 +21,7 @@ from lissajous_env.storage.files import read_json
 from lissajous_env.wording import few_of, shown
 from training.choosing.candidates import Candidate
 from training.choosing.features import FEATURES
+from training.learned import policy
 from training.learned.network import Network
 
 FILE = "choice.json"
@@ -172,6 +173,23 @@ def chosen(name: str | os.PathLike[str], scenario: str | Scenario) -> PolicySett
     raise UnsuitableScenarioError(f"no candidate of {name} suits the scenario")
 
 
+def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Policy:
+    """Load an included policy by name, or the policy in the folder of a training or of `lissajous choose`.
+
+    Args:
+        name: Name or folder.
+        scenario: Scenario to play; by default that of the training, or the first one of its space.
+        num_worlds: W.
+        device: Warp device.
+
+    Raises:
+        ValueError: there is no such name or folder, a file is damaged, or the policy does not fit the scenario.
+    """
+    if str(name) in names() or Path(name, FILE).is_file():
+        return _make(str(name), _home(str(name)) if scenario is None else scenario, num_worlds, device)
+    return policy.load(name, scenario, num_worlds, device)
+
+
 def names() -> tuple[str, ...]:
     """Return the names of the included choosers."""
     return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{FILE}")))
@@ -190,9 +208,9 @@ def _about(name: str) -> str:
 
 
 def _make(folder: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
-    policy = Chooser.read(folder).make(scenario, num_worlds, device)
-    policy.name = str(folder)
-    return policy
+    made = Chooser.read(folder).make(scenario, num_worlds, device)
+    made.name = str(folder)
+    return made
 
 
 def _home(folder: str) -> Scenario:

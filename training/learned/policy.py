@@ -71,7 +71,7 @@ def _check(network: Network, card: Card) -> None:
 
 
 def load(name: str | Path, scenario: str | Scenario | None = None, num_worlds: int = 1, device: Any = "cpu") -> Learned:
-    """Load a shipped policy by name, or a checkpoint from its folder; by default for the scenario of its training.
+    """Load a shipped network by name, or a checkpoint from its folder; by default for the scenario of its training.
 
     Raises:
         ValueError: there is no such name or folder, the checkpoint is damaged, or the policy does not fit the scenario.
@@ -126,5 +126,5 @@ _SHIPPED = Path(__file__).parent.parent / "policies"
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of the shipped policies."""
+    """Return the names of the shipped policies whose actions a network computes."""
     return tuple(sorted(path.parent.name for path in _SHIPPED.glob(f"*/{checkpoint.FILE}")))
