@@ -80,7 +80,8 @@ def in_words(values: np.ndarray, statistic: Callable[..., np.ndarray], digits: i
     counts = draws(len(values), 2000, 0)
     resampled = [statistic(np.repeat(values, count)) for count in counts]
     low, high = np.quantile(resampled, [0.025, 0.975])
-    return f"{statistic(values):.{digits}f} ({between(round(low, digits), round(high, digits))})"
+    interval = between(round(low, digits), round(high, digits))
+    return f"{statistic(values):.{digits}f}{f' ({interval})' if interval else ''}"
 
 
 def geometric_mean(ratios: np.ndarray) -> np.ndarray:

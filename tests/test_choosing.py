@@ -93,12 +93,16 @@ def test_a_scenario_outside_of_the_training_is_refused_by_name():
         ({"limits": []}, "limits must have"),
         ({"network": {}}, "must contain 'layers'"),
         ({"candidates": []}, "network must map"),
+        ({"candidates": [{"policy": 3}]}, "policy of a candidate must be a name"),
+        ({"candidates": [{"policy": "sweep", "parameters": 3}]}, "parameters of sweep must be an object"),
+        ({"network": {"activation": "x" * 5000, "layers": [{"weight": [[0.0]], "bias": [0.0]}]}}, "activation must be"),
     ],
 )
 def test_a_damaged_file_is_named(changes, words, tmp_path):
     folder = stored(tmp_path / "choice", **changes)
-    with pytest.raises(ValueError, match=f"{FILE} is damaged: .*{words}"):
+    with pytest.raises(ValueError, match=f"{FILE} is damaged: .*{words}") as error:
         Chooser.read(folder)
+    assert len(str(error.value)) < 1000
 
 
 def test_a_chooser_is_read_as_it_was_written(tmp_path):

@@ -39,13 +39,17 @@ class Candidate:
     """A policy with some of its parameters, in the units `UNITS`.
 
     Raises:
-        ValueError: a parameter is neither a number nor a bool.
+        ValueError: the policy is not a name, or a parameter is neither a number nor a bool.
     """
 
     policy: str
     parameters: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.policy, str):
+            raise ValueError(f"policy of a candidate must be a name, got {shown(self.policy)}")
+        if not isinstance(self.parameters, Mapping):
+            raise ValueError(f"parameters of {self.policy} must be an object, got {shown(self.parameters)}")
         for name, value in self.parameters.items():
             if not is_finite(value) and not isinstance(value, bool):
                 raise ValueError(f"{name} of {self.policy} must be a finite number or a bool, got {shown(value)}")

@@ -26,6 +26,8 @@ from training.learned.network import Network
 
 FILE = "choice.json"
 FORMAT = 1
+_LONGEST = 400
+"""Most letters of a message about a damaged file, which can contain any text."""
 _SHIPPED = Path(__file__).parent.parent / "policies"
 
 
@@ -106,7 +108,7 @@ class Chooser:
             return cls._from_dict(text)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             words = f"it must contain {error}" if isinstance(error, KeyError) else str(error)
-            raise ValueError(f"{path} is damaged: {words}") from None
+            raise ValueError(f"{path} is damaged: {words[:_LONGEST]}") from None
 
     @classmethod
     def _from_dict(cls, text: dict[str, Any]) -> "Chooser":
