@@ -17,6 +17,7 @@ from lissajous_env.extras import missing
 from lissajous_env.parameters import named
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.storage.folder import Folder
+from lissajous_env.world.columns import COLLISIONS
 from training.choosing import playing
 from training.choosing.candidates import GUARDS, PATROLS
 from training.choosing.chooser import FILE, Chooser, outputs
@@ -121,17 +122,20 @@ def _compared(chooser: Chooser, found: playing.Table, scenarios: Sequence[Scenar
     every = np.arange(len(scenarios))
     picked = np.array([int(np.argmax(outputs(chooser.network, numbers_of(each)))) for each in scenarios])
     ratios = np.log(times / times[every, picked][:, None])
-    rows: list[dict[str, Any]] = [
-        {"patrol": each.name, "time": float(np.exp(ratios[:, k].mean())), "collisions": float(collisions[:, k].mean()),
-         "chosen": float(np.mean(picked == k))}
+    rows = [
+        _row(each.name, np.exp(ratios[:, k].mean()), collisions[:, k].mean(), np.mean(picked == k))
         for k, each in enumerate(chooser.candidates)
-    ]  # fmt: skip
+    ]
     rows.sort(key=lambda row: row["time"])
-    choice = {"patrol": "the choice", "time": 1.0, "collisions": float(collisions[every, picked].mean()), "chosen": 1.0}
-    return [choice, *rows]
+    return [_row("the choice", 1.0, collisions[every, picked].mean(), 1.0), *rows]
+
+
+def _row(patrol: str, time: float, collisions: float, chosen: float) -> dict[str, Any]:
+    return {"patrol": patrol, "time": float(time), COLLISIONS.name: float(collisions), "chosen": float(chosen)}
 
 
 def _in_words(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     return [
-        [row["patrol"], f"{row['time']:.2f}", f"{row['collisions']:.2f}", f"{100 * row['chosen']:.0f}"] for row in rows
+        [row["patrol"], f"{row['time']:.2f}", f"{row[COLLISIONS.name]:.2f}", f"{100 * row['chosen']:.0f}"]
+        for row in rows
     ]

@@ -49,15 +49,15 @@ def play(settings: PolicySettings, scenario: Scenario, episodes: int, objective:
     try:
         policy = settings.make(scenario, episodes)
     except UnsuitableScenarioError:
-        return {"time": None, "collisions": None}
+        return {"time": None, COLLISIONS.name: None}
     rows = evaluate(policy, scenario, range(FIRST_SEED, FIRST_SEED + episodes))
     collisions = sum(row[COLLISIONS.name] for row in rows) / episodes
     if objective == GUARANTEE:
         opened = any(row[OPEN.name] for row in rows)
         longest = _OPEN * scenario.task.duration if opened else max(row[WORST_CASE.name] for row in rows)
-        return {"time": longest, "collisions": collisions}
+        return {"time": longest, COLLISIONS.name: collisions}
     times = [row[DETECTION_TIME.name] for row in rows if math.isfinite(row[DETECTION_TIME.name])]
-    return {"time": sum(times) / len(times) if times else None, "collisions": collisions}
+    return {"time": sum(times) / len(times) if times else None, COLLISIONS.name: collisions}
 
 
 def table(
@@ -103,7 +103,7 @@ def as_arrays(
         given = np.array([math.inf if entry["time"] is None else entry["time"] for entry in entries])
         given = np.maximum(given, _SHORTEST * scenario.task.step)
         times[s] = np.minimum(given, _LONGEST * given.min())
-        collisions[s] = [_COLLISIONS if entry["collisions"] is None else entry["collisions"] for entry in entries]
+        collisions[s] = [_COLLISIONS if entry[COLLISIONS.name] is None else entry[COLLISIONS.name] for entry in entries]
     return times, collisions
 
 
