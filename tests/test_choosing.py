@@ -13,6 +13,7 @@ import training
 from baselines.policies import registry
 from baselines.policies.base import UnsuitableScenarioError
 from lissajous_env import Simulation
+from lissajous_env.console.terminal import plain
 from lissajous_env.storage.journal import Journal
 from training.choosing import playing
 from training.choosing.candidates import Candidate
@@ -29,7 +30,15 @@ def made(weight=(0.0, 1.0, -1.0), candidates=PATROLS):
     count = len(FEATURES)
     network = Network((np.zeros((len(weight), count)),), (np.array(weight),), "tanh")
     wide = tuple((value - 1.0, value + 1.0) for value in numbers_of(SCENARIO).tolist())
-    return Chooser(network, tuple(FEATURES), candidates, wide, wide, {"space": "monitoring-v1"})
+    return Chooser(
+        network,
+        tuple(FEATURES),
+        candidates,
+        wide,
+        wide,
+        {"space": "monitoring-v1"},
+        plain(SCENARIO.resolve().to_dict()),
+    )
 
 
 def stored(folder, **changes):

@@ -16,7 +16,7 @@ from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.settings import PolicySettings
 from lissajous_env import Scenario
 from lissajous_env import scenario as make_scenario
-from lissajous_env.parameters import named
+from lissajous_env.parameters.plain_scenario import scenario_of
 from lissajous_env.storage.files import read_json
 from lissajous_env.wording import few_of, shown
 from training.choosing.candidates import Candidate
@@ -47,7 +47,9 @@ class Chooser:
     seen: tuple[tuple[float, float], ...]
     """Smallest and largest value of each number in the training; the network reads the nearest one in this range."""
     about: Mapping[str, Any]
-    """Further entries of `choice.json`: the space, the objective, the command, scores."""
+    """The options of `lissajous choose`."""
+    home: Mapping[str, Any]
+    """First scenario of the training as plain values of `Scenario.to_dict`, including derived fields."""
 
     def __post_init__(self) -> None:
         for name in self.features:
@@ -127,6 +129,7 @@ class Chooser:
             limits=tuple((float(low), float(high)) for low, high in text["limits"]),
             seen=tuple((float(low), float(high)) for low, high in text["seen"]),
             about=dict(text["about"]),
+            home=dict(text["scenario"]),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -138,6 +141,7 @@ class Chooser:
         return {
             "format": FORMAT,
             "about": dict(self.about),
+            "scenario": dict(self.home),
             "features": list(self.features),
             "limits": [list(each) for each in self.limits],
             "seen": [list(each) for each in self.seen],
@@ -216,7 +220,10 @@ def _make(folder: str, scenario: str | Scenario, num_worlds: int = 1, device: An
 
 
 def _home(folder: str) -> Scenario:
-    return named.scenario_space(Chooser.read(folder).about["space"]).sample(0)
+    home = Chooser.read(folder).home
+    if home.get("extensions"):
+        raise ValueError(f"scenario must be given for {folder}: loading a folder never imports extensions")
+    return scenario_of(home)
 
 
 def _parts(folder: str) -> dict[str, str]:

@@ -12,7 +12,7 @@ from rich import progress as bars
 
 from baselines.benchmark.progress import bar
 from lissajous_env import Scenario
-from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, make_console, print_table
+from lissajous_env.console.terminal import DEFAULT_OUTPUT, Column, OutputOptions, make_console, plain, print_table
 from lissajous_env.extras import missing
 from lissajous_env.parameters import named
 from lissajous_env.settings.checks import whole_number
@@ -94,6 +94,7 @@ def choose(
             limits=_pairs(low - _MARGIN * (high - low), high + _MARGIN * (high - low)),
             seen=_pairs(*_range(numbers)),
             about=given,
+            home=plain(learned[0].resolve().to_dict()),
         )
         folder.write(FILE, json.dumps(chooser.to_dict(), allow_nan=False) + "\n")
     rows = _compared(chooser, found, evaluated)
