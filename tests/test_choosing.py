@@ -124,9 +124,9 @@ def test_a_chooser_is_read_as_it_was_written(tmp_path):
 def test_costs_order_candidates_by_time_and_collisions():
     made = [SCENARIO]
     found = {
-        (SCENARIO.name, PATROLS[0].name): {"time": 2.0, "collisions": 1.0},
-        (SCENARIO.name, PATROLS[1].name): {"time": 1.0, "collisions": 0.0},
-        (SCENARIO.name, PATROLS[2].name): {"time": None, "collisions": None},
+        (SCENARIO.digest(), PATROLS[0].name): {"time": 2.0, "collisions": 1.0},
+        (SCENARIO.digest(), PATROLS[1].name): {"time": 1.0, "collisions": 0.0},
+        (SCENARIO.digest(), PATROLS[2].name): {"time": None, "collisions": None},
     }
     ((first, second, third),) = playing.costs(found, PATROLS, made)
     assert second == 0.0
@@ -143,6 +143,10 @@ def test_what_was_played_is_not_played_again(objective, tmp_path, monkeypatch):
     monkeypatch.setattr(playing, "play", None)
     with Journal(tmp_path / "table.jsonl") as journal:
         assert playing.table(PATROLS, [made], 2, objective, journal) == first
+        monkeypatch.undo()
+        changed = lissajous_env.scenario(made, **{"targets.arrival_rate": 2.0})
+        assert len(playing.table(PATROLS, [changed], 2, objective, journal)) == 2 * len(PATROLS)
+        assert all(each["episodes"] == 1 for each in playing.table(PATROLS, [made], 1, objective, journal).values())
 
 
 def test_a_rule_in_the_costs_is_found():

@@ -18,7 +18,7 @@ from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, OPEN, WORST_
 from training.choosing.candidates import Candidate
 
 Table = dict[tuple[str, str], Mapping[str, Any]]
-"""Results by the names of scenario and candidate."""
+"""Results by the digest of the scenario and the name of the candidate."""
 DETECTION, GUARANTEE = "detection", "guarantee"
 """Objectives: the mean detection time, and the worst-case undetected time."""
 FIRST_SEED = 900_000
@@ -68,22 +68,25 @@ def table(
     journal: Journal,
     progress: Callable[[], None] = lambda: None,
 ) -> Table:
-    """Return the results of `play` by the names of scenario and candidate; what the journal contains is not played."""
-    found: Table = {(entry["scenario"], entry["candidate"]): entry for entry in journal.entries}
+    """Return the results of `play`; what the journal contains for as many episodes and the objective is not played."""
+    given = {"objective": objective, "episodes": episodes}
+    found: Table = {
+        (entry["digest"], entry["candidate"]): entry for entry in journal.entries if given.items() <= entry.items()
+    }
 
     def played(scenario: Scenario) -> list[dict[str, Any]]:
-        missing = [each for each in candidates if (scenario.name, each.name) not in found]
+        of = {"scenario": scenario.name, "digest": scenario.digest()}
         return [
-            {"scenario": scenario.name, "candidate": each.name}
-            | play(each.settings(scenario), scenario, episodes, objective)
-            for each in missing
+            {**of, "candidate": each.name, **given, **play(each.settings(scenario), scenario, episodes, objective)}
+            for each in candidates
+            if (of["digest"], each.name) not in found
         ]
 
     pool = ThreadPoolExecutor(os.cpu_count())
     try:
         for entries in pool.map(played, scenarios):
             journal.append(entries)
-            found |= {(entry["scenario"], entry["candidate"]): entry for entry in entries}
+            found |= {(entry["digest"], entry["candidate"]): entry for entry in entries}
             progress()
     finally:
         pool.shutdown(cancel_futures=True)
@@ -99,7 +102,8 @@ def as_arrays(
     """
     times, collisions = np.empty((2, len(scenarios), len(candidates)))
     for s, scenario in enumerate(scenarios):
-        entries = [found[scenario.name, each.name] for each in candidates]
+        digest = scenario.digest()
+        entries = [found[digest, each.name] for each in candidates]
         given = np.array([math.inf if entry["time"] is None else entry["time"] for entry in entries])
         given = np.maximum(given, _SHORTEST * scenario.task.step)
         times[s] = np.minimum(given, _LONGEST * given.min())
