@@ -27,7 +27,9 @@ def good_actions(env):
 # Making a simulation or an environment.
 
 
-@pytest.mark.parametrize("worlds", [0, -3, 1.5, "4", None, True, np.True_])
+@pytest.mark.parametrize(
+    "worlds", [0, -3, 1.5, "4", None, True, np.True_, np.ma.masked, np.array([None], dtype=object), np.array([1, 2])]
+)
 def test_a_number_of_worlds(worlds):
     with pytest.raises(ValueError, match="num_worlds must be a whole number of at least 1, got"):
         lissajous_env.Simulation(lissajous_env.scenario("failure"), worlds)

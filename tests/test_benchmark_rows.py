@@ -74,6 +74,7 @@ def test_lists_in_each_other_are_damage_and_no_crash(out):
     ("name", "value"),
     [
         ("episodes", True), ("episodes", -1), ("seed", 0.0), ("policies", []), ("policies", {"failure": "still"}),
+        ("policies", {"failure": [["still"]]}),
         ("scenarios", {"failure": 3}), ("digests", {"failure": "0"}), ("versions", None), ("new", 1), ("seed", None),
     ],
 )  # fmt: skip

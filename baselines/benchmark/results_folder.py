@@ -231,11 +231,11 @@ def read_settings(path: Path) -> dict[str, Any]:
         if set(there[name]) != set(there["policies"]) or not all(type(entry) is kind for entry in of):
             raise _damaged(path, f"{name} is {short(there[name])}")
     words = [word for parts in there["played"].values() for word in (parts.values() if type(parts) is dict else [None])]
-    policies = {policy for of in there["policies"].values() for policy in of}
-    if policies - set(there["played"]) or not all(isinstance(word, str) for word in words):
-        raise _damaged(path, f"played is {short(there['played'])}")
-    if not all(isinstance(word, str) for policies in there["policies"].values() for word in policies):
+    policies = [policy for of in there["policies"].values() for policy in of]
+    if not all(isinstance(policy, str) for policy in policies):
         raise _damaged(path, f"policies is {short(there['policies'])}")
+    if set(policies) - set(there["played"]) or not all(isinstance(word, str) for word in words):
+        raise _damaged(path, f"played is {short(there['played'])}")
     return there
 
 

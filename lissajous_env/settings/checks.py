@@ -137,7 +137,13 @@ class Checked:
 
 def is_whole(value: Any) -> bool:
     """Return True for a whole number of any type except bool."""
-    return hasattr(value, "__index__") and not isinstance(value, (bool, np.bool_))
+    if isinstance(value, (bool, np.bool_)):
+        return False
+    try:
+        operator.index(value)
+    except Exception:  # an array of another size or kind, or a masked one, has its own errors
+        return False
+    return True
 
 
 def is_finite(value: Any) -> bool:
@@ -151,10 +157,10 @@ def whole_number(name: str, value: Any, low: int = 1, high: int | None = None) -
     Raises:
         ValueError: it is not a whole number of at least `low`, or, if `high` is given, from `low` to `high`.
     """
-    if not is_whole(value) or value < low or (high is not None and value > high):
+    if not is_whole(value) or operator.index(value) < low or (high is not None and operator.index(value) > high):
         rule = f"of at least {low}" if high is None else f"from {low} to {high}"
         raise ValueError(f"{name} must be a whole number {rule}, got {shown(value)}")
-    return int(value)
+    return operator.index(value)
 
 
 def as_robot(value: Any) -> int:

@@ -93,7 +93,7 @@ _OPTIONS = {
         "--scenario": _NAMES, "--algorithm": _WORDS, "--steps": [*_WHOLE, "0"], "--worlds": [*_WHOLE, "0", "10000000"],
         "--learning-rate": [*_REAL, "0", "1000"], "--layers": [*_WHOLE, "0", "100000000"], "--gamma": [*_REAL, "2"],
         "--base": _NAMES, "--teacher": _NAMES, "--rivals": _NAMES, "--start": [""], "--address": [""],
-        "--log-std": ["nan", "x", "1e9"], "--residual": [*_REAL, "0"], "--threads": [*_WHOLE, "0"],
+        "--log-std": ["nan", "x", "1e9"], "--residual": [*_REAL, "0"], "--threads": [*_WHOLE[:-1], "0"],
     },
     "plan": {
         **{f"--{name}": [*_REAL, "0", "1e300", "1e-300"] for name in
