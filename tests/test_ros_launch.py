@@ -57,7 +57,6 @@ def test_six_processes_play_the_simulation_bit_for_bit(tmp_path):
     output, error = done.communicate(timeout=100)
     assert done.returncode == 0, error
     assert "spacing_factor" in output
-    assert {f"robot_{k}: drives" for k in range(5)} <= set(error.splitlines())
     made = lissajous_env.scenario("experiment", **{"task.duration": 2.0})
     wanted = record(baselines.make("kuramoto-mpcc", made), made, seed=4)
     played = np.load(out)
