@@ -25,9 +25,7 @@ from baselines.benchmark.comparison import statistics
 from baselines.benchmark.running import measure, run
 from baselines.benchmark.shown_columns import SHOWN
 from baselines.benchmark.types import Benchmark
-from lissajous_env.storage.files import replacing, write_atomically
 from lissajous_env.storage.folder import LIST
-from lissajous_env.storage.journal import Journal
 from lissajous_env.world.columns import COLUMNS, NAMES
 
 QUIET = Console(quiet=True)
@@ -378,25 +376,3 @@ def test_table_marks_the_best_and_shows_missing_numbers_as_a_dash():
     assert ["b", "4", "5*"] in text
     assert ["c", "9", "\N{EM DASH}"] in text
     assert ["(0/2)"] in text
-
-
-def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
-    path = tmp_path / "file.txt"
-    write_atomically(path, "old")
-
-    def half_way():
-        with replacing(path) as temporary:
-            temporary.write_text("half of the new")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        half_way()
-    assert path.read_text() == "old"
-    assert os.listdir(tmp_path) == ["file.txt"]
-
-
-def test_journal_returns_what_was_appended(tmp_path):
-    with Journal(tmp_path / "journal") as journal:
-        journal.append([{"a": 1.1}, {"b": None}])
-    with Journal(tmp_path / "journal") as journal:
-        assert journal.entries == [{"a": 1.1}, {"b": None}]

@@ -338,3 +338,25 @@ def test_a_full_disk_leaves_the_file_before(tmp_path, monkeypatch, call):
                 folder.write("a.json", "new")
         assert (tmp_path / "a.json").read_text() == "old"
         assert sorted(path.name for path in tmp_path.iterdir()) == before
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "file.txt"
+    write_atomically(path, "old")
+
+    def half_way():
+        with replacing(path) as temporary:
+            temporary.write_text("half of the new")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        half_way()
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["file.txt"]
+
+
+def test_journal_returns_what_was_appended(tmp_path):
+    with Journal(tmp_path / "journal") as journal:
+        journal.append([{"a": 1.1}, {"b": None}])
+    with Journal(tmp_path / "journal") as journal:
+        assert journal.entries == [{"a": 1.1}, {"b": None}]

@@ -396,9 +396,3 @@ def test_ring_neighbours_know_each_other(n):
     for robot in range(n):
         for other in neighbours[robot]:
             assert robot in neighbours[other]
-
-
-def test_capacity_leaves_six_deviations():
-    assert Scenario(targets=Targets(count=3)).target_capacity == 3
-    scenario = Scenario(targets=Targets(count=3, arrival_rate=0.5), task=Task(duration=72))
-    assert scenario.target_capacity == 3 + 36 + 36

@@ -1,6 +1,9 @@
 """The rogue that a policy misses: closed forms, brute force, and the simulation's own detection."""
 
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -256,3 +259,13 @@ def test_the_command(tmp_path, capsys):
     assert printed["episodes"][0]["witness"] == pytest.approx(7.9)
     assert printed["episodes"][0]["conservative"] >= 7.9
     assert out.read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+@pytest.mark.long
+def test_compiling_the_search_prints_nothing_of_warp(tmp_path):
+    command = "exploit", "evaders", "still", "--witness", "--episodes", "1", "--quiet", "--set", "task.duration=8"
+    environment = os.environ | {"WARP_CACHE_PATH": str(tmp_path)}
+    line = [sys.executable, "-m", "lissajous_env", *command]
+    ended = subprocess.run(line, capture_output=True, text=True, env=environment, timeout=200)
+    assert ended.returncode == 0, ended.stderr
+    assert "Module " not in ended.stdout + ended.stderr

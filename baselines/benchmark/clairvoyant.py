@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from baselines.policies.driving import drive_to_goals, driving_of
+from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.structs import to_struct
 from lissajous_env.parameters.scenario import Scenario
@@ -79,7 +80,8 @@ class Clairvoyant:
             return self._along_the_curve(goals, chosen >= 0, seen.robots.phase.numpy())
         self._goals.assign(np.where(chosen[..., None] >= 0, goals, self._waiting(places)).astype(np.float32))
         inputs = [self._robot, self._driving, _WITHIN * self.scenario.sensing_radius, self._goals, seen.robots]
-        wp.launch(drive_to_goals, chosen.shape, inputs, [self._action], device=self._action.device)
+        with compile_quietly():
+            wp.launch(drive_to_goals, chosen.shape, inputs, [self._action], device=self._action.device)
         return self._action
 
     def _waiting(self, places: np.ndarray) -> np.ndarray:

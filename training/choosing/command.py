@@ -26,7 +26,7 @@ from training.scenarios import EVALUATED, LEARNED, without_warnings
 
 _TABLE = "table.jsonl"
 _MARGIN = 0.25
-"""How far a number of a scenario may be beyond those of the space and its shifts, as a share of their range."""
+"""Largest distance of a number of a scenario from those of the space and its shifts, as a share of their range."""
 
 
 def choose(

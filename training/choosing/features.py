@@ -101,7 +101,7 @@ FEATURES = {
     "heading_noise": Feature("noise of measured headings [rad]", lambda made: made.noise.heading),
     "unheard": Feature("share of messages that are lost", lambda made: made.noise.message_loss),
 }  # fmt: skip
-"""What a network reads, by name."""
+"""Numbers that a network reads, by name."""
 
 
 def numbers_of(scenario: Scenario) -> np.ndarray:

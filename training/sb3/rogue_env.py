@@ -118,16 +118,6 @@ class RogueVecEnv(BatchVecEnv):
     def _who(self, row: int) -> str:
         return f"rogue_{row % self._slots} in world {row // self._slots}"
 
-    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Take the step; return rows, rewards, dones and infos."""
-        step = self._step()
-        return step.rows, step.rewards, step.dones, step.infos()
-
-    def step_rows(self, actions: np.ndarray) -> Step:
-        """Take a step as `step` does, without a dictionary per row."""
-        self.step_async(actions)
-        return self._step()
-
     def _step(self) -> Step:
         simulation = self.simulation
         acted = simulation.rogue_present.numpy().astype(bool).reshape(-1)

@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.devices import compile_quietly
 from lissajous_env.episodes.witness.played import Played
 from lissajous_env.parameters.spreading import HOPS, TICK_FRACTIONS, Spreading
 from lissajous_env.world.contamination.labels import NONE
@@ -226,7 +227,8 @@ def rough_ways(
     traces.durations = 2 if hops.ticks == 1 else 1
     traces.cost, traces.came = wp.empty(labels.shape, dtype=float), wp.empty(labels.shape, dtype=wp.int8)
     traces.way = wp.array(np.full((len(rogues), length, 2), -1), dtype=wp.vec2i)
-    wp.launch(trace, dim=len(rogues), inputs=[traces])
+    with compile_quietly():
+        wp.launch(trace, dim=len(rogues), inputs=[traces])
     steps, found = np.arange(episodes[0].steps + 1), []
     for way, (_, last) in zip(traces.way.numpy(), spans, strict=True):
         known = np.flatnonzero(way[:, 0] >= 0)

@@ -17,6 +17,7 @@ import numpy as np
 import warp as wp
 
 from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.devices import compile_quietly
 from lissajous_env.device.discs import swept_run
 from lissajous_env.episodes.witness.played import Played, Way
 from lissajous_env.episodes.witness.windows import (
@@ -330,7 +331,8 @@ def ways_near(
     tubes.near, tubes.left = wp.empty((count, 64), dtype=wp.uint64), wp.empty((count, 64), dtype=wp.uint64)
     tubes.first, tubes.last, tubes.lost = (wp.empty(count, dtype=wp.int32) for _ in range(3))
     tubes.way = wp.empty(shape, dtype=wp.vec2i)
-    wp.launch(search, dim=count, inputs=[e, tubes])
+    with compile_quietly():
+        wp.launch(search, dim=count, inputs=[e, tubes])
     moments, nodes, found = tubes.moments.numpy(), tubes.way.numpy(), []
     ends = zip(tubes.first.numpy(), tubes.last.numpy(), tubes.lost.numpy(), strict=True)
     for k, (first, last, lost) in enumerate(ends):
