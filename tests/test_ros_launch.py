@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -101,6 +102,26 @@ def test_a_second_team_in_the_same_domain_is_refused():
         first.communicate()
     assert second.returncode == 1
     assert "ROS_DOMAIN_ID must be one in which no other `lissajous ros launch` is running, got " in error
+
+
+WAITS_FOR_ITSELF = """
+import ctypes
+from baselines.ros.running import started
+
+class Stuck:
+    def destroy_node(self):
+        ctypes.PyDLL(None).pause()  # with the lock of the interpreter
+
+with started() as process:
+    process.nodes.append(Stuck())
+    print("done", flush=True)
+"""
+
+
+def test_a_process_ends_although_ros_does_not():
+    # Fast DDS can wait for itself for ever when several participants end at once; a robot's process was found so.
+    done = subprocess.run([sys.executable, "-c", WAITS_FOR_ITSELF], stdout=subprocess.PIPE, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (1, "done\n")
 
 
 def text(file):

@@ -35,11 +35,12 @@ def robot(
         output: Console output.
     """
     from baselines.ros.robot import RobotNode
-    from baselines.ros.running import spin, started
+    from baselines.ros.running import started
 
-    with started() as ends:
+    with started() as process:
         node = RobotNode(settings, namespace)
+        process.nodes.append(node)
         words = f"{node.get_fully_qualified_name()} runs {node.settings.policy} on {node.scenario.name}: {node.reason}"
         print_line(progress_console(output), words)
-        spin([node], ends)
-    output.print_json({"robot": node.settings.robot, "stopped": node.reason})
+        process.spin()
+        output.print_json({"robot": node.settings.robot, "stopped": node.reason})

@@ -47,8 +47,10 @@ class Team:
         Raises:
             CommandError: another team is running, a process ended before the world did, or the world failed.
         """
-        with _alone(), started() as ends:
+        # The node ends first, as long as it discovers no robot's end.
+        with _alone(), contextlib.closing(self), started() as here:
             node = ros.Node("launch")
+            here.nodes.append(node)
             states: dict[str, str] = {}
             node.create_subscription(ros.DiagnosticArray, "/diagnostics", lambda m: self._note(m, states, tell), 10)
             executor = ros.make_executor()
@@ -56,18 +58,16 @@ class Team:
             try:
                 for name, command in self._commands.items():
                     self.processes[name] = _process(command)
-                while self.processes["world"].poll() is None and not ends():
+                while self.processes["world"].poll() is None and not here.ended:
                     executor.spin_once(timeout_sec=0.1)
                     self._check()
                 code = self.processes["world"].poll()
                 if code:
                     raise CommandError(f"the world has ended with code {code}; the robots were stopped")
             finally:
-                self.end()
                 executor.shutdown()
-                node.destroy_node()
 
-    def end(self) -> None:
+    def close(self) -> None:
         """End all processes: first by SIGTERM, after which robots command rest, then by SIGKILL."""
         running = [each for each in self.processes.values() if each.poll() is None]
         for process in running:

@@ -1,45 +1,72 @@
-"""Run a node until it is told to end."""
+"""Run nodes until they are told to end."""
 
+import faulthandler
+import os
 import signal
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any
 
 from baselines.ros import library as ros
 
+_GRACE = 3.0
+"""Time for which ROS 2 may take to end [s]."""
+
+
+@dataclass
+class RosProcess:
+    """ROS 2 in this process."""
+
+    nodes: list[Any] = field(default_factory=list)
+    """Nodes, which are destroyed when ROS 2 ends."""
+    ended: bool = False
+    """True after SIGTERM."""
+
+    def spin(self) -> None:
+        """Run the nodes in this thread until SIGTERM or Ctrl-C; each then publishes the command of rest."""
+        executor = ros.make_executor()
+        for node in self.nodes:
+            executor.add_node(node)
+        try:
+            while not self.ended:
+                executor.spin_once(timeout_sec=0.1)
+        finally:
+            for node in self.nodes:
+                node.rest()
+            executor.shutdown()
+
+    def note_end(self, *_: Any) -> None:
+        """Note SIGTERM."""
+        self.ended = True
+
 
 @contextmanager
-def started(interrupts: bool = False) -> Iterator[Callable[[], bool]]:
-    """Start ROS 2 for a block of code; SIGTERM is noted, or interrupts the block like Ctrl-C.
-
-    Returns:
-        A function that returns True after SIGTERM.
-    """
-    ended = threading.Event()
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler if interrupts else lambda *_: ended.set())
+def started(interrupts: bool = False) -> Iterator[RosProcess]:
+    """Start ROS 2 for a block of code; SIGTERM is noted, or interrupts the block like Ctrl-C."""
+    process = RosProcess()
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler if interrupts else process.note_end)
     ros.start_ros()
     try:
-        yield ended.is_set
+        yield process
     finally:
-        ros.rclpy.try_shutdown()
+        with _ended_in_time():
+            for node in process.nodes:
+                node.destroy_node()
+            ros.rclpy.try_shutdown()
         signal.signal(signal.SIGTERM, before)
 
 
-def spin(nodes: list[Any], ends: Callable[[], bool]) -> None:
-    """Run nodes in this thread until a function returns True or Ctrl-C, then let each end.
+@contextmanager
+def _ended_in_time() -> Iterator[None]:
+    """End the process with code 1 if a block of code takes too long.
 
-    A robot's node publishes the command of rest before it ends.
+    Fast DDS waits for itself for ever where a participant ends while it discovers that another one has ended. It holds
+    the lock of the interpreter meanwhile, so no thread of Python can end the process.
     """
-    executor = ros.make_executor()
-    for node in nodes:
-        executor.add_node(node)
-    try:
-        while not ends():
-            executor.spin_once(timeout_sec=0.1)
-    finally:
-        for node in nodes:
-            node.rest()
-        executor.shutdown()
-        for node in nodes:
-            node.destroy_node()
+    with open(os.devnull, "w") as nowhere:
+        faulthandler.dump_traceback_later(_GRACE, exit=True, file=nowhere)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
