@@ -1,6 +1,7 @@
 """Planning: the printed plans are the best ones, the folders reproduce their figures, and refusals name the reason."""
 
 import dataclasses
+import itertools
 import json
 import math
 import re
@@ -71,6 +72,15 @@ def test_the_best_plan_is_no_worse_than_any_default(small):
                 row["guaranteed_detection_time"] for row in rows
             )  # fmt: skip
             assert best.worst_case <= worst, name
+
+
+def test_a_slow_machine_finds_a_plan_too(small):
+    """A time that is over with the first call of the clock: one plan of each thread is looked at and played."""
+    task, hours = lissajous_env.scenario(small), itertools.count(0.0, 3600.0)
+    search = Search(task, Episodes(), (Lissajous(),), clock=lambda: next(hours))
+    search.run(1)
+    assert search.looks
+    assert any(not each.fails for each in search.looks) == bool(search.finals)
 
 
 def test_the_folders_reproduce_the_printed_figures(small, tmp_path, capsys):

@@ -177,7 +177,8 @@ class Search:
         until = (_LOOKING_LESS if self._optimises else _LOOKING) * self._seconds
 
         def over() -> bool:
-            return self._over.is_set() or self._clock() > until
+            # Without a plan that was looked at there is nothing to print.
+            return self._over.is_set() or (bool(self.looks) and self._clock() > until)
 
         jobs = self._jobs()
         running: dict[Future, tuple[Tried, Settings]] = {}
