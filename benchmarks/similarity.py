@@ -3,8 +3,9 @@
 Lengths are multiplied by L and times by T, each policy plays the same seeds at every scale, and the means in scaled
 units are compared with those at the scale of the scenario. Factors that are powers of 2 change no bit, as
 `tests/test_similarity.py` shows. Others round differently, and after a near collision two episodes that differ in the
-last digit part. The table has the largest difference over the scales, its median over the policies, and how many
-policies differ by less than 1 % in distance and spacing. `--store` puts the table into docs/figures.json.
+last digit part. Where they do, more seeds are played until the standard error of each difference is small enough to
+tell 1 %. `--store` puts the table into docs/figures.json: the largest difference over the scales, its median over the
+policies, and the policies whose distance and spacing differ by less than 1 %.
 """
 
 import argparse
@@ -22,22 +23,53 @@ SCENARIOS = ("experiment", "evaders", "intruders")
 SCALES = ((10.0, 1.0), (10.0, 10.0), (3.0, 0.5), (0.1, 1.0), (100.0, 10.0))
 COLUMNS = ("distance_mean", "spacing_factor", "collisions")
 WITHIN = 0.01
+ERROR = 0.0035
+"""Standard error of a relative difference above which more seeds are played."""
 
 
-def means(name: str, scenario: lissajous_env.Scenario, length: float, time: float, seeds: int) -> np.ndarray:
-    """Return the mean of each column over the seeds, in scaled units."""
-    scaled = scenario.scaled(length, time)
-    rows = lissajous_env.evaluate(baselines.make(name, scaled, num_worlds=seeds), scaled, range(seeds))
-    units = np.array([length, 1.0, 1.0])
-    return np.mean([[row[column] for column in COLUMNS] for row in rows], axis=0) / units
+class Scales:
+    """Episodes of a policy at all scales, in scaled units.
+
+    Args:
+        policy: Name of the policy.
+        scenario: The scenario at its own scale.
+    """
+
+    def __init__(self, policy: str, scenario: lissajous_env.Scenario):
+        self._policy, self._scenario = policy, scenario
+        self._episodes = np.zeros((1 + len(SCALES), 0, len(COLUMNS)))
+
+    @property
+    def seeds(self) -> int:
+        """Return the number of seeds that were played."""
+        return self._episodes.shape[1]
+
+    def play(self, seeds: int) -> None:
+        """Play further seeds, up to a number of them."""
+        new = range(self.seeds, seeds)
+        played = [self._played(length, time, new) for length, time in ((1.0, 1.0), *SCALES)]
+        self._episodes = np.concatenate([self._episodes, played], axis=1)
+
+    def _played(self, length: float, time: float, seeds: range) -> np.ndarray:
+        scaled = self._scenario.scaled(length, time)
+        rows = lissajous_env.evaluate(baselines.make(self._policy, scaled, num_worlds=len(seeds)), scaled, seeds)
+        return np.array([[row[column] for column in COLUMNS] for row in rows]) / (length, 1.0, 1.0)
+
+    def differences(self) -> tuple[np.ndarray, float]:
+        """Return the largest differences of the means, relative except for collisions, and the standard error."""
+        apart = (self._episodes[1:] - self._episodes[0]) / (*self._episodes[0].mean(axis=0)[:2], 1.0)
+        errors = apart.std(axis=1, ddof=1) / np.sqrt(self.seeds)
+        return np.abs(apart.mean(axis=1)).max(axis=0), float(errors[:, :2].max())
 
 
-def largest_differences(name: str, scenario: lissajous_env.Scenario, seeds: int) -> list[float]:
-    """Return the differences of the means at two scales, relative except for collisions."""
-    own = means(name, scenario, 1.0, 1.0, seeds)
-    others = np.array([means(name, scenario, length, time, seeds) for length, time in SCALES])
-    off = np.abs(others - own).max(axis=0)
-    return [off[0] / own[0], off[1] / own[1], off[2]]
+def largest_differences(policy: str, scenario: lissajous_env.Scenario, seeds: int) -> tuple[np.ndarray, int]:
+    """Return the largest differences of a policy over the scales, and the number of seeds that it took."""
+    scales = Scales(policy, scenario)
+    scales.play(seeds)
+    _, error = scales.differences()
+    if error > ERROR:
+        scales.play(int(seeds * (error / ERROR) ** 2))
+    return scales.differences()[0], scales.seeds
 
 
 def main() -> None:
@@ -53,17 +85,21 @@ def main() -> None:
         policies = options.policies or [
             each for each in baselines.names(scenario) if unwrapped(each)[0] not in chooser.names()
         ]
-        off = []
+        off, most = [], 0
         for policy in policies:
-            off.append(largest_differences(policy, scenario, options.seeds))
-            print(name, policy, *map(number, off[-1]), sep="  ", flush=True)
+            apart, seeds = largest_differences(policy, scenario, options.seeds)
+            print(name, policy, *map(number, apart), seeds, sep="  ", flush=True)
+            off.append(apart)
+            most = max(most, seeds)
         distance, spacing, collisions = np.array(off).T
         alike = (distance < WITHIN) & (spacing < WITHIN)
         middle = [f"{100 * np.median(each):.2g} %" for each in (distance, spacing)]
-        rows.append([f"`{name}`", str(len(policies)), str(alike.sum()), *middle, number(np.median(collisions))])
-    titles = "policies", "within 1 %", "distance driven", "spacing factor", "collisions per episode"
+        rows.append(
+            [f"`{name}`", str(len(policies)), str(alike.sum()), *middle, number(np.median(collisions)), f"{most:,}"]
+        )
+    titles = "policies", "within 1 %", "distance driven", "spacing factor", "collisions per episode", "most seeds"
     table = {"columns": ["scenario", *titles], "rows": rows}
-    figures.show(f"{options.seeds} seeds, at {len(SCALES)} other scales", table)
+    figures.show(f"{options.seeds} seeds and more, at {len(SCALES)} other scales", table)
     if options.store:
         figures.store({"similarity": table})
 

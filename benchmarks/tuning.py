@@ -320,7 +320,7 @@ def main():
     begin, lines, tuned = time.perf_counter(), [], {}
     with Folder(options.out, NAMES) as folder, folder.journal("trials.jsonl") as journal:
         trials = Trials(journal, options.device)
-        for scenario in map(lissajous_env.parameters.scenario, options.scenario):
+        for scenario in map(lissajous_env.scenario, options.scenario):
             chosen: dict[str, dict[str, Settings]] = {}
             finalists: list[dict[str, Any]] = []
             for name in options.policies:

@@ -1,0 +1,118 @@
+"""Worst cases and collisions of partitions and lines, at their best and beyond: `python benchmarks/limits.py`.
+
+Each case is a scenario with changes and a policy. The table has the mean and the longest worst-case undetected time of
+the episodes, the longest after 5 s, and the collisions. Where a robot stops, each robot does so in its share of the
+episodes, for 10 s, at a moment that is drawn for each eighth of a share. `--store` puts the table into
+docs/figures.json, from which docs/policies.md has its numbers.
+"""
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import figures
+import numpy as np
+
+import baselines
+import lissajous_env
+from baselines.benchmark.tables import number
+from baselines.policies.partition_plan import PartitionParameters
+from baselines.policies.partition_repair import PartitionRepair
+from baselines.safety.proved import Proved
+from lissajous_env.episodes.guarantee import worst_undetected_times
+from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.columns import COLLISIONS, WORST_CASE
+
+FIRST_SEED = 30_000
+STOP = 10.0
+"""Time for which a robot stands [s]."""
+MOMENTS = 8
+"""Moments at which each robot stops."""
+
+
+class Case(NamedTuple):
+    """Episodes of a policy."""
+
+    scenario: str
+    policy: Any
+    """Name of the policy, or a factory."""
+    episodes: int
+    changes: Mapping[str, Any] = {}
+    stops: bool = False
+    """True if one robot stops in each episode."""
+
+
+def six_rows(scenario: Scenario, num_worlds: int, proved: bool) -> Any:
+    """Make `partition-repair` with six rows of cells, under the proved filter or not."""
+    made = PartitionRepair(scenario, num_worlds, parameters=PartitionParameters(rows=6))
+    return Proved(made) if proved else made
+
+
+NEWS = {"messages.size": 15}
+INTRUDERS = {"task.contamination": (108, 48), "targets.speed_limit": 0.6}
+CASES = {
+    "evaders": Case("evaders", "partition", 256),
+    "evaders-failure": Case("evaders-failure", "partition-repair", 128),
+    "evaders where one stops": Case("evaders", "partition-repair", 400, stops=True),
+    "team rotated": Case("team", "partition", 128, {"formation.start": "rotated", "faults.schedule": ()}),
+    "team": Case("team", "partition-repair", 64),
+    "team with six rows": Case("team", partial(six_rows, proved=False), 64),
+    "team with six rows proved": Case("team", partial(six_rows, proved=True), 64),
+    "team with messages": Case("team", "partition-repair", 128, NEWS),
+    "team with messages proved": Case("team", "partition-repair-proved", 128, NEWS),
+    "team where one stops": Case("team", "partition-repair-proved", 240, NEWS, stops=True),
+    "intruders in line": Case("intruders", "line-abreast", 256, INTRUDERS),
+    "team in lines": Case("team", "line-abreast-proved", 128),
+}
+
+
+def plays(case: Case) -> Iterator[tuple[Scenario, Sequence[int]]]:
+    """Yield scenarios, with the seeds that are played on each."""
+    made = lissajous_env.scenario(case.scenario, **case.changes)
+    if not case.stops:
+        yield made, range(FIRST_SEED, FIRST_SEED + case.episodes)
+        return
+    each = case.episodes // (made.num_robots * MOMENTS)
+    latest = made.task.duration - 2 * STOP
+    draws, first = np.random.default_rng(FIRST_SEED), FIRST_SEED
+    for robot in range(made.num_robots):
+        for begin in draws.uniform(STOP, latest, MOMENTS).round(1).tolist():
+            schedule = ((robot, begin, begin + STOP),)
+            yield lissajous_env.scenario(made, **{"faults.schedule": schedule}), range(first, first + each)
+            first += each
+
+
+def row_of(case: Case) -> list[str]:
+    """Play the episodes of a case and return the cells of its row."""
+    times, collisions = [], []
+    for scenario, seeds in plays(case):
+        make = partial(baselines.make, case.policy) if isinstance(case.policy, str) else case.policy
+        found = worst_undetected_times(make(scenario, len(seeds)), scenario, seeds)
+        rows = lissajous_env.evaluate(make(scenario, len(seeds)), scenario, seeds)
+        later = found[:, round(5.0 / scenario.task.step) :].max(axis=1)
+        times += [[row[WORST_CASE.name], after] for row, after in zip(rows, later, strict=True)]
+        collisions += [row[COLLISIONS.name] for row in rows]
+    (mean, _), (longest, after) = np.mean(times, axis=0), np.max(times, axis=0)
+    cells = [number(float(each)) for each in (mean, longest, after, np.mean(collisions))]
+    return [str(len(times)), *cells, f"{np.sum(collisions):.0f}"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", nargs="+", choices=CASES, default=CASES)
+    parser.add_argument("--store", action="store_true", help="put the table into docs/figures.json, too")
+    options = parser.parse_args()
+    rows = []
+    for name in options.cases:
+        rows.append([name, *row_of(CASES[name])])
+        print(*rows[-1], sep="  ", flush=True)
+    titles = "case", "episodes", "worst case [s]", "longest [s]", "longest after 5 s [s]", "collisions", "in all"
+    table = {"columns": titles, "rows": rows}
+    figures.show("partitions and lines", table)
+    if options.store:
+        figures.store({"limits": table})
+
+
+if __name__ == "__main__":
+    main()
