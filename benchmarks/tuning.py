@@ -15,7 +15,8 @@ robots over the same places, so these are not tuned.
 
 The search begins with the settings that were chosen for earlier policies, as far as they apply, and random settings
 around the default. Then follow generations of changed copies of the best ones. All play the first quarter of the
-training seeds, and the best of them all training seeds. The paper's method is tuned after the policies with the same
+training seeds, and the best of them all training seeds. A setting that a policy refuses, such as loops without room,
+is a trial without episodes, and the worst one. The paper's method is tuned after the policies with the same
 controller, and `-safe` after the policy under it. FOLDER contains every trial (`trials.jsonl`, `trials.csv`), the
 chosen settings (`tuned.json`) and the table (`tuned.md`). If the command is interrupted and called again with the same
 FOLDER and options, it resumes. Use another FOLDER after a change of the code.
@@ -36,7 +37,7 @@ import numpy as np
 import lissajous_env
 from baselines.benchmark.statistics import bootstrap_interval, interquartile_mean
 from baselines.mpcc.solver import MpccParameters
-from baselines.policies.base import Policy
+from baselines.policies.base import Policy, UnsuitableScenarioError
 from baselines.policies.combinations import COMBINATIONS
 from baselines.policies.coordinators.arc_length import ArcParameters, ground_speed
 from baselines.policies.line_abreast import LineAbreast
@@ -179,13 +180,16 @@ class Trials:
         self.entries = {self._key(entry): entry for entry in journal.entries}
 
     def play(self, name: str, scenario: Scenario, settings: Settings, seeds: range) -> dict[str, Any]:
-        """Return the scores of a setting on some seeds, an episode each."""
+        """Return the scores of a setting on some seeds, an episode each; none if the policy refuses the setting."""
         entry: dict[str, Any] = {"scenario": scenario.name, "digest": scenario.digest(), "policy": name,
                                  "settings": settings, "first_seed": seeds[0], "seeds": len(seeds)}  # fmt: skip
         if self._key(entry) not in self.entries:
             begin = time.perf_counter()
-            policy = make(name, scenario, settings, min(len(seeds), BATCH), self.device)
-            rows = lissajous_env.evaluate(policy, scenario, seeds, self.device)
+            try:
+                policy = make(name, scenario, settings, min(len(seeds), BATCH), self.device)
+                rows = lissajous_env.evaluate(policy, scenario, seeds, self.device)
+            except UnsuitableScenarioError:
+                rows = []
             entry["seconds"] = round(time.perf_counter() - begin, 2)
             # An episode without targets has no detection time.
             entry |= {column: [row[column] for row in rows if math.isfinite(row[column])] for column in COLUMNS}
@@ -199,13 +203,13 @@ class Trials:
 
 
 def detection(entry: dict[str, Any]) -> float:
-    """Return the interquartile mean of the detection time [s]."""
-    return interquartile_mean(entry["detection_time_mean"])
+    """Return the interquartile mean of the detection time [s]; infinity for a refused setting."""
+    return interquartile_mean(entry["detection_time_mean"]) if entry["detection_time_mean"] else math.inf
 
 
 def collisions(entry: dict[str, Any]) -> float:
-    """Return the mean number of collisions per episode."""
-    return float(np.mean(entry["collisions"]))
+    """Return the mean number of collisions per episode; infinity for a refused setting."""
+    return float(np.mean(entry["collisions"] or math.inf))
 
 
 def ranked(entries: list[dict[str, Any]], default: dict[str, Any], goal: str) -> list[dict[str, Any]]:
@@ -298,7 +302,7 @@ def write_csv(folder: Folder, entries: list[dict[str, Any]]) -> None:
             ["scenario", "policy", "first_seed", "seeds", "detection_time_iqm", "collisions", "return_mean", "settings"]
         )
         for entry in entries:
-            numbers = [detection(entry), collisions(entry), float(np.mean(entry["return_mean"]))]
+            numbers = [detection(entry), collisions(entry), float(np.mean(entry["return_mean"] or -math.inf))]
             where = [entry[key] for key in ("scenario", "policy", "first_seed", "seeds")]
             writer.writerow([*where, *(f"{number:.5g}" for number in numbers), described(entry["settings"])])
 
