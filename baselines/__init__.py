@@ -34,8 +34,8 @@ register("sweep", "car", Sweep, about="Single-file patrol along the boundary, or
 register("laps", "car", Laps, about="The loop of `sweep`, each car independently, at top speed.")
 register("random", None, RandomWaypoint, about="Random waypoints; random phase rates for points.")
 register("still", None, Still, about="No motion.")
-register_wrapper("-safe", "car", Safe, "with the collision filter")
-register_wrapper("-close", "car", close, "with a collision filter that intervenes late and gently")
+register_wrapper("-safe", "car", Safe, "with the collision filter", as_car=True)
+register_wrapper("-close", "car", close, "with a collision filter that intervenes late and gently", as_car=True)
 register_wrapper("-proved", "car", Proved, "with a filter that is proved, under conditions, to prevent collisions")
 
 # A policy in a file of its own there registers itself.

@@ -29,7 +29,7 @@ from lissajous_env.parameters.named import (
     scenario_spaces,
     scenarios,
 )
-from lissajous_env.parameters.robot_models import RobotModel, register_robot_model
+from lissajous_env.parameters.robot_models import AsCar, RobotModel, register_robot_model
 from lissajous_env.parameters.rogues import Rogue, register_rogue, rogue, rogues
 from lissajous_env.parameters.scenario import (
     Curve,
@@ -50,6 +50,7 @@ from lissajous_env.world.mixture import Mixture
 from lissajous_env.world.simulation import Simulation
 
 __all__ = [
+    "AsCar",
     "Curve",
     "Faults",
     "Formation",

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from lissajous_env.device.car_input import steering_angle, throttle
+from baselines.policies.driving import twist_reached
+from lissajous_env.device.car_input import steering_and_throttle
 from lissajous_env.device.compilation import OPTIONS
 from lissajous_env.device.devices import as_device, compile_quietly
 from lissajous_env.device.part_structs import RobotStruct
@@ -14,7 +15,6 @@ from lissajous_env.device.work import Work
 from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.wording import shown
-from lissajous_env.world.robots.car import car_rate, car_step, motor_push
 
 wp.set_module_options(OPTIONS)
 
@@ -49,13 +49,9 @@ def to_physical(
 ):
     """Write steering angle [rad], throttle, speed at the end of the step [m/s], and yaw rate at it [rad/s], by (12)."""
     k = wp.tid()
-    steering = steering_angle(robot, wp.clamp(action[0], -1.0, 1.0))
-    tau = throttle(robot, wp.clamp(action[1], -1.0, 1.0))
-    push = motor_push(robot, robot.drive, tau)
-    curvature = wp.tan(steering) / robot.wheelbase
-    moved = car_step(robot, wp.vec4(0.0, 0.0, 0.0, wp.max(speed[0], 0.0)), curvature, push, step)
-    rate = car_rate(robot, moved, curvature, push)
-    command_out[k] = wp.vec4(steering, tau, moved[3], rate[2])
+    taken = steering_and_throttle(robot, wp.vec2(wp.clamp(action[0], -1.0, 1.0), wp.clamp(action[1], -1.0, 1.0)))
+    reached = twist_reached(robot, taken[0], taken[1], wp.max(speed[0], 0.0), step)
+    command_out[k] = wp.vec4(taken[0], taken[1], reached[0], reached[1])
 
 
 class Actuation:

@@ -11,6 +11,7 @@ from lissajous_env.device.curve import wrap
 from lissajous_env.device.part_structs import RobotStruct
 from lissajous_env.device.trig import cos_sin
 from lissajous_env.parameters.scenario import Scenario
+from lissajous_env.world.robots.car import car_rate, car_step, motor_push
 from lissajous_env.world.state import Robots
 
 wp.set_module_options(OPTIONS)
@@ -69,6 +70,15 @@ def drive_towards(
     if wp.abs(bearing) > 1.5707963:
         steering = wp.sign(bearing) * robot.steering_max
     return car_action(robot, steering, throttle_for(robot, speed, wanted_speed, driving.eagerness))
+
+
+@wp.func
+def twist_reached(robot: RobotStruct, steering: float, tau: float, speed: float, step: float) -> wp.vec2:
+    """Speed [m/s] of a car at the end of a step [s], and its yaw rate [rad/s] then, by (12)."""
+    push = motor_push(robot, robot.drive, tau)
+    curvature = wp.tan(steering) / robot.wheelbase
+    moved = car_step(robot, wp.vec4(0.0, 0.0, 0.0, speed), curvature, push, step)
+    return wp.vec2(moved[3], car_rate(robot, moved, curvature, push)[2])
 
 
 @wp.kernel

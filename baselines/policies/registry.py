@@ -7,11 +7,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from baselines.policies.as_cars import AsCars
 from baselines.policies.base import Policy
 from lissajous_env import here
 from lissajous_env import scenario as make_scenario
 from lissajous_env.identity import parts_of
-from lissajous_env.parameters.robot_models import robot_kinds
+from lissajous_env.parameters.robot_models import model_of, robot_kinds
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.plugins import EntryPoints
 from lissajous_env.settings.checks import whole_number
@@ -29,10 +30,19 @@ class _Entry:
 
 
 _REGISTRY: dict[str, _Entry] = {}
-_WRAPPERS: dict[str, tuple[str, Callable[[Policy], Policy], str]] = {}
+_WRAPPERS: dict[str, "_Wrapper"] = {}
 _BROUGHT = EntryPoints("lissajous_env.policies", "policies", lambda register_theirs: register_theirs())
 _REGISTER = "register", "register_policy", "register_coordinator"
 """Names of the functions that add policies."""
+
+
+class _Wrapper(NamedTuple):
+    """Wrapper of policies for robots of one kind, and whether it serves robots that move like cars."""
+
+    kind: str
+    wrap: Callable[[Policy], Policy]
+    about: str
+    as_car: bool
 
 
 class _Opener(NamedTuple):
@@ -115,17 +125,21 @@ def _alike(one: _Entry, other: _Entry) -> bool:
     return told(one) == told(other)
 
 
-def register_wrapper(suffix: str, kind: str, wrapper: Callable[[Policy], Policy], about: str) -> None:
+def register_wrapper(
+    suffix: str, kind: str, wrapper: Callable[[Policy], Policy], about: str, as_car: bool = False
+) -> None:
     """Register a wrapped version of every policy for robots of `kind`, under its name with a suffix.
 
-    `about` continues the description after the name of the policy, as in "with the collision filter".
+    `about` continues the description after the name of the policy, as in "with the collision filter". With `as_car`, a
+    wrapper of cars also serves robots of other models that move like cars.
 
     Raises:
         ValueError: another wrapper has the suffix.
     """
-    if _WRAPPERS.get(suffix, (kind, wrapper, about)) != (kind, wrapper, about):
+    added = _Wrapper(kind, wrapper, about, as_car)
+    if _WRAPPERS.get(suffix, added) != added:
         raise ValueError(f"suffix of a wrapper must be new, got {shown(suffix)}")
-    _WRAPPERS[suffix] = kind, wrapper, about
+    _WRAPPERS[suffix] = added
 
 
 def register_opener(
@@ -160,7 +174,7 @@ def describe(name: str) -> dict[str, Any]:
     """Return a registered policy in plain values: name, robot kind (None: any), made_for, learned, description."""
     plain, suffix = unwrapped(name)
     entry = _registry()[plain]
-    about = f"{plain} {_WRAPPERS[suffix][2]}." if suffix else entry.about
+    about = f"{plain} {_WRAPPERS[suffix].about}." if suffix else entry.about
     return {
         "name": name,
         "kind": _kinds()[name],
@@ -195,7 +209,7 @@ def parts(name: str) -> dict[str, str]:
     """Return the parts that identify a policy among those of the same name: `lissajous_env.identity.parts_of`."""
     folder, suffix = _folder_of(name) if is_folder(name) else ("", unwrapped(name)[1])
     inside = _opener_of(folder).parts(folder) if folder else parts_of(_registry()[unwrapped(name)[0]].factory)
-    wrapper = parts_of(_WRAPPERS[suffix][1]) if suffix else {}
+    wrapper = parts_of(_WRAPPERS[suffix].wrap) if suffix else {}
     return inside | {f"{suffix} {part}": each for part, each in wrapper.items()}
 
 
@@ -274,9 +288,19 @@ def _kinds() -> dict[str, str | None]:
     """Return the kind of robot that each policy drives, by name; the wrapped ones come last."""
     plain = {name: entry.kind for name, entry in _registry().items()}
     kinds = dict(plain)
-    for suffix, (kind, *_) in _WRAPPERS.items():
-        kinds |= {name + suffix: kind for name, drives in plain.items() if drives in (None, kind)}
+    for suffix, wrapper in _WRAPPERS.items():
+        kinds |= {name + suffix: wrapper.kind for name, drives in plain.items() if drives in (None, wrapper.kind)}
     return kinds
+
+
+def _drives(name: str, kind: str) -> bool:
+    """Return whether a policy drives robots of a kind, by itself or as if they were cars."""
+    drives = _kinds()[name]
+    if drives in (None, kind):
+        return True
+    plain, suffix = _parted(name)
+    as_cars = drives == "car" and model_of(kind).as_car is not None
+    return as_cars and not _registry()[plain].learned and (not suffix or _WRAPPERS[suffix].as_car)
 
 
 def unwrapped(name: str) -> tuple[str, str]:
@@ -288,9 +312,9 @@ def unwrapped(name: str) -> tuple[str, str]:
 def _parted(name: str) -> tuple[str, str]:
     if name in _REGISTRY:
         return name, ""
-    for suffix, (kind, *_) in _WRAPPERS.items():
+    for suffix, wrapper in _WRAPPERS.items():
         plain = name.removesuffix(suffix)
-        if plain != name and plain in _REGISTRY and _REGISTRY[plain].kind in (None, kind):
+        if plain != name and plain in _REGISTRY and _REGISTRY[plain].kind in (None, wrapper.kind):
             return plain, suffix
     return name, ""
 
@@ -300,9 +324,17 @@ def factory_of(name: str) -> Callable[..., Policy]:
     return _registry()[unwrapped(name)[0]].factory
 
 
-def _build(name: str, scenario: Scenario, num_worlds: int, device: Any) -> Policy:
+def build(name: str, factory: Callable[..., Policy], scenario: Scenario, num_worlds: int, device: Any) -> Policy:
+    """Return a policy that a factory makes, under a name of the registry, and wrapped if the name has a suffix.
+
+    A policy of cars drives the robots of another model as if they were cars.
+    """
     plain, suffix = unwrapped(name)
-    policy = _registry()[plain].factory(scenario, num_worlds, device)
+    if _kinds()[name] not in (None, scenario.robot.kind):
+        policy: Policy = AsCars(partial(build, name, factory), scenario, num_worlds, device)
+        policy.name = name
+        return policy
+    policy = factory(scenario, num_worlds, device)
     policy.name = plain
     return wrapped(policy, suffix, name)
 
@@ -311,10 +343,10 @@ def wrapped(policy: Policy, suffix: str, name: str) -> Policy:
     """Return a policy under a name; one with the suffix of a wrapper is wrapped."""
     if not suffix:
         return policy
-    kind, wrapper, _ = _WRAPPERS[suffix]
+    kind = _WRAPPERS[suffix].kind
     if policy.kind not in (None, kind):
         raise ValueError(f"policy must drive robots of kind {kind} to be wrapped by {suffix}, got {name}")
-    policy = wrapper(policy)
+    policy = _WRAPPERS[suffix].wrap(policy)
     policy.name = name
     return policy
 
@@ -324,7 +356,7 @@ def names(scenario: str | Scenario | None = None) -> tuple[str, ...]:
     if scenario is None:
         return tuple(_kinds())
     kind = make_scenario(scenario).robot.kind
-    return tuple(name for name, drives in _kinds().items() if drives in (None, kind))
+    return tuple(name for name in _kinds() if _drives(name, kind))
 
 
 def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any = "cpu") -> Policy:
@@ -342,7 +374,7 @@ def make(name: str, scenario: str | Scenario, num_worlds: int = 1, device: Any =
         folder, suffix = _folder_of(name)
         return wrapped(_opener_of(folder).make(folder, made, num_worlds, device), suffix, str(name))
     check(name, made)
-    return _build(name, made, num_worlds, device)
+    return build(name, factory_of(name), made, num_worlds, device)
 
 
 def check(name: str, made: Scenario) -> None:

@@ -46,10 +46,7 @@ class PolicySettings:
         if self.coordinator:
             factory = _with_coordinator(self, factory, scenario)
         given = {ARGUMENT: _made(self.policy, ARGUMENT, factory, self.parameters, scenario)} if self.parameters else {}
-        plain, suffix = registry.unwrapped(self.policy)
-        policy = factory(scenario, num_worlds, device, **given)
-        policy.name = plain
-        return registry.wrapped(policy, suffix, self.policy)
+        return registry.build(self.policy, partial(factory, **given), scenario, num_worlds, device)
 
     def scaled(self, length: float, time: float) -> "PolicySettings":
         """Return the settings with the parameters of the policy multiplied by the powers of two factors in their units.

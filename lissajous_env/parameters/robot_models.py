@@ -19,6 +19,26 @@ def _nothing_to_check(curve: Curve, formation: Formation, robot: Robot, noise: N
 
 
 @dataclass(frozen=True)
+class AsCar:
+    """How robots of a model move like cars. The classical policies for cars drive a model that has this.
+
+    The policies plan for cars with the model's `speed_unit` as top speed, with this turning radius and acceleration,
+    and with its heading, which must be the direction of the motion.
+    """
+
+    act: Any
+    """Kernel of (W, N) threads that writes the actions with which robots keep a speed and a yaw rate for a step.
+
+    Its arguments are, in this order: `robot: RobotStruct`; `heading`, `speed` and `yaw_rate` (W, N), the measured
+    heading [rad], the desired speed [m/s] and the desired yaw rate [rad/s], float; `action_out` (W, N, action size).
+    """
+    turning_radius: Callable[[Robot], float]
+    """Radius of the tightest turn at any speed [m]; above 0, also for robots that turn on the spot."""
+    acceleration: Callable[[Robot], float]
+    """Acceleration from rest, and deceleration from the top speed [m/s^2]; infinity for robots without inertia."""
+
+
+@dataclass(frozen=True)
 class RobotModel:
     """One model of robots; after `lissajous_env.register_robot_model`, `robot.kind` can name it."""
 
@@ -50,6 +70,8 @@ class RobotModel:
     """Layout of the kernel, one of those of `lissajous_env.device.program`."""
     keeps_to_curve: bool = False
     """True if robots never leave the curve; `move` then writes the phase, otherwise derived from the position."""
+    as_car: AsCar | None = None
+    """How policies for cars drive these robots; None if they cannot."""
 
     @property
     def action_size(self) -> int:
@@ -58,6 +80,7 @@ class RobotModel:
 
 
 _SHIPPED = ("car", "curve")
+_TO_ACT = ("robot", "heading", "speed", "yaw_rate", "action_out")
 _MODELS: dict[str, RobotModel] = {}
 """Registered models by name; the shipped ones register themselves in `lissajous_env.world.robots`."""
 
@@ -88,8 +111,19 @@ def register_robot_model(model: RobotModel) -> RobotModel:
             if len(row) != model.action_size or not all(_is_action(each) for each in row):
                 rule = f"must contain rows of {model.action_size} numbers from -1 to 1"
                 raise ValueError(f"{what} of robot model {model.name} {rule}, got {shown(row)}")
+    if model.as_car is not None:
+        _check_as_car(model.name, model.as_car)
     _MODELS[model.name] = model
     return model
+
+
+def _check_as_car(name: str, as_car: Any) -> None:
+    if not isinstance(as_car, AsCar):
+        raise ValueError(f"as_car of robot model {name} must be an AsCar, got {shown(as_car)}")
+    act = as_car.act
+    if not isinstance(act, wp.Kernel) or tuple(each.label for each in act.adj.args) != _TO_ACT:
+        got = shown(act) if not isinstance(act, wp.Kernel) else few_of([each.label for each in act.adj.args])
+        raise ValueError(f"as_car.act of robot model {name} must be a Warp kernel of {', '.join(_TO_ACT)}, got {got}")
 
 
 def _is_action(value: Any) -> bool:

@@ -39,6 +39,8 @@ class Lissajous:
 
     def starts(self, task: Scenario) -> Sequence[Settings]:
         """Return every curve with the paper's method, then the best ones with other coordinators."""
+        if not _policies(task):
+            return []
         curves = curves_of(task)
         paper, *others = _policies(task)
         first = [{"curve": k, "policy": paper, "rate": 1.0} for k in range(len(curves))]

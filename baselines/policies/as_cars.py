@@ -1,0 +1,144 @@
+"""Policies of cars that drive robots of other models, which move like cars (`lissajous_env.AsCar`)."""
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from baselines.policies.base import Policy
+from baselines.policies.driving import twist_reached
+from baselines.policies.own_row import own_heading, own_speed
+from lissajous_env.device.car_input import steering_and_throttle
+from lissajous_env.device.compilation import OPTIONS
+from lissajous_env.device.part_structs import RobotStruct
+from lissajous_env.device.structs import to_struct
+from lissajous_env.parameters.assumptions import AssumptionWarning
+from lissajous_env.parameters.robot_models import AsCar, model_of
+from lissajous_env.parameters.scenario import Scenario
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.kernel
+def to_twists(
+    car: RobotStruct,
+    top_speed: float,
+    step: float,
+    observation: wp.array3d(dtype=float),
+    wanted: wp.array3d(dtype=float),
+    heading_out: wp.array2d(dtype=float),
+    speed_out: wp.array2d(dtype=float),
+    yaw_rate_out: wp.array2d(dtype=float),
+):
+    """Write the measured heading, and the speed and yaw rate that a car would reach in the step with its action."""
+    w, i = wp.tid()
+    taken = steering_and_throttle(car, wp.vec2(wanted[w, i, 0], wanted[w, i, 1]))
+    speed = wp.max(own_speed(w, i, top_speed, observation), 0.0)
+    reached = twist_reached(car, taken[0], taken[1], speed, step)
+    heading_out[w, i] = own_heading(w, i, observation)
+    speed_out[w, i] = reached[0]
+    yaw_rate_out[w, i] = reached[1]
+
+
+@wp.kernel
+def pass_messages(size: int, wanted: wp.array3d(dtype=float), action_out: wp.array3d(dtype=float)):
+    """Copy the messages, which follow the two components of a car's action, behind an action of this size."""
+    w, i, m = wp.tid()
+    action_out[w, i, size + m] = wanted[w, i, 2 + m]
+
+
+class AsCars(Policy):
+    """Robots of a model that move as a policy would drive cars of the same top speed, turning radius and acceleration.
+
+    In each control step, a robot keeps the speed and the yaw rate that its car would reach at the end of the step.
+
+    Args:
+        make: Function `make(scenario, num_worlds, device)` that returns the policy of cars.
+        scenario: The scenario, of robots of a model that has `as_car`.
+        num_worlds: W.
+        device: Warp device.
+
+    Raises:
+        ValueError: there are no such cars, or the policy of cars does not fit the scenario.
+    """
+
+    arrays = "warp"
+
+    def __init__(
+        self, make: Callable[[Scenario, int, Any], Policy], scenario: Scenario, num_worlds: int = 1, device: Any = "cpu"
+    ):
+        super().__init__(scenario, num_worlds, device)
+        self.kind = self.scenario.robot.kind
+        cars = scenario_of_cars(self.scenario)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", AssumptionWarning)  # about fields that these robots do not have
+            self.policy = make(cars, self.num_worlds, self.device)
+        self.communicates = self.policy.communicates
+        self._act = as_car_of(self.scenario).act
+        self._size = self.scenario.action_size - self.scenario.messages.size
+        self._robot, self._car = (to_struct(RobotStruct, each.robot) for each in (self.scenario, cars))
+        self._top_speed, self._step = cars.robot.top_speed, self.scenario.task.step
+        self._twist = [wp.zeros(self.shape, dtype=wp.float32, device=self.device) for _ in range(3)]
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Reset the memory of the policy of cars."""
+        self.policy.reset(mask)
+
+    def decide(self, observation: wp.array) -> None:
+        """Write `action`."""
+        wanted = self.policy.act(observation)
+        self.launch(to_twists, self.shape, [self._car, self._top_speed, self._step, observation, wanted], self._twist)
+        self.launch(self._act, self.shape, [self._robot, *self._twist], [self.action])
+        if self.scenario.messages.size:
+            self.launch(pass_messages, (*self.shape, self.scenario.messages.size), [self._size, wanted], [self.action])
+
+
+def as_car_of(scenario: Scenario) -> AsCar:
+    """Return how the robots of a scenario move like cars.
+
+    Raises:
+        ValueError: their model does not say.
+    """
+    model = model_of(scenario.robot.kind)
+    if model.as_car is None:
+        raise ValueError(f"robot model {model.name} must have as_car to be driven by policies of cars, got None")
+    return model.as_car
+
+
+def scenario_of_cars(scenario: Scenario) -> Scenario:
+    """Return a scenario with the cars that are like its robots: a motor without dead zone, unlimited grip.
+
+    Raises:
+        ValueError: a top speed, turning radius or acceleration that is not above 0, or the scenario does not fit cars.
+    """
+    robot, as_car, model = scenario.robot, as_car_of(scenario), model_of(scenario.robot.kind)
+    found = {
+        "speed_unit": model.speed_unit(scenario.curve, scenario.formation, robot),
+        "as_car.turning_radius": as_car.turning_radius(robot),
+        "as_car.acceleration": as_car.acceleration(robot),
+    }
+    for name, value in found.items():
+        if not value > 0:
+            raise ValueError(f"{name} of robot model {model.name} must be above 0, got {value}")
+    top, turning, acceleration = found.values()
+    drag = min(acceleration / top, 1 / scenario.task.step)
+    car = dataclasses.replace(
+        robot,
+        kind="car",
+        wheelbase=turning * math.tan(robot.steering_max),
+        throttle_min=0.0,
+        throttle_max=None,
+        speed_max=top,
+        drag=drag,
+        drive=drag * top,
+        offset=0.0,
+        dead_zone=0.0,
+        model_offset=None,
+        lateral_acceleration_max=math.inf,
+        drive_factors=(),
+    )
+    return dataclasses.replace(scenario, robot=car).resolve()
