@@ -166,10 +166,11 @@ def test_a_world_depends_on_its_own_observation_alone(evaders):
 
 
 def test_a_plan_for_other_wheels_is_found_among_the_policies_for_cars(evaders):
-    found = baselines.plan(evaders, seconds=0.1)
+    found = baselines.plan(evaders, seconds=2)
     assert found.finals
     made = PolicySettings("partition", {"rows": 1}).make(evaders)
-    assert made.kind == evaders.robot.kind and made.name == "partition"
+    assert made.kind == evaders.robot.kind
+    assert made.name == "partition"
 
 
 def test_messages_follow_the_action(evaders):
