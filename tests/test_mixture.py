@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import lissajous_env
 from lissajous_env import Mixture, ScenarioSpace, Simulation, scenario, scenario_space
 
 DRAW = {
@@ -10,6 +11,11 @@ DRAW = {
     "task": {"duration": 1.0, "contamination": None},
 }
 SPACE = ScenarioSpace("small", scenario("evaders"), DRAW)
+
+
+def own_reward(world):
+    """Return x of each robot [m]."""
+    return world.robots.position[..., 0]
 
 
 def actions(mixture, rng):
@@ -34,6 +40,22 @@ def test_each_group_is_a_simulation_of_its_scenario():
             assert (terminated[rows, :n] == each.terminated.numpy()).all()
             assert (truncated[rows, :n] == each.truncated.numpy()).all()
     assert [row["scenario"] for row in mixture.score()[::3]] == [each.name for each in mixture.scenarios]
+
+
+@pytest.mark.parametrize("own", [(), (lissajous_env.reward_term()(own_reward),)])
+def test_threads_change_no_bit(own):
+    # Two threads take four groups side by side; eight share each group, as they do with a reward of one's own.
+    space = ScenarioSpace("small", scenario("evaders", extensions=own), DRAW)
+    mixtures, rng = [Mixture(space, 4, 3, seed=5, threads=each) for each in (1, 2, 8)], np.random.default_rng(0)
+    for _ in range(12):
+        given = actions(mixtures[0], rng)
+        for each in mixtures:
+            each.step(given)
+            if each.over.all():
+                each.reset()
+        for name in ("observation", "reward", "terminated", "truncated"):
+            one, *others = (getattr(each, name) for each in mixtures)
+            assert all((one == other).all() for other in others), name
 
 
 def test_places_without_a_robot_are_masked():
@@ -99,6 +121,7 @@ def test_an_episode_ends_and_the_next_one_begins():
     ("changes", "words"),
     [
         ({"num_groups": 0}, "num_groups must be a whole number of at least 1, got 0"),
+        ({"threads": 0}, "threads must be a whole number of at least 1, got 0"),
         ({"group_size": 1.5}, "group_size must be a whole number of at least 1, got 1.5"),
         ({"seed": -1}, "seed must be a whole number from 0 to 2147483647, got -1"),
         ({"split": "exam"}, "split must be one of train, validation, test, got 'exam'"),

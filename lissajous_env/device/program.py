@@ -166,6 +166,8 @@ class Program:
         edges = np.linspace(0, num_worlds, split.blocks + 1).astype(int).tolist()
         self._blocks = list(pairwise(edges))
         own = [stage for stage in self.stages if stage.is_kernel and not stage.run.module.name.startswith(OURS)]
+        self.work: Work | None = None
+        """All of it, where it is kernels of ours alone, on a CPU."""
         self._calls: list[Callable[[], None]] = [require_room] if own and device.is_cpu else []
         for is_kernel, run in groupby(self.stages, key=lambda stage: stage.is_kernel):
             if is_kernel:
@@ -173,11 +175,15 @@ class Program:
                     [self._task(group, *share) for share in self._shares(split.parts if group[0].is_split else 1)]
                     for group in _grouped(run, split.parts)
                 ]
-                self._calls.append(
-                    Work(groups, device, split.threads).lead if device.is_cpu else _Graph(groups, device)
-                )
+                if device.is_cpu:
+                    self.work = Work(groups, device, split.threads)
+                    self._calls.append(self.work.lead)
+                else:
+                    self._calls.append(_Graph(groups, device))
             else:
                 self._calls += [stage.run for stage in run]
+        if len(self._calls) != 1:
+            self.work = None
 
     def __call__(self) -> None:
         """Run all stages once."""

@@ -98,7 +98,7 @@ class Call:
         else:
             self._function(*self._places)
 
-    @property
+    @functools.cached_property
     def addresses(self) -> tuple[int, int, int]:
         """Addresses of function, bounds and arguments, good while this lives."""
         function = ctypes.cast(self._function, ctypes.c_void_p).value or 0

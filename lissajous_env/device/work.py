@@ -96,6 +96,21 @@ class Work:
                 call.read_argument(index)
 
 
+class SideBySide(Work):
+    """Works that are done side by side, the launches of each in their order by one CPU thread.
+
+    Args:
+        works: At least one, on one CPU, without dependencies on each other.
+        threads: Largest number of threads.
+    """
+
+    def __init__(self, works: Sequence[Work], threads: int):
+        self._device, self.turn = works[0]._device, Turn("launches of kernels")
+        self.launches = [launch for work in works for launch in work.launches]
+        self._calls = [call for work in works for call in work._calls]
+        self._bind([len(work.launches) for work in works], [len(works)], min(threads, len(works)))
+
+
 def shared_launch(
     kernel: Any,
     size: int,

@@ -11,6 +11,7 @@ from lissajous_env.parameters.space import ScenarioSpace
 from lissajous_env.settings.checks import whole_number
 from lissajous_env.world.selection import chosen_worlds, world_mask
 from lissajous_env.world.simulation import Simulation
+from lissajous_env.world.together import Together
 
 
 class Mixture:
@@ -56,7 +57,7 @@ class Mixture:
         self._draws = Draws(space, split, seed)
         self.num_groups = whole_number("num_groups", num_groups)
         self.group_size = whole_number("group_size", group_size)
-        self._device, self._threads = device, threads
+        self._device, self._together = device, Together(self.num_groups, threads)
         self.groups = [self._simulation(group) for group in range(self.num_groups)]
         n = max(each.num_robots for each in self.groups)
         rows = self.num_worlds, n
@@ -126,7 +127,8 @@ class Mixture:
             got = f"{given.shape} of {given.dtype}"
             raise ValueError(f"action must be numbers of shape {self.action_shape}, got {got}")
         for group, each in enumerate(self.groups):
-            each.step(np.ascontiguousarray(given[self._worlds(group), : each.num_robots], dtype=np.float32))
+            each.take(np.ascontiguousarray(given[self._worlds(group), : each.num_robots], dtype=np.float32))
+        self._together.advance(self.groups)
         self._collect(range(self.num_groups))
         return self.observation, self.reward, self.terminated, self.truncated
 
@@ -145,7 +147,7 @@ class Mixture:
     def _simulation(self, group: int) -> Simulation:
         """Return worlds of a group's next scenario."""
         made, seed = self._draws.next(group)
-        return Simulation(made, self.group_size, self._device, seed, self._threads)
+        return Simulation(made, self.group_size, self._device, seed, self._together.threads)
 
     def _collect(self, groups: Any) -> None:
         """Copy the arrays of groups to those of the batch."""

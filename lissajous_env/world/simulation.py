@@ -165,14 +165,18 @@ class Simulation:
             ValueError: an action has another shape, does not contain real numbers, or is missing, or there is one for
                 rogues that the scenario does not have.
         """
-        if (rogue_action is not None) != (self.scenario.targets.rogues == AGENTS):
-            rule = f"must be given if, and only if, targets.rogues is {AGENTS}"
-            raise ValueError(f"rogue_action {rule}, got {shown(rogue_action)}")
-        if rogue_action is not None:
-            copy_in("rogue_action", rogue_action, self.rogue_action)
-        self._take(action)
+        self._take(action, rogue_action)
         self._step()
         return self.observation, self.reward, self.terminated, self.truncated
+
+    @in_turn
+    def take(self, action: Any, rogue_action: Any = None) -> None:
+        """Store the actions of the next step, as `step` takes them; `advance` then makes it.
+
+        Raises:
+            ValueError: as of `step`.
+        """
+        self._take(action, rogue_action)
 
     @in_turn
     def advance(self) -> None:
@@ -288,7 +292,12 @@ class Simulation:
         """Return the stages of a reset and of a step without those of extensions."""
         return reset_stages(self.scenario), step_stages(self.scenario, self.rogues)
 
-    def _take(self, action: Any) -> None:
+    def _take(self, action: Any, rogue_action: Any) -> None:
+        if (rogue_action is not None) != (self.scenario.targets.rogues == AGENTS):
+            rule = f"must be given if, and only if, targets.rogues is {AGENTS}"
+            raise ValueError(f"rogue_action {rule}, got {shown(rogue_action)}")
+        if rogue_action is not None:
+            copy_in("rogue_action", rogue_action, self.rogue_action)
         if type(action) is np.ndarray and action.dtype == np.float32 and action.shape == self._action_host.shape:
             self._action_host[:] = action
         else:

@@ -10,6 +10,7 @@ import numpy as np
 from lissajous_env import Scenario, ScenarioSpace
 from lissajous_env.parameters.draws import Draws
 from lissajous_env.settings.checks import whole_number
+from lissajous_env.world.together import Together
 from training.learned.card import Card
 from training.learned.named_arrays import prefixed, within
 from training.sb3.batch_env import BatchVecEnv, Step
@@ -62,6 +63,8 @@ class MixedVecEnv(BatchVecEnv):
         self.scores: deque[dict[str, Any]] = deque(maxlen=RECENT)
         self.render_mode = None
         first = [self._draws.next(group) for group in range(whole_number("num_groups", num_groups))]
+        self._together = Together(num_groups, settings.get("threads"))
+        self._settings["threads"] = self._together.threads
         if settings.get("central"):
             self._settings["critic_places"] = max(made.num_robots for made, _ in first)
         self.groups = [self._group(made, seed) for made, seed in first]
@@ -101,7 +104,11 @@ class MixedVecEnv(BatchVecEnv):
         self._actions = np.asarray(actions)
 
     def _step(self) -> Step:
-        steps = [each.step_rows(self._actions[rows]) for each, rows in zip(self.groups, self._rows, strict=True)]
+        for each, rows in zip(self.groups, self._rows, strict=True):
+            each.step_async(self._actions[rows])
+            each.take_actions()
+        self._together.advance([each.simulation for each in self.groups])
+        steps = [each.finish_step() for each in self.groups]
         for group, each in enumerate(self.groups):
             self.scores.extend({"scenario": each.scenario.name} | score for score in each.scores)
             each.scores.clear()

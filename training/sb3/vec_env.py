@@ -147,8 +147,17 @@ class RobotVecEnv(BatchVecEnv):
         self._actions = clipped.reshape(worlds, robots, size)
 
     def _step(self) -> Step:
+        self.take_actions()
+        self.simulation.advance()
+        return self.finish_step()
+
+    def take_actions(self) -> None:
+        """Pass the stored actions on to the simulation, whose `advance` makes the step."""
+        self.simulation.take(self._wiring.actions(self._actions))
+
+    def finish_step(self) -> Step:
+        """Return the rows of the step that the simulation made, and begin new episodes where they are over."""
         simulation, wiring = self.simulation, self._wiring
-        simulation.step(wiring.actions(self._actions))
         rewards = (simulation.reward.numpy() - wiring.penalty(self._actions)).reshape(-1)
         terminated = simulation.terminated.numpy().astype(bool).reshape(-1)
         over = simulation.over | (simulation.clock.step.numpy() >= self._end)
