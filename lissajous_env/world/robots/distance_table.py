@@ -24,98 +24,56 @@ SPLIT = 4
 """Parts of a cell in each direction, where it has to be divided."""
 AROUND = 8
 """Columns and rows of the grids around the innermost one."""
-_SAMPLES = 9
 _MOST_ARCS = 7
 _COLUMNS, _MOST_COLUMNS = 40, 64
 _MOST_CELLS = 30_000
 _DEPTH = 5
-_MOST_ROUGH = 8.0
-"""Longest rectangle, in its own widths, in which rough distances are used."""
+_STEPS = 2
+_MOST_CHANGE = 0.01
+"""Longest step from a rough phase [rad]."""
 _ROUGHNESS = 2e-6
 """Assumed error of rough distances, in lengths of the rectangle; four times the largest that was seen."""
 
 
 def nearest_phase(
-    curve: Curve, places: np.ndarray, plausible: np.ndarray | None = None
+    curve: Curve, places: np.ndarray, phases: np.ndarray, plausible: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Phase gamma [rad] of the point nearest to each of (M, 2) places [m], and the distance to it [m], each (M,).
 
-    Exact but for rectangles a hundred times as long as they are high, where it may miss by a share of their height.
-    With a mask (M, 4), the other stretches of `_edges` are left out.
+    Newton's steps towards r'.(q - r) = 0 begin at those of the rough phases (M, 4) [rad] that are plausible. Where the
+    second derivative vanishes, a step is twice that of Gauss and Newton.
     """
-    low, high = _edges(curve, places)
-    room = 0.1 * (high - low) + 1e-3 / max(curve.a, curve.b)
-    spacing = (high - low + 2 * room) / (_SAMPLES - 1)
-    x, y = (np.broadcast_to(each[:, None], low.shape) for each in places.T)
-    some = np.ones(low.shape, dtype=bool) if plausible is None else plausible
-    phases, distances = np.zeros(low.shape), np.full(low.shape, np.inf)
-    phases[some], squares = _best_samples(curve, x[some], y[some], (low - room)[some], spacing[some])
-    distances[some] = np.sqrt(squares)
-    # Between two samples the curve comes nearer by half of the way between them at most: most edges drop out.
-    fastest = np.hypot(curve.a * curve.half_width, curve.b * curve.half_height)
-    near = some & (distances - fastest * spacing / 2 < distances.min(axis=1, keepdims=True))
-    distances[~near] = np.inf
-    phases[near], distances[near] = _newton(curve, x[near], y[near], phases[near], spacing[near])
-    best = np.argmin(distances, axis=1)[:, None]
-    return np.take_along_axis(phases, best, axis=1)[:, 0], np.take_along_axis(distances, best, axis=1)[:, 0]
-
-
-def _best_samples(
-    curve: Curve, x: np.ndarray, y: np.ndarray, first: np.ndarray, spacing: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Phase of the nearest of nine points of the curve at equal distances [rad], and its squared distance [m^2].
-
-    Each point follows from the one before by a rotation, without a further sine.
-    """
-    across, up = np.exp(1j * curve.a * first), np.exp(1j * curve.b * first)
-    turn_across, turn_up = np.exp(1j * curve.a * spacing), np.exp(1j * curve.b * spacing)
-    nearest, squares = np.zeros(first.shape, dtype=np.int8), np.full(first.shape, np.inf)
-    for sample in range(_SAMPLES):
-        square = (x - curve.half_width * np.real(across)) ** 2 + (y - curve.half_height * np.imag(up)) ** 2
-        nearer = square < squares
-        nearest[nearer] = sample
-        np.minimum(squares, square, out=squares)
-        across *= turn_across
-        up *= turn_up
-    return first + spacing * nearest, squares
-
-
-def _newton(
-    curve: Curve, x: np.ndarray, y: np.ndarray, phases: np.ndarray, largest: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Phases to which Newton's steps towards r'.(q - r) = 0 lead [rad], and their distances [m].
-
-    Where the second derivative vanishes, a step is twice that of Gauss and Newton.
-    """
-    for _ in range(4):
-        across, up = np.exp(1j * curve.a * phases), np.exp(1j * curve.b * phases)
+    found, distances = phases.astype(np.float64), np.full(phases.shape, np.inf)
+    x, y = (np.broadcast_to(each[:, None], phases.shape)[plausible] for each in places.T)
+    gamma = found[plausible]
+    for _ in range(_STEPS):
+        across, up = np.exp(1j * curve.a * gamma), np.exp(1j * curve.b * gamma)
         point_x, point_y = curve.half_width * np.real(across), curve.half_height * np.imag(up)
         tangent_x, tangent_y = -curve.a * curve.half_width * np.imag(across), curve.b * curve.half_height * np.real(up)
         away_x, away_y = x - point_x, y - point_y
         square = tangent_x**2 + tangent_y**2
         slope = np.maximum(square + curve.a**2 * point_x * away_x + curve.b**2 * point_y * away_y, square / 2)
-        phases = phases + np.clip((tangent_x * away_x + tangent_y * away_y) / slope, -largest, largest)
-    away_x, away_y = x - curve.half_width * np.cos(curve.a * phases), y - curve.half_height * np.sin(curve.b * phases)
-    return phases, np.hypot(away_x, away_y)
+        gamma = gamma + np.clip((tangent_x * away_x + tangent_y * away_y) / slope, -_MOST_CHANGE, _MOST_CHANGE)
+    found[plausible] = gamma
+    away_x, away_y = x - curve.half_width * np.cos(curve.a * gamma), y - curve.half_height * np.sin(curve.b * gamma)
+    distances[plausible] = np.hypot(away_x, away_y)
+    best = np.argmin(distances, axis=1)[:, None]
+    return np.take_along_axis(found, best, axis=1)[:, 0], np.take_along_axis(distances, best, axis=1)[:, 0]
 
 
-def _edges(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (M, 4) of the stretches of the curve on which the nearest point of a place may lie [rad].
+def rough_search(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Where `nearest_phase` begins for places (M, 2) [m].
 
-    The curve is a mesh, and the nearest point lies on one of the four edges around the place: between the point of the
-    edge that is straight above or below the place and the one that is straight beside it. With alpha = arccos(x / A)
-    and beta = arcsin(y / B) the place stands at (+-alpha, beta) and (+-alpha, pi - beta) on the torus of the angles
-    (a gamma, b gamma), where the curve is a bundle of straight lines, equally far apart: one of them is next to each.
+    Returns:
+        phases: (M, 4), gamma of the points that may be nearest [rad].
+        plausible: (M, 4), True where they may be.
+        distances: (M,), the smallest distance [m].
+        errors: (M,), the largest error of the distance [m].
     """
-    a, b = curve.a, curve.b
-    x, y = np.clip(places / [curve.half_width, curve.half_height], -1, 1).T
-    alpha, beta = np.arccos(x), np.arcsin(y)
-    across, up = np.stack([alpha, alpha, -alpha, -alpha], axis=-1), np.stack([beta, np.pi - beta] * 2, axis=-1)
-    line = np.rint((b * across - a * up) / (2 * np.pi))
-    above = (across + 2 * np.pi * (-line * pow(b, -1, a) % a)) / a
-    beside = (up + 2 * np.pi * (line * pow(a, -1, b) % b)) / b
-    beside += 2 * np.pi * np.rint((above - beside) / (2 * np.pi))
-    return np.minimum(above, beside), np.maximum(above, beside)
+    distances, phases = rough_distances(curve, places)
+    least = distances.min(axis=1)
+    errors = _ROUGHNESS * np.maximum(least, max(curve.half_width, curve.half_height))
+    return phases, distances <= (least + 2 * errors)[:, None], least, errors
 
 
 # The table.
@@ -217,28 +175,25 @@ def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.
     places = centres[:, None] + _CHECKED * halves[:, None]
     arcs, chosen = np.zeros((*places.shape[:2], 5)), np.zeros(places.shape[:2], dtype=bool)
     chosen[:, 0] = True
-    is_right, open_cells, plausible = np.ones(len(places), dtype=bool), np.arange(len(places)), None
-    size = max(curve.half_width, curve.half_height)
-    if size < _MOST_ROUGH * min(curve.half_width, curve.half_height):
-        rough = rough_distances(curve, places.reshape(-1, 2)).reshape(*places.shape[:2], 4)
-        least = rough.min(axis=2)
-        room = _ROUGHNESS * np.maximum(least, size)
-        plausible = rough <= (least + 2 * room)[..., None]
-        arcs[:, 0], _ = _nearest_arcs(curve, places[:, 0], plausible[:, 0])
-        error = np.abs(arc_distance(arcs[:, :1], places) - least) + room
-        open_cells = np.flatnonzero((error > _allowed(curve, least - room)).any(axis=1))
+    is_right = np.ones(len(places), dtype=bool)
+    phases, plausible, least, room = (
+        each.reshape(*places.shape[:2], *each.shape[1:]) for each in rough_search(curve, places.reshape(-1, 2))
+    )
+    arcs[:, 0], _ = _arcs_at(curve, *nearest_phase(curve, places[:, 0], phases[:, 0], plausible[:, 0]))
+    error = np.abs(arc_distance(arcs[:, :1], places) - least) + room
+    open_cells = np.flatnonzero((error > _allowed(curve, least - room)).any(axis=1))
     if len(open_cells):
-        mask = None if plausible is None else plausible[open_cells].reshape(-1, 4)
-        arcs_there, exact = _nearest_arcs(curve, places[open_cells].reshape(-1, 2), mask)
+        begin = (each[open_cells].reshape(-1, 4) for each in (phases, plausible))
+        found = nearest_phase(curve, places[open_cells].reshape(-1, 2), *begin)
+        arcs_there, exact = _arcs_at(curve, *found)
         arcs_there, exact = arcs_there.reshape(len(open_cells), -1, 5), exact.reshape(len(open_cells), -1)
         arcs[open_cells] = arcs_there
         chosen[open_cells], is_right[open_cells] = _chosen(curve, places[open_cells], arcs_there, exact)
     return arcs, chosen, is_right
 
 
-def _nearest_arcs(curve: Curve, places: np.ndarray, plausible: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Arcs (M, 5) at the points nearest to (M, 2) places [m], and the distances of these (M,) [m]."""
-    phases, exact = nearest_phase(curve, places, plausible)
+def _arcs_at(curve: Curve, phases: np.ndarray, exact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Arcs (M, 5) at phases (M,) of the curve [rad], and the distances (M,) that are given with these [m]."""
     point, (tangent, bend) = curve_point(curve, phases), curve_derivatives(curve, phases)
     speed = np.linalg.norm(tangent, axis=-1, keepdims=True)
     normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1) / speed
