@@ -6,6 +6,7 @@ import warp as wp
 
 import baselines
 import lissajous_env
+from baselines.planning.families import LINES, PARTITIONS, Lissajous, Patrols
 from baselines.policies.as_cars import AsCars, scenario_of_cars
 from baselines.policies.settings import PolicySettings
 from lissajous_env.device.part_structs import RobotStruct, TaskStruct
@@ -171,6 +172,19 @@ def test_a_plan_for_other_wheels_is_found_among_the_policies_for_cars(evaders):
     made = PolicySettings("partition", {"rows": 1}).make(evaders)
     assert made.kind == evaders.robot.kind
     assert made.name == "partition"
+
+
+def test_the_search_tries_for_other_wheels_what_it_tries_for_cars(evaders):
+    # Law: the same settings of every family, and a plan of each on the robots' own scenario.
+    cars = scenario_of_cars(evaders.resolve())
+    for family in (PARTITIONS, LINES, Lissajous(), Patrols()):
+        assert not family.refusal(evaders)
+        assert family.starts(evaders) == family.starts(cars)
+        assert family.space(evaders) == family.space(cars)
+        for settings in family.starts(evaders)[:2]:
+            plan = family.plan(evaders, settings)
+            assert plan.settings == family.plan(cars, settings).settings
+            assert plan.scenario.robot.kind == evaders.robot.kind
 
 
 def test_messages_follow_the_action(evaders):

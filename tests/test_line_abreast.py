@@ -90,12 +90,15 @@ def test_lines_share_the_span():
 
 @pytest.mark.parametrize(("overrides", "words"), [
     ({"sensing.radius": 0.3}, r"requires N \* 2 \* sensing radius >= the shorter side: 5 \* 2 \* 0.3 < 4.8"),
-    ({"targets.speed_limit": 4.0}, "5 cars to span 4.8 m with discs of 0.5 m while rogues move at 4 m/s"),
+    ({"targets.speed_limit": 4.0}, "5 cars to span 4.8 m with discs of 0.5 m: rogues of 4 m/s cross a line within"),
+    ({"robot.count": 9, "lines": 2}, "2 line.s. of 9 cars .*: the cars of a line would be 1.2 m apart, and not less"),
+    ({"robot.count": 12, "lines": 2, "robot.radius": 0.2}, "pass each other at 0.436 m, and need 0.6 m"),
 ])  # fmt: skip
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_line_that_cannot_work_is_refused(overrides, words):
+    lines = overrides.pop("lines", None)
     with pytest.raises(ValueError, match=words):
-        LineAbreast(lissajous_env.scenario("intruders", **overrides))
+        LineAbreast(lissajous_env.scenario("intruders", **overrides), parameters=LineParameters(lines=lines))
 
 
 def test_the_guarantee_is_that_of_the_ideal_motion_and_no_cars_collide():

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from baselines.policies.as_cars import like_cars
 from baselines.policies.settings import PolicySettings
 from lissajous_env.episodes.limits import robot_speed_limit
-from lissajous_env.parameters.robot_models import model_of
 from lissajous_env.parameters.scenario import Scenario
 from lissajous_env.world.columns import COLLISIONS, DETECTION_TIME, DISTANCE, OPEN, SEPARATION, WORST_CASE, Column
 
@@ -95,12 +95,8 @@ class Planned:
 
 def top_speed(task: Scenario) -> float:
     """Return the top speed of the robots of a task [m/s]; NaN for models that do not tell."""
-    if task.robot.kind == "car":
-        return task.robot.top_speed
-    model = model_of(task.robot.kind)
-    if model.as_car is not None:
-        return model.speed_unit(task.curve, task.formation, task.robot)
-    return robot_speed_limit(task)
+    cars = like_cars(task)
+    return robot_speed_limit(task) if cars is None else cars.robot.top_speed
 
 
 def figures_of(

@@ -109,6 +109,13 @@ def as_car_of(scenario: Scenario) -> AsCar:
     return model.as_car
 
 
+def like_cars(scenario: Scenario) -> Scenario | None:
+    """Return a scenario with the cars that its robots are, or are like; None if they do not move like cars."""
+    if scenario.robot.kind == "car":
+        return scenario
+    return None if model_of(scenario.robot.kind).as_car is None else scenario_of_cars(scenario)
+
+
 def scenario_of_cars(scenario: Scenario) -> Scenario:
     """Return a scenario with the cars that are like its robots: a motor without dead zone, unlimited grip.
 

@@ -176,11 +176,20 @@ def check(scenario: Scenario, parameters: LineParameters) -> None:
         raise UnsuitableScenarioError(f"{rule}: {n} * 2 * {radius:g} < {span:g} [m]")
     lines = parameters.lines or 1
     if not can_span(scenario, lines):
-        limit = speed_limit(spacing_of(scenario, lines), radius, rogue_speed(scenario), scenario.task.step)
         rule = f"line-abreast requires {lines} line(s) of {n} cars to span {span:g} m with discs of {radius:g} m"
-        raise UnsuitableScenarioError(
-            f"{rule} while rogues move at {rogue_speed(scenario):g} m/s: speed limit {limit:.4g} m/s"
-        )
+        raise UnsuitableScenarioError(f"{rule}: {_what_fails(scenario, lines)}")
+
+
+def _what_fails(scenario: Scenario, lines: int) -> str:
+    """Return the reason why that many lines cannot span the rectangle."""
+    spacing, moving, radius = spacing_of(scenario, lines), rogue_speed(scenario), scenario.sensing_radius
+    if spacing >= 2 * radius:
+        return f"the cars of a line would be {spacing:.3g} m apart, and not less than {2 * radius:.3g} m"
+    fastest = speed_limit(spacing, radius, 0.0, scenario.task.step)
+    if moving >= fastest:
+        return f"rogues of {moving:g} m/s cross a line within a step, as do all of at least {fastest:.3g} m/s"
+    pitch, needed = lanes_of(scenario, lines)[0], _PASSING * 2 * scenario.robot.radius
+    return f"cars of two lines would pass each other at {pitch:.3g} m, and need {needed:.3g} m"
 
 
 def turn_of(curvature_step: float) -> Turn:

@@ -108,7 +108,7 @@ class Checked:
     @property
     def part(self) -> str:
         """Name of this part in overrides and error messages, as `curve` in `curve.half_width`."""
-        return type(self).__name__.lower()
+        return type(self).__name__.removesuffix("Parameters").lower()
 
     def scaled(self, length: float = 1.0, time: float = 1.0) -> Self:
         """Return a copy with all lengths multiplied by `length` and all times by `time`.

@@ -11,6 +11,7 @@ from typing import Any
 
 from baselines.planning.families.base import FILTERS, Choices, Settings
 from baselines.planning.plans import Plan, top_speed
+from baselines.policies.as_cars import like_cars
 from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters import named
 from lissajous_env.parameters.scenario import Scenario
@@ -88,15 +89,16 @@ def _policies(task: Scenario) -> list[str]:
     fitting = [each for each in _COORDINATORS if has_stable or each not in _KURAMOTO]
     if task.robot.kind == "curve":
         return fitting
-    return [f"{each}-mpcc{suffix}" for suffix in FILTERS for each in fitting] if task.robot.kind == "car" else []
+    return [f"{each}-mpcc{suffix}" for suffix in FILTERS for each in fitting] if like_cars(task) is not None else []
 
 
 def designs_of(task: Scenario) -> list[theory.Candidate]:
     """Return the designs with a + b = N for the robots of a task, with their bounds."""
+    robot = (like_cars(task) or task).robot
     return _designs(
-        task.curve.half_width, task.curve.half_height, task.robot.radius, task.sensing_radius, top_speed(task),
-        task.num_robots, None, task.robot.wheelbase if task.robot.kind == "car" else None, task.robot.steering_max,
-        task.robot.lateral_acceleration_max,
+        task.curve.half_width, task.curve.half_height, robot.radius, task.sensing_radius, top_speed(task),
+        task.num_robots, None, robot.wheelbase if robot.kind == "car" else None, robot.steering_max,
+        robot.lateral_acceleration_max,
     )  # fmt: skip
 
 
@@ -130,7 +132,7 @@ def _curves(task: Scenario) -> list[Curve]:
 
 def _may_work(task: Scenario, curve: Curve) -> bool:
     """Return whether the undisturbed formation neither collides nor leaves a gap, and cars can follow most of it."""
-    n, robot = task.num_robots, task.robot
+    n, robot = task.num_robots, (like_cars(task) or task).robot
     if geometry.smallest_distance(curve, n) < 2 * robot.radius * _ROOM:
         return False
     if robot.kind == "car":
@@ -142,7 +144,7 @@ def _may_work(task: Scenario, curve: Curve) -> bool:
 
 def _largest_rate(task: Scenario, curve: Curve) -> float:
     """Return the largest phase rate at which the robots can drive a curve, less the headroom [rad/s]."""
-    robot, share = task.robot, 1 - theory.HEADROOM
+    robot, share = (like_cars(task) or task).robot, 1 - theory.HEADROOM
     rate = share * top_speed(task) / geometry.largest_speed(curve)
     if robot.kind == "car" and robot.lateral_acceleration_max < math.inf:
         turning = geometry.turning_radius(robot.wheelbase, robot.steering_max)

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from baselines.planning.families.base import FILTERS, Choices, Settings
 from baselines.planning.families.lissajous import on_ellipse
-from baselines.planning.plans import Plan
+from baselines.planning.plans import Plan, top_speed
+from baselines.policies.as_cars import like_cars
 from baselines.policies.patrol_path import cruising_speed
 from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters.scenario import Scenario
@@ -23,7 +24,7 @@ class Patrols:
 
     def starts(self, task: Scenario) -> Sequence[Settings]:
         """Return loops around the boundary and in lanes, in file and each for itself."""
-        if task.robot.kind != "car":
+        if like_cars(task) is None:
             return []
         file = {"policy": "sweep", "start": _ELLIPSE, "cruise": 0.8}
         return [
@@ -48,9 +49,9 @@ class Patrols:
 
     def plan(self, task: Scenario, settings: Settings) -> Plan:
         """Return the loop, with the robots on the ellipse or where the task places them."""
-        fastest = min(_FASTEST * task.robot.top_speed, cruising_speed(task))
+        fastest = min(_FASTEST * top_speed(task), cruising_speed(like_cars(task) or task))
         made = on_ellipse(task, fastest) if settings["start"] == _ELLIPSE else task
-        cruise = settings["cruise"] * task.robot.top_speed
+        cruise = settings["cruise"] * top_speed(task)
         inset = min(settings["inset"] * task.sensing_radius, 0.9 * task.curve.half_height, 0.9 * task.curve.half_width)
         given = {"lanes": settings["lanes"], "inset": float(f"{inset:.4g}"), "cruise": float(f"{cruise:.4g}")}
         about = f"{given['lanes']} lanes, inset {inset:.3g} m, {cruise:.3g} m/s"
@@ -58,6 +59,6 @@ class Patrols:
 
     def refusal(self, task: Scenario) -> str:
         """Return the reason for robots that are no cars."""
-        if task.robot.kind == "car":
+        if like_cars(task) is not None:
             return ""
         return f"sweep and laps drive cars, and the robots are of kind {task.robot.kind} (give a turning radius)"

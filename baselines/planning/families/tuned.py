@@ -6,13 +6,14 @@ from typing import Any
 
 from baselines.planning.families.base import Choices, Settings
 from baselines.planning.families.lissajous import on_ellipse
-from baselines.planning.plans import Plan
+from baselines.planning.plans import Plan, top_speed
+from baselines.policies.as_cars import like_cars
 from baselines.policies.settings import PolicySettings
 from lissajous_env.parameters.scenario import Scenario
 
 _STARTS = [0.0, 0.5, 0.7, 0.9]
 """Speeds of a start on an ellipse where it is fastest, over the top speed; 0 for the start of the task."""
-_SHARES = {"speed": lambda task: task.robot.top_speed, "settle": lambda task: task.sensing_radius}
+_SHARES = {"speed": top_speed, "settle": lambda task: task.sensing_radius}
 """Parameters that are settings as shares, each of what."""
 
 
@@ -40,10 +41,10 @@ class Tuned:
         """Return the policy with the parameters."""
         given = {name: value for name, value in settings.items() if name not in ("policy", "start")}
         start = settings.get("start", 0.0)
-        made = on_ellipse(task, start * task.robot.top_speed) if start else task
+        made = on_ellipse(task, start * top_speed(task)) if start else task
         given |= {name: float(f"{given[name] * of(task):.4g}") for name, of in _SHARES.items() if name in given}
         about = ", ".join(f"{name.replace('_', ' ')} {_short(value)}" for name, value in given.items())
-        about += f", start on an ellipse at {start * task.robot.top_speed:.3g} m/s" if start else ""
+        about += f", start on an ellipse at {start * top_speed(task):.3g} m/s" if start else ""
         return Plan(self.name, made, PolicySettings(settings["policy"], given), about)
 
     def refusal(self, task: Scenario) -> str:
@@ -54,7 +55,7 @@ class Tuned:
         return f"{words} drive cars, and the robots are of kind {task.robot.kind} (give a turning radius)"
 
     def _fitting(self, task: Scenario) -> list[str]:
-        return list(self.policies) if task.robot.kind == "car" else []
+        return list(self.policies) if like_cars(task) is not None else []
 
 
 def _short(value: Any) -> str:
