@@ -1,10 +1,9 @@
 """Speed of training, compared with another checkout and with the PPO of Stable-Baselines3.
 
-Each side runs in a process of its own, in turns, and its rate is the number of robot steps over the time that they
-took, without evaluations and imports. `ppo` is reinforcement learning only, after the first evaluation, with the same
-settings on all sides; `ppo, defaults` has each side's default settings, as does `whole`, the README's command for 5
-million steps. A ratio is the interquartile mean over the pairs of neighbouring runs, with its 95 % interval. A second
-table has the fraction of a training's time that its environment takes.
+Each side runs in a process of its own, in turns, with the same settings. Its rate is the number of robot steps of
+reinforcement learning after the first evaluation over the time that they took, without evaluations and imports. A
+ratio is the interquartile mean over the pairs of neighbouring runs, with its 95 % interval. A second table has the
+fraction of a training's time that its environment takes.
 """
 
 import json
@@ -25,13 +24,8 @@ from baselines.benchmark.tables import between, number
 from speeds import Options, Part
 
 SCENARIO = "intruders"
-_ALONE = ["--teacher", "none", "--steps", "1500000", "--evaluate-every", "300000"]
-KINDS = {
-    "ppo": [*_ALONE, "--critic", "robot", "--epochs", "4"],
-    "ppo, defaults": _ALONE,
-    "whole": ["--steps", "5000000", "--evaluate-every", "1000000"],
-}
-"""Options of a training: its task, and the interval of its time measurements."""
+_SAME = ["--teacher", "none", "--steps", "1500000", "--evaluate-every", "300000", "--critic", "robot", "--epochs", "4"]
+"""Options of all sides: the task, the interval of the time measurements, and what differs from the library's loop."""
 QUICK_STEPS = 4000
 QUICK = [
     "--steps",
@@ -49,12 +43,12 @@ QUICK = [
 OURS, LIBRARY = "here", "the library's loop"
 
 
-def rate(side: str, checkout: Path, kind: str, seed: int, quick: bool) -> float:
+def rate(side: str, checkout: Path, seed: int, quick: bool) -> float:
     """Train once, and return the robot steps per second."""
     with tempfile.TemporaryDirectory() as folder:
         options = ["--scenario", SCENARIO, "--seed", str(seed), "--out", folder, "--evaluation-episodes", "1",
-                   "--rivals", *KINDS[kind], *(QUICK if quick else [])]  # fmt: skip
-        if checkout == ROOT and kind != "whole":
+                   "--rivals", *_SAME, *(QUICK if quick else [])]  # fmt: skip
+        if checkout == ROOT:
             options += ["--base", "none"]  # another version may have no such default
         if side == LIBRARY:
             options = [json.dumps({"steps": QUICK_STEPS, "worlds": 4, "rollout": 8} if quick else {"steps": 1_500_000})]
@@ -65,9 +59,8 @@ def rate(side: str, checkout: Path, kind: str, seed: int, quick: bool) -> float:
         if side == LIBRARY:
             return float(done.stdout)
         curve = json.loads((Path(folder) / "checkpoint.json").read_text())["curve"]
-    # The beginning counts only for `whole`: kernels are loaded and threads start before the first evaluation.
-    first = {"steps": 0, "seconds": 0.0} if kind == "whole" else curve[0]
-    return (curve[-1]["steps"] - first["steps"]) / (curve[-1]["seconds"] - first["seconds"])
+    # Kernels are loaded and threads start before the first evaluation.
+    return (curve[-1]["steps"] - curve[0]["steps"]) / (curve[-1]["seconds"] - curve[0]["seconds"])
 
 
 def declared(checkout: Path, folder: Path) -> Path:
@@ -108,17 +101,17 @@ first, began = model.num_timesteps, time.monotonic()
 model.learn(settings.steps - first, reset_num_timesteps=False)
 print((model.num_timesteps - first) / (time.monotonic() - began))
 """
-"""Training of the same kind `ppo` with Stable-Baselines3's PPO and torch's own threads."""
+"""The same training with Stable-Baselines3's PPO and torch's own threads."""
 
 
-def rows_of(kind: str, rates: dict[str, list[float]]) -> list[list[str]]:
+def rows_of(rates: dict[str, list[float]]) -> list[list[str]]:
     """Return a row for each side: its rate, and the ratio of this checkout's rate to it."""
     rows = []
     for side, theirs in rates.items():
         own = summarize(theirs)
         ratio = summarize([a / b for a, b in zip(rates[OURS], theirs, strict=True)])
         words = "" if side == OURS else f"{number(ratio.iqm)} ({between(ratio.low, ratio.high)})"
-        rows.append([f"{kind}, {side}", f"{own.iqm:,.0f}", f"{max(theirs):,.0f}", words])
+        rows.append([side, f"{own.iqm:,.0f}", f"{max(theirs):,.0f}", words])
     return rows
 
 
@@ -149,23 +142,18 @@ def environment(steps: int) -> tuple[float, float]:
 
 def tables(options: Options) -> dict[str, Table]:
     """Measure, and return the tables `training-speed` and `learned-training`."""
-    rows = []
-    for kind in KINDS:
-        sides = {OURS: ROOT}
-        if options.rivals and options.against is not None:
-            sides[options.against.name] = options.against
-        if options.rivals and kind == "ppo":
-            sides[LIBRARY] = ROOT
-        rates: dict[str, list[float]] = {side: [] for side in sides}
-        for turn in range(options.rounds):
-            for side, checkout in sides.items():
-                rates[side].append(rate(side, checkout, kind, turn, options.quick))
-                print(f"{kind}, round {turn}, {side}: {rates[side][-1]:,.0f} steps/s", flush=True)
-        rows += rows_of(kind, rates)
+    sides = {OURS: ROOT}
+    if options.rivals:
+        sides |= {LIBRARY: ROOT} | ({options.against.name: options.against} if options.against is not None else {})
+    rates: dict[str, list[float]] = {side: [] for side in sides}
+    for turn in range(options.rounds):
+        for side, checkout in sides.items():
+            rates[side].append(rate(side, checkout, turn, options.quick))
+            print(f"round {turn}, {side}: {rates[side][-1]:,.0f} steps/s", flush=True)
     columns = ["training", "robot steps per second", "best", "times as fast here"]
     own, share = environment(1000 if options.quick else 5_000_000)
     return {
-        "training-speed": {"columns": columns, "rows": rows},
+        "training-speed": {"columns": columns, "rows": rows_of(rates)},
         "learned-training": {
             "columns": ["", "robot steps per second", "in the environment [% of the time]"],
             "rows": [["`lissajous train`", f"{own:,.0f}", number(100 * share)]],
