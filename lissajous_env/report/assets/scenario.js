@@ -217,11 +217,11 @@ function against(report, scenario, across, up) {
   });
 }
 
-// Place a name beside its point without overlaps.
+// Place a name beside its point without overlaps, off the horizontal interval if there is room.
 function label(plot, group, words, x, y, taken) {
   const wide = 5.6 * words.length,
     left = x + 9 + wide > plot.width;
-  for (const off of [3, -8, 14, -19]) {
+  for (const off of [-5, 13, 3, -17]) {
     if (plot.y(0) < y + off) continue;
     const box = left
       ? [x - 9 - wide, y + off - 9, x - 9, y + off + 2]
