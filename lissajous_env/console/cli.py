@@ -232,7 +232,7 @@ def _print_help(known: dict[str, EntryPoint]) -> None:
 
     console = make_console()
     console.print("usage: lissajous [b]COMMAND[/b] ...\n")
-    console.print("Monitor an area with a team of robots on Lissajous curves.\n")
+    console.print("Simulate, compare and train teams of robots that monitor an area and detect targets.\n")
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False, pad_edge=False)
     table.add_column(no_wrap=True)
     for name, entry in known.items():
