@@ -20,7 +20,7 @@ class Clock(bars.ProgressColumn):
     """Time gone and time left, in words; what is left is said once there is something to judge by."""
 
     def render(self, task: bars.Task) -> Text:
-        """Words for a task; its field `left` says what is left where the pace so far does not tell."""
+        """Return words for a task; its field `left` is the remaining work if the pace so far does not determine it."""
         gone, done, left = task.elapsed or 0.0, task.completed, task.fields.get("left")
         words = in_words(gone)
         if left is not None:
@@ -43,7 +43,7 @@ def in_words(seconds: float) -> str:
 
 
 def bar(console: Console, name: bars.ProgressColumn | None, *numbers: bars.ProgressColumn) -> bars.Progress:
-    """Bar in a terminal, nothing elsewhere; where it is narrow the bar itself goes first, then the name."""
+    """Return a bar for a terminal, and none elsewhere; a narrow terminal omits first the bar itself, then the name."""
     shown = [name] if name is not None and console.width >= 80 else []
     shown += [bars.BarColumn(bar_width=None)] if console.width >= 100 else []
     return bars.Progress(

@@ -90,6 +90,6 @@ def _ask(address: str, is_client: bool, patience: float) -> object:
 
 
 def _generated(name: str) -> tuple[Any, Any]:
-    """Modules that gRPC has generated of one of Ray's interfaces: its messages, its services."""
+    """Return the modules that gRPC has generated for one of Ray's interfaces: its messages, its services."""
     messages, services = (importlib.import_module(f"ray.core.generated.{name}_{kind}") for kind in ("pb2", "pb2_grpc"))
     return messages, services

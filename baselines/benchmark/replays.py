@@ -58,7 +58,7 @@ def check(asked: Sequence[str], cells: Iterable[Cell], seeds: range) -> None:
 
 
 def chosen(asked: Sequence[str], ranked: Sequence[Mapping[str, Any]]) -> list[list[Key]]:
-    """Episodes to replay, in rounds: those of a round matter more than those of the next.
+    """Return the episodes to replay, in rounds; those of a round matter more than those of the next.
 
     Args:
         asked: As `Benchmark.replays` has them.
@@ -232,7 +232,7 @@ def _agree(score: Mapping[str, Any], row: Mapping[str, Any]) -> bool:
 
 
 def _size(value: Any) -> int:
-    """About how many bytes something takes as JSON."""
+    """Return the approximate size of an object as JSON [bytes]."""
     if isinstance(value, str):
         return len(value) + 2
     if isinstance(value, Mapping):

@@ -165,7 +165,7 @@ class Episodes:
         return len(self._rows)
 
     def missing(self, cell: Cell, episodes: int) -> list[int]:
-        """Those of the first so many episodes of a cell that are not there yet, by number."""
+        """Return the numbers of those of the first `episodes` episodes of a cell that have not been played."""
         name = cell.scenario.name
         return [k for k in range(episodes) if (name, cell.policy, k) not in self._rows]
 
@@ -177,18 +177,18 @@ class Episodes:
         self._rows |= {_key(row): row for row in batch.rows}
 
     def of(self, cells: Iterable[Cell], episodes: int) -> list[dict[str, Any]]:
-        """Rows of the first so many episodes of some cells, by scenario, policy and episode."""
+        """Return the rows of the first episodes of some cells, by scenario, policy and episode."""
         keys = [(c.scenario.name, c.policy, k) for c in cells for k in range(episodes)]
         return [self._rows[key] for key in keys if key in self._rows]
 
     def all(self) -> list[dict[str, Any]]:
-        """All rows, by scenario, policy and episode, in the order of the folder's settings."""
+        """Return all rows, by scenario, policy and episode, in the order of the folder's settings."""
         places = [(s, p) for s, policies in self._held["policies"].items() for p in policies]
         order = {place: k for k, place in enumerate(places)}
         return [self._rows[key] for key in sorted(self._rows, key=lambda key: (order[key[:2]], key[2]))]
 
     def _brought(self, row: Any) -> list[str]:
-        """Columns that the scenario of a row brings."""
+        """Return the columns that the scenario of a row adds."""
         name = row.get("scenario") if isinstance(row, dict) else None
         held = self._held["scenarios"].get(name, {}) if isinstance(name, str) else {}
         return [each["name"] for each in held.get("extensions", ()) if each["kind"] == "score column"]
@@ -248,7 +248,7 @@ def _key(row: Mapping[str, Any]) -> tuple[str, str, int]:
 
 
 def _differences(there: Any, now: Any, name: str = "") -> list[tuple[str, str, str]]:
-    """Entries that differ, as (dotted name, there, now); a scenario's words do not count."""
+    """Return the entries that differ, as (dotted name, stored, now); a scenario's description does not count."""
     if isinstance(there, dict) and isinstance(now, dict):
         names = [*there, *(key for key in now if key not in there)]
         names = [key for key in names if key != "description" or "played." in name or name.endswith(".parts")]

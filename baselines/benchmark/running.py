@@ -154,7 +154,7 @@ def plan(
 
 
 def _kind_of(folder: str) -> str | None:
-    """Kind of robot that the policy in a folder drives; None where the folder does not say, which playing it tells."""
+    """Return the kind of robot of a folder's policy; None if only playing the policy shows it."""
     try:
         return registry.home(folder).robot.kind
     except ValueError:

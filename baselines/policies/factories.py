@@ -20,7 +20,7 @@ Factory = Callable[[Scenario, int, Any], ActingPolicy]
 
 
 def split_scenarios_and_policy(names: Sequence[str]) -> tuple[tuple[str, ...], str]:
-    """Scenarios and the one policy among some names, whatever their order; what names a scenario is one.
+    """Return the scenarios, and the one policy, of some names in any order; a name of both is a scenario.
 
     `module:attribute` can be either: where nothing else is the policy, the last of these is.
 

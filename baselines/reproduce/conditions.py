@@ -42,7 +42,7 @@ class _Ratios:
 
 
 def bounds(player: Player) -> Part:
-    """Conditions (6), (7), (8) and T_max against what is measured."""
+    """Compare conditions (6), (7), (8) and T_max with measurements."""
     ratios = _measured()
     body, sensor, links = _on_every_curve(ratios)
     simulated_body, simulated_sensor, simulated_links = _simulated(player)

@@ -102,7 +102,7 @@ class Safe(Policy):
         self.top = wp.zeros(self.shape, dtype=wp.float32, device=self.device)
 
     def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
-        """Actions for wanted ones (W, N, A) and observations (W, N, D): Warp arrays, the result the filter's own.
+        """Return the actions for wanted ones (W, N, A) and observations (W, N, D), as a Warp array of the filter.
 
         Messages, the entries after steering and throttle, pass unchanged.
         """

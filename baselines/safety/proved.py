@@ -117,7 +117,7 @@ class Proved(Policy):
         return self._memory.holds.numpy() == 1
 
     def filter(self, observation: wp.array, wanted: wp.array) -> wp.array:
-        """Actions for wanted ones (W, N, A) and observations (W, N, D): Warp arrays, the result the filter's own.
+        """Return the actions for wanted ones (W, N, A) and observations (W, N, D), as a Warp array of the filter.
 
         If an action is not finite, the robot continues its old tail. Messages, the entries after steering and throttle,
         pass unchanged.

@@ -71,7 +71,7 @@ def _sections(doc: str) -> tuple[str, dict[str, str]]:
 
 
 def _entries(section: str) -> dict[str, str]:
-    """Texts of a section by name, each on one line."""
+    """Return the texts of a section by name, each on one line."""
     found = re.findall(r"^ {4}(\w[\w ]*): (.*(?:\n {5,}.*)*)", section, flags=re.MULTILINE)
     return {name: " ".join(text.split()) for name, text in found}
 

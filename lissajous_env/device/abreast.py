@@ -39,7 +39,7 @@ def width() -> int:
 
 
 def width_on(device: Any) -> int:
-    """`width()` on a device, on the host."""
+    """Return `width()` of a device, for the host."""
     return _ON_CPU if device.is_cpu else 1
 
 
@@ -57,7 +57,7 @@ class Block:
 
 @wp.func
 def where_world(block: Block, n: int, values: wp.array(dtype=wp.int32), least: int) -> int:
-    """A bit for each robot of a block whose world, of `n` robots, has at least this value."""
+    """Return a bit for each robot of a block whose world, of `n` robots, has at least this value."""
     found = int(0)
     w = int(block.start / n)
     before = int(0)
@@ -110,25 +110,25 @@ def _load(type: str, each: str = "1", offset: str = "0") -> str:
 
 @wp.func_native(_load("float32"))
 def floats(block: Block, values: wp.array2d(dtype=wp.float32)) -> Floats:
-    """The values (W, N) of a block's robots."""
+    """Return the values (W, N) of a block's robots."""
     ...
 
 
 @wp.func_native(_load("float64"))
 def doubles(block: Block, values: wp.array2d(dtype=wp.float64)) -> Doubles:
-    """The values (W, N) of a block's robots."""
+    """Return the values (W, N) of a block's robots."""
     ...
 
 
 @wp.func_native(_load("float32", "3", "axis"))
 def coordinates(block: Block, values: wp.array2d(dtype=wp.vec3), axis: int) -> Floats:
-    """One coordinate of the vectors (W, N) of a block's robots."""
+    """Return one coordinate of the vectors (W, N) of a block's robots."""
     ...
 
 
 @wp.func_native(_load("float32", "values.shape[2]", "entry"))
 def entries(block: Block, values: wp.array3d(dtype=wp.float32), entry: int) -> Floats:
-    """One entry of the rows (W, N, entries) of a block's robots."""
+    """Return one entry of the rows (W, N, entries) of a block's robots."""
     ...
 
 
@@ -144,7 +144,7 @@ def entries(block: Block, values: wp.array3d(dtype=wp.float32), entry: int) -> F
     return found;
 """)
 def where_equal(block: Block, values: wp.array2d(dtype=wp.int32), value: int) -> int:
-    """A bit for each of a block's robots whose value (W, N) is this."""
+    """Return a bit for each of a block's robots whose value (W, N) equals this one."""
     ...
 
 
@@ -155,7 +155,7 @@ def where_equal(block: Block, values: wp.array2d(dtype=wp.int32), value: int) ->
     return found;
 """)
 def where_above(block: Block, values: Floats, least: float) -> int:
-    """A bit for each of a block's robots whose value is above this."""
+    """Return a bit for each of a block's robots whose value is above this one."""
     ...
 
 

@@ -84,7 +84,7 @@ def _make_again(cls: type, args: tuple, more: dict[str, Any]) -> Any:
 
 
 def _contents(owner: Any, within: tuple[int, ...] = ()) -> _Part:
-    """Everything that an object, list, tuple or dict holds, but what stays as it is made."""
+    """Return the contents of an object, list, tuple or dict, without those that the original's class creates."""
     held = _Part()
     for key, value in _entries(owner):
         if _is_warp_array(value):
@@ -120,7 +120,7 @@ def _fill(owner: Any, contents: dict[Any, Any], name: str) -> None:
 
 
 def _arrays(owner: Any, prefix: str = "", within: tuple[int, ...] = ()) -> Iterator[tuple[str, Any]]:
-    """Arrays of an object and of what it is made of, by name: all that can change while it works."""
+    """Return, by name, the arrays of an object and of its contents that can change while it works."""
     for key, value in sorted(_entries(owner), key=lambda entry: str(entry[0])):
         if isinstance(value, (wp.array, np.ndarray)):
             yield f"{prefix}{key}", value

@@ -196,7 +196,7 @@ class Program:
         return "\n".join("  ".join([*map(str.ljust, row[:3], widths), row[3]]).rstrip() for row in rows)
 
     def _shares(self, parts: int) -> list[tuple[int, int, int, int]]:
-        """First world and the one after the last, number of the part and of parts, of each task."""
+        """Return, for each task, its first world, the one after its last, and number and count of its part of these."""
         return [(low, high, part, parts) for low, high in self._blocks for part in range(parts)]
 
     def _lanes(self, stage: Stage) -> int:
@@ -204,7 +204,7 @@ class Program:
         return 1 if self._device.is_cpu else self._sizes.get(stage.over, 1)
 
     def _task(self, stages: Sequence[Stage], *share: int) -> list[Any]:
-        """Launches of some stages, of those that have entities in this share."""
+        """Return the launches of those stages that have entities in this share."""
         return [launch for stage in stages if (launch := self._launch(stage, *share)) is not None]
 
     def _launch(self, stage: Stage, low: int, high: int, part: int, parts: int) -> Any:

@@ -31,7 +31,7 @@ _checked = threading.local()
 
 
 def _size() -> int | None:
-    """Size of the current thread's stack [bytes]; None where the system does not tell."""
+    """Return the size of the current thread's stack [bytes]; None if the system does not report it."""
     if not sys.platform.startswith("linux"):
         return None
     system = ctypes.CDLL(None)

@@ -43,7 +43,7 @@ class Turn:
         _TURNS[next(_NUMBERS)] = self
 
     def refusal(self) -> RuntimeError:
-        """The error of a turn that cannot begin."""
+        """Return the error of a turn that cannot begin."""
         if self.lost:
             words = "was running in another thread when this process was forked and is incomplete; make another one"
         else:

@@ -181,6 +181,6 @@ if hasattr(os, "register_at_fork"):
 
 @cache
 def _yielding() -> int:
-    """Address of the system's function by which a thread leaves the processor to others."""
+    """Return the address of the system's function that lets a thread yield the processor."""
     function = ctypes.CDLL(None).sched_yield
     return ctypes.cast(function, ctypes.c_void_p).value or 0

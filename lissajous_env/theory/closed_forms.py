@@ -198,7 +198,7 @@ def equilibrium_eigenvalues(num_robots: int, p: int, coupling: float = 1.0) -> n
 
 
 def curve_point(curve: Curve, curve_phase: np.ndarray) -> np.ndarray:
-    """Position (A cos(a gamma), B sin(b gamma)) [m], equation (3); gamma [rad] of any shape gains an axis of 2."""
+    """Return (A cos(a gamma), B sin(b gamma)) [m], equation (3); gamma [rad] of any shape gains an axis of 2."""
     gamma = np.asarray(curve_phase, dtype=float)
     if curve.harmonics:
         return _series(curve, gamma, 0)

@@ -252,7 +252,7 @@ class StepEvents:
 
 @wp.func
 def planar(position: wp.vec3) -> wp.vec2:
-    """Position on the ground [m]."""
+    """Return the position on the ground [m]."""
     return wp.vec2(position[0], position[1])
 
 

@@ -56,7 +56,7 @@ class ArcParameters(Checked):
 
 @wp.func
 def interpolate(table: wp.array(dtype=float), angle: float) -> float:
-    """Value at an angle [rad] of a function of period 2 pi, tabulated at equal distances over one turn."""
+    """Return a function of period 2 pi at an angle [rad], from a table at equal distances over one turn."""
     n = table.shape[0]
     x = angle / TWO_PI * float(n)
     cell = wp.floor(x)
@@ -139,14 +139,14 @@ def _speed(curve: Curve, gamma: np.ndarray) -> np.ndarray:
 
 
 def _phases(curve: Curve) -> np.ndarray:
-    """Evenly spaced gamma over a lap, both ends among them [rad]."""
+    """Return evenly spaced gamma over a lap, including both ends [rad]."""
     fastest = max(curve.a, curve.b, curve.c if curve.half_depth > 0 else 1)
     count = 1024 << (fastest - 1).bit_length()
     return 2 * math.pi * np.arange(count + 1) / count
 
 
 def ground_speed(scenario: Scenario) -> float:
-    """Speed along the curve [m/s]: a patrol's cruising speed, less where grip would not let a car turn so fast.
+    """Return the speed along the curve [m/s]: a patrol's cruising speed, less if grip does not allow such a turn.
 
     Grip must let it turn round in half of the rectangle's height, v^2 <= a_lat B / 2. The speed is never below the
     formation's mean, omega L / (2 pi), and is that one where nothing is said of the grip.

@@ -60,7 +60,7 @@ def slot_of(step: int, tick: int, hops: Hops) -> int:
 
 @wp.func
 def ticks_passed(step: int, tick: int, hops: Hops) -> int:
-    """Ticks since the reset, the given one of the latest step with them."""
+    """Return the ticks since the reset, including those of the latest step."""
     if hops.ticks > 1:
         return (step - 1) * hops.ticks + tick + 1
     return step / hops.period

@@ -34,7 +34,7 @@ def has_bins(scenario: Scenario) -> bool:
 
 
 def _squares(scenario: Scenario) -> tuple[float, float, float, int, int]:
-    """Reach, the same widened, and side of the bins [m]; their columns and rows."""
+    """Return the reach, the widened reach and the side of the bins [m], and the numbers of columns and rows."""
     targets, curve = scenario.targets, scenario.curve
     flight = targets.flee_radius if targets.fleeing > 0 else 0.0
     sight = (scenario.sensing.radius or 0.0) + scenario.task.step * targets.speed_max

@@ -62,25 +62,25 @@ class Bins:
 
 @wp.func
 def row_of(y: float, bins: Bins) -> int:
-    """Row of the bins at y [m]."""
+    """Return the row of the bins at y [m]."""
     return int(wp.clamp((y + bins.half_height) / bins.size, 0.0, float(bins.rows - 1)))
 
 
 @wp.func
 def column_of(x: float, bins: Bins) -> int:
-    """Column of the bins at x [m]."""
+    """Return the column of the bins at x [m]."""
     return int(wp.clamp((x + bins.half_width) / bins.size, 0.0, float(bins.columns - 1)))
 
 
 @wp.func
 def bin_of(place: wp.vec2, bins: Bins) -> int:
-    """Bin of a place."""
+    """Return the bin of a place."""
     return row_of(place[1], bins) * bins.columns + column_of(place[0], bins)
 
 
 @wp.func
 def rows_of(w: int, i: int, widened: float, robots: Robots, bins: Bins) -> wp.vec2i:
-    """First and last row that a robot's way through the step, `widened` [m] to both sides, touches."""
+    """Return the first and last row that the robot's path in this step crosses, `widened` [m] to both sides."""
     low = robots.track[w, i, 0][1]
     high = low
     for s in range(1, robots.track.shape[2]):
@@ -91,7 +91,7 @@ def rows_of(w: int, i: int, widened: float, robots: Robots, bins: Bins) -> wp.ve
 
 @wp.func
 def columns_of(w: int, i: int, row: int, widened: float, robots: Robots, bins: Bins) -> wp.vec2i:
-    """First and last column in one of these rows."""
+    """Return the first and last column of this path in one of these rows."""
     bottom = float(row) * bins.size - bins.half_height
     low = wp.where(row == 0, -1.0e30, bottom - widened)
     high = wp.where(row == bins.rows - 1, 1.0e30, bottom + bins.size + widened)

@@ -94,7 +94,7 @@ def begin_on_curve(
 
 @wp.func
 def places_of(block: Block, robots: Robots) -> tuple[Floats, Floats, Doubles]:
-    """x, y [m] and phase [rad] of the robots of a block."""
+    """Return x, y [m] and phase [rad] of the robots of a block."""
     x = coordinates(block, robots.position, 0)
     y = coordinates(block, robots.position, 1)
     return x, y, doubles(block, robots.phase)
