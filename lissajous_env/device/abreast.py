@@ -1,15 +1,16 @@
 """Robots side by side: loops that the compiler turns into SIMD instructions.
 
-A kernel of the layout `BLOCKS` goes over the robots of all worlds in a row, in blocks of `width()`. It loads what it
-needs of a block (`floats` and those after it), as it lies in memory: arrays are contiguous, world first, then robot. It
-works on this in loops `for k in range(ABREAST)` whose passes do not depend on each other, and stores the results
-(`put_floats` and those after it) of the robots that have a bit in a mask, of those alone that are in worlds that take
-part. Each robot is worked on in the same way wherever it stands in a block, so a world does not depend on those beside
-it.
+A kernel of the layout `BLOCKS` iterates over the robots of all worlds in blocks of `width()`. Arrays are contiguous,
+world first, then robot, so the kernel loads the values of a block at once (`floats` and the functions after it). It
+computes in loops `for k in range(ABREAST)` whose iterations do not depend on each other, and stores the results
+(`put_floats` and the functions after it) of the robots that have a bit in a mask, by which robots of inactive worlds
+are left out. The result of a robot does not depend on its position in a block, so a world does not depend on the worlds
+beside it.
 
-For a loop to become SIMD it must begin with `if k < width()`, since a thread of a GPU has one robot alone, and
-nothing in it may end early, loop, or choose by anything but `wp.where` and short branches; a function must not take a
-`wp.vec2`, and what it goes over must be vectors of their own, not fields of a struct.
+The compiler turns such a loop into SIMD only if it begins with `if k < width()` (on a GPU a thread processes one
+robot), contains no early exit and no other loop, and branches only by `wp.where` and short conditions. The functions
+that it calls must not have arguments of type `wp.vec2`, and the loop must read separate vectors, not fields of a
+struct.
 """
 
 from typing import Any

@@ -1,7 +1,7 @@
 """Compiler options of kernels; a module with kernels calls `wp.set_module_options`, usually with OPTIONS.
 
-They hold for all that its kernels call: a module of functions alone needs none. Options that change how C++ is parsed
-have no place here: all modules share one parsed header (`headers.py`).
+They also apply to all functions that its kernels call, so a module of functions alone needs none. Do not add options
+that change how C++ is parsed, because all modules share one parsed header (`headers.py`).
 """
 
 from typing import Any

@@ -1,8 +1,9 @@
 """Objects with Warp arrays that can be copied and pickled at any time: made anew, then filled from the original.
 
-Structs, devices and recorded launches of Warp can be neither copied nor pickled. So a copy is made as the original was,
-by its class with the same arguments, which gives it its own, and then takes over everything else: Warp arrays by
-content, other attributes by value. Functions, work, and what Warp alone can make, stay as the making left them.
+Structs, devices and recorded launches of Warp can be neither copied nor pickled. So a copy is constructed like the
+original, by its class with the same arguments, and thereby has Warp objects of its own. Then everything else is copied
+from the original: the contents of Warp arrays, and other attributes by value. Functions, work, and objects that only
+Warp can create are left as constructed.
 """
 
 import ctypes
@@ -24,7 +25,8 @@ _MADE_WITH = "_made_with"
 
 
 class Copyable:
-    """Base of what `copy.deepcopy` and `pickle` take as the module says; subclasses need not do anything for it."""
+    """Base class of objects that `copy.deepcopy` and `pickle` copy as described above; subclasses need no code for
+    it."""
 
     def __new__(cls, *args: Any, **more: Any) -> Any:
         """Keep the arguments, with which a copy is made again."""
@@ -76,7 +78,7 @@ class _Array(np.ndarray):
 
 
 class _Part(dict):
-    """Contents of an object that Warp's things are a part of."""
+    """Contents of an object that contains objects of Warp."""
 
 
 def _make_again(cls: type, args: tuple, more: dict[str, Any]) -> Any:

@@ -1,6 +1,6 @@
 """The curve on the device: position, derivatives and the local projection of a point onto it.
 
-It is the Lissajous curve or, where harmonics are given, any closed curve as a Fourier series.
+It is the Lissajous curve or, with harmonics, any closed curve as a Fourier series.
 
 Here gamma [rad] is the parameter of the curve; the phase theta of a robot that coordinates by (1) gives
 gamma = alpha theta (Lemma 2).

@@ -1,10 +1,10 @@
 """Points of a grid that discs cover, at one place or on their way, as bits of its rows.
 
-Each cell has one point, which stands for it: `inset` cells from the edges of the rectangle, and as far from each other
-as that allows. 0.5 means the centres of the cells; with 0 the outermost points lie on the edges.
+Each cell is represented by one point. The outermost points are `inset` cells from the edges of the rectangle, and the
+points are evenly spaced: with 0.5 they are the centres of the cells, with 0 the outermost ones are on the edges.
 
-What covers a cell at one place is found in C++, for eight rows at once; what passes over it is rare. The bits of the
-rows stand side by side, (W, words, rows), for the same reason.
+C++ computes the cells that a resting disc covers, for eight rows at once; moving discs are rare in this computation.
+For the same reason the bits of the rows are adjacent in memory, (W, words, rows).
 """
 
 import warp as wp

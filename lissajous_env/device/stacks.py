@@ -1,6 +1,7 @@
-"""Stacks of threads: each kernel that Warp compiles by itself takes 256 KiB of them for tiles.
+"""Stacks of threads: a kernel that is compiled with Warp's defaults uses 256 KiB of stack for tiles.
 
-Ours do without (`lissajous_env.device.kernel_cache`) and run on any stack; kernels of a user may need them.
+The kernels of this package do not use them (`lissajous_env.device.kernel_cache`) and run on any stack; kernels of a
+user may require them.
 """
 
 import ctypes

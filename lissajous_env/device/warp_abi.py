@@ -1,6 +1,6 @@
-"""Everything that the package uses of Warp beyond its documentation, to mend when a new version breaks it.
+"""Undocumented parts of Warp that the package uses, collected here because a new version of Warp may change them.
 
-`tests/test_warp_abi.py` has a test of each, whose name says what broke.
+`tests/test_warp_abi.py` tests each of them; the name of a failing test names the part that changed.
 """
 
 import ctypes
@@ -24,7 +24,7 @@ def is_struct(value: Any) -> bool:
 
 
 def content_of(struct: Any) -> bytes:
-    """Return the bytes that a launch takes of an instance of a `wp.struct`."""
+    """Return the bytes of an instance of a `wp.struct` as a launch reads them."""
     return bytes(struct._ctype)
 
 

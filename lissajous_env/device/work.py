@@ -1,9 +1,9 @@
 """Work that CPU threads share: calls of compiled kernels in an order, without the interpreter between them.
 
-Work is a list of groups, a group a list of tasks, a task a list of launches. Tasks of a group are done side by side;
-those of the next group begin when all are done. The calling thread begins at once and wakes
-helpers, which sleep otherwise. A helper takes the next task as long as there are any. So no thread waits for another
-to wake up, which would take longer than most stages of a step.
+Work is a list of groups, a group a list of tasks, a task a list of launches. Tasks of a group run in parallel; the next
+group begins when all of them have finished. The calling thread begins at once and wakes the helpers, which otherwise
+sleep. A helper executes the next task as long as there are any. So no thread waits for another one to wake up, which
+would take longer than most stages of a step.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ from lissajous_env.device.warp_abi import Call
 from lissajous_env.device.work_kernel import APART, Plan, take_part
 
 TASKS_PER_THREAD = 4
-"""Tasks for each thread: a slower thread takes fewer."""
+"""Number of tasks for each thread; with several, a slower thread can execute fewer of them."""
 
 
 class Work:
@@ -97,7 +97,7 @@ class Work:
 
 
 class SideBySide(Work):
-    """Works that are done side by side, the launches of each in their order by one CPU thread.
+    """Works that run in parallel; one CPU thread executes the launches of each in order.
 
     Args:
         works: At least one, on one CPU, without dependencies on each other.
@@ -120,9 +120,9 @@ def shared_launch(
     threads: int,
     smallest: int,
 ) -> Work:
-    """Record launches of a kernel over `size` threads, in shares of `smallest` at least, for CPU threads to take.
+    """Record launches of a kernel over `size` threads, in shares of at least `smallest`, which CPU threads execute.
 
-    `inputs` gives what the kernel takes of the share that begins with a thread.
+    `inputs` returns the kernel's inputs for the share that begins with the given thread.
     """
     shares = min(TASKS_PER_THREAD * threads, max(size // smallest, 1)) if device.is_cpu and threads > 1 else 1
     edges = [size * share // shares for share in range(shares + 1)]

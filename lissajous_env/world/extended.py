@@ -33,7 +33,7 @@ class ExtensionStages:
     """Stages and arrays of a scenario's extensions.
 
     Args:
-        scenario: Whose extensions.
+        scenario: Scenario with the extensions.
         structs: The structs of the state, by name.
         observation: (W, N, D) the rows.
 

@@ -1,6 +1,6 @@
 """The kernels that fill the observation: `lissajous_env.world.observation` documents its entries.
 
-Where robots or targets are many, those that a robot detects are found through bins: the same, to the last bit.
+With many robots or targets, bins are used to compute those that a robot detects, with the same result to the last bit.
 """
 
 from typing import Any

@@ -47,7 +47,7 @@ _ROUNDING = wp.constant(1e-6)
 
 @wp.struct
 class Reach:
-    """`lissajous_env.parameters.reaches.Reaches` as kernels see it."""
+    """`lissajous_env.parameters.reaches.Reaches` for kernels."""
 
     period: int
     moved: float

@@ -1,7 +1,7 @@
 """Labels of the cells of contamination: their storage, and the update of a word of 32 cells.
 
-Two functions are written in C++, which Warp hands to the compiler as it is: what they do for neighbouring cells is laid
-out so that a CPU does it for eight at once.
+Two functions are written in C++, which Warp passes to the compiler unchanged, so that a CPU processes eight
+neighbouring cells at once.
 """
 
 from typing import Any
@@ -25,7 +25,7 @@ _FRACTIONS = wp.constant(TICK_FRACTIONS)
 
 @wp.struct
 class Hops:
-    """`lissajous_env.parameters.spreading.Spreading` as kernels see it."""
+    """`lissajous_env.parameters.spreading.Spreading` for kernels."""
 
     columns: int
     radius: float

@@ -1,11 +1,12 @@
 """Bins: squares of the rectangle, each with a list of the robots that come near it in a step.
 
-Where robots are many, the robots near a place are found in the list of its bin. A robot is in the list of each bin that
-its path through the step, widened by `reach` to both sides, touches. So the list of a place's bin has every robot that
-came within `reach` of the place at any time of the step. It may have others, and its order is not defined: kernels
-measure the distance, and take the lower index of two robots that are equally near.
+With many robots, kernels read the robots near a place from the list of its bin instead of testing all robots. A robot
+is in the list of each bin that its path in the step, widened by `reach` to both sides, crosses. So the list of a
+place's bin contains every robot that came within `reach` of the place at any time of the step. It may contain others,
+and its order is not defined: kernels measure the distance, and of two robots at the same distance they use the one with
+the lower index.
 
-A list is read from the first entry of its bin to one without a robot:
+A list is read from the first entry of its bin to an entry without a robot:
 
     entry = bins.entry[w, bins.first[w, k]]
     while entry[0] >= 0:

@@ -1,15 +1,16 @@
 """Distance of a place from the whole plane curve on the device, by the table of `distance_table.py`.
 
-A robot's own parameter only ever moves along its branch; the nearest point of the curve may lie on any other. Here a
-cell holds the few circles that the curve is around the points nearest to it, and the smallest distance from these is
-the distance from the curve: a root and a division each, where a search would cost a hundred times as much.
+A robot's own parameter moves only along its branch, but the nearest point of the curve may be on any other branch. Near
+a cell, a few circles approximate the curve; the table contains these circles for each cell, and the smallest distance
+from them is the distance from the curve. This costs a root and a division per circle, a hundredth of the cost of a
+search.
 
-On random places the error is at most 2e-4 m on the experiment, 5e-4 m on `intruders` and 1e-3 m with a, b = 7, 8 in
-10 m x 10 m; around the rectangle twice as much, far from it 1e-3 of the distance. On curves so dense or rectangles so
-narrow that the table would grow beyond its limit, it is below the size of a cell.
+On random places the error is at most 2e-4 m on the experiment, 5e-4 m on `intruders` and 1e-3 m with a, b = 7, 8 in 10
+m x 10 m; around the rectangle twice as much, far from it 1e-3 of the distance. On curves so dense or rectangles so
+narrow that the table would exceed its limit, the error is below the size of a cell.
 
-Of a curve of harmonics there are points instead: from the nearest of them Newton's steps lead to the nearest point. On
-rough random curves the error is at most a hundredth of the curve's extent.
+For a curve of harmonics, the table contains points of the curve instead: Newton's method, from the nearest of them,
+computes the nearest point. On rough random curves the error is at most a hundredth of the curve's extent.
 """
 
 from functools import lru_cache

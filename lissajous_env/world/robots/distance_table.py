@@ -1,8 +1,8 @@
-"""The point of the plane curve that is nearest to a place, and a table from which kernels take its distance.
+"""The point of the plane curve that is nearest to a place, and a table from which kernels compute its distance.
 
-Float64 NumPy. The table is a tree of cells. Each holds a few arcs of circles, the curve as it is around the points
-nearest to the cell; the smallest distance from their circles is the distance from the curve. As the curve is the same
-to the left and to the right, above and below, the cells are those of one quarter, x and y of at least 0.
+All in float64 NumPy. The table is a tree of cells. Each cell contains a few arcs of circles that approximate the curve
+near the cell; the smallest distance from these circles is the distance from the curve. The curve is symmetric, so the
+cells cover only the quarter in which x and y are at least 0.
 """
 
 from dataclasses import dataclass
@@ -81,10 +81,10 @@ def rough_search(curve: Curve, places: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 @dataclass(frozen=True)
 class Table:
-    """A tree of cells, each with the few arcs of circles that the curve is around the points nearest to the cell.
+    """A tree of cells, each with a few arcs of circles that approximate the curve near the cell.
 
-    `nodes[i]` is 16 times the first of a cell's arcs, plus how many it has; or, where the cell is divided, less than 0:
-    the parts stand at `nodes[-nodes[i]:]`, row by row.
+    `nodes[i]` is 16 times the index of a cell's first arc, plus the number of its arcs. If the cell is divided, it is
+    negative, and `nodes[-nodes[i]:]` are the parts, row by row.
     """
 
     nodes: np.ndarray
@@ -120,7 +120,7 @@ def distance_table(half_width: float, half_height: float, a: int, b: int) -> Tab
         found, chosen, is_right = _arcs_of(curve, centres, halves)
         may_divide = depth < _DEPTH and len(nodes) + SPLIT**2 * np.sum(~is_right) < _MOST_CELLS
         done = is_right if may_divide else np.ones_like(is_right)
-        # Where no more cells are left, the points stand for the curve: circles of no size are never too near.
+        # If no more cells are left, the points represent the curve: circles of no size are never too near.
         found[done & ~is_right, :, 4], chosen[done & ~is_right] = 1e6, True
         counts = chosen[done].sum(axis=1)
         ends = total + np.cumsum(counts)
@@ -140,7 +140,7 @@ def distance_table(half_width: float, half_height: float, a: int, b: int) -> Tab
 def _grids(curve: Curve, columns: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return centres and half extents (cells, 2) [m], from the innermost grid outwards, and a mask of those in use.
 
-    Of a grid around another one, the cells that the other one covers are not.
+    Cells of a grid that an inner grid covers are not in use.
     """
     extent = EXTENT * np.array([curve.half_width, curve.half_height])
     centres, halves, used = [], [], []
@@ -169,8 +169,8 @@ _CHECKED = np.array(
 def _arcs_of(curve: Curve, centres: np.ndarray, halves: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return arcs (cells, C, 5) near C points of each cell, which of them the cell uses, and where these suffice.
 
-    A cell takes the arc nearest to its centre, then again and again the one of the point whose distance is worst.
-    Where the rough distances show that the first is right at every point, there is no search for the others.
+    A cell first uses the arc nearest to its centre, then repeatedly adds that of the point with the largest error. If
+    the rough distances show that the first arc is right at every point, the others are not searched.
     """
     places = centres[:, None] + _CHECKED * halves[:, None]
     arcs, chosen = np.zeros((*places.shape[:2], 5)), np.zeros(places.shape[:2], dtype=bool)

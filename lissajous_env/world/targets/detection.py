@@ -1,7 +1,7 @@
 """Detection of targets: they appear, move, and are detected by the first working robot that has them in its disc.
 
-Those of a world are worked on side by side. Where robots or targets are many, the robots near a target are found
-through the bins: the same, to the last bit.
+Targets of a world are processed side by side. With many robots or targets, bins are used to select the robots near a
+target, with the same result to the last bit.
 """
 
 from typing import Any
