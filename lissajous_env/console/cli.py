@@ -199,7 +199,7 @@ def _check_text(arguments: list[str]) -> None:
     """Check that no argument is empty or invalid text.
 
     Raises:
-        ValueError: an argument is empty or holds bytes that are no UTF-8.
+        ValueError: an argument is empty or contains bytes that are not UTF-8.
     """
     for number, argument in enumerate(arguments):
         if not argument or re.fullmatch(r"--[\w-]+=", argument):

@@ -20,8 +20,8 @@ OPTIONS: dict[str, Any] = {
     "cpu_compiler_flags": f"-march=native -fno-slp-vectorize {_LLVM}",
 }
 
-# For motion, where it is worth a tenth of the whole step: the compiler may reorder sums and multiply by reciprocals.
-# It does so when it compiles, for every world alike, so the same machine still gives the same bits.
+# For motion, where it is worth a tenth of the whole step: the compiler may reorder sums and multiply by reciprocals. It
+# does so when it compiles, for every world alike, so the results on one machine are still the same, bit for bit.
 MOTION = OPTIONS | {
     "cpu_compiler_flags": OPTIONS["cpu_compiler_flags"] + " -mreassociate -fno-signed-zeros -freciprocal-math"
 }

@@ -3,8 +3,8 @@
 Each cell is represented by one point. The outermost points are `inset` cells from the edges of the rectangle, and the
 points are evenly spaced: with 0.5 they are the centres of the cells, with 0 the outermost ones are on the edges.
 
-C++ computes the cells that a resting disc covers, for eight rows at once; moving discs are rare in this computation.
-For the same reason the bits of the rows are adjacent in memory, (W, words, rows).
+C++ computes the cells that a resting disc covers, for eight rows at once; the cells that a moving disc sweeps are
+rarely required. For the same reason the bits of the rows are adjacent in memory, (W, words, rows).
 """
 
 import warp as wp

@@ -163,7 +163,7 @@ def _forget(folder: Path) -> bool:
 
 
 def _keep_for_this_run(reason: str) -> None:
-    """Let Warp keep what it compiles in a temporary folder, which goes when the process ends."""
+    """Let Warp store compiled kernels in a temporary folder, which is removed when the process ends."""
     where, made_by = wp.config.kernel_cache_dir or "the cache of Warp", os.getpid()
     folder = tempfile.mkdtemp(prefix="lissajous-kernels-")
     wp.config.kernel_cache_dir = folder

@@ -9,7 +9,7 @@ import sys
 import threading
 
 LEAST = 384 << 10
-"""Stack of a thread that runs a user's kernels [bytes]: the tiles, and what Python takes."""
+"""Stack of a thread that runs a user's kernels [bytes]: the tiles, and the stack that Python uses."""
 
 
 def require_room() -> None:

@@ -101,7 +101,7 @@ def _all() -> list[Turn]:
 
 
 def _take_all() -> None:
-    """Wait until no other thread has a turn, and take them all."""
+    """Wait until no other thread has a turn, and take all turns."""
     _forking.acquire()
     until = time.monotonic() + _PATIENCE
     while True:

@@ -39,7 +39,7 @@ def name_of(struct: Any) -> str:
 
 
 def replace_load(replacement: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
-    """Wrap the method by which Warp compiles or loads a module: `replacement` is given it and returns another."""
+    """Wrap the method by which Warp compiles or loads a module: `replacement` receives it and returns another one."""
     wp.Module.load = replacement(wp.Module.load)  # type: ignore
 
 
@@ -111,6 +111,6 @@ class Call:
 
 @functools.lru_cache(maxsize=1024)
 def _arguments_of(types: tuple[type, ...]) -> type[ctypes.Structure]:
-    """Return the structure of arguments of these types: to make one takes longer than the rest of a `Call`."""
+    """Return the structure of arguments of these types: creating one takes longer than the rest of a `Call`."""
     fields = [(f"argument_{k}", each) for k, each in enumerate(types)]
     return type("Arguments", (ctypes.Structure,), {"_fields_": fields})

@@ -50,7 +50,7 @@ class Work:
             self._bind([*map(len, tasks)], [*map(len, groups)], min(threads, max(map(len, groups))))
 
     def _bind(self, lengths: Sequence[int], sizes: Sequence[int], members: int) -> None:
-        """Make the call by which each member takes part, for tasks of these lengths and groups of these sizes."""
+        """Make the call that each thread executes, for tasks of these lengths and groups of these sizes."""
         addresses = np.array([each.addresses for each in self._calls], dtype=np.uint64).view(np.int64)
         plan: Any = Plan()
         for name, values in {
@@ -62,7 +62,7 @@ class Work:
         }.items():
             setattr(plan, name, wp.array(values, dtype=wp.int64, device=self._device))
         plan.yielding, plan.members = _yielding(), members
-        self._plan = plan  # whose arrays the calls know by their addresses
+        self._plan = plan  # the calls contain the addresses of their arrays
         self._parts = [
             Call(wp.launch(take_part, 1, [plan, member], device=self._device, record_cmd=True))
             for member in range(members)

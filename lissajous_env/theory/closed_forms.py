@@ -18,7 +18,7 @@ from lissajous_env.settings.parts import Curve
 def robot_radius_bound(curve: Curve, num_robots: int) -> float:
     """r_max = sin(pi / N) A B / sqrt(A^2 a^2 + B^2 b^2) [m], equation (6): smaller robots never collide in formation.
 
-    A sufficient bound; half of the smallest distance ever seen is about 1.5 times as large (pi / 2 for large a, b).
+    A sufficient bound; half of the smallest measured distance is about 1.5 times as large (pi / 2 for large a, b).
     """
     if curve.harmonics:
         return math.nan  # defined for Lissajous curves only

@@ -168,7 +168,8 @@ def comes_before(one: wp.vec2, other: wp.vec2) -> bool:
 
 @wp.func
 def keep_nearest(w: int, i: int, kept: int, room: int, offset: wp.vec2, index: int, bins: Bins) -> int:
-    """Enter what a robot sees at `offset` among the nearest that it sees, in their order; returns how many are kept."""
+    """Insert an object at `offset` into the list of the nearest ones that a robot senses, in their order; returns how
+    many are kept."""
     new = wp.vec2(wp.dot(offset, offset), float(index))
     place = int(kept)
     while place > 0:

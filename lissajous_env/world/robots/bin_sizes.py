@@ -10,7 +10,7 @@ from lissajous_env.world.robots.bins import Bins
 from lissajous_env.world.robots.collisions import PARTED
 
 MANY = 100
-"""Robots from which on bins are faster than to ask every robot, whatever the number of targets."""
+"""Number of robots from which on bins are faster than a test of every robot, for any number of targets."""
 _SOME = 64
 _PAIRS = 10_000
 """Pairs of a robot and a target from which on they are where robots are not many, but some."""
@@ -21,7 +21,7 @@ _FEWEST = 12
 _BINS_PER_ROBOT = 16
 _AT_LEAST = 1024
 _MOST_ENTRIES = 256
-"""Entries for each robot that there is room for at most; those for which there is none stand in every list."""
+"""Entries for each robot that there is room for at most; those for which there is none are in every list."""
 
 
 def has_bins(scenario: Scenario) -> bool:

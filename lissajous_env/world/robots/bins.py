@@ -33,7 +33,7 @@ class Bins:
     """Side of a bin [m]."""
     columns: wp.int32
     rows: wp.int32
-    """The bins in row k begin with bin k columns; the outermost go on for ever."""
+    """The bins in row k begin with bin k columns; the outermost ones are unbounded."""
     reach: wp.float32
     """Distance up to which lists are complete [m]."""
     widened: wp.float32
@@ -45,9 +45,9 @@ class Bins:
     entry: wp.array2d(dtype=wp.vec2i)
     """(W, room + N + 1) robot, or -1 at the end, and the next entry."""
     used: wp.array(dtype=wp.int32)
-    """(W,) entries that were asked for."""
+    """(W,) number of entries that are required."""
     everywhere: wp.array(dtype=wp.int32)
-    """(W,) robots that stand in every list."""
+    """(W,) number of robots that are in every list."""
     is_everywhere: wp.array2d(dtype=wp.int32)
     """(W, N) 1 for these."""
     first_seen: wp.array2d(dtype=wp.int32)
@@ -56,9 +56,10 @@ class Bins:
     """(W, T) x, y [m], target, and the place of the next one of the same bin, or -1; side by side, as they are read
     many times."""
     seen_used: wp.array(dtype=wp.int32)
-    """(W,) how many places are taken."""
+    """(W,) number of places in use."""
     nearest: wp.array3d(dtype=wp.vec2)
-    """(W, N, entries) squared distance [radius^2] and index of what a robot sees, while it is being listed."""
+    """(W, N, entries) squared distance [radius^2] and index of each object that a robot senses, while the list is
+    built."""
 
 
 @wp.func

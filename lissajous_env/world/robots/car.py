@@ -43,7 +43,7 @@ WALL = wp.constant(place_of(Task, "boundary", "wall"))
 def motor_push(robot: RobotStruct, drive: float, tau: float) -> float:
     """Return the motor's acceleration, alpha tau - beta above the dead zone [m/s^2], equation (12).
 
-    Differs from the paper: it knows no dead zone; the authors' plant has one, in which the car coasts.
+    Differs from the paper: it has no dead zone; the authors' plant has one, in which the car coasts.
     """
     return wp.where(tau > robot.dead_zone, drive * tau - robot.offset, 0.0)
 
@@ -116,7 +116,8 @@ def move_cars(
     clock: Clock,
     robots: Robots,
 ):
-    """Move cars: steering and throttle are held over the step; a failed car stands, or rolls on as it steered last."""
+    """Move cars: steering and throttle are constant in the step; a failed car stops, or coasts with its last
+    steering."""
     block = block_of(wp.tid(), begin, end, robots.status.shape[1], clock.active)
     if block.count == 0:
         return

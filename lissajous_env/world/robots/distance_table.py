@@ -32,7 +32,7 @@ _STEPS = 2
 _MOST_CHANGE = 0.01
 """Longest step from a rough phase [rad]."""
 _ROUGHNESS = 2e-6
-"""Assumed error of rough distances, in lengths of the rectangle; four times the largest that was seen."""
+"""Assumed error of rough distances, in lengths of the rectangle; four times the largest one that was measured."""
 
 
 def nearest_phase(

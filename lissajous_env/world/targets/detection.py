@@ -30,7 +30,7 @@ wp.set_module_options(MOTION)
 _LISTED = module_apart(f"{__name__}.listed", MOTION)
 
 PLACES = wp.constant(64)
-"""Places that are tried for a target that appears unseen."""
+"""Number of places that are tried for a target that appears outside all discs."""
 
 
 @wp.func

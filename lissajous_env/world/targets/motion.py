@@ -53,7 +53,7 @@ def reset_targets(
 ):
     """Draw position, heading and motion of every target; those of the start appear at step 0.
 
-    The place of a target that appears unseen is drawn anew at that moment.
+    The place of a target that appears outside all discs is drawn anew at that moment.
     """
     tid, lane = wp.tid()
     w = first + tid
