@@ -61,7 +61,7 @@ class Clairvoyant:
         self._simulation = simulation
 
     def reset(self, worlds: Any = None) -> None:
-        """Forget nothing: all that it knows is the state of this moment."""
+        """Forget nothing: it reads only the state of this moment."""
 
     def act(self, observation: Any) -> Any:
         """Return the actions (W, N, action_size) for the state of the simulation that it observes."""

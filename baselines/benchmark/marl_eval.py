@@ -3,9 +3,9 @@
 R. Gorsane et al., "Towards a Standardised Performance Evaluation Protocol for Cooperative MARL" (NeurIPS 2022). A
 policy that is not trained has one evaluation, `step_0`, and its runs are its episodes, each named by its seed.
 
-marl-eval wants the same policies, runs and metrics throughout an environment. So each scenario is an environment of its
-own, with all its policies; and where there is more than one scenario of a kind of robot, these are an environment too,
-of the policies that played all of them.
+marl-eval requires the same policies, runs and metrics throughout an environment. So each scenario is an environment of
+its own, with all its policies; and where there is more than one scenario of a kind of robot, these are an environment
+too, of the policies that played all of them.
 """
 
 import json

@@ -31,7 +31,7 @@ _ENTRIES = {"policies": dict, "episodes": int, "seed": int, "device": str, "vers
 
 
 NAMES = ("settings.json", "episodes.jsonl", detections.NAME)
-"""Files that are kept."""
+"""Files that are preserved."""
 _ROBOTS, _ROGUES = "robots of kind ", "rogues "
 _ADVICE = "choose another --out, or delete the folder"
 
@@ -43,7 +43,7 @@ def keep_settings(folder: Folder, settings: Benchmark, cells: Sequence[Cell]) ->
     a policy may change as long as the folder has no episode of it, so a policy that failed can be mended.
 
     Raises:
-        ValueError: the folder holds results of other settings (the message shows where they differ), or is damaged.
+        ValueError: the folder contains results of other settings (the message shows the differences), or is damaged.
     """
     path = folder.path / "settings.json"
     now = as_settings(settings, cells)
@@ -103,7 +103,7 @@ def as_settings(settings: Benchmark, cells: Sequence[Cell]) -> dict[str, Any]:
 
 
 def _begun(folder: Folder) -> set[str]:
-    """Return the names of the policies of which the folder holds episodes."""
+    """Return the names of the policies of which the folder contains episodes."""
     with contextlib.closing(folder.journal("episodes.jsonl")) as journal:
         return {str(row.get("policy")) for row in journal.entries}
 
@@ -119,16 +119,16 @@ def _played(cells: Sequence[Cell]) -> dict[str, dict[str, str]]:
 
 
 def scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:
-    """Make the scenarios that a folder's settings hold, by name.
+    """Make the scenarios in a folder's settings, by name.
 
     Raises:
-        ValueError: they are damaged: they cannot be made, or are not those whose digests stand beside them.
+        ValueError: they are damaged: they cannot be made, or do not match the stored digests.
     """
     made = {}
     for name, fields in held["scenarios"].items():
         try:
             made[name] = scenario_of(fields)
-            # What a scenario brings is told apart by what stands here; it is not imported.
+            # Extensions of a scenario are identified by these entries; it is not imported.
             digest = digest_of(made[name].to_dict() | {"extensions": fields["extensions"]})
         except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
             raise _damaged(folder / "settings.json", f"scenarios.{name}: {error}") from error
@@ -141,7 +141,7 @@ class Episodes:
     """The score rows of the episodes that have ended, each on the disk once; `detections`, the times of their targets.
 
     Raises:
-        ValueError: the file is damaged or holds an episode that does not belong; file, line and value are named.
+        ValueError: the file is damaged or contains an episode of other settings; file, line and value are named.
     """
 
     def __init__(self, folder: Folder, held: Mapping[str, Any]):
@@ -212,7 +212,7 @@ class Episodes:
 
 
 def read_settings(path: Path) -> dict[str, Any]:
-    """Read the settings that a folder holds.
+    """Read the settings in a folder.
 
     Raises:
         ValueError: they are damaged; the message names the entry.

@@ -37,7 +37,7 @@ class Speeds:
 class Table:
     """1 / ||r'(gamma)|| as cubic pieces over equal cells of gamma; their number is a power of two, `last` + 1.
 
-    The Runge-Kutta stages of gamma depend on one another, and a piece takes less time than sines, a root and a
+    The Runge-Kutta stages of gamma depend on one another, and evaluating a piece is faster than sines, a root and a
     quotient.
     """
 

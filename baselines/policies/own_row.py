@@ -6,7 +6,7 @@ from lissajous_env.device import randomness
 from lissajous_env.device.curve import CurveStruct
 from lissajous_env.world.observation import LINK, OWN, ROBOT
 
-# Places of the entries, by the names that `lissajous_env.world.observation.layout` gives them.
+# Places of the entries, by their names in `lissajous_env.world.observation.layout`.
 X, Y = wp.constant(0), wp.constant(1)
 COS_HEADING, SIN_HEADING = wp.constant(2), wp.constant(3)
 SPEED = wp.constant(4)
