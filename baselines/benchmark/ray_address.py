@@ -27,7 +27,7 @@ def knock(address: str) -> None:
     """Wait until the cluster at an address has answered, for 10 s at most.
 
     Raises:
-        ValueError: it is `auto`, and `RAY_ADDRESS` is not an address.
+        ValueError: it is `auto`, which stands for `RAY_ADDRESS`, and that is not an address.
         ConnectionError: nothing answers, another program answers, or the cluster requires a token.
     """
     until = time.monotonic() + _PATIENCE

@@ -128,7 +128,7 @@ def scenarios_of(folder: Path, held: Mapping[str, Any]) -> dict[str, Scenario]:
     for name, fields in held["scenarios"].items():
         try:
             made[name] = scenario_of(fields)
-            # Extensions of a scenario are identified by these entries; it is not imported.
+            # Extensions are identified by the stored entries; they are not imported.
             digest = digest_of(made[name].to_dict() | {"extensions": fields["extensions"]})
         except (TypeError, ValueError, KeyError, AttributeError, RecursionError) as error:
             raise _damaged(folder / "settings.json", f"scenarios.{name}: {error}") from error

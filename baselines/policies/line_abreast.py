@@ -158,7 +158,7 @@ class LineAbreast(TimedPaths):
         self._equilibrium = wp.array(self.scenario.equilibrium, dtype=wp.float32, device=self.device)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what is kept of these worlds."""
+        """Reset the memory of these worlds."""
         super().forget(mask)
         clear_worlds(self._remembered, mask)
 

@@ -68,7 +68,7 @@ def effort_of(num_robots: int, steps: int) -> Effort:
 
 
 def angle_steps(scenario: Scenario, angles: int) -> np.ndarray:
-    """Return which of so many angles of a turn ways are chosen for (P,), rising: all, or those near 0."""
+    """Return the indices (P,), ascending, of the angles of a turn for which ways are chosen: all, or those near 0."""
     if scenario.formation.start != "equilibrium":
         return np.arange(angles)
     near = min(math.ceil(4 * scenario.formation.start_noise * angles / (2 * np.pi)), angles // 2 - 1)
@@ -281,7 +281,8 @@ class _Choice:
         self.taken = faults.argmin(axis=2)
 
     def cost(self, at: np.ndarray, i: int, others: Iterable[int], shifts: Iterable[int]) -> np.ndarray:
-        """Return the cost (len(at), C) of car i's choices for some angles, given what others chose for those beside."""
+        """Return the cost (len(at), C) of car i's choices for some angles, given the others' choices for the adjacent
+        angles."""
         cost = np.zeros(self.faults[at, i].shape, dtype=np.float32)
         for j in others:
             for shift in shifts:
@@ -300,8 +301,8 @@ class _Choice:
 def _chosen(places: np.ndarray, faults: np.ndarray, effort: Effort, wanted: float) -> np.ndarray:
     """Return the choice (P, N) of each car among (P, N, C), which lead to places (2, P, N, C, K).
 
-    Each car chooses in turn, given the others' choices: the way of the fewest faults that stays clear of the ways of
-    the others for the same angle and the nearest ones.
+    Each car chooses in turn, for the current choices of the others: the way of the fewest faults that stays clear of
+    the ways of the others for the same angle and the nearest ones.
     """
     choice = _Choice(places, faults, effort.nearest, wanted)
     cars = range(choice.robots)

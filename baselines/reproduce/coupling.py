@@ -1,4 +1,4 @@
-"""The window of K: with which gain of (1) five cars keep the formation and their distance."""
+"""The window of K: the gains of (1) with which five cars preserve the formation and their distances."""
 
 from dataclasses import dataclass
 from itertools import pairwise

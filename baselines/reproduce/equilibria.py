@@ -146,7 +146,7 @@ def _random_starts(player: Player, n: int) -> Played:
     """Return the phases of N points, simulated from uniform random ones until they rest."""
     bare = BARE | {"formation.start": "random", "formation.alpha": 1, "formation.p": None, "robot.count": n}
     bare |= {"task.step": 0.25, "task.duration": 150.0}
-    # Theorem 1 is of (1) as it is, without a bound on the speed: omega + 2 K is the most that it asks for.
+    # Theorem 1 is of (1) as it is, without a bound on the speed: omega + 2 K is the highest rate that (1) requires.
     bare |= {"robot.phase_rate_max": 0.3 + 2 * 1.0}
     bare |= {"sensing.radius": 1.0, "sensing.robots_seen": 0, "sensing.targets_seen": 0}
     return player.play("kuramoto", scenario("failure", **bare), worlds=_STARTS, only_ends=True)

@@ -121,7 +121,7 @@ def fig8(player: Player) -> Part:
 
 
 def _chosen(played: Played) -> str:
-    """Return the choices where the paper gives no value."""
+    """Return the choices where the paper states no value."""
     made = played.scenario
     first, last = made.faults.schedule[0][1:]
     return (

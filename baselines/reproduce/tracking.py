@@ -1,4 +1,4 @@
-"""Fig. 9 and the first experiment: how well cars keep the formation, with feedback and without."""
+"""Fig. 9 and the first experiment: how well cars preserve the formation, with feedback and without."""
 
 from typing import Any
 
@@ -57,7 +57,7 @@ def fig9(player: Player) -> Part:
 
 
 def _picture_of_distances(played: Played, seed: int) -> Picture:
-    """Draw Fig. 9: the distances of one run, and where the paper's run lies among ours."""
+    """Draw Fig. 9: the distances of one run, and the rank of the paper's run among ours."""
     made = played.scenario
     spacing, body = 2 * made.detection_radius, 2 * made.robot.radius
     series = (

@@ -80,7 +80,7 @@ class WithMpcc(Coordinated):
         self.mpcc.restrict(robot)
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what is kept of these worlds."""
+        """Reset the memory of these worlds."""
         super().forget(mask)
         self.mpcc.reset(np.repeat(mask, self.num_robots))
 
